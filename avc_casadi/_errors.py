@@ -1,0 +1,55 @@
+"""The exception family of avc-casadi: each error says what, where, the value, what is allowed and the next step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+class AvcError(Exception):
+    """Base of every error that this package raises on purpose; the command line prints it without a traceback."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of an input file.
+
+    Attributes:
+        file: the file as the user named it.
+        line: 1-based line of the key, or None where the fault belongs to no line.
+        key: dotted key, for example ``device.mass_kg``; empty for the whole file.
+        message: what is wrong (with the value) and what is allowed.
+    """
+
+    file: str
+    line: int | None
+    key: str
+    message: str
+
+    def __str__(self) -> str:
+        place = self.file if self.line is None else f"{self.file}:{self.line}"
+        return f"{place}: {self.key}: {self.message}" if self.key else f"{place}: {self.message}"
+
+
+class InputError(AvcError, ValueError):
+    """A file or an argument is wrong; carries all faults at once (command line: exit code 2)."""
+
+    def __init__(self, faults: list[Fault] | tuple[Fault, ...]) -> None:
+        self.faults = tuple(faults)
+        super().__init__("\n".join(str(fault) for fault in self.faults))
+
+    @classmethod
+    def of(cls, message: str, *, file: str = "", key: str = "") -> InputError:
+        """Make the error of a single fault."""
+        return cls([Fault(file=file or "command line", line=None, key=key, message=message)])
+
+
+class UnsupportedError(AvcError, NotImplementedError):
+    """The request is valid but this method, model or combination does not offer it; says which one does."""
+
+
+class MissingExtraError(AvcError, ImportError):
+    """An optional dependency is not installed; says the command that installs it."""
+
+
+class LinkError(AvcError, OSError):
+    """The device link failed: no answer, refused, unplugged (command line: exit code 1)."""

@@ -1,0 +1,12 @@
+"""Design methods: from a problem to a gain schedule."""
+
+from avc_casadi.design._gain_file import gain_csv as gain_csv
+from avc_casadi.design._gain_file import gain_document as gain_document
+from avc_casadi.design._gain_file import plain as plain
+from avc_casadi.design._gain_file import read_gains as read_gains
+from avc_casadi.design._gain_file import write_gains as write_gains
+from avc_casadi.design._gains import ComplexArray as ComplexArray
+from avc_casadi.design._gains import FloatArray as FloatArray
+from avc_casadi.design._gains import GainSchedule as GainSchedule
+from avc_casadi.design._gains import Status as Status
+from avc_casadi.design._gains import gain_schedule as gain_schedule

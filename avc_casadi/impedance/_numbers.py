@@ -1,0 +1,133 @@
+"""Number systems in which the equations are evaluated: numpy arrays, 50-digit mpmath and CasADi expressions.
+
+An equation needs complex arithmetic, ``.real``, ``.imag``, ``.conjugate()`` and a sine. numpy and mpmath bring
+complex numbers of their own; CasADi has none, so that `ComplexExpr` pairs two of its expressions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+# One equation serves numpy arrays, mpmath numbers and CasADi expressions, which share no static type.
+Real = Any
+Complex = Any
+
+
+@dataclass(frozen=True)
+class ComplexExpr:
+    """A complex number whose real and imaginary parts are CasADi expressions (or plain numbers)."""
+
+    real: Real
+    imag: Real
+
+    @staticmethod
+    def of(value: Complex) -> ComplexExpr:
+        """Lift a real or complex number or a CasADi expression."""
+        if isinstance(value, ComplexExpr):
+            return value
+        if isinstance(value, complex | np.complexfloating):
+            return ComplexExpr(float(value.real), float(value.imag))
+        return ComplexExpr(value, 0.0)
+
+    def conjugate(self) -> ComplexExpr:
+        """Return the complex conjugate."""
+        return ComplexExpr(self.real, -self.imag)
+
+    def __neg__(self) -> ComplexExpr:
+        return ComplexExpr(-self.real, -self.imag)
+
+    def __add__(self, other: Complex) -> ComplexExpr:
+        other = ComplexExpr.of(other)
+        return ComplexExpr(self.real + other.real, self.imag + other.imag)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Complex) -> ComplexExpr:
+        return self + (-ComplexExpr.of(other))
+
+    def __rsub__(self, other: Complex) -> ComplexExpr:
+        return ComplexExpr.of(other) + (-self)
+
+    def __mul__(self, other: Complex) -> ComplexExpr:
+        other = ComplexExpr.of(other)
+        return ComplexExpr(
+            self.real * other.real - self.imag * other.imag, self.real * other.imag + self.imag * other.real
+        )
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Complex) -> ComplexExpr:
+        if not isinstance(other, ComplexExpr | complex | np.complexfloating):
+            return ComplexExpr(self.real / other, self.imag / other)
+        other = ComplexExpr.of(other)
+        product = self * other.conjugate()
+        scale = other.real * other.real + other.imag * other.imag
+        return ComplexExpr(product.real / scale, product.imag / scale)
+
+    def __rtruediv__(self, other: Complex) -> ComplexExpr:
+        return ComplexExpr.of(other) / self
+
+
+@dataclass(frozen=True)
+class NumberSystem:
+    """What an equation needs beyond arithmetic.
+
+    Attributes:
+        name: for messages.
+        sin_pi: x -> sin(pi x), with pi to the precision of the system.
+        complex: (re, im) -> complex number.
+        number: float -> real number of the system, exactly.
+    """
+
+    name: str
+    sin_pi: Callable[[Real], Real]
+    complex: Callable[[Real, Real], Complex]
+    number: Callable[[float], Real]
+
+    def cos_pi(self, x: Real) -> Real:
+        """Return cos(pi x), with full relative accuracy near its zero at x = 1/2 (the Nyquist frequency)."""
+        return self.sin_pi(0.5 - x)
+
+
+NUMPY = NumberSystem(
+    name="numpy",
+    sin_pi=lambda x: np.sin(np.pi * np.asarray(x)),
+    complex=lambda re, im: np.asarray(re) + 1j * np.asarray(im),
+    number=float,
+)
+
+
+def casadi_numbers() -> NumberSystem:
+    """Return the CasADi system (SX, MX or DM); imported on demand, so that the command line answers quickly."""
+    import casadi as ca  # noqa: PLC0415
+
+    return NumberSystem(
+        name="casadi", sin_pi=lambda x: ca.sin(ca.pi * x), complex=ComplexExpr, number=lambda value: value
+    )
+
+
+def mpmath_numbers(digits: int = 50) -> NumberSystem:
+    """Return the reference system with its own mpmath context, so that no global precision is touched.
+
+    Args:
+        digits: decimal digits carried.
+    """
+    import mpmath  # noqa: PLC0415
+
+    context = mpmath.mp.clone()
+    context.dps = digits
+    return NumberSystem(
+        name=f"mpmath{digits}",
+        sin_pi=context.sinpi,
+        complex=lambda re, im: context.mpc(re, im),
+        number=lambda value: context.mpf(value),
+    )
+
+
+def abs2(z: Complex) -> Real:
+    """Return |z|^2 without a square root, whose gradient is not a number at 0."""
+    return z.real * z.real + z.imag * z.imag

@@ -1,0 +1,1 @@
+"""Serial link to the device: bytes, frames, messages, session; firmware in C beside it."""
