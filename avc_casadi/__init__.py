@@ -1,5 +1,9 @@
 """avc-casadi: design, certify, simulate and deploy adaptive virtual couplings for haptic devices."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from avc_casadi._errors import AvcError as AvcError
 from avc_casadi._errors import Fault as Fault
 from avc_casadi._errors import InputError as InputError
@@ -8,3 +12,31 @@ from avc_casadi._errors import MissingExtraError as MissingExtraError
 from avc_casadi._errors import UnsupportedError as UnsupportedError
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem as Problem
+    from avc_casadi.problem import catalogue as catalogue
+    from avc_casadi.problem import catalogue_path as catalogue_path
+    from avc_casadi.problem import load_problem as load_problem
+    from avc_casadi.problem import parse_problem as parse_problem
+else:
+    # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
+    _LAZY = {
+        "Problem": "problem",
+        "catalogue": "problem",
+        "catalogue_path": "problem",
+        "load_problem": "problem",
+        "parse_problem": "problem",
+    }
+
+    def __getattr__(name):
+        if name not in _LAZY:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from importlib import import_module  # noqa: PLC0415 - paid at first use only
+
+        value = getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)
+        globals()[name] = value
+        return value
+
+    def __dir__():
+        return sorted({*globals(), *_LAZY})

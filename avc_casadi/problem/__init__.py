@@ -1,5 +1,10 @@
 """The problem file and its strict validation."""
 
+from avc_casadi.problem._catalogue import CatalogueEntry as CatalogueEntry
+from avc_casadi.problem._catalogue import catalogue as catalogue
+from avc_casadi.problem._catalogue import catalogue_path as catalogue_path
+from avc_casadi.problem._load import load_problem as load_problem
+from avc_casadi.problem._load import parse_problem as parse_problem
 from avc_casadi.problem._model import Boundaries as Boundaries
 from avc_casadi.problem._model import Coupling as Coupling
 from avc_casadi.problem._model import Device as Device

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from avc_casadi.impedance import Model
 
@@ -17,6 +17,9 @@ Structure = Literal["series", "damped"]
 Scope = Literal["pointwise", "band", "all", "hands"]
 Objective = Literal["magnitude", "complex", "perceptual"]
 CouplingChoice = Literal["none", "static", "static-tuned", "closed-form", "direct", "schedule"]
+
+# The arrays of TOML come as lists; the numbers inside stay strict.
+Loose = Strict(strict=False)
 
 Damping = Annotated[float, Field(ge=0, le=1e12)]
 Stiffness = Annotated[float, Field(ge=0, le=1e15)]
@@ -57,9 +60,9 @@ class Coupling(_Table):
     """Structure of the coupling and the box of admissible gains, each [lowest, highest]."""
 
     structure: Structure = "series"
-    damping_ns_per_m: tuple[Damping, Damping] = (0.0, 1e4)
-    stiffness_n_per_m: tuple[Stiffness, Stiffness] = (0.0, 1e7)
-    contact_damping_ns_per_m: tuple[Damping, Damping] = (0.0, 0.0)
+    damping_ns_per_m: Annotated[tuple[Damping, Damping], Loose] = (0.0, 1e4)
+    stiffness_n_per_m: Annotated[tuple[Stiffness, Stiffness], Loose] = (0.0, 1e7)
+    contact_damping_ns_per_m: Annotated[tuple[Damping, Damping], Loose] = (0.0, 0.0)
 
 
 class Stability(_Table):
@@ -89,9 +92,9 @@ class ScheduleSettings(_Table):
 class Hands(_Table):
     """The set of hands, each value [lowest, highest]: corners and draws of it are used."""
 
-    mass_kg: tuple[Mass, Mass] = (0.05, 0.3)
-    damping_ns_per_m: tuple[Damping, Damping] = (3.0, 20.0)
-    stiffness_n_per_m: tuple[Stiffness, Stiffness] = (200.0, 800.0)
+    mass_kg: Annotated[tuple[Mass, Mass], Loose] = (0.05, 0.3)
+    damping_ns_per_m: Annotated[tuple[Damping, Damping], Loose] = (3.0, 20.0)
+    stiffness_n_per_m: Annotated[tuple[Stiffness, Stiffness], Loose] = (200.0, 800.0)
 
 
 class Frequency(_Table):
@@ -101,7 +104,7 @@ class Frequency(_Table):
     stop_hz: Annotated[float, Field(gt=0)] = 450.0
     points: Annotated[int, Field(ge=1, le=1_000_000)] = 200
     spacing: Literal["log", "linear"] = "log"
-    values_hz: tuple[Annotated[float, Field(gt=0)], ...] | None = None
+    values_hz: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Loose] | None = None
 
     def grid_hz(self) -> NDArray[np.float64]:
         """Return the frequencies, shape (points,), Hz."""
@@ -120,7 +123,7 @@ class Scene(_Table):
     duration_s: Annotated[float, Field(gt=0, le=3600)] = 3.0
     coupling: CouplingChoice = "static"
     motion: dict[str, Any] = Field(default_factory=lambda: {"kind": "press"})
-    effects: tuple[dict[str, Any], ...] = ()
+    effects: Annotated[tuple[dict[str, Any], ...], Loose] = ()
 
 
 class Problem(_Table):
@@ -137,7 +140,9 @@ class Problem(_Table):
     source: str = ""
     device: Device
     environment: Impedance
-    boundaries: Boundaries
+    boundaries: Boundaries = Field(
+        default_factory=lambda data: Boundaries(upper=data["environment"], lower=data["environment"])
+    )
     coupling: Coupling = Coupling()
     stability: Stability = Stability()
     realism: Realism = Realism()

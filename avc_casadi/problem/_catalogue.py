@@ -1,0 +1,60 @@
+"""The catalogue of problem files that comes with the package."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+from avc_casadi._errors import InputError
+from avc_casadi._resources import problems_folder
+
+
+@dataclass(frozen=True)
+class CatalogueEntry:
+    """One problem of the catalogue.
+
+    Attributes:
+        name: what `load_problem` and the command line take, for example ``hard/rigid``.
+        title: one line.
+        source: where the numbers come from.
+        path: the file, to be copied from.
+    """
+
+    name: str
+    title: str
+    source: str
+    path: Path
+
+
+def catalogue_names() -> dict[str, Path]:
+    """Return the path of every problem by name: plain problems first, then those of ``hard/``."""
+    folder = problems_folder()
+    files = sorted(folder.rglob("*.toml"), key=lambda path: (len(path.relative_to(folder).parts), path))
+    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
+
+
+def catalogue() -> tuple[CatalogueEntry, ...]:
+    """Return every problem of the catalogue with its title and source."""
+    entries = []
+    for name, path in catalogue_names().items():
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        entries.append(CatalogueEntry(name, table["title"], table["source"], path))
+    return tuple(entries)
+
+
+def catalogue_path(name: str) -> Path:
+    """Return the file of a catalogue problem.
+
+    Raises:
+        InputError: no such name; lists the nearest ones.
+    """
+    names = catalogue_names()
+    if name in names:
+        return names[name]
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    hint = f"; near: {', '.join(near)}" if near else ""
+    raise InputError.of(
+        f"is neither a file nor a problem of the catalogue{hint}; `avc list` shows all problems", file=name
+    )
