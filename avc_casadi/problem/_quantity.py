@@ -1,0 +1,159 @@
+"""Physical quantities of a problem file: what each may be, in words that the user reads.
+
+Every quantity has a stated range, so that a slip of the unit is refused and no equation overflows. Zero is apart from
+the range: 0 means "absent", and a subnormal number means a mistake.
+"""
+
+import numbers
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator
+from pydantic_core import PydanticCustomError
+
+_SHOWN = 60
+
+
+def refusal(text: str) -> PydanticCustomError:
+    """Make the error that a validator raises; `text` reaches the user unchanged."""
+    return PydanticCustomError("refused", "{text}", {"text": text})
+
+
+def shown(value: object) -> str:
+    """Write a value as it stands in the file, shortened."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping | BaseModel):
+        return "a table"
+    if isinstance(value, str):
+        text = f'"{value[:_SHOWN]}"'
+    elif isinstance(value, int) and abs(value) >= 10**_SHOWN:
+        return "an integer of more than 60 digits"
+    elif isinstance(value, list | tuple):
+        text = f"[{', '.join(shown(item) for item in value[:_SHOWN])}]"
+    else:
+        text = str(value)
+    return text if len(text) <= _SHOWN + 2 else f"{text[:_SHOWN]}..."
+
+
+def plain(number: float) -> str:
+    """Write a number as people do: 1e-9, not 1e-09."""
+    return f"{number:g}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Validator of one real quantity.
+
+    Attributes:
+        unit: SI unit, as the user reads it.
+        lowest: smallest magnitude other than 0.
+        highest: largest magnitude.
+        zero: whether 0 is allowed.
+        signed: whether the negative range is allowed too.
+    """
+
+    unit: str
+    lowest: float
+    highest: float
+    zero: bool = True
+    signed: bool = False
+
+    @property
+    def allowed(self) -> str:
+        """Say what is allowed, for example ``0 or 1e-9 to 1e6 kg``."""
+        span = f"{plain(self.lowest)} to {plain(self.highest)}{self.unit and ' '}{self.unit}"
+        return f"{'0 or ' if self.zero else ''}{span}{' of either sign' if self.signed else ''}"
+
+    def __call__(self, value: Any) -> float:
+        """Return the value as a float, or refuse it."""
+        if isinstance(value, bool) or not isinstance(value, numbers.Real):
+            raise refusal(f"is {shown(value)}, not a number; allowed: {self.allowed}")
+        if self.zero and value == 0:
+            return 0.0
+        magnitude = abs(value) if self.signed else value
+        if not self.lowest <= magnitude <= self.highest:
+            raise refusal(f"is {shown(value)}; allowed: {self.allowed}")
+        return float(value)
+
+
+@dataclass(frozen=True)
+class Whole:
+    """Validator of an integer from `lowest` to `highest`."""
+
+    lowest: int
+    highest: int
+
+    @property
+    def allowed(self) -> str:
+        """Say what is allowed."""
+        return f"an integer {self.lowest} to {self.highest}"
+
+    def __call__(self, value: Any) -> int:
+        """Return the value as an int, or refuse it."""
+        if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+            raise refusal(f"is {shown(value)}, not an integer; allowed: {self.allowed}")
+        if not self.lowest <= value <= self.highest:
+            raise refusal(f"is {shown(value)}; allowed: {self.allowed}")
+        return int(value)
+
+
+def _pair(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise refusal(f"is {shown(value)}; allowed: two numbers, [lowest, highest]")
+    return tuple(value)
+
+
+def _ordered(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] > value[1]:
+        raise refusal(f"is {shown(value)}, reversed; allowed: [lowest, highest], both may be equal")
+    return value
+
+
+def _sequence(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or not value:
+        raise refusal(f"is {shown(value)}; allowed: a list of at least one number")
+    return tuple(value)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise refusal(f"is {shown(value)}, not a text; allowed: text in quotation marks")
+    if len(value) > 2000:
+        raise refusal(f"has {len(value)} characters; allowed: at most 2000")
+    if any(unicodedata.category(mark) in {"Cc", "Cs"} and mark not in "\n\t" for mark in value):
+        raise refusal("holds a control character; allowed: text, line feeds and tabs")
+    return value
+
+
+Text = Annotated[str, BeforeValidator(_text)]
+
+Mass = Annotated[float, BeforeValidator(Quantity("kg", 1e-9, 1e6))]
+Damping = Annotated[float, BeforeValidator(Quantity("N.s/m", 1e-9, 1e9))]
+Stiffness = Annotated[float, BeforeValidator(Quantity("N/m", 1e-9, 1e12))]
+Force = Annotated[float, BeforeValidator(Quantity("N", 1e-9, 1e6))]
+ForceLimit = Annotated[float, BeforeValidator(Quantity("N", 1e-6, 1e6, zero=False))]
+Length = Annotated[float, BeforeValidator(Quantity("m", 1e-12, 1))]
+Position = Annotated[float, BeforeValidator(Quantity("m", 1e-9, 10, signed=True))]
+Speed = Annotated[float, BeforeValidator(Quantity("m/s", 1e-6, 100, zero=False))]
+SampleTime = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 10, zero=False))]
+Span = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 3600, zero=False))]
+Wait = Annotated[float, BeforeValidator(Quantity("s", 1e-9, 3600))]
+Hertz = Annotated[float, BeforeValidator(Quantity("Hz", 1e-6, 1e7, zero=False))]
+Rate = Annotated[float, BeforeValidator(Quantity("1/s", 1e-6, 1e9, zero=False))]
+Weight = Annotated[float, BeforeValidator(Quantity("", 1e-12, 1e12))]
+Slope = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
+Factor = Annotated[float, BeforeValidator(Quantity("", 1, 1e6, zero=False))]
+Threshold = Annotated[float, BeforeValidator(Quantity("", 1e-3, 0.999, zero=False))]
+Share = Annotated[float, BeforeValidator(Quantity("", 1e-9, 1))]
+Ratio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e3))]
+Samples = Annotated[int, BeforeValidator(Whole(0, 1000))]
+Points = Annotated[int, BeforeValidator(Whole(1, 1_000_000))]
+Seed = Annotated[int, BeforeValidator(Whole(0, 2**32 - 1))]
+
+MassInterval = Annotated[tuple[Mass, Mass], BeforeValidator(_pair), AfterValidator(_ordered)]
+DampingInterval = Annotated[tuple[Damping, Damping], BeforeValidator(_pair), AfterValidator(_ordered)]
+StiffnessInterval = Annotated[tuple[Stiffness, Stiffness], BeforeValidator(_pair), AfterValidator(_ordered)]
+Frequencies = Annotated[tuple[Hertz, ...], BeforeValidator(_sequence)]

@@ -1,0 +1,247 @@
+"""The scene of a problem file: motion of the hand's target, coupling and the effects to simulate.
+
+A value that is None is taken from the device, the environment or the hands when the scene is built.
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from avc_casadi.problem._quantity import (
+    Damping,
+    Force,
+    ForceLimit,
+    Hertz,
+    Length,
+    Mass,
+    Position,
+    Rate,
+    Ratio,
+    Samples,
+    Seed,
+    Share,
+    Span,
+    Speed,
+    Stiffness,
+    Wait,
+    refusal,
+    shown,
+)
+from avc_casadi.problem._table import Table
+
+CouplingChoice = Literal["none", "static", "static-tuned", "closed-form", "direct", "schedule"]
+
+
+class _Motion(Table):
+    """Motion of the hand's target along the axis of the device; the wall begins at 0 and lies at x > 0."""
+
+    start_m: Position = -0.01
+    end_m: Position = 0.01
+    speed_m_per_s: Speed = 0.07
+
+
+class Press(_Motion):
+    """From start to end at constant speed, then stay."""
+
+    kind: Literal["press"] = "press"
+
+
+class Tap(_Motion):
+    """To and fro between start and end."""
+
+    kind: Literal["tap"] = "tap"
+    frequency_hz: Hertz = 2.0
+
+
+class Hold(_Motion):
+    """Rest at the end from the beginning on."""
+
+    kind: Literal["hold"] = "hold"
+
+
+class Stroke(_Motion):
+    """From start to end at constant speed, then oscillate about the end."""
+
+    kind: Literal["stroke"] = "stroke"
+    frequency_hz: Hertz = 1.0
+    amplitude_m: Length = 0.005
+
+
+class Free(_Motion):
+    """Oscillate about the start."""
+
+    kind: Literal["free"] = "free"
+    frequency_hz: Hertz = 1.0
+    amplitude_m: Length = 0.005
+
+
+class HandEffect(Table):
+    """A hand between its moving target and the device: mass, damper and spring."""
+
+    kind: Literal["hand"] = "hand"
+    mass_kg: Mass | None = None
+    damping_ns_per_m: Damping | None = None
+    stiffness_n_per_m: Stiffness | None = None
+
+
+class StylusHandEffect(Table):
+    """A hand on a stylus: tip, grip (k1, b1), mass, arm (k2, b2), ground; means of 15 subjects, Fu & Cavusoglu 2012."""
+
+    kind: Literal["stylus-hand"] = "stylus-hand"
+    mass_kg: Mass = 0.21
+    grip_damping_ns_per_m: Damping = 1.3
+    grip_stiffness_n_per_m: Stiffness = 575.0
+    arm_damping_ns_per_m: Damping = 11.0
+    arm_stiffness_n_per_m: Stiffness = 170.0
+
+
+class WallEffect(Table):
+    """The environment on one side only: no force at x < 0."""
+
+    kind: Literal["wall"] = "wall"
+    damping_ns_per_m: Damping | None = None
+    stiffness_n_per_m: Stiffness | None = None
+
+
+class EnvironmentEffect(Table):
+    """The environment on both sides."""
+
+    kind: Literal["environment"] = "environment"
+    damping_ns_per_m: Damping | None = None
+    stiffness_n_per_m: Stiffness | None = None
+
+
+class CoulombFrictionEffect(Table):
+    """Dry friction of the device, with true sticking."""
+
+    kind: Literal["coulomb-friction"] = "coulomb-friction"
+    force_n: Force | None = None
+
+
+class ViscousFrictionEffect(Table):
+    """Viscous friction of the device."""
+
+    kind: Literal["viscous-friction"] = "viscous-friction"
+    damping_ns_per_m: Damping | None = None
+
+
+class ResonanceEffect(Table):
+    """A structural resonance of the device."""
+
+    kind: Literal["resonance"] = "resonance"
+    frequency_hz: Hertz
+    damping_ratio: Ratio
+    mass_ratio: Ratio
+
+
+class EncoderEffect(Table):
+    """Quantised position."""
+
+    kind: Literal["encoder"] = "encoder"
+    resolution_m: Length | None = None
+
+
+class NoiseEffect(Table):
+    """White noise on the sampled position."""
+
+    kind: Literal["noise"] = "noise"
+    rms_m: Length
+    seed: Seed = 0
+
+
+class VelocityFilterEffect(Table):
+    """First-order low pass on the velocity."""
+
+    kind: Literal["velocity-filter"] = "velocity-filter"
+    cutoff_hz: Hertz
+
+
+class DelayEffect(Table):
+    """Whole samples between measurement and force."""
+
+    kind: Literal["delay"] = "delay"
+    samples: Samples | None = None
+
+
+class JitterEffect(Table):
+    """Irregular sampling and lost samples."""
+
+    kind: Literal["jitter"] = "jitter"
+    rms_s: Wait
+    seed: Seed = 0
+    dropped_share: Share = 0.0
+
+
+class AmplifierEffect(Table):
+    """First-order bandwidth of the actuator."""
+
+    kind: Literal["amplifier"] = "amplifier"
+    bandwidth_hz: Hertz
+
+
+class SaturationEffect(Table):
+    """Largest force of the actuator."""
+
+    kind: Literal["saturation"] = "saturation"
+    force_n: ForceLimit | None = None
+
+
+class EstimatorEffect(Table):
+    """Estimate of the interaction frequency that selects the gains."""
+
+    kind: Literal["estimator"] = "estimator"
+    method: Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"] = "fused"
+
+
+class AdaptationEffect(Table):
+    """How the gains follow the estimate: wait, limited slew (None: no limit), without creating energy."""
+
+    kind: Literal["adaptation"] = "adaptation"
+    hold_s: Wait = 0.0
+    slew_per_s: Rate | None = None
+    passive: bool = True
+
+
+class GuardEffect(Table):
+    """A guard in the time domain that dissipates what the loop generates."""
+
+    kind: Literal["guard"] = "guard"
+    method: Literal["passivity-controller", "energy-tank"] = "passivity-controller"
+
+
+Motion = Annotated[Press | Tap | Hold | Stroke | Free, Field(discriminator="kind")]
+Effect = Annotated[
+    HandEffect
+    | StylusHandEffect
+    | WallEffect
+    | EnvironmentEffect
+    | CoulombFrictionEffect
+    | ViscousFrictionEffect
+    | ResonanceEffect
+    | EncoderEffect
+    | NoiseEffect
+    | VelocityFilterEffect
+    | DelayEffect
+    | JitterEffect
+    | AmplifierEffect
+    | SaturationEffect
+    | EstimatorEffect
+    | AdaptationEffect
+    | GuardEffect,
+    Field(discriminator="kind"),
+]
+
+
+def _tables(value: Any) -> Any:
+    if not isinstance(value, list | tuple):
+        raise refusal(f"is {shown(value)}; allowed: one [[scene.effects]] for each effect")
+    return tuple(value)
+
+
+class Scene(Table):
+    """What is simulated: the motion of the hand's target, the coupling and the effects, and nothing else."""
+
+    duration_s: Span = 3.0
+    coupling: CouplingChoice = "static"
+    motion: Motion = Press()
+    effects: Annotated[tuple[Effect, ...], BeforeValidator(_tables)] = ()
