@@ -10,6 +10,7 @@ from avc_casadi._errors import InputError as InputError
 from avc_casadi._errors import LinkError as LinkError
 from avc_casadi._errors import MissingExtraError as MissingExtraError
 from avc_casadi._errors import UnsupportedError as UnsupportedError
+from avc_casadi._errors import fault_document as fault_document
 
 __version__ = "0.1.0"
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Problem as Problem
     from avc_casadi.problem import catalogue as catalogue
     from avc_casadi.problem import catalogue_path as catalogue_path
+    from avc_casadi.problem import dump_problem as dump_problem
     from avc_casadi.problem import load_problem as load_problem
     from avc_casadi.problem import parse_problem as parse_problem
 else:
@@ -25,6 +27,7 @@ else:
         "Problem": "problem",
         "catalogue": "problem",
         "catalogue_path": "problem",
+        "dump_problem": "problem",
         "load_problem": "problem",
         "parse_problem": "problem",
     }

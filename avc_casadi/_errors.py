@@ -1,12 +1,12 @@
-"""The exception family of avc-casadi: each error says what, where, the value, what is allowed and the next step."""
+"""The exception family: each error says what, where, the value, what is allowed and the next step."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 
 class AvcError(Exception):
-    """Base of every error that this package raises on purpose; the command line prints it without a traceback."""
+    """Base of every error raised on purpose; the command line prints it without a traceback."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,11 @@ class InputError(AvcError, ValueError):
     def of(cls, message: str, *, file: str = "", key: str = "") -> InputError:
         """Make the error of a single fault."""
         return cls([Fault(file=file or "command line", line=None, key=key, message=message)])
+
+
+def fault_document(error: InputError) -> dict[str, list[dict[str, str | int | None]]]:
+    """Return the JSON document of bad input: ``{"errors": [{file, line, key, message}]}``."""
+    return {"errors": [asdict(fault) for fault in error.faults]}
 
 
 class UnsupportedError(AvcError, NotImplementedError):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from avc_casadi.problem._model import Problem
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem
 
 
 def dump_problem(problem: Problem) -> str:
@@ -23,29 +24,30 @@ def dump_problem(problem: Problem) -> str:
     tables = problem.model_dump(exclude={"name"}, exclude_none=True)
     if "values_hz" in tables["frequency"]:
         tables["frequency"] = {"values_hz": tables["frequency"]["values_hz"]}
-    return "\n".join(_table((), tables)).lstrip("\n") + "\n"
+    return "\n".join(_lines((), tables)) + "\n"
 
 
-def _table(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
-    """Write the plain keys of a table, then the tables in it."""
+def _lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
+    """Write the plain keys of a table, its kind first, then the tables in it."""
+    for key in sorted(table, key=lambda key: key != "kind"):
+        if not _holds_tables(table[key]):
+            yield f"{key} = {_value(table[key])}"
     for key, value in table.items():
-        if not _is_inner(value):
-            yield f"{key} = {_value(value)}"
-    for key, value in table.items():
+        if not _holds_tables(value):
+            continue
         inner, header = (*path, key), ".".join((*path, key))
-        if isinstance(value, Mapping):
-            if value:
-                yield f"\n[{header}]"
-            yield from _table(inner, value)
-        elif _is_inner(value):
-            for item in value:
+        for item in (value,) if isinstance(value, Mapping) else value:
+            if not isinstance(value, Mapping):
                 yield f"\n[[{header}]]"
-                yield from _table(inner, item)
+            elif not all(map(_holds_tables, item.values())):
+                yield f"\n[{header}]"
+            yield from _lines(inner, item)
 
 
-def _is_inner(value: object) -> bool:
+def _holds_tables(value: object) -> bool:
+    """Whether a value is a table or a list of tables; no plain list of a problem is empty."""
     return isinstance(value, Mapping) or (
-        isinstance(value, tuple) and any(isinstance(i, Mapping) for i in value)
+        isinstance(value, tuple) and all(isinstance(item, Mapping) for item in value)
     )
 
 
@@ -53,8 +55,7 @@ def _value(value: object) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(map(_value, value))}]"
     if isinstance(value, str):
-        # A JSON string is a TOML string, but that JSON lets the delete character stand.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        return json.dumps(value, ensure_ascii=False)  # a TOML string too: control characters were refused
     if isinstance(value, bool):
         return "true" if value else "false"
     return repr(value)

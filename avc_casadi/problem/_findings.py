@@ -1,4 +1,4 @@
-"""What is wrong with the tables of a file: pydantic's errors in our own words, then the rules between values."""
+"""What is wrong with the tables of a file: pydantic's errors in our own words, then the broken rules."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _CONSEQUENCES = {"default_factory_not_called"}
 def validated(tables: Mapping[str, Any], name: str) -> Problem | list[Finding]:
     """Return the problem of parsed tables, or everything that is wrong with them.
 
-    Fields come first, then each rule between values wherever the values that it needs are sound, so that a fault in
-    one place hides none in another.
+    Fields come first, then each rule between values wherever the values that it needs are sound, so that a
+    fault in one place hides none in another.
     """
     keys = {key: value for key, value in tables.items() if key != _NOT_A_KEY}
     findings: list[Finding] = []

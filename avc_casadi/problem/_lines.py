@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from avc_casadi.problem._rules import Path
+if TYPE_CHECKING:
+    from avc_casadi.problem._rules import Path
 
-# Strings and comments first, so that brackets and line feeds inside them count for nothing. Possessive: linear time.
+# Strings and comments first, so that brackets and line feeds inside them count for nothing. Possessive
+# quantifiers keep the time linear.
 _TOKEN = re.compile(
     r'''"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"{3,5}'''
     r"""|'''(?:[^']|'{1,2}(?!'))*+'{3,5}"""
@@ -71,7 +73,7 @@ class KeyLines:
             self._record((*path, key), item, line)
 
     def __getitem__(self, path: Path) -> int | None:
-        """Return the line of a key; of the table that it should stand in where it is missing; None for no table."""
+        """Return the line of a key, or of the table in which it is missing; None where there is neither."""
         for length in range(len(path), 0, -1):
             if path[:length] in self._lines:
                 return self._lines[path[:length]]

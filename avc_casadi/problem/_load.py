@@ -26,8 +26,8 @@ def load_problem(source: str | Path) -> Problem:
     """Load a problem file, or a problem of the catalogue by name.
 
     Args:
-        source: a path, or a name as `catalogue` lists them, for example ``figure5``. A text is a path if it ends in
-            ``.toml`` or if no problem has that name.
+        source: a path, or a name as `catalogue` lists them, for example ``figure5``. A text is a path if it
+            ends in ``.toml`` or if no problem has that name.
 
     Returns:
         The validated problem.
@@ -57,20 +57,20 @@ def _text_of(path: Path) -> str:
     """Read a file of at most `MAX_BYTES`, without reading a larger one."""
     file = str(path)
     try:
-        if path.exists() and not path.is_file():
-            kind = "is a directory" if path.is_dir() else "is not a regular file"
-            raise InputError.of(f"{kind}; {_NEXT_STEP}", file=file)
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError.of(f"has {path.stat().st_size} bytes; allowed: at most {MAX_BYTES}", file=file)
-        content = path.read_bytes()
+        size = path.stat().st_size
+        regular = path.is_file()
+        content = path.read_bytes() if regular and size <= MAX_BYTES else b""
     except FileNotFoundError as error:
         raise InputError.of(f"does not exist; {_NEXT_STEP}", file=file) from error
     except OSError as error:
         raise InputError.of(f"cannot be read: {error.strerror}; {_NEXT_STEP}", file=file) from error
-    except ValueError as error:  # InputError is one too
-        if isinstance(error, InputError):
-            raise
+    except ValueError as error:  # a NUL in the path
         raise InputError.of(f"is no path: {error}; {_NEXT_STEP}", file=repr(file)) from error
+    if not regular:
+        kind = "a directory" if path.is_dir() else "no regular file"
+        raise InputError.of(f"is {kind}; {_NEXT_STEP}", file=file)
+    if size > MAX_BYTES:
+        raise InputError.of(f"has {size} bytes; allowed: at most {MAX_BYTES}", file=file)
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -1,6 +1,6 @@
 """The problem: device, environment, realistic bounds, admissible gains and the claim to be met.
 
-Frozen pydantic models of plain numbers; a key's name carries its SI unit. The files in ``problems/`` show the tables.
+Frozen pydantic models of plain numbers; a key's name carries its SI unit. ``problems/`` holds examples.
 """
 
 from typing import Literal, Self
@@ -51,7 +51,7 @@ class DeviceRange(Table):
 class Device(Table):
     """The haptic device.
 
-    Friction, encoder and largest force are what is known of it, simulated only where a scene lists the effect.
+    Friction, encoder and largest force are what is known of it, simulated only where a scene lists them.
     """
 
     mass_kg: Mass
@@ -147,6 +147,9 @@ class Problem(Table):
         title: one line for figures and reports.
         source: where the numbers come from; says which are assumed.
         boundaries: where left out, the environment is both bounds.
+
+    Raises:
+        pydantic.ValidationError: a value is refused, or a rule between values is broken.
     """
 
     name: Text = ""

@@ -1,7 +1,7 @@
 """Physical quantities of a problem file: what each may be, in words that the user reads.
 
-Every quantity has a stated range, so that a slip of the unit is refused and no equation overflows. Zero is apart from
-the range: 0 means "absent", and a subnormal number means a mistake.
+Every quantity has a stated range, so that a slip of the unit is refused and no equation overflows. Zero stands
+apart: 0 means "absent", and a subnormal number means a mistake.
 """
 
 import numbers
@@ -71,12 +71,13 @@ class Quantity:
         """Return the value as a float, or refuse it."""
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
             raise refusal(f"is {shown(value)}, not a number; allowed: {self.allowed}")
-        if self.zero and value == 0:
+        number: Any = value  # an integer of any length, which float() might not take
+        if self.zero and number == 0:
             return 0.0
-        magnitude = abs(value) if self.signed else value
+        magnitude = abs(number) if self.signed else number
         if not self.lowest <= magnitude <= self.highest:
             raise refusal(f"is {shown(value)}; allowed: {self.allowed}")
-        return float(value)
+        return float(number)
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ class Whole:
         """Return the value as an int, or refuse it."""
         if isinstance(value, bool) or not isinstance(value, numbers.Integral):
             raise refusal(f"is {shown(value)}, not an integer; allowed: {self.allowed}")
-        if not self.lowest <= value <= self.highest:
+        if not self.lowest <= int(value) <= self.highest:
             raise refusal(f"is {shown(value)}; allowed: {self.allowed}")
         return int(value)
 
@@ -148,7 +149,8 @@ Slope = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
 Factor = Annotated[float, BeforeValidator(Quantity("", 1, 1e6, zero=False))]
 Threshold = Annotated[float, BeforeValidator(Quantity("", 1e-3, 0.999, zero=False))]
 Share = Annotated[float, BeforeValidator(Quantity("", 1e-9, 1))]
-Ratio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e3))]
+DampingRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 10))]
+MassRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e3, zero=False))]
 Samples = Annotated[int, BeforeValidator(Whole(0, 1000))]
 Points = Annotated[int, BeforeValidator(Whole(1, 1_000_000))]
 Seed = Annotated[int, BeforeValidator(Whole(0, 2**32 - 1))]

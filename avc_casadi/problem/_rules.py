@@ -85,7 +85,7 @@ def _bounds(quantity: str) -> Callable[[Values], Iterator[Finding]]:
     def rule(values: Values) -> Iterator[Finding]:
         upper, lower = values[f"boundaries.upper.{quantity}"], values[f"boundaries.lower.{quantity}"]
         if upper < lower:
-            message = f"is {shown(upper)}, below boundaries.lower's {shown(lower)}; allowed: at least the lower bound"
+            message = f"is {shown(upper)}, below the lower bound {shown(lower)}; allowed: at least that"
             yield ("boundaries", "upper", quantity), message
 
     return rule
@@ -106,7 +106,9 @@ def _known_range(quantity: str) -> Callable[[Values], Iterator[Finding]]:
 def _contact_damping(values: Values) -> Iterator[Finding]:
     interval = values["coupling.contact_damping_ns_per_m"]
     if values["coupling.structure"] == "series" and tuple(interval) != (0, 0):
-        message = f'is {shown(interval)}; allowed: [0.0, 0.0] in the structure "series"; "damped" has a contact damper'
+        message = (
+            f'is {shown(interval)}; allowed: [0.0, 0.0], or the structure "damped", which has this damper'
+        )
         yield ("coupling", "contact_damping_ns_per_m"), message
 
 
@@ -120,17 +122,21 @@ def _increasing(values: Values) -> Iterator[Finding]:
     for index, (one, two) in enumerate(itertools.pairwise(values["frequency.values_hz"] or ()), start=1):
         if two <= one:
             fault = "repeats" if two == one else "is below"
-            message = f"is {shown(two)} and {fault} the one before, {shown(one)}; allowed: strictly increasing values"
+            message = f"is {shown(two)} and {fault} the one before, {shown(one)}; allowed: increasing values"
             yield ("frequency", "values_hz", index), message
+
+
+def _origin(values: Values, key: str) -> str:
+    return "" if values.given("frequency", key) else " (the default)"
 
 
 def _range(values: Values) -> Iterator[Finding]:
     if values["frequency.values_hz"] is not None or values["frequency.points"] == 1:
         return
     start, stop, points = (values[f"frequency.{key}"] for key in ("start_hz", "stop_hz", "points"))
-    written = "" if values.given("frequency", "stop_hz") else ", the default"
     if stop < start:
-        message = f"is {shown(stop)}{written}, below start_hz = {shown(start)}; allowed: at least start_hz"
+        origin = _origin(values, "stop_hz")
+        message = f"is {shown(stop)}{origin}, below start_hz = {shown(start)}; allowed: at least that"
         yield ("frequency", "stop_hz"), message
     elif stop - start < _SMALLEST_STEP * stop * (points - 1):
         message = (
@@ -144,9 +150,9 @@ def _nyquist(values: Values) -> Iterator[Finding]:
     sample_time = values["device.sample_time_s"]
     limit = plain(0.5 / sample_time)
 
-    def message(frequency: float) -> str:
+    def message(frequency: float, origin: str = "") -> str:
         return (
-            f"is {shown(frequency)}, at or above the Nyquist frequency {limit} Hz of sample_time_s = "
+            f"is {shown(frequency)}{origin}, at or above the Nyquist frequency {limit} Hz of sample_time_s = "
             f"{shown(sample_time)}, where the Tustin map is infinite; allowed: below {limit} Hz"
         )
 
@@ -159,7 +165,7 @@ def _nyquist(values: Values) -> Iterator[Finding]:
     for key in ("start_hz",) if values["frequency.points"] == 1 else ("start_hz", "stop_hz"):
         frequency = values[f"frequency.{key}"]
         if frequency * sample_time >= 0.5:
-            yield ("frequency", key), message(frequency)
+            yield ("frequency", key), message(frequency, _origin(values, key))
 
 
 def _duration(values: Values) -> Iterator[Finding]:

@@ -9,14 +9,15 @@ from pydantic import BeforeValidator, Field
 
 from avc_casadi.problem._quantity import (
     Damping,
+    DampingRatio,
     Force,
     ForceLimit,
     Hertz,
     Length,
     Mass,
+    MassRatio,
     Position,
     Rate,
-    Ratio,
     Samples,
     Seed,
     Share,
@@ -85,7 +86,10 @@ class HandEffect(Table):
 
 
 class StylusHandEffect(Table):
-    """A hand on a stylus: tip, grip (k1, b1), mass, arm (k2, b2), ground; means of 15 subjects, Fu & Cavusoglu 2012."""
+    """A hand on a stylus: tip, grip (k1, b1), mass, arm (k2, b2), ground.
+
+    The defaults are the means of 15 subjects (Fu & Cavusoglu 2012).
+    """
 
     kind: Literal["stylus-hand"] = "stylus-hand"
     mass_kg: Mass = 0.21
@@ -130,8 +134,8 @@ class ResonanceEffect(Table):
 
     kind: Literal["resonance"] = "resonance"
     frequency_hz: Hertz
-    damping_ratio: Ratio
-    mass_ratio: Ratio
+    damping_ratio: DampingRatio
+    mass_ratio: MassRatio
 
 
 class EncoderEffect(Table):
