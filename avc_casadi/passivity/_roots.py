@@ -1,0 +1,62 @@
+"""Roots of many Chebyshev series at once, and refinement of minima by the function itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from avc_casadi.passivity._sampled import FloatArray
+
+_EPS = float(np.finfo(np.float64).eps)
+_GOLDEN = (5**0.5 - 1) / 2
+
+
+def real_parts_of_roots(rows: FloatArray) -> FloatArray:
+    """Real parts of the roots of each row of Chebyshev coefficients, by eigenvalues of colleague matrices."""
+    roots = np.ones((rows.shape[0], rows.shape[1] - 1))
+    significant = np.abs(rows) > _EPS * np.max(np.abs(rows), axis=1, keepdims=True)
+    degrees = np.where(significant.any(axis=1), significant.shape[1] - 1 - np.argmax(significant[:, ::-1], axis=1), 0)
+    for degree in np.unique(degrees[degrees > 0]):
+        of_degree = np.flatnonzero(degrees == degree)
+        matrices = _colleague(rows[of_degree, : degree + 1])
+        roots[of_degree, :degree] = np.linalg.eigvals(matrices).real
+    return roots
+
+
+def _colleague(rows: FloatArray) -> FloatArray:
+    """Symmetrised colleague matrices, shape (n, degree, degree)."""
+    degree = rows.shape[1] - 1
+    if degree == 1:
+        return np.asarray(-rows[:, :1, None] / rows[:, 1:, None])
+    base = np.zeros((degree, degree))
+    off = np.full(degree - 1, 0.5)
+    off[0] = np.sqrt(0.5)
+    base[np.arange(degree - 1), np.arange(1, degree)] = off
+    base[np.arange(1, degree), np.arange(degree - 1)] = off
+    scale = np.full(degree, np.sqrt(0.5))
+    scale[0] = 1.0
+    matrices = np.broadcast_to(base, (rows.shape[0], degree, degree)).copy()
+    matrices[:, :, -1] -= rows[:, :-1] / rows[:, -1:] * (scale / scale[-1]) * 0.5
+    return matrices
+
+
+def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray) -> FloatArray:
+    """Golden-section search about the lowest local minima of sorted ``points``, shape (n, m); keeps the points."""
+    values = value(points)
+    around = np.pad(values, ((0, 0), (1, 1)), constant_values=np.inf)
+    local = np.where((values <= around[:, :-2]) & (values <= around[:, 2:]), values, np.inf)
+    count = min(4, points.shape[1])
+    chosen = np.argsort(local, axis=1)[:, :count]
+    left = np.take_along_axis(points, np.maximum(chosen - 1, 0), axis=1)
+    right = np.take_along_axis(points, np.minimum(chosen + 1, points.shape[1] - 1), axis=1)
+    centre = np.take_along_axis(points, chosen, axis=1)
+    for _ in range(48):
+        step = (1 - _GOLDEN) * np.where(right - centre > centre - left, right - centre, left - centre)
+        probe = centre + step
+        better = value(probe) < value(centre)
+        outer = step > 0
+        left = np.where(better & outer, centre, np.where(~better & ~outer, probe, left))
+        right = np.where(better & ~outer, centre, np.where(~better & outer, probe, right))
+        centre = np.where(better, probe, centre)
+    return np.concatenate([points, centre], axis=1)

@@ -1,0 +1,169 @@
+"""The sampled loop in numbers: partial fractions of the rendered impedance and its exact real part.
+
+With w = 1/z, every spring and damper is (p - q w)/(1 - w), so that coupling and environment in series are
+
+    Z_eavc = g + r w/(1 - w) + c w/(1 - rho w),    g, c >= 0 and |rho| <= 1 for admissible gains,
+
+with r = T k k_e/(k + k_e): the DC stiffness. No term of the real part cancels but for physical reasons.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from avc_casadi.impedance import Model
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# Stands for the limit of zero frequency: small enough for every term to have reached it, large enough to divide by.
+_ZERO_TURNS = 1e-150
+
+
+@dataclass(frozen=True)
+class SampledLoop:
+    """What the conditions need of a problem; device and environment values may be arrays that broadcast with the gains.
+
+    Attributes:
+        device_damping_ns_per_m: b_d = Re Z_d.
+        environment_damping_ns_per_m: b_e.
+        environment_stiffness_n_per_m: k_e.
+        sample_time_s: T.
+        delay_samples: whole samples of delay beside the hold.
+        model: paper (hold (z+1)/(2z), Tustin environment) or sampled-data (hold 1/z, backward difference).
+    """
+
+    device_damping_ns_per_m: ArrayLike
+    environment_damping_ns_per_m: ArrayLike
+    environment_stiffness_n_per_m: ArrayLike
+    sample_time_s: float
+    delay_samples: int
+    model: Model
+
+    @classmethod
+    def of(cls, problem: Problem, model: Model | None = None) -> SampledLoop:
+        """Take the loop of a problem, in its own model or in the one named."""
+        return cls(
+            problem.device.damping_ns_per_m,
+            problem.environment.damping_ns_per_m,
+            problem.environment.stiffness_n_per_m,
+            problem.device.sample_time_s,
+            problem.device.delay_samples,
+            model or problem.stability.model,
+        )
+
+    @property
+    def nyquist_hz(self) -> float:
+        """Half the sampling frequency."""
+        return 0.5 / self.sample_time_s
+
+
+@dataclass(frozen=True)
+class Fractions:
+    """Z_eavc = g + r w/(1 - w) + c w/(1 - rho w); arrays that broadcast together.
+
+    Attributes:
+        direct: g, N.s/m.
+        integral: r = T k_dc, N.s/m.
+        decaying: c, N.s/m.
+        pole: rho.
+        pole_gap: 1 - rho, from the parameters, without cancellation.
+        stable: whether rho lies inside the unit circle and the pole at z = 1 is at most simple.
+    """
+
+    direct: FloatArray
+    integral: FloatArray
+    decaying: FloatArray
+    pole: FloatArray
+    pole_gap: FloatArray
+    stable: BoolArray
+
+
+def fractions(loop: SampledLoop, damping_ns_per_m: ArrayLike, stiffness_n_per_m: ArrayLike) -> Fractions:
+    """Split coupling and environment in series into partial fractions.
+
+    Args:
+        loop: the sampled loop.
+        damping_ns_per_m: b of the coupling; infinite (or an infinite k) means a rigid coupling. Any sign.
+        stiffness_n_per_m: k of the coupling.
+    """
+    t = loop.sample_time_s
+    b, k, b_e, k_e = np.broadcast_arrays(
+        *(
+            np.asarray(value, dtype=np.float64)
+            for value in (
+                damping_ns_per_m,
+                stiffness_n_per_m,
+                loop.environment_damping_ns_per_m,
+                loop.environment_stiffness_n_per_m,
+            )
+        )
+    )
+    rigid = np.isinf(b) | np.isinf(k)
+    b, k = np.where(rigid, 0.0, b), np.where(rigid, 1.0, k)
+    kt, ket = k * t, k_e * t
+    lead_e = b_e + ket if loop.model == "sampled-data" else b_e + ket / 2
+    cross = kt * b_e - b * ket - (kt * ket / 2 if loop.model == "paper" else 0.0)
+    total, spring = b + kt + lead_e, kt + ket
+    plain = (total != 0) & (spring != 0)
+    total_or_1, spring_or_1 = np.where(total != 0, total, 1.0), np.where(spring != 0, spring, 1.0)
+    direct = np.where(total != 0, (b + kt) * (lead_e / total_or_1), 0.0)
+    integral = np.where(spring != 0, kt * (ket / spring_or_1), 0.0)
+    decaying = np.where(plain, (cross / total_or_1) ** 2 / spring_or_1, 0.0)
+    # A pole without residue is no pole; taken as 0 it stays out of every test.
+    real_pole = (decaying != 0) & ~rigid
+    gap = np.where(real_pole, spring / total_or_1, 1.0)
+    double = (spring == 0) & (kt != 0)
+    improper = (total == 0) & ((b != 0) | (kt != 0) | (lead_e != 0))
+    return Fractions(
+        direct=np.where(rigid, lead_e, direct),
+        integral=np.where(rigid, ket, integral),
+        decaying=np.where(real_pole, decaying, 0.0),
+        pole=1.0 - gap,
+        pole_gap=gap,
+        stable=rigid | ((gap > 0) & (gap < 2) & ~double & ~improper),
+    )
+
+
+def real_part(
+    loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: ArrayLike, frequency_hz: ArrayLike
+) -> FloatArray:
+    """Re Z_h at 0 <= frequency_hz <= Nyquist, N.s/m; at 0 its limit; all arguments broadcast.
+
+    With H = h exp(-j psi): Re Z_h = b_d + h {(g + b_p) cos psi - r sin(psi + phi)/(2 sin phi)
+    + c [(1 - rho) cos psi - 2 sin phi sin(psi + phi)]/[(1 - rho)^2 + 4 rho sin^2 phi]}.
+    """
+    turns = np.maximum(np.asarray(frequency_hz, dtype=np.float64) * loop.sample_time_s, _ZERO_TURNS)
+    sine, cosine = np.sin(np.pi * turns), np.sin(np.pi * (0.5 - turns))
+    half_turns = 2 * loop.delay_samples + (1 if loop.model == "paper" else 2)
+    amplitude = cosine if loop.model == "paper" else np.ones_like(cosine)
+    cos_psi = _cos_half_turns(half_turns, turns)
+    sin_next = np.sin(np.pi * (half_turns + 1) * turns)
+    decay = parts.pole_gap * cos_psi - 2 * sine * sin_next
+    distance2 = parts.pole_gap**2 + 4 * parts.pole * sine**2
+    decay = decay / np.where(distance2 == 0, np.finfo(np.float64).tiny, distance2)
+    inner = (parts.direct + contact_damping_ns_per_m) * cos_psi - parts.integral * (sin_next / (2 * sine))
+    return np.asarray(loop.device_damping_ns_per_m + amplitude * (inner + parts.decaying * decay))
+
+
+def _cos_half_turns(count: int, turns: FloatArray) -> FloatArray:
+    """cos(count phi), accurate at its zero at Nyquist where ``count`` is odd."""
+    if count % 2:
+        sign = 1.0 if count % 4 == 1 else -1.0
+        return np.asarray(sign * np.sin(np.pi * count * (0.5 - turns)))
+    return np.asarray(np.cos(np.pi * count * turns))
+
+
+def size_of_terms(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: ArrayLike) -> FloatArray:
+    """Sum of the largest magnitudes of the terms of Re Z_h, N.s/m: rounding errors are a multiple of it."""
+    reach = loop.delay_samples + 1.5
+    decay = np.abs(parts.decaying) / np.maximum(np.abs(parts.pole_gap), np.finfo(np.float64).tiny)
+    terms = np.abs(parts.direct) + np.abs(contact_damping_ns_per_m) + reach * np.abs(parts.integral)
+    return np.asarray(loop.device_damping_ns_per_m + terms + np.where(parts.decaying == 0, 0.0, decay))

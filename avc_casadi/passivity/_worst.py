@@ -1,0 +1,121 @@
+"""The worst margin of Re Z_h over a band of frequencies, and what else passivity asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avc_casadi.passivity._sampled import BoolArray, FloatArray, Fractions, SampledLoop, fractions, real_part, size_of_terms
+from avc_casadi.passivity._roots import refine_minima
+from avc_casadi.passivity._stationary import stationary_cosines
+
+_ROWS_AT_ONCE = 4096
+# Relative to the terms of the sum: rounding of gains given in double precision and of the evaluation.
+RELATIVE_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True)
+class WorstMargin:
+    """The smallest Re Z_h of each row, shape (n,).
+
+    Attributes:
+        margin_ns_per_m: its value, N.s/m.
+        frequency_hz: where it stands; 0 means the limit of zero frequency.
+        poles_stable: whether all poles of the rendered impedance but the simple one at z = 1 lie inside the unit circle.
+        dc_stiffness_n_per_m: k k_e/(k + k_e), the residue at z = 1 over T; passivity needs it not negative.
+        tolerance_ns_per_m: what rounding can make of a margin of 0.
+    """
+
+    margin_ns_per_m: FloatArray
+    frequency_hz: FloatArray
+    poles_stable: BoolArray
+    dc_stiffness_n_per_m: FloatArray
+    tolerance_ns_per_m: FloatArray
+
+    @property
+    def passive(self) -> BoolArray:
+        """Whether each row is passive at these frequencies to the stated tolerance."""
+        residue = self.dc_stiffness_n_per_m >= 0
+        return (self.margin_ns_per_m >= -self.tolerance_ns_per_m) & self.poles_stable & residue
+
+
+def worst_margin(
+    loop: SampledLoop,
+    damping_ns_per_m: ArrayLike,
+    stiffness_n_per_m: ArrayLike,
+    contact_damping_ns_per_m: ArrayLike = 0.0,
+    low_hz: ArrayLike = 0.0,
+    high_hz: ArrayLike = np.inf,
+) -> WorstMargin:
+    """Find the smallest Re Z_h of frozen gains over low_hz <= f <= high_hz, exactly.
+
+    Re Z_h is rational in c = cos(omega T). Every stationary point and both ends are evaluated, together with points that
+    resolve the slowest pole of the coupling, and the lowest ones are refined on Re Z_h itself: the margin is right to
+    about 1e-12 of the terms that it is the sum of.
+
+    Args:
+        loop: device, environment, hold.
+        damping_ns_per_m: b, N.s/m; infinite for a rigid coupling. All arguments broadcast to n rows.
+        stiffness_n_per_m: k, N/m.
+        contact_damping_ns_per_m: b_p, N.s/m.
+        low_hz: lower end of the band; 0 includes the limit of zero frequency.
+        high_hz: upper end; clipped at the Nyquist frequency.
+
+    Returns:
+        One result per row, shape (n,).
+    """
+    given = (
+        damping_ns_per_m,
+        stiffness_n_per_m,
+        contact_damping_ns_per_m,
+        low_hz,
+        high_hz,
+        loop.device_damping_ns_per_m,
+        loop.environment_damping_ns_per_m,
+        loop.environment_stiffness_n_per_m,
+    )
+    columns = [np.ravel(column) for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))]
+    rows = len(columns[0])
+    pieces = [
+        _worst(loop, [column[start : start + _ROWS_AT_ONCE] for column in columns])
+        for start in range(0, max(rows, 1), _ROWS_AT_ONCE)
+    ]
+    margin, frequency, stable, dc, tolerance = (np.concatenate(part) for part in zip(*pieces, strict=True))
+    return WorstMargin(margin, frequency, stable.astype(bool), dc, tolerance)
+
+
+def _worst(loop: SampledLoop, columns: list[FloatArray]) -> tuple[FloatArray, ...]:
+    b, k, contact, low, high, b_d, b_e, k_e = columns
+    loop = SampledLoop(b_d, b_e, k_e, loop.sample_time_s, loop.delay_samples, loop.model)
+    nyquist = loop.nyquist_hz
+    low, high = np.minimum(low, nyquist), np.minimum(high, nyquist)
+    parts = fractions(loop, b, k)
+
+    columned = SampledLoop(b_d[:, None], b_e[:, None], k_e[:, None], *_rest(loop))
+    spread = Fractions(*(getattr(parts, name)[:, None] for name in Fractions.__dataclass_fields__))
+
+    def value(frequency_hz: FloatArray) -> FloatArray:
+        return real_part(columned, spread, contact[:, None], frequency_hz)
+
+    roots_hz = np.arccos(stationary_cosines(loop, parts, contact)) / np.pi * nyquist
+    candidates = np.concatenate([roots_hz, _resolving_points(loop, parts), low[:, None], high[:, None]], axis=1)
+    candidates = np.sort(np.clip(candidates, low[:, None], high[:, None]), axis=1)
+    frequency = refine_minima(value, candidates)
+    lowest = np.argmin(value(frequency), axis=1)[:, None]
+    at = np.take_along_axis(frequency, lowest, axis=1)
+    tolerance = RELATIVE_TOLERANCE * size_of_terms(loop, parts, contact)
+    return value(at)[:, 0], at[:, 0], parts.stable, parts.integral / loop.sample_time_s, tolerance
+
+
+def _rest(loop: SampledLoop) -> tuple[float, int, str]:
+    return loop.sample_time_s, loop.delay_samples, loop.model
+
+
+def _resolving_points(loop: SampledLoop, parts: Fractions) -> FloatArray:
+    """Frequencies, shape (n, m), that resolve the hold's oscillation and the slowest pole: seeds for refinement."""
+    even = np.linspace(0, loop.nyquist_hz, 3 * (loop.delay_samples + 2) + 1)
+    corner = np.clip(np.abs(parts.pole_gap), 1e-16, 1.0)[:, None]
+    decades = corner ** np.linspace(1.2, 0, 25)[None, :]
+    return np.concatenate([np.broadcast_to(even, (len(corner), len(even))), decades / np.pi * loop.nyquist_hz], axis=1)
