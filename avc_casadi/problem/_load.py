@@ -12,6 +12,7 @@ from avc_casadi.problem._catalogue import catalogue_names, catalogue_path
 from avc_casadi.problem._findings import validated
 from avc_casadi.problem._lines import KeyLines
 from avc_casadi.problem._model import Problem
+from avc_casadi.problem._quantity import visible
 from avc_casadi.problem._rules import dotted
 
 MAX_BYTES = 2**20
@@ -127,5 +128,5 @@ def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
     found = re.match(r"line (\d+), column (\d+)", place)
     line = int(found[1]) if found else text.rstrip().count("\n") + 1
     where = f" at column {found[2]}" if found else " at the end of the file"
-    content = (text.replace("\r\n", "\n").split("\n")[line - 1].strip() or "an empty line")[:60]
-    return Fault(file, line, "", f"is not TOML{where}: {what.lower()}, in: {content}")
+    content = text.replace("\r\n", "\n").split("\n")[line - 1].strip() or "an empty line"
+    return Fault(file, line, "", f"is not TOML{where}: {visible(what.lower())}, in: {visible(content)}")

@@ -1,7 +1,7 @@
 """Physical quantities of a problem file: what each may be, in words that the user reads.
 
-Every quantity has a stated range, so that a slip of the unit is refused and no equation overflows. Zero stands
-apart: 0 means "absent", and a subnormal number means a mistake.
+Every quantity has a stated range, so that a slip of the unit is refused and no equation overflows. Zero
+stands apart: 0 means "absent", and a subnormal number means a mistake.
 """
 
 import numbers
@@ -21,6 +21,12 @@ def refusal(text: str) -> PydanticCustomError:
     return PydanticCustomError("refused", "{text}", {"text": text})
 
 
+def visible(text: str) -> str:
+    """Shorten a text of the file, and write out what a terminal would not show or obey."""
+    marks = [mark if mark.isprintable() else f"\\u{ord(mark):04x}" for mark in text[:_SHOWN]]
+    return "".join(marks) + ("..." if len(text) > _SHOWN else "")
+
+
 def shown(value: object) -> str:
     """Write a value as it stands in the file, shortened."""
     if isinstance(value, bool):
@@ -28,14 +34,12 @@ def shown(value: object) -> str:
     if isinstance(value, Mapping | BaseModel):
         return "a table"
     if isinstance(value, str):
-        text = f'"{value[:_SHOWN]}"'
-    elif isinstance(value, int) and abs(value) >= 10**_SHOWN:
-        return "an integer of more than 60 digits"
-    elif isinstance(value, list | tuple):
-        text = f"[{', '.join(shown(item) for item in value[:_SHOWN])}]"
-    else:
-        text = str(value)
-    return text if len(text) <= _SHOWN + 2 else f"{text[:_SHOWN]}..."
+        return f'"{visible(value)}"'
+    if isinstance(value, int) and abs(value) >= 10**_SHOWN:
+        return f"an integer of more than {_SHOWN} digits"
+    if isinstance(value, list | tuple):
+        return visible(f"[{', '.join(shown(item) for item in value[:_SHOWN])}]")
+    return visible(str(value))
 
 
 def plain(number: float) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
@@ -13,13 +14,20 @@ from avc_casadi.problem._quantity import plain, shown
 Path = tuple[str | int, ...]
 Finding = tuple[Path, str]
 
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
+
 # Closer frequencies would coincide after rounding.
 _SMALLEST_STEP = 1e-12
 
 
 def dotted(path: Path) -> str:
     """Write a path as a user does: ``scene.effects[0].mass_kg``."""
-    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if _BARE_KEY.fullmatch(part) else f".{shown(part)}"
     return text.removeprefix(".")
 
 

@@ -1,0 +1,41 @@
+"""`import avc_casadi` loads none of the heavy libraries, and every public name is there at first use."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import avc_casadi as avc
+
+SOURCE = ast.parse(Path(avc.__file__).read_text(encoding="utf-8"))
+
+
+def exported():
+    """Return the names that a type checker sees."""
+    imports = [node for node in ast.walk(SOURCE) if isinstance(node, ast.ImportFrom)]
+    return sorted(alias.asname for node in imports for alias in node.names if alias.asname)
+
+
+def test_no_heavy_library_is_loaded():
+    program = (
+        f"import sys; sys.path.insert(0, {str(Path(avc.__file__).parent.parent)!r}); import avc_casadi; "
+        "print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)  # noqa: S603
+    loaded = set(done.stdout.split())
+    assert "avc_casadi" in loaded
+    assert not loaded & {"casadi", "matplotlib", "numpy", "pydantic", "serial", "unicorn"}
+
+
+@pytest.mark.parametrize("name", exported())
+def test_every_typed_name_is_there(name):
+    assert getattr(avc, name) is not None
+    assert name in dir(avc)
+
+
+def test_no_name_is_there_that_is_not_typed():
+    assert set(avc._LAZY) <= set(exported())
+    with pytest.raises(AttributeError, match="no attribute 'lode_problem'"):
+        avc.lode_problem  # noqa: B018
