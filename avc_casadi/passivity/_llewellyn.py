@@ -1,27 +1,30 @@
-"""Llewellyn's condition (4) to (6): a coupling that is safe for any passive environment and any passive hand."""
+"""Llewellyn's condition (4) to (6): a coupling that is safe for any passive environment and hand."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike
 
 from avc_casadi.passivity._roots import real_parts_of_roots, refine_minima
-from avc_casadi.passivity._sampled import FloatArray, SampledLoop
+
+if TYPE_CHECKING:
+    from avc_casadi.passivity._sampled import BoolArray, FloatArray, SampledLoop, Values
 
 _ZERO_TURNS = 1e-150
 
 
 def llewellyn_margin(
     loop: SampledLoop,
-    damping_ns_per_m: ArrayLike,
-    stiffness_n_per_m: ArrayLike,
-    contact_damping_ns_per_m: ArrayLike = 0.0,
+    damping_ns_per_m: Values,
+    stiffness_n_per_m: Values,
+    contact_damping_ns_per_m: Values = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Device damping to spare in (6) at the worst of all frequencies.
 
-    With Z_d + H b_p for Z_d, (6) reads b_d + b_p Re H >= (|H| - Re H)/(2 Re(1/Z_c)); the margin is the left side less the
-    right one. It does not depend on the environment.
+    With Z_d + H b_p for Z_d, (6) reads b_d + b_p Re H >= (|H| - Re H)/(2 Re(1/Z_c)); the margin is the left side less
+    the right one. It does not depend on the environment.
 
     Args:
         loop: device and hold; its environment is not used.
@@ -57,9 +60,14 @@ def llewellyn_margin(
 
 
 def _margin_at(
-    loop: SampledLoop, b_d: FloatArray, lead: FloatArray, spring: FloatArray, contact: FloatArray, hz: FloatArray
+    loop: SampledLoop,
+    b_d: FloatArray,
+    lead: FloatArray,
+    spring: FloatArray,
+    contact: FloatArray,
+    hz: FloatArray,
 ) -> FloatArray:
-    """b_d + b_p Re H - (|H| - Re H)(a + (kT/2)^2 cot^2(phi)/a)/2, with a = b + kT/2 and |H| - Re H = 2|H| sin^2(psi/2)."""
+    """b_d + b_p Re H - (|H| - Re H)(a + (kT/2)^2 cot^2(phi)/a)/2, a = b + kT/2, |H| - Re H = 2|H| sin^2(psi/2)."""
     turns = np.maximum(hz * loop.sample_time_s, _ZERO_TURNS)
     paper = loop.model == "paper"
     half_turns = 2 * loop.delay_samples + (1 if paper else 2)
@@ -98,21 +106,25 @@ def _stationary_hz(loop: SampledLoop, lead: FloatArray, spring: FloatArray, cont
 
 
 def largest_llewellyn_stiffness(
-    loop: SampledLoop, damping_ns_per_m: ArrayLike, contact_damping_ns_per_m: ArrayLike = 0.0, margin_ns_per_m: float = 0.0
+    loop: SampledLoop,
+    damping_ns_per_m: Values,
+    contact_damping_ns_per_m: Values = 0.0,
+    margin_ns_per_m: float = 0.0,
 ) -> FloatArray:
     """Largest k that (6) allows at given b, N/m; not a number where it allows none. Shape (n,).
 
-    The loss in (6) is jointly convex in b and k, so that the allowed k of one b are an interval from 0: bisection to the
-    last digit.
+    The loss in (6) is jointly convex in b and k, so that the allowed k of one b are an interval from 0: bisection to
+    the last digit.
     """
     b, contact = (np.ravel(v) for v in np.broadcast_arrays(damping_ns_per_m, contact_damping_ns_per_m))
 
-    def allowed(k: FloatArray) -> FloatArray:
+    def allowed(k: FloatArray) -> BoolArray:
         return llewellyn_margin(loop, b, k, contact)[0] >= margin_ns_per_m
 
     low = np.zeros(len(b))
     feasible = allowed(low)
-    high = np.full(len(b), np.max(64 * (np.asarray(loop.device_damping_ns_per_m) + contact) / loop.sample_time_s) + 1.0)
+    # At any frequency the loss is at least a fair share of kT/2: far above, nothing is allowed.
+    high = np.broadcast_to(64 * (loop.device_damping_ns_per_m + contact) / loop.sample_time_s + 1.0, b.shape)
     for _ in range(60):
         middle = (low + high) / 2
         inside = allowed(middle)

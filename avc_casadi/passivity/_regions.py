@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from numpy.typing import ArrayLike
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.passivity._sampled import FloatArray, SampledLoop
+
+if TYPE_CHECKING:
+    from avc_casadi.passivity._sampled import FloatArray, SampledLoop, Values
 
 
 def passive_limit_n_per_m(device_damping_ns_per_m: float, sample_time_s: float, delay_samples: int = 0) -> float:
@@ -15,11 +18,12 @@ def passive_limit_n_per_m(device_damping_ns_per_m: float, sample_time_s: float, 
 
 
 def largest_lead_for_all_frequencies(
-    loop: SampledLoop, contact_damping_ns_per_m: ArrayLike = 0.0, margin_ns_per_m: float = 0.0
+    loop: SampledLoop, contact_damping_ns_per_m: Values = 0.0, margin_ns_per_m: float = 0.0
 ) -> FloatArray:
-    """Bound on b + kT/2 that is necessary and sufficient for Re Z_h >= margin at all frequencies (sampled-data, no delay).
+    """Bound on b + kT/2, necessary and sufficient for Re Z_h >= margin at all frequencies.
 
-    Re Z_h is lowest at Nyquist: b_d - b_p - a_1 a_2/(a_1 + a_2), a_1 = b + kT/2, a_2 = b_e + k_e T/2.
+    Sampled-data without delay. Re Z_h is lowest at Nyquist: b_d - b_p - a_1 a_2/(a_1 + a_2), a_1 = b + kT/2, a_2 = b_e
+    + k_e T/2.
 
     Returns:
         The bound, N.s/m: infinite where any passive coupling will do, negative where none does.
@@ -33,7 +37,9 @@ def largest_lead_for_all_frequencies(
             f"{loop.delay_samples} samples of delay: use worst_margin"
         )
     budget = np.asarray(loop.device_damping_ns_per_m, dtype=np.float64) - contact_damping_ns_per_m - margin_ns_per_m
-    wall = np.asarray(loop.environment_damping_ns_per_m + np.multiply(loop.environment_stiffness_n_per_m, loop.sample_time_s / 2))
+    wall = np.asarray(
+        loop.environment_damping_ns_per_m + np.multiply(loop.environment_stiffness_n_per_m, loop.sample_time_s / 2)
+    )
     enough = budget >= wall
     bound = wall * budget / np.where(enough, 1.0, wall - budget)
     return np.asarray(np.where(enough, np.inf, np.where(budget < 0, -1.0, bound)))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.passivity._sampled import FloatArray
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from avc_casadi.passivity._sampled import FloatArray
 
 _EPS = float(np.finfo(np.float64).eps)
 _GOLDEN = (5**0.5 - 1) / 2

@@ -10,18 +10,18 @@ with r = T k k_e/(k + k_e): the DC stiffness. No term of the real part cancels b
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from avc_casadi.impedance import Model
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from avc_casadi.impedance import Model
     from avc_casadi.problem import Problem
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+Values = float | FloatArray
 
 # Stands for the limit of zero frequency: small enough for every term to have reached it, large enough to divide by.
 _ZERO_TURNS = 1e-150
@@ -29,7 +29,7 @@ _ZERO_TURNS = 1e-150
 
 @dataclass(frozen=True)
 class SampledLoop:
-    """What the conditions need of a problem; device and environment values may be arrays that broadcast with the gains.
+    """What the conditions need of a problem; device and environment values may be arrays.
 
     Attributes:
         device_damping_ns_per_m: b_d = Re Z_d.
@@ -40,9 +40,9 @@ class SampledLoop:
         model: paper (hold (z+1)/(2z), Tustin environment) or sampled-data (hold 1/z, backward difference).
     """
 
-    device_damping_ns_per_m: ArrayLike
-    environment_damping_ns_per_m: ArrayLike
-    environment_stiffness_n_per_m: ArrayLike
+    device_damping_ns_per_m: Values
+    environment_damping_ns_per_m: Values
+    environment_stiffness_n_per_m: Values
     sample_time_s: float
     delay_samples: int
     model: Model
@@ -85,8 +85,19 @@ class Fractions:
     pole_gap: FloatArray
     stable: BoolArray
 
+    def pick(self, index: Any) -> Fractions:
+        """Index every array alike: some rows, or a new axis."""
+        return Fractions(
+            self.direct[index],
+            self.integral[index],
+            self.decaying[index],
+            self.pole[index],
+            self.pole_gap[index],
+            self.stable[index],
+        )
 
-def fractions(loop: SampledLoop, damping_ns_per_m: ArrayLike, stiffness_n_per_m: ArrayLike) -> Fractions:
+
+def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> Fractions:
     """Split coupling and environment in series into partial fractions.
 
     Args:
@@ -133,7 +144,7 @@ def fractions(loop: SampledLoop, damping_ns_per_m: ArrayLike, stiffness_n_per_m:
 
 
 def real_part(
-    loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: ArrayLike, frequency_hz: ArrayLike
+    loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: Values, frequency_hz: Values
 ) -> FloatArray:
     """Re Z_h at 0 <= frequency_hz <= Nyquist, N.s/m; at 0 its limit; all arguments broadcast.
 
@@ -161,7 +172,7 @@ def _cos_half_turns(count: int, turns: FloatArray) -> FloatArray:
     return np.asarray(np.cos(np.pi * count * turns))
 
 
-def size_of_terms(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: ArrayLike) -> FloatArray:
+def size_of_terms(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: Values) -> FloatArray:
     """Sum of the largest magnitudes of the terms of Re Z_h, N.s/m: rounding errors are a multiple of it."""
     reach = loop.delay_samples + 1.5
     decay = np.abs(parts.decaying) / np.maximum(np.abs(parts.pole_gap), np.finfo(np.float64).tiny)

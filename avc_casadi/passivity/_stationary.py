@@ -1,16 +1,20 @@
 """Stationary points of Re Z_h over frequency: roots of N'D - N D' in c = cos(omega T), in a Chebyshev basis.
 
-Re Z_h = A(c) + c_0 M(c)/D(c) with deg A = delay + 1, deg M = delay + 2, D = 1 + rho^2 - 2 rho c; its derivative vanishes
-where A' D^2 + c_0 (M' D + 2 rho M) does, a polynomial of degree delay + 2.
+Re Z_h = A(c) + c_0 M(c)/D(c) with deg A = delay + 1, deg M = delay + 2, D = 1 + rho^2 - 2 rho c; its derivative
+vanishes where A' D^2 + c_0 (M' D + 2 rho M) does, a polynomial of degree delay + 2.
 """
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from avc_casadi.passivity._roots import real_parts_of_roots
-from avc_casadi.passivity._sampled import FloatArray, Fractions, SampledLoop
+
+if TYPE_CHECKING:
+    from avc_casadi.passivity._sampled import FloatArray, Fractions, SampledLoop
 
 
 def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: FloatArray) -> FloatArray:
@@ -29,14 +33,15 @@ def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_p
     """
     gain, integral, kernel = _shapes(loop)
     rho = parts.pole[:, None]
-    smooth = (parts.direct + contact_damping_ns_per_m)[:, None] * chebyshev.chebder(gain)
-    smooth = smooth + parts.integral[:, None] * chebyshev.chebder(integral)
+    gain_slope: FloatArray = np.asarray(chebyshev.chebder(gain), dtype=np.float64)
+    integral_slope: FloatArray = np.asarray(chebyshev.chebder(integral), dtype=np.float64)
+    smooth = (parts.direct + contact_damping_ns_per_m)[:, None] * gain_slope + parts.integral[:, None] * integral_slope
     # M(c) = kernel of w^n less rho times that of w^(n-1).
     decaying = parts.decaying[:, None] * (kernel[None, :] - rho * np.pad(gain, (0, 1))[None, :])
     degree = loop.delay_samples + 2
     polynomial = _fit(_times_distance(_times_distance(smooth, rho), rho), degree)
-    polynomial = polynomial + _fit(_times_distance(chebyshev.chebder(decaying, axis=1), rho), degree)
-    polynomial = polynomial + _fit(2 * rho * decaying, degree)
+    slope: FloatArray = np.asarray(chebyshev.chebder(decaying, axis=1), dtype=np.float64)
+    polynomial = polynomial + _fit(_times_distance(slope, rho) + 2 * rho * decaying, degree)
     return np.clip(real_parts_of_roots(polynomial), -1.0, 1.0)
 
 
@@ -46,7 +51,11 @@ def _shapes(loop: SampledLoop) -> tuple[FloatArray, FloatArray, FloatArray]:
     unit = np.eye(d + 3)
     ramp = np.array([[-0.5, *([-1.0] * (n - 1)), *([0.0] * (d + 3 - n))] for n in (d + 1, d + 2)])
     if loop.model == "paper":
-        return (unit[d] + unit[d + 1])[: d + 2] / 2, (ramp[0] + ramp[1])[: d + 2] / 2, (unit[d + 1] + unit[d + 2]) / 2
+        return (
+            (unit[d] + unit[d + 1])[: d + 2] / 2,
+            (ramp[0] + ramp[1])[: d + 2] / 2,
+            (unit[d + 1] + unit[d + 2]) / 2,
+        )
     return unit[d + 1][: d + 2], ramp[1][: d + 2], unit[d + 2]
 
 

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from avc_casadi.passivity._sampled import BoolArray, FloatArray, Fractions, SampledLoop, fractions, real_part, size_of_terms
 from avc_casadi.passivity._roots import refine_minima
+from avc_casadi.passivity._sampled import (
+    BoolArray,
+    FloatArray,
+    Fractions,
+    SampledLoop,
+    Values,
+    fractions,
+    real_part,
+    size_of_terms,
+)
 from avc_casadi.passivity._stationary import stationary_cosines
+
+if TYPE_CHECKING:
+    from avc_casadi.impedance import Model
 
 _ROWS_AT_ONCE = 4096
 # Relative to the terms of the sum: rounding of gains given in double precision and of the evaluation.
@@ -23,7 +35,7 @@ class WorstMargin:
     Attributes:
         margin_ns_per_m: its value, N.s/m.
         frequency_hz: where it stands; 0 means the limit of zero frequency.
-        poles_stable: whether all poles of the rendered impedance but the simple one at z = 1 lie inside the unit circle.
+        poles_stable: whether all poles of the rendered impedance but a simple one at z = 1 lie inside the circle.
         dc_stiffness_n_per_m: k k_e/(k + k_e), the residue at z = 1 over T; passivity needs it not negative.
         tolerance_ns_per_m: what rounding can make of a margin of 0.
     """
@@ -43,17 +55,17 @@ class WorstMargin:
 
 def worst_margin(
     loop: SampledLoop,
-    damping_ns_per_m: ArrayLike,
-    stiffness_n_per_m: ArrayLike,
-    contact_damping_ns_per_m: ArrayLike = 0.0,
-    low_hz: ArrayLike = 0.0,
-    high_hz: ArrayLike = np.inf,
+    damping_ns_per_m: Values,
+    stiffness_n_per_m: Values,
+    contact_damping_ns_per_m: Values = 0.0,
+    low_hz: Values = 0.0,
+    high_hz: Values = np.inf,
 ) -> WorstMargin:
     """Find the smallest Re Z_h of frozen gains over low_hz <= f <= high_hz, exactly.
 
-    Re Z_h is rational in c = cos(omega T). Every stationary point and both ends are evaluated, together with points that
-    resolve the slowest pole of the coupling, and the lowest ones are refined on Re Z_h itself: the margin is right to
-    about 1e-12 of the terms that it is the sum of.
+    Re Z_h is rational in c = cos(omega T). Every stationary point and both ends are evaluated, together with points
+    that resolve the slowest pole of the coupling, and the lowest ones are refined on Re Z_h itself: the margin is
+    right to about 1e-12 of the terms that it is the sum of.
 
     Args:
         loop: device, environment, hold.
@@ -82,11 +94,16 @@ def worst_margin(
         _worst(loop, [column[start : start + _ROWS_AT_ONCE] for column in columns])
         for start in range(0, max(rows, 1), _ROWS_AT_ONCE)
     ]
-    margin, frequency, stable, dc, tolerance = (np.concatenate(part) for part in zip(*pieces, strict=True))
-    return WorstMargin(margin, frequency, stable.astype(bool), dc, tolerance)
+    return WorstMargin(
+        np.concatenate([piece.margin_ns_per_m for piece in pieces]),
+        np.concatenate([piece.frequency_hz for piece in pieces]),
+        np.concatenate([piece.poles_stable for piece in pieces]),
+        np.concatenate([piece.dc_stiffness_n_per_m for piece in pieces]),
+        np.concatenate([piece.tolerance_ns_per_m for piece in pieces]),
+    )
 
 
-def _worst(loop: SampledLoop, columns: list[FloatArray]) -> tuple[FloatArray, ...]:
+def _worst(loop: SampledLoop, columns: list[FloatArray]) -> WorstMargin:
     b, k, contact, low, high, b_d, b_e, k_e = columns
     loop = SampledLoop(b_d, b_e, k_e, loop.sample_time_s, loop.delay_samples, loop.model)
     nyquist = loop.nyquist_hz
@@ -94,7 +111,7 @@ def _worst(loop: SampledLoop, columns: list[FloatArray]) -> tuple[FloatArray, ..
     parts = fractions(loop, b, k)
 
     columned = SampledLoop(b_d[:, None], b_e[:, None], k_e[:, None], *_rest(loop))
-    spread = Fractions(*(getattr(parts, name)[:, None] for name in Fractions.__dataclass_fields__))
+    spread = parts.pick((slice(None), None))
 
     def value(frequency_hz: FloatArray) -> FloatArray:
         return real_part(columned, spread, contact[:, None], frequency_hz)
@@ -106,10 +123,11 @@ def _worst(loop: SampledLoop, columns: list[FloatArray]) -> tuple[FloatArray, ..
     lowest = np.argmin(value(frequency), axis=1)[:, None]
     at = np.take_along_axis(frequency, lowest, axis=1)
     tolerance = RELATIVE_TOLERANCE * size_of_terms(loop, parts, contact)
-    return value(at)[:, 0], at[:, 0], parts.stable, parts.integral / loop.sample_time_s, tolerance
+    margin = value(at)[:, 0]
+    return WorstMargin(margin, at[:, 0], parts.stable, parts.integral / loop.sample_time_s, tolerance)
 
 
-def _rest(loop: SampledLoop) -> tuple[float, int, str]:
+def _rest(loop: SampledLoop) -> tuple[float, int, Model]:
     return loop.sample_time_s, loop.delay_samples, loop.model
 
 

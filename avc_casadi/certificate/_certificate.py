@@ -1,0 +1,113 @@
+"""What a certificate says: one result a level, and the rows behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi.design import plain
+
+if TYPE_CHECKING:
+    from avc_casadi.impedance import Model
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Level = Literal["L0", "L1", "L2", "L3", "L4", "L5"]
+
+TITLES: dict[str, str] = {
+    "L0": "passive at its own frequency",
+    "L1": "passive in a band about its own frequency",
+    "L2": "passive at all frequencies, paper's hold",
+    "L3": "passive at all frequencies, sampled-data hold",
+    "L4": "Llewellyn, any passive environment",
+    "L5": "linearly stable with a set of hands",
+}
+
+
+@dataclass(frozen=True)
+class LevelResult:
+    """One level of a certificate; row arrays have shape (n,) in the order of the gains.
+
+    Attributes:
+        level: L0 to L5.
+        passed: whether every row meets it.
+        margin_ns_per_m: the worst margin, N.s/m; not a number where there is none to give.
+        frequency_hz: where it stands; 0 is the limit of zero frequency.
+        model: hold model of the claim.
+        claim: one sentence: what holds, or what does not and where.
+        tolerance_ns_per_m: how far below 0 rounding can bring the margin of the worst row.
+        row: index of the worst row, or None.
+        row_passed: which rows meet it; rows without gains do not.
+        row_margin_ns_per_m: margin of each row.
+        row_frequency_hz: where it stands.
+        detail: more numbers of this level.
+    """
+
+    level: Level
+    passed: bool
+    margin_ns_per_m: float
+    frequency_hz: float
+    model: Model
+    claim: str
+    tolerance_ns_per_m: float
+    row: int | None
+    row_passed: BoolArray
+    row_margin_ns_per_m: FloatArray
+    row_frequency_hz: FloatArray
+    detail: dict[str, Any] = field(default_factory=dict)
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {
+            "pass": self.passed,
+            "title": TITLES[self.level],
+            "margin_ns_per_m": plain(self.margin_ns_per_m),
+            "frequency_hz": plain(self.frequency_hz),
+            "model": self.model,
+            "claim": self.claim,
+            "tolerance_ns_per_m": plain(self.tolerance_ns_per_m),
+            "row": self.row,
+            "rows_failed": int(np.count_nonzero(~self.row_passed)),
+            "row_pass": plain(self.row_passed),
+            "row_margin_ns_per_m": plain(self.row_margin_ns_per_m),
+            "row_frequency_hz": plain(self.row_frequency_hz),
+            **plain(self.detail),
+        }
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is known of a gain table, level by level; passivity and stability are different claims.
+
+    Attributes:
+        problem: name of the problem.
+        requested: whether the gains that unrealisable rows asked for were judged in place of missing ones.
+        frequency_hz: interaction frequencies of the rows, shape (n,).
+        rows_without_gains: how many rows have none; each fails every level.
+        levels: results by level.
+        passive_limit_n_per_m: 2 b_d/((1 + d) T): the largest DC stiffness of any passive linear rendering.
+        dc_stiffness_n_per_m: DC stiffness k k_e/(k + k_e) of each row, shape (n,).
+    """
+
+    problem: str
+    requested: bool
+    frequency_hz: FloatArray
+    rows_without_gains: int
+    levels: dict[Level, LevelResult]
+    passive_limit_n_per_m: float
+    dc_stiffness_n_per_m: FloatArray
+
+    def document(self) -> dict[str, Any]:
+        """Return the `certify` document: JSON values only."""
+        return {
+            "problem": self.problem,
+            "judged": "requested gains" if self.requested else "gains",
+            "frequency_hz": plain(self.frequency_hz),
+            "rows_without_gains": self.rows_without_gains,
+            "levels": {level: result.document() for level, result in self.levels.items()},
+            "passive_limit_n_per_m": self.passive_limit_n_per_m,
+            "dc_stiffness_n_per_m": plain(self.dc_stiffness_n_per_m),
+        }

@@ -1,0 +1,61 @@
+"""Certify a gain table: every level, whatever the table was designed for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.certificate._certificate import Certificate, Level, LevelResult
+from avc_casadi.certificate._hands_level import hands_level
+from avc_casadi.certificate._levels import Rows, llewellyn_level, passivity_level
+from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m
+
+if TYPE_CHECKING:
+    from avc_casadi.design import GainSchedule
+    from avc_casadi.problem import Problem
+
+
+def certify(
+    problem: Problem, gains: GainSchedule, *, requested: bool = False, draws: int = 24, seed: int = 0
+) -> Certificate:
+    """Say which stability claims a gain table meets, with the worst margin of each and where it stands.
+
+    Args:
+        problem: device, environment, models and hands to judge against.
+        gains: the table; rows without gains fail every level.
+        requested: judge the gains that unrealisable rows asked for as well. Rows that asked for an infinite gain are
+            judged as a rigid coupling.
+        draws: hands drawn for L5 beside the corners of the range.
+        seed: seed of the draws.
+    """
+    b, k, contact = (
+        (gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m, gains.contact_damping_ns_per_m)
+        if requested
+        else (gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
+    )
+    present = ~(np.isnan(b) | np.isnan(k))
+    contact = np.where(np.isnan(contact), 0.0, contact)
+    rows = Rows(problem, gains.frequency_hz, present, b[present], k[present], contact[present])
+    model = problem.stability.model
+    levels: dict[Level, LevelResult] = {
+        "L0": passivity_level(rows, "L0", model),
+        "L1": passivity_level(rows, "L1", model),
+        "L2": passivity_level(rows, "L2", "paper"),
+        "L3": passivity_level(rows, "L3", "sampled-data"),
+        "L4": llewellyn_level(rows, model),
+        "L5": hands_level(rows, draws=draws, seed=seed),
+    }
+    device = problem.device
+    parts = fractions(SampledLoop.of(problem), rows.b, rows.k)
+    return Certificate(
+        problem=problem.name,
+        requested=requested,
+        frequency_hz=gains.frequency_hz,
+        rows_without_gains=int(np.count_nonzero(~present)),
+        levels=levels,
+        passive_limit_n_per_m=passive_limit_n_per_m(
+            device.damping_ns_per_m, device.sample_time_s, device.delay_samples
+        ),
+        dc_stiffness_n_per_m=rows.spread(parts.integral / device.sample_time_s),
+    )

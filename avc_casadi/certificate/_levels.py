@@ -1,0 +1,136 @@
+"""Levels L0 to L4: passivity of frozen gains, each level on the rows that have gains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.certificate._certificate import BoolArray, FloatArray, Level, LevelResult
+from avc_casadi.passivity import RELATIVE_TOLERANCE, SampledLoop, WorstMargin, llewellyn_margin, worst_margin
+
+if TYPE_CHECKING:
+    from avc_casadi.impedance import Model
+    from avc_casadi.problem import Problem
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The gains under judgement; b, k and b_p hold the present rows alone, shape (p,).
+
+    Attributes:
+        problem: the problem.
+        frequency_hz: of all rows, shape (n,).
+        present: which rows have gains, shape (n,).
+        b: coupling damping of the present rows.
+        k: coupling stiffness.
+        contact: contact damping.
+    """
+
+    problem: Problem
+    frequency_hz: FloatArray
+    present: BoolArray
+    b: FloatArray
+    k: FloatArray
+    contact: FloatArray
+
+    def spread(self, values: FloatArray, missing: float = np.nan) -> FloatArray:
+        """Put values of the present rows into an array of all rows."""
+        whole = np.full(len(self.present), missing)
+        whole[self.present] = values
+        return whole
+
+
+def passivity_level(rows: Rows, level: Level, model: Model) -> LevelResult:
+    """Judge L0 (own frequency), L1 (band), L2 or L3 (all frequencies) in the model named."""
+    own = rows.frequency_hz[rows.present]
+    factor = rows.problem.stability.band_factor
+    bands = {"L0": (own, own), "L1": (own / factor, own * factor)}
+    low, high = bands.get(level, (np.zeros(len(own)), np.full(len(own), np.inf)))
+    worst = worst_margin(SampledLoop.of(rows.problem, model), rows.b, rows.k, rows.contact, low, high)
+    where = {
+        "L0": "at its own frequency",
+        "L1": f"from 1/{factor:g} to {factor:g} times its own frequency",
+    }.get(level, "at every frequency up to Nyquist")
+    hold = "the paper's hold" if model == "paper" else "the sampled-data hold"
+    # Poles and residue belong to claims on a rendering as a whole; L0 and L1 are claims on Re Z_h alone.
+    whole = level in {"L2", "L3"}
+    passed = worst.passive if whole else worst.margin_ns_per_m >= -worst.tolerance_ns_per_m
+    claim = f"Re Z_h >= 0 {where} for each frozen row, under {hold}"
+    if whole:
+        claim = f"each frozen row is passive with this environment {where}, under {hold}"
+    return level_result(
+        rows,
+        level,
+        model,
+        claim,
+        passed,
+        worst.margin_ns_per_m,
+        worst.frequency_hz,
+        worst.tolerance_ns_per_m,
+        faults=_faults(worst) if whole else None,
+    )
+
+
+def llewellyn_level(rows: Rows, model: Model) -> LevelResult:
+    """Judge L4: the coupling alone protects any passive environment from any passive hand."""
+    loop = SampledLoop.of(rows.problem, model)
+    margin, frequency = llewellyn_margin(loop, rows.b, rows.k, rows.contact)
+    tolerance = RELATIVE_TOLERANCE * (rows.problem.device.damping_ns_per_m + rows.contact + np.abs(margin))
+    tolerance = np.where(np.isfinite(margin), tolerance, 0.0)
+    hold = "the paper's hold" if model == "paper" else "the sampled-data hold"
+    claim = f"each frozen row meets Llewellyn's condition (6) for any passive environment, under {hold}"
+    return level_result(rows, "L4", model, claim, margin >= -tolerance, margin, frequency, tolerance)
+
+
+def _faults(worst: WorstMargin) -> list[str]:
+    return [
+        "a pole outside the unit circle" if not stable else f"a negative DC stiffness of {dc:.4g} N/m" if dc < 0 else ""
+        for stable, dc in zip(worst.poles_stable, worst.dc_stiffness_n_per_m, strict=True)
+    ]
+
+
+def level_result(
+    rows: Rows,
+    level: Level,
+    model: Model,
+    claim: str,
+    passed: BoolArray,
+    margin: FloatArray,
+    frequency: FloatArray,
+    tolerance: FloatArray,
+    faults: list[str] | None = None,
+) -> LevelResult:
+    """Sum up the present rows: the worst is the lowest margin among those that fail, or else among all."""
+    row_passed = rows.spread(passed.astype(np.float64), 0.0) > 0
+    missing = int(np.count_nonzero(~rows.present))
+    failed = int(np.count_nonzero(~passed))
+    if len(passed) == 0:
+        nothing, claim = rows.spread(margin), f"Not met: none of {missing} rows has gains"
+        return LevelResult(level, False, np.nan, np.nan, model, claim, 0.0, None, row_passed, nothing, nothing)
+    worst = int(np.argmin(np.where(passed, np.inf, margin) if failed else margin))
+    row = int(np.flatnonzero(rows.present)[worst])
+    if failed:
+        where = f"at {frequency[worst]:.5g} Hz" if frequency[worst] > 0 else "towards zero frequency"
+        fault = (faults[worst] if faults else "") or f"a margin of {margin[worst]:.4g} N.s/m {where}"
+        own = f"the row of {rows.frequency_hz[row]:.5g} Hz"
+        claim = f"Not met by {failed} of {len(passed)} rows: {own} has {fault}"
+    if missing:
+        claim = (
+            f"{claim}; {missing} rows have no gains" if failed else f"Not met: {missing} rows have no gains; {claim}"
+        )
+    finite = np.isfinite(margin[worst])
+    return LevelResult(
+        level=level,
+        passed=failed == 0 and missing == 0,
+        margin_ns_per_m=float(margin[worst]) if finite else np.nan,
+        frequency_hz=float(frequency[worst]),
+        model=model,
+        claim=claim,
+        tolerance_ns_per_m=float(tolerance[worst]),
+        row=row,
+        row_passed=row_passed,
+        row_margin_ns_per_m=rows.spread(margin),
+        row_frequency_hz=rows.spread(frequency),
+    )

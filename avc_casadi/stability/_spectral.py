@@ -1,0 +1,87 @@
+"""Linear stability of frozen gains with hands: the spectral radius of the exactly discretised loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.passivity import SampledLoop, fractions
+from avc_casadi.stability._transition import transition
+
+if TYPE_CHECKING:
+    from avc_casadi.passivity import Fractions
+    from avc_casadi.passivity._sampled import BoolArray, Values
+    from avc_casadi.problem import Device, Problem
+    from avc_casadi.stability._hands import FloatArray, HandSet
+
+MAX_DELAY_SAMPLES = 100
+# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is not told from none.
+RADIUS_TOLERANCE = 1e-10
+_NUMBERS_AT_ONCE = 2_000_000
+
+
+@dataclass(frozen=True)
+class LinearStability:
+    """Spectral radii of n rows with h hands.
+
+    Attributes:
+        radius: largest modulus of an eigenvalue, shape (n, h); infinite where the mechanics is undefined.
+        frequency_hz: frequency of that eigenvalue, shape (n, h).
+    """
+
+    radius: FloatArray
+    frequency_hz: FloatArray
+
+    @property
+    def stable(self) -> BoolArray:
+        """Whether each row is stable with every hand, shape (n,)."""
+        return np.asarray(np.max(self.radius, axis=1) < 1 - RADIUS_TOLERANCE)
+
+
+def linear_stability(
+    device: Device,
+    parts: Fractions,
+    contact_damping_ns_per_m: Values,
+    hands: HandSet,
+    damping_shift_ns_per_m: float = 0.0,
+) -> LinearStability:
+    """Spectral radius of each frozen rendering with each hand, on the loop that runs on a device.
+
+    Args:
+        device: mass, damping, sample time, delay.
+        parts: partial fractions of n renderings in the sampled-data model; the wall acts on both sides.
+        contact_damping_ns_per_m: b_p, broadcast to shape (n,).
+        hands: h hands.
+        damping_shift_ns_per_m: added to the damping of the device.
+
+    Raises:
+        UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
+    """
+    if device.delay_samples > MAX_DELAY_SAMPLES:
+        raise UnsupportedError(
+            f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {device.delay_samples}"
+        )
+    n = len(parts.direct)
+    contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (n,))
+    size = 4 + device.delay_samples
+    rows_at_once = max(1, _NUMBERS_AT_ONCE // (len(hands) * size * size))
+    radius, frequency = np.empty((n, len(hands))), np.empty((n, len(hands)))
+    for start in range(0, n, rows_at_once):
+        some = slice(start, start + rows_at_once)
+        matrices = transition(device, parts.pick(some), contact[some], hands, damping_shift_ns_per_m)
+        defined = np.asarray(np.isfinite(matrices).all(axis=(2, 3)))
+        values = np.linalg.eigvals(np.where(defined[..., None, None], matrices, 0.0))
+        largest = np.argmax(np.abs(values), axis=-1)[..., None]
+        value = np.take_along_axis(values, largest, axis=-1)[..., 0]
+        radius[some] = np.where(defined, np.abs(value), np.inf)
+        frequency[some] = np.abs(np.angle(value)) / (2 * np.pi * device.sample_time_s)
+    return LinearStability(radius, frequency)
+
+
+def frozen_parts(problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> Fractions:
+    """Partial fractions, n rows, of frozen gains before the problem's wall, as a device computes them."""
+    b, k = np.broadcast_arrays(damping_ns_per_m, stiffness_n_per_m)
+    return fractions(SampledLoop.of(problem, "sampled-data"), np.ravel(b), np.ravel(k))
