@@ -1,5 +1,7 @@
 """Design methods: from a problem to a gain schedule."""
 
+from avc_casadi.design._closed_form import Projection as Projection
+from avc_casadi.design._closed_form import project as project
 from avc_casadi.design._gain_file import gain_csv as gain_csv
 from avc_casadi.design._gain_file import gain_document as gain_document
 from avc_casadi.design._gain_file import plain as plain
@@ -10,3 +12,6 @@ from avc_casadi.design._gains import FloatArray as FloatArray
 from avc_casadi.design._gains import GainSchedule as GainSchedule
 from avc_casadi.design._gains import Status as Status
 from avc_casadi.design._gains import gain_schedule as gain_schedule
+from avc_casadi.design._solve import METHODS as METHODS
+from avc_casadi.design._solve import Method as Method
+from avc_casadi.design._solve import solve as solve

@@ -19,7 +19,7 @@ _CSV_HEADER = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m")
 _MAX_BYTES = 64 * 1024 * 1024
 
 
-def plain(value: Any) -> Any:  # noqa: ANN401 - any JSON value
+def plain(value: Any) -> Any:
     """Turn arrays, tuples and enumerations into JSON values; a number that is not finite becomes null."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
@@ -95,10 +95,14 @@ def read_gains(path: Path) -> GainSchedule:
     """
     try:
         if path.stat().st_size > _MAX_BYTES:
-            raise InputError.of(f"larger than {_MAX_BYTES // 2**20} MiB; a gain file is a table of rows", file=str(path))
+            raise InputError.of(
+                f"larger than {_MAX_BYTES // 2**20} MiB; a gain file is a table of rows", file=str(path)
+            )
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        raise InputError.of(f"cannot be read ({error.strerror}); give a file that `avc solve --out` wrote", file=str(path)) from error
+        raise InputError.of(
+            f"cannot be read ({error.strerror}); give a file that `avc solve --out` wrote", file=str(path)
+        ) from error
     except UnicodeDecodeError as error:
         raise InputError.of("is not UTF-8 text; give a file that `avc solve --out` wrote", file=str(path)) from error
     return _from_csv(text, path) if path.suffix == ".csv" else _from_json(text, path)
@@ -109,7 +113,9 @@ def _from_csv(text: str, path: Path) -> GainSchedule:
     lines = list(csv.reader(io.StringIO(text)))
     header = tuple(cell.strip() for cell in lines[0]) if lines else ()
     if header not in {_CSV_HEADER, (*_CSV_HEADER, "contact_damping_ns_per_m")}:
-        message = f"header is {','.join(header) or 'missing'}; allowed: {','.join(_CSV_HEADER)}[,contact_damping_ns_per_m]"
+        message = (
+            f"header is {','.join(header) or 'missing'}; allowed: {','.join(_CSV_HEADER)}[,contact_damping_ns_per_m]"
+        )
         raise InputError([Fault(str(path), 1, "", message)])
     columns: list[list[float]] = [[] for _ in header]
     for number, cells in enumerate(lines[1:], start=2):
@@ -121,7 +127,9 @@ def _from_csv(text: str, path: Path) -> GainSchedule:
         for name, cell, column in zip(header, cells, columns, strict=True):
             value = _number(cell)
             if value is None:
-                faults.append(Fault(str(path), number, name, f"{cell!r} is not a number; allowed: a finite number >= 0"))
+                faults.append(
+                    Fault(str(path), number, name, f"{cell!r} is not a number; allowed: a finite number >= 0")
+                )
             column.append(math.nan if value is None else value)
     document: dict[str, Any] = dict(zip(header, columns, strict=True))
     document["structure"] = "damped" if len(header) == 4 else "series"
@@ -141,7 +149,9 @@ def _from_json(text: str, path: Path) -> GainSchedule:
         document = json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
         line = getattr(error, "lineno", None)
-        raise InputError([Fault(str(path), line, "", f"is not JSON ({error}); give a file that `avc solve --out` wrote")]) from error
+        raise InputError(
+            [Fault(str(path), line, "", f"is not JSON ({error}); give a file that `avc solve --out` wrote")]
+        ) from error
     if not isinstance(document, dict):
         raise InputError.of("holds no gain document; give a file that `avc solve --out` wrote", file=str(path))
     faults: list[Fault] = []
@@ -223,5 +233,6 @@ def _schedule(document: dict[str, Any], path: Path, faults: list[Fault]) -> Gain
 
 def _complex(document: dict[str, Any], key: str, n: int, path: Path) -> ComplexArray:
     return np.asarray(
-        _column(document, f"{key}_re", n, path, []) + 1j * _column(document, f"{key}_im", n, path, []), dtype=np.complex128
+        _column(document, f"{key}_re", n, path, []) + 1j * _column(document, f"{key}_im", n, path, []),
+        dtype=np.complex128,
     )

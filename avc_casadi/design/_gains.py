@@ -17,10 +17,11 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+BoolArray = NDArray[np.bool_]
 
 
 class Status(StrEnum):
-    """What became of one frequency; where several hold: failed > infeasible > not-realisable > active-bound > solved."""
+    """What became of one frequency; where several hold, the last of this list."""
 
     SOLVED = "solved"
     ACTIVE_BOUND = "active-bound"
@@ -86,20 +87,22 @@ class GainSchedule:
         return len(self.frequency_hz)
 
     @property
-    def usable(self) -> NDArray[np.bool_]:
+    def usable(self) -> BoolArray:
         """Whether each row carries gains, shape (n,)."""
         return np.array([status.has_gains for status in self.status], dtype=bool)
 
     @property
     def magnitude_error(self) -> FloatArray:
         """||Z_h_ds| - |Z_h_avc||, N.s/m: the root of the paper's goal (11)."""
-        return np.abs(np.abs(self.target) - np.abs(self.impedance))
+        error: FloatArray = np.abs(np.abs(self.target) - np.abs(self.impedance))
+        return error
 
     @property
     def complex_error(self) -> FloatArray:
         """|Z_h_avc - Z_h_ds|/|Z_h_ds|, relative."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.abs(self.impedance - self.target) / np.abs(self.target)
+            error: FloatArray = np.abs(self.impedance - self.target) / np.abs(self.target)
+        return error
 
     @property
     def real_part(self) -> FloatArray:
@@ -125,7 +128,7 @@ def gain_schedule(
     solve_seconds: float = 0.0,
     notes: tuple[str, ...] = (),
 ) -> GainSchedule:
-    """Complete gains (b, k, b_p) into a schedule: impedances are recomputed here from the gains, by one code for all methods.
+    """Complete gains (b, k, b_p) into a schedule; one code recomputes the impedances of every method.
 
     Args:
         problem: the problem that the gains answer.

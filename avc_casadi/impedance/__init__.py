@@ -23,3 +23,7 @@ from avc_casadi.impedance._numbers import Real as Real
 from avc_casadi.impedance._numbers import abs2 as abs2
 from avc_casadi.impedance._numbers import casadi_numbers as casadi_numbers
 from avc_casadi.impedance._numbers import mpmath_numbers as mpmath_numbers
+from avc_casadi.impedance._paper_errors import ASSUMPTIONS as ASSUMPTIONS
+from avc_casadi.impedance._paper_errors import PAPER_ERRORS as PAPER_ERRORS
+from avc_casadi.impedance._paper_errors import Assumption as Assumption
+from avc_casadi.impedance._paper_errors import PaperError as PaperError

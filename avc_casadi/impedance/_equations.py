@@ -77,15 +77,13 @@ def device_impedance(angle: SampleAngle, mass_kg: Real, damping_ns_per_m: Real) 
 
 
 def spring_damper(angle: SampleAngle, damping_ns_per_m: Real, stiffness_n_per_m: Real, *, tustin: bool) -> Complex:
-    """b + k/s with s = s_t (``tustin``) or s_b: b [+ k T/2] - j (k T/2) cot(phi)   (2), (7)."""
+    """B + k/s with s = s_t (``tustin``) or s_b: b [+ k T/2] - j (k T/2) cot(phi)   (2), (7)."""
     half = stiffness_n_per_m * angle.sample_time_s / 2
     real = damping_ns_per_m + 0 * half + 0 * angle.sin if tustin else damping_ns_per_m + half + 0 * angle.sin
     return angle.numbers.complex(real, -half * angle.cos / angle.sin)
 
 
-def environment_impedance(
-    angle: SampleAngle, model: Model, damping_ns_per_m: Real, stiffness_n_per_m: Real
-) -> Complex:
+def environment_impedance(angle: SampleAngle, model: Model, damping_ns_per_m: Real, stiffness_n_per_m: Real) -> Complex:
     """Z_e and Z_ds: Tustin in the paper's model, backward difference in the sampled-data model."""
     return spring_damper(angle, damping_ns_per_m, stiffness_n_per_m, tustin=model == "paper")
 
@@ -99,15 +97,18 @@ def series(first: Complex, second: Complex, *, numbers: NumberSystem) -> Complex
     """Z_1 Z_2/(Z_1 + Z_2), written (Z_1|Z_2|^2 + Z_2|Z_1|^2)/|Z_1 + Z_2|^2   (9).
 
     For passive springs and dampers every term of this form has one sign, so that the real part keeps full relative
-    accuracy where the plain quotient loses the digits of |Im/Re|. Not defined where both are 0.
+    accuracy where the plain quotient loses the digits of |Im/Re|. 0 where both are 0.
     """
-    first2, second2, scale = abs2(first), abs2(second), abs2(first + second)
+    first2, second2, scale = abs2(first), abs2(second), numbers.one_for_zero(abs2(first + second))
     return numbers.complex(
-        (first.real * second2 + second.real * first2) / scale, (first.imag * second2 + second.imag * first2) / scale
+        (first.real * second2 + second.real * first2) / scale,
+        (first.imag * second2 + second.imag * first2) / scale,
     )
 
 
-def perceived_impedance(device: Complex, hold_value: Complex, rendered: Complex, contact_damping: Real = 0.0) -> Complex:
+def perceived_impedance(
+    device: Complex, hold_value: Complex, rendered: Complex, contact_damping: Real = 0.0
+) -> Complex:
     """Z_h = Z_d + H (b_p + Z_eavc)   (8); b_p is 0 in the paper's structure."""
     return device + hold_value * (rendered + contact_damping)
 

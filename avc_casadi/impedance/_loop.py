@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avc_casadi.impedance import _equations as eq
-from avc_casadi.impedance._numbers import NUMPY, Complex, NumberSystem, Real, abs2
+from avc_casadi.impedance._numbers import NUMPY, Complex, NumberSystem, Real
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -44,13 +45,23 @@ class Loop:
         """Z_h = Z_d + H Z_e: what the hand meets where device and wall are joined directly."""
         return eq.perceived_impedance(self.device, self.hold, self.environment)
 
+    def rows(self, index: NDArray[np.intp]) -> Loop:
+        """Return the loop at some of its frequencies, by their positions (numpy only)."""
+        take = {field.name: getattr(self, field.name)[index] for field in fields(self) if field.name != "angle"}
+        angle = replace(self.angle, **{name: getattr(self.angle, name)[index] for name in ("turns", "sin", "cos")})
+        return Loop(angle=angle, **take)
+
     def rendered(self, damping_ns_per_m: Real, stiffness_n_per_m: Real) -> Complex:
         """Z_eavc, coupling and environment in series; 0 where both are 0   (9)."""
         coupling = eq.coupling_impedance(self.angle, damping_ns_per_m, stiffness_n_per_m)
-        if self.angle.numbers is not NUMPY:
-            return eq.series(coupling, self.environment, numbers=self.angle.numbers)
-        both_zero = (abs2(coupling) == 0) & (abs2(self.environment) == 0)
-        return np.where(both_zero, 0, eq.series(coupling, self.environment + both_zero, numbers=NUMPY))
+        return eq.series(coupling, self.environment, numbers=self.angle.numbers)
+
+    def sensitivity(self, damping_ns_per_m: Real, stiffness_n_per_m: Real) -> Complex:
+        """dZ_h_avc/dZ_avc = H (Z_e/(Z_e + Z_avc))^2; 0 in free space."""
+        coupling = eq.coupling_impedance(self.angle, damping_ns_per_m, stiffness_n_per_m)
+        total = self.environment + coupling
+        share = self.environment / np.where(total == 0, 1, total)
+        return self.hold * share * share
 
     def perceived(
         self, damping_ns_per_m: Real, stiffness_n_per_m: Real, contact_damping_ns_per_m: Real = 0.0

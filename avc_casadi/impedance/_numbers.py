@@ -81,23 +81,33 @@ class NumberSystem:
         sin_pi: x -> sin(pi x), with pi to the precision of the system.
         complex: (re, im) -> complex number.
         number: float -> real number of the system, exactly.
+        one_for_zero: x -> x, but 1 where x is 0, so that 0/0 becomes 0.
     """
 
     name: str
     sin_pi: Callable[[Real], Real]
     complex: Callable[[Real, Real], Complex]
     number: Callable[[float], Real]
+    one_for_zero: Callable[[Real], Real]
 
     def cos_pi(self, x: Real) -> Real:
         """Return cos(pi x), with full relative accuracy near its zero at x = 1/2 (the Nyquist frequency)."""
         return self.sin_pi(0.5 - x)
 
 
+def _numpy_complex(re: Real, im: Real) -> Complex:
+    """Join two arrays without the product 1j * im, which costs time and turns infinities into not a number."""
+    z = np.empty(np.broadcast_shapes(np.shape(re), np.shape(im)), dtype=np.complex128)
+    z.real, z.imag = re, im
+    return z[()]
+
+
 NUMPY = NumberSystem(
     name="numpy",
     sin_pi=lambda x: np.sin(np.pi * np.asarray(x)),
-    complex=lambda re, im: np.asarray(re) + 1j * np.asarray(im),
+    complex=_numpy_complex,
     number=float,
+    one_for_zero=lambda x: np.where(x == 0, 1.0, x),
 )
 
 
@@ -106,7 +116,11 @@ def casadi_numbers() -> NumberSystem:
     import casadi as ca  # noqa: PLC0415
 
     return NumberSystem(
-        name="casadi", sin_pi=lambda x: ca.sin(ca.pi * x), complex=ComplexExpr, number=lambda value: value
+        name="casadi",
+        sin_pi=lambda x: ca.sin(ca.pi * x),
+        complex=ComplexExpr,
+        number=lambda value: value,
+        one_for_zero=lambda x: x + (x == 0),
     )
 
 
@@ -123,8 +137,9 @@ def mpmath_numbers(digits: int = 50) -> NumberSystem:
     return NumberSystem(
         name=f"mpmath{digits}",
         sin_pi=context.sinpi,
-        complex=lambda re, im: context.mpc(re, im),
-        number=lambda value: context.mpf(value),
+        complex=context.mpc,
+        number=context.mpf,
+        one_for_zero=lambda x: context.mpf(1) if x == 0 else x,
     )
 
 

@@ -1,0 +1,67 @@
+"""What every per-frequency method shares: the order among gains and the status of a row."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.design._gains import BoolArray, FloatArray, Status
+from avc_casadi.impedance import Loop
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem
+
+TIE_MAGNITUDE = 1e-12
+"""Magnitude errors that differ by less than this share of |Z_h_ds| are equal."""
+TIE_DISTANCE = 1e-12
+"""Distances |Z_h_avc - Z_h_ds| that differ by less than this share of |Z_h_ds| are equal."""
+
+Gains = tuple[FloatArray, FloatArray, FloatArray]
+
+
+def admissible(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> BoolArray:
+    """Whether each (b, k, b_p) lies in the gain box, of the shape of the gains."""
+    box = problem.coupling
+    (b0, b1), (k0, k1), (p0, p1) = box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m
+    inside: BoolArray = (b >= b0) & (b <= b1) & (k >= k0) & (k <= k1) & (p >= p0) & (p <= p1)
+    return inside
+
+
+def best_candidate(problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p: FloatArray) -> Gains:
+    """Choose per frequency, of candidates (m, n), the first in lexicographic order.
+
+    The order: inside the box and Re Z_h >= margin, strictly; smallest magnitude error; smallest distance to Z_h_ds;
+    smallest b_p, k, b. The two tie tolerances of this module apply.
+
+    Returns:
+        (b, k, b_p), each (n,); not a number where no candidate is feasible.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        z = loop.perceived(b, k, p)
+        feasible = admissible(problem, b, k, p) & (z.real >= problem.stability.margin_ns_per_m)
+        radius = np.abs(loop.target)
+        error = np.where(feasible, np.abs(np.abs(z) - radius), np.inf)
+    lowest = error.min(axis=0)
+    left = feasible & (error <= lowest + TIE_MAGNITUDE * radius)
+    distance = np.where(left, np.abs(z - loop.target), np.inf)
+    left &= distance <= distance.min(axis=0) + TIE_DISTANCE * radius
+    for gain in (p, k, b):
+        ranked = np.where(left, gain, np.inf)
+        left &= ranked <= ranked.min(axis=0)
+    chosen = left.argmax(axis=0), np.arange(z.shape[1])
+    empty = ~np.isfinite(lowest)
+    return tuple(np.where(empty, np.nan, gain[chosen]) for gain in (b, k, p))  # type: ignore[return-value]
+
+
+def row_status(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> tuple[Status, ...]:
+    """Status of solved rows: infeasible without gains, active-bound where a gain stands on the box, else solved."""
+    box = problem.coupling
+    bounds = [box.damping_ns_per_m, box.stiffness_n_per_m]
+    if problem.coupling.structure == "damped":
+        bounds.append(box.contact_damping_ns_per_m)
+    active = np.zeros(b.shape, dtype=bool)
+    for gain, ends in zip((b, k, p), bounds, strict=False):
+        active |= np.isin(gain, ends)
+    solved = np.where(active, Status.ACTIVE_BOUND, Status.SOLVED)
+    return tuple(Status(item) for item in np.where(np.isnan(b), Status.INFEASIBLE, solved))
