@@ -170,6 +170,13 @@ def test_each_rule_names_its_key(addition, key, message):
     assert fault.line is None or fault.line > SMALL.count("\n")
 
 
+def test_a_fault_hides_no_broken_rule_that_does_not_need_it():
+    text = SMALL + "[frequency]\nstart_hz = 'one'\npoints = 2.5\nstop_hz = 600\n[scene]\nduration_s = 0.0001\n"
+    keys = [fault.key for fault in faults_of(text)]
+    assert keys == ["frequency.start_hz", "frequency.points", "frequency.stop_hz", "scene.duration_s"]
+    assert [fault.key for fault in faults_of(text.replace("600", "0.5"))] == [*keys[:2], keys[3]]
+
+
 HUGE = "1" + "0" * 400
 
 

@@ -124,6 +124,11 @@ def test_a_written_problem_loads_equal(problem):
     assert tomllib.loads(written)["title"] == problem.title
 
 
+def test_a_problem_can_be_rebuilt_from_its_numbers():
+    problem = avc.load_problem("figure5")
+    assert Problem(**problem.model_dump()) == problem
+
+
 @pytest.mark.parametrize("entry", avc.catalogue(), ids=lambda entry: entry.name)
 def test_every_catalogue_problem_survives(entry):
     problem = avc.load_problem(entry.name)

@@ -46,9 +46,7 @@ def _lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
 
 def _holds_tables(value: object) -> bool:
     """Whether a value is a table or a list of tables; no plain list of a problem is empty."""
-    return isinstance(value, Mapping) or (
-        isinstance(value, tuple) and all(isinstance(item, Mapping) for item in value)
-    )
+    return isinstance(value, Mapping) or (isinstance(value, tuple) and all(isinstance(item, Mapping) for item in value))
 
 
 def _value(value: object) -> str:

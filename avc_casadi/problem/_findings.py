@@ -11,7 +11,8 @@ from pydantic import BaseModel, BeforeValidator, ValidationError
 
 from avc_casadi.problem._model import Problem
 from avc_casadi.problem._quantity import Quantity, Whole, shown
-from avc_casadi.problem._rules import Finding, Path, Values, broken_rules
+from avc_casadi.problem._rules import Finding, broken_rules
+from avc_casadi.problem._values import Path, Values
 
 # More would help nobody, and a file of a million wrong numbers must be answered at once too.
 _MOST = 1000

@@ -13,7 +13,7 @@ from avc_casadi.problem._findings import validated
 from avc_casadi.problem._lines import KeyLines
 from avc_casadi.problem._model import Problem
 from avc_casadi.problem._quantity import visible
-from avc_casadi.problem._rules import dotted
+from avc_casadi.problem._values import dotted
 
 MAX_BYTES = 2**20
 
@@ -111,9 +111,7 @@ def _tables(text: str, file: str) -> dict[str, Any]:
     long_key = _LONG_KEY.search(text)
     if long_key is not None:
         line = text.count("\n", 0, long_key.start()) + 1
-        raise InputError(
-            [Fault(file, line, "", "a key has more than 32 parts; allowed: keys as in the catalogue")]
-        )
+        raise InputError([Fault(file, line, "", "a key has more than 32 parts; allowed: keys as in the catalogue")])
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -32,9 +32,10 @@ from avc_casadi.problem._quantity import (
     Weight,
     refusal,
 )
-from avc_casadi.problem._rules import Values, broken_rules, dotted
+from avc_casadi.problem._rules import broken_rules
 from avc_casadi.problem._scene_file import Scene
 from avc_casadi.problem._table import Table
+from avc_casadi.problem._values import Values, dotted
 
 Structure = Literal["series", "damped"]
 Scope = Literal["pointwise", "band", "all", "hands"]

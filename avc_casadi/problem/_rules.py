@@ -3,79 +3,16 @@
 from __future__ import annotations
 
 import itertools
-import re
-from collections.abc import Callable, Collection, Iterator, Mapping
-from typing import Any
-
-from pydantic import BaseModel
+from collections.abc import Callable, Iterator
 
 from avc_casadi.problem._quantity import plain, shown
+from avc_casadi.problem._values import Path, UnsoundError, Values
 
-Path = tuple[str | int, ...]
 Finding = tuple[Path, str]
-
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
+Rule = Callable[[Values], Iterator[Finding]]
 
 # Closer frequencies would coincide after rounding.
 _SMALLEST_STEP = 1e-12
-
-
-def dotted(path: Path) -> str:
-    """Write a path as a user does: ``scene.effects[0].mass_kg``."""
-    text = ""
-    for part in path:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        else:
-            text += f".{part}" if _BARE_KEY.fullmatch(part) else f".{shown(part)}"
-    return text.removeprefix(".")
-
-
-class UnsoundError(LookupError):
-    """A rule asked for a value that is faulty or missing; its own fault is told elsewhere."""
-
-
-class Values:
-    """Read access to a problem, whether a model or the tables of a file with faults in it."""
-
-    def __init__(
-        self, problem: Mapping[str, Any] | BaseModel, model: type[BaseModel], faulty: Collection[Path] = ()
-    ):
-        self._problem = problem
-        self._model = model
-        self._faulty = faulty
-
-    def given(self, *path: str) -> bool:
-        """Whether the value was written down, rather than a default."""
-        node: Any = self._problem
-        for key in path:
-            keys = node.model_fields_set if isinstance(node, BaseModel) else node
-            if not isinstance(keys, Mapping | set) or key not in keys:
-                return False
-            node = getattr(node, key) if isinstance(node, BaseModel) else node[key]
-        return True
-
-    def __getitem__(self, path: str) -> Any:
-        """Return the value at a dotted path, a default where it is left out.
-
-        Raises:
-            UnsoundError: the value is faulty, or missing and without a default.
-        """
-        keys = tuple(path.split("."))
-        if any(keys[: len(bad)] == bad[: len(keys)] for bad in self._faulty):
-            raise UnsoundError(path)
-        node: Any = self._problem
-        model: Any = self._model
-        for key in keys:
-            field = model.model_fields[key]
-            if isinstance(node, Mapping) and key not in node:
-                if field.is_required() or field.default_factory is not None:
-                    raise UnsoundError(path)
-                node = field.default
-            else:
-                node = getattr(node, key) if isinstance(node, BaseModel) else node[key]
-            model = field.annotation
-        return node
 
 
 def broken_rules(values: Values) -> list[Finding]:
@@ -89,7 +26,7 @@ def broken_rules(values: Values) -> list[Finding]:
     return findings
 
 
-def _bounds(quantity: str) -> Callable[[Values], Iterator[Finding]]:
+def _bounds(quantity: str) -> Rule:
     def rule(values: Values) -> Iterator[Finding]:
         upper, lower = values[f"boundaries.upper.{quantity}"], values[f"boundaries.lower.{quantity}"]
         if upper < lower:
@@ -99,13 +36,11 @@ def _bounds(quantity: str) -> Callable[[Values], Iterator[Finding]]:
     return rule
 
 
-def _known_range(quantity: str) -> Callable[[Values], Iterator[Finding]]:
+def _known_range(quantity: str) -> Rule:
     def rule(values: Values) -> Iterator[Finding]:
         interval, nominal = values[f"device.range.{quantity}"], values[f"device.{quantity}"]
         if interval is not None and not interval[0] <= nominal <= interval[1]:
-            message = (
-                f"is {shown(interval)}; allowed: an interval that holds device.{quantity} = {shown(nominal)}"
-            )
+            message = f"is {shown(interval)}; allowed: an interval that holds device.{quantity} = {shown(nominal)}"
             yield ("device", "range", quantity), message
 
     return rule
@@ -114,15 +49,14 @@ def _known_range(quantity: str) -> Callable[[Values], Iterator[Finding]]:
 def _contact_damping(values: Values) -> Iterator[Finding]:
     interval = values["coupling.contact_damping_ns_per_m"]
     if values["coupling.structure"] == "series" and tuple(interval) != (0, 0):
-        message = (
-            f'is {shown(interval)}; allowed: [0.0, 0.0], or the structure "damped", which has this damper'
-        )
+        message = f'is {shown(interval)}; allowed: [0.0, 0.0], or the structure "damped", which has this damper'
         yield ("coupling", "contact_damping_ns_per_m"), message
 
 
 def _range_or_list(values: Values) -> Iterator[Finding]:
+    listed = values.get("frequency.values_hz", ()) is not None
     for key in ("start_hz", "stop_hz", "points", "spacing"):
-        if values.given("frequency", "values_hz") and values.given("frequency", key):
+        if listed and values.given("frequency", key):
             yield ("frequency", key), "stands beside values_hz; allowed: a range or a list, not both"
 
 
@@ -139,9 +73,10 @@ def _origin(values: Values, key: str) -> str:
 
 
 def _range(values: Values) -> Iterator[Finding]:
-    if values["frequency.values_hz"] is not None or values["frequency.points"] == 1:
+    points = values.get("frequency.points", 0)
+    if values["frequency.values_hz"] is not None or points == 1:
         return
-    start, stop, points = (values[f"frequency.{key}"] for key in ("start_hz", "stop_hz", "points"))
+    start, stop = values["frequency.start_hz"], values["frequency.stop_hz"]
     if stop < start:
         origin = _origin(values, "stop_hz")
         message = f"is {shown(stop)}{origin}, below start_hz = {shown(start)}; allowed: at least that"
@@ -154,34 +89,41 @@ def _range(values: Values) -> Iterator[Finding]:
         yield ("frequency", "points"), message
 
 
-def _nyquist(values: Values) -> Iterator[Finding]:
-    sample_time = values["device.sample_time_s"]
+def _beyond_nyquist(frequency: float, sample_time: float, origin: str = "") -> str | None:
+    """Say that a frequency is too high, if it is."""
+    if frequency * sample_time < 0.5:
+        return None
     limit = plain(0.5 / sample_time)
+    return (
+        f"is {shown(frequency)}{origin}, at or above the Nyquist frequency {limit} Hz of sample_time_s = "
+        f"{shown(sample_time)}, where the Tustin map is infinite; allowed: below {limit} Hz"
+    )
 
-    def message(frequency: float, origin: str = "") -> str:
-        return (
-            f"is {shown(frequency)}{origin}, at or above the Nyquist frequency {limit} Hz of sample_time_s = "
-            f"{shown(sample_time)}, where the Tustin map is infinite; allowed: below {limit} Hz"
-        )
 
-    listed = values["frequency.values_hz"]
-    if listed is not None:
-        for index, frequency in enumerate(listed):
-            if frequency * sample_time >= 0.5:
-                yield ("frequency", "values_hz", index), message(frequency)
-        return
-    for key in ("start_hz",) if values["frequency.points"] == 1 else ("start_hz", "stop_hz"):
-        frequency = values[f"frequency.{key}"]
-        if frequency * sample_time >= 0.5:
-            yield ("frequency", key), message(frequency, _origin(values, key))
+def _end_below_nyquist(key: str) -> Rule:
+    def rule(values: Values) -> Iterator[Finding]:
+        listed = values["frequency.values_hz"] is not None
+        if listed or (key == "stop_hz" and values.get("frequency.points", 0) == 1):
+            return
+        message = _beyond_nyquist(values[f"frequency.{key}"], values["device.sample_time_s"], _origin(values, key))
+        if message:
+            yield ("frequency", key), message
+
+    return rule
+
+
+def _list_below_nyquist(values: Values) -> Iterator[Finding]:
+    sample_time = values["device.sample_time_s"]
+    for index, frequency in enumerate(values["frequency.values_hz"] or ()):
+        message = _beyond_nyquist(frequency, sample_time)
+        if message:
+            yield ("frequency", "values_hz", index), message
 
 
 def _duration(values: Values) -> Iterator[Finding]:
     duration, sample_time = values["scene.duration_s"], values["device.sample_time_s"]
     if duration < sample_time:
-        message = (
-            f"is {shown(duration)}; allowed: at least one sample, device.sample_time_s = {shown(sample_time)}"
-        )
+        message = f"is {shown(duration)}; allowed: at least one sample, device.sample_time_s = {shown(sample_time)}"
         yield ("scene", "duration_s"), message
 
 
@@ -195,7 +137,7 @@ def _saturation(values: Values) -> Iterator[Finding]:
             yield ("scene", "effects", index, "force_n"), message
 
 
-_RULES: tuple[Callable[[Values], Iterator[Finding]], ...] = (
+_RULES: tuple[Rule, ...] = (
     _bounds("damping_ns_per_m"),
     _bounds("stiffness_n_per_m"),
     _known_range("mass_kg"),
@@ -204,7 +146,9 @@ _RULES: tuple[Callable[[Values], Iterator[Finding]], ...] = (
     _range_or_list,
     _increasing,
     _range,
-    _nyquist,
+    _end_below_nyquist("start_hz"),
+    _end_below_nyquist("stop_hz"),
+    _list_below_nyquist,
     _duration,
     _saturation,
 )
