@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from avc_casadi.stability import (
     hand_set,
     linear_stability,
     no_hand,
+    switching_proof,
 )
 
 if TYPE_CHECKING:
@@ -52,6 +53,11 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
         "released_spectral_radius": float(np.max(released.radius)) if len(radius) else None,
         "released_pass": bool(len(radius) and released.stable.all()),
     }
+    corners = hand_set(rows.problem.hands, draws=0)
+    switching = switching_proof(rows.problem, rows.b, rows.k, rows.contact, corners)
+    detail["common_lyapunov"] = (
+        None if switching is None else asdict(switching) | {"pass": switching.proved == switching.pairs}
+    )
     # Rows rank by spectral radius; the margin in N.s/m is that of the worst one.
     result = level_result(
         rows,

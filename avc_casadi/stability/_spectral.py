@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.passivity import SampledLoop, fractions
-from avc_casadi.stability._transition import transition
+from avc_casadi.stability._transition import fraction_rendering, transition
 
 if TYPE_CHECKING:
     from avc_casadi.passivity import Fractions
@@ -66,12 +66,13 @@ def linear_stability(
         )
     n = len(parts.direct)
     contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (n,))
+    rendering = fraction_rendering(parts, contact, device.sample_time_s)
     size = 4 + device.delay_samples
     rows_at_once = max(1, _NUMBERS_AT_ONCE // (len(hands) * size * size))
     radius, frequency = np.empty((n, len(hands))), np.empty((n, len(hands)))
     for start in range(0, n, rows_at_once):
         some = slice(start, start + rows_at_once)
-        matrices = transition(device, parts.pick(some), contact[some], hands, damping_shift_ns_per_m)
+        matrices = transition(device, rendering.pick(some), hands, damping_shift_ns_per_m)
         defined = np.asarray(np.isfinite(matrices).all(axis=(2, 3)))
         values = np.linalg.eigvals(np.where(defined[..., None, None], matrices, 0.0))
         largest = np.argmax(np.abs(values), axis=-1)[..., None]

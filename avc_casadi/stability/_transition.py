@@ -6,6 +6,7 @@ whatever model the gains were designed for.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 if TYPE_CHECKING:
     from avc_casadi.passivity import Fractions
     from avc_casadi.passivity._sampled import Values
-    from avc_casadi.problem import Device
+    from avc_casadi.problem import Device, Problem
     from avc_casadi.stability._hands import FloatArray, HandSet
 
 _TAYLOR_TERMS = 14
@@ -81,40 +82,77 @@ def _exponential(rate: FloatArray) -> FloatArray:
     return np.asarray(total)
 
 
-def transition(
-    device: Device,
-    parts: Fractions,
-    contact_damping_ns_per_m: FloatArray,
-    hands: HandSet,
-    damping_shift_ns_per_m: float = 0.0,
-) -> FloatArray:
-    """Transition matrices of every frozen row with every hand.
+@dataclass(frozen=True)
+class Rendering:
+    """How n frozen renderings turn sampled positions into force, with one state of their own.
+
+    Attributes:
+        force: shape (n, 3): force (N) from x, the x before and the state.
+        state: shape (n, 3): the next state from the same.
+    """
+
+    force: FloatArray
+    state: FloatArray
+
+    def pick(self, some: slice) -> Rendering:
+        """Take some of the rows."""
+        return Rendering(self.force[some], self.state[some])
+
+
+def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: FloatArray, sample_time_s: float) -> Rendering:
+    """Render partial fractions; a fraction without residue keeps a state that dies at once."""
+    damper = (parts.direct + contact_damping_ns_per_m) / sample_time_s
+    force = np.stack([damper, parts.integral / sample_time_s - damper, parts.decaying / sample_time_s], axis=-1)
+    one = np.ones_like(damper)
+    return Rendering(force, np.stack([one, -one, parts.pole + 0 * one], axis=-1))
+
+
+def joint_rendering(
+    problem: Problem, damping_ns_per_m: FloatArray, stiffness_n_per_m: FloatArray, contact_damping_ns_per_m: FloatArray
+) -> Rendering:
+    """Render finite gains with the position of the joint between coupling and wall for state, as a device does.
+
+    This state keeps its meaning when the gains switch. The gains must not leave the joint undefined (all of b, k, b_e
+    and k_e zero).
+    """
+    t, wall = problem.device.sample_time_s, problem.environment
+    b, k, contact = damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m
+    lead, wall_lead = b + k * t, wall.damping_ns_per_m + wall.stiffness_n_per_m * t
+    total = lead + wall_lead
+    joint = np.stack([lead / total, -b / total, (b + wall.damping_ns_per_m) / total], axis=-1)
+    force = wall_lead / t * joint
+    force[:, 2] -= wall.damping_ns_per_m / t
+    force[:, 0] += contact / t
+    force[:, 1] -= contact / t
+    return Rendering(force, joint)
+
+
+def transition(device: Device, rendering: Rendering, hands: HandSet, damping_shift_ns_per_m: float = 0.0) -> FloatArray:
+    """Transition matrices of every frozen rendering with every hand.
 
     Args:
         device: mass, damping, sample time, delay.
-        parts: partial fractions of n rows in the sampled-data model.
-        contact_damping_ns_per_m: b_p, shape (n,).
+        rendering: n renderings.
         hands: h hands.
         damping_shift_ns_per_m: added to the damping of the device.
 
     Returns:
-        Shape (n, h, 4 + d, 4 + d). States: x, v T, the x before, the coupling's own state, and d forces under way.
+        Shape (n, h, 4 + d, 4 + d). States: x, v T, the x before, the rendering's own state, and d forces under way.
     """
-    t, d = device.sample_time_s, device.delay_samples
+    d = device.delay_samples
     step = mechanics(
         device.mass_kg + hands.mass_kg,
         device.damping_ns_per_m + damping_shift_ns_per_m + hands.damping_ns_per_m,
         hands.stiffness_n_per_m,
-        t,
+        device.sample_time_s,
     )
-    n, h, size = len(parts.direct), len(hands), 4 + d
+    n, h, size = len(rendering.force), len(hands), 4 + d
     force = np.zeros((n, size))
-    damper = (parts.direct + contact_damping_ns_per_m) / t
-    force[:, 0], force[:, 2], force[:, 3] = damper, parts.integral / t - damper, parts.decaying / t
+    force[:, [0, 2, 3]] = rendering.force
     matrix = np.zeros((n, h, size, size))
     matrix[:, :, :2, :2] = step[None, :, :, :2]
     matrix[:, :, 2, 0] = 1.0
-    matrix[:, :, 3, 0], matrix[:, :, 3, 2], matrix[:, :, 3, 3] = 1.0, -1.0, parts.pole[:, None]
+    matrix[:, :, 3, [0, 2, 3]] = rendering.state[:, None, :]
     push = step[None, :, :, 2, None]
     if d == 0:
         matrix[:, :, :2, :] -= push * force[:, None, None, :]
