@@ -160,6 +160,9 @@ def test_windows_line_ends_do_not_move_the_lines():
         ("[hands]\nmass_kg = [1e-12, 1]", "hands.mass_kg[0]", "is 1e-12"),
         ("[stability]\nscope = 'all '", "stability.scope", 'did you mean "all"?'),
         ('["a b"]', '"a b"', "is not a known key"),
+        ("[hands]\nkind = 'mass_kg'", "hands.kind", "is not a known key"),
+        ("[[scene.effects]]\nkind = []", "scene.effects[0].kind", "is []; allowed:"),
+        ("[[scene.effects]]\nkind = 'delay'\nsamples = 1.5", "scene.effects[0].samples", "is 1.5, not an integer"),
         ("[name]", "name", "the file's own name"),
     ],
 )

@@ -39,7 +39,7 @@ def validated(tables: Mapping[str, Any], name: str) -> Problem | list[Finding]:
     except ValidationError as error:
         items = [item for item in error.errors(include_url=False) if item["loc"]]
         items = [item for item in items if item["type"] not in _CONSEQUENCES]
-        paths = [_path(keys, item["loc"]) for item in items]
+        paths = [_path(item["loc"]) for item in items]
         findings += [_finding(keys, path, item) for path, item in zip(paths[:_MOST], items, strict=False)]
         findings += broken_rules(Values(keys, Problem, set(paths)))
     else:
@@ -50,19 +50,12 @@ def validated(tables: Mapping[str, Any], name: str) -> Problem | list[Finding]:
     return findings
 
 
-def _path(tables: Mapping[str, Any], location: Sequence[str | int]) -> Path:
+def _path(location: Sequence[str | int]) -> Path:
     """Return pydantic's location without the kind that it names beside each motion and effect."""
-    path: Path = ()
-    node: Any = tables
-    kind_is_next = False
-    for part in location:
-        if kind_is_next and node["kind"] == part:
-            kind_is_next = False
-            continue
-        path = (*path, part)
-        node = _item(node, part)
-        kind_is_next = isinstance(node, Mapping) and "kind" in node
-    return path
+    length = 3 if location[:2] == ("scene", "effects") else 2 if location[:2] == ("scene", "motion") else None
+    if length is None or len(location) <= length:
+        return tuple(location)
+    return (*location[:length], *location[length + 1 :])
 
 
 def _item(node: Any, part: str | int) -> Any:
