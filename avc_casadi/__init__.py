@@ -15,6 +15,10 @@ from avc_casadi._errors import fault_document as fault_document
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from avc_casadi.comparison import Comparison as Comparison
+    from avc_casadi.comparison import compare as compare
+    from avc_casadi.design import GainSchedule as GainSchedule
+    from avc_casadi.design import solve as solve
     from avc_casadi.problem import Problem as Problem
     from avc_casadi.problem import catalogue as catalogue
     from avc_casadi.problem import catalogue_path as catalogue_path
@@ -24,6 +28,10 @@ if TYPE_CHECKING:
 else:
     # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
     _LAZY = {
+        "Comparison": "comparison",
+        "compare": "comparison",
+        "GainSchedule": "design",
+        "solve": "design",
         "Problem": "problem",
         "catalogue": "problem",
         "catalogue_path": "problem",

@@ -1,0 +1,55 @@
+"""Check a problem file and show what it means."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import avc_casadi as avc
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._text import number
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+    """Load the problem; its faults are raised."""
+    from avc_casadi.passivity import passive_limit_n_per_m
+
+    problem = avc.load_problem(args.problem)
+    frequency = problem.frequencies_hz()
+    device = problem.device
+    document = {
+        "schema": "avc-check/1",
+        "valid": True,
+        "problem": problem.name,
+        "title": problem.title,
+        "source": problem.source,
+        "structure": problem.coupling.structure,
+        "model": problem.stability.model,
+        "scope": problem.stability.scope,
+        "frequencies": len(frequency),
+        "lowest_hz": float(frequency.min()),
+        "highest_hz": float(frequency.max()),
+        "nyquist_hz": 0.5 / device.sample_time_s,
+        "environment_stiffness_n_per_m": problem.environment.stiffness_n_per_m,
+        "passive_limit_n_per_m": passive_limit_n_per_m(
+            device.damping_ns_per_m, device.sample_time_s, device.delay_samples
+        ),
+    }
+    return Answer(document, _text(document))
+
+
+def _text(document: dict[str, Any]) -> str:
+    return (
+        f"{document['problem']}: {document['title']}\n"
+        f"  {document['source']}\n"
+        f"  valid; structure {document['structure']}, model {document['model']}, scope {document['scope']}\n"
+        f"  {document['frequencies']} frequencies, {number(document['lowest_hz'])} to "
+        f"{number(document['highest_hz'])} Hz; Nyquist {number(document['nyquist_hz'])} Hz\n"
+        f"  wall {number(document['environment_stiffness_n_per_m'])} N/m; no passive linear rendering on this device "
+        f"exceeds {number(document['passive_limit_n_per_m'])} N/m at DC"
+    )

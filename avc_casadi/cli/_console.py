@@ -1,0 +1,125 @@
+"""Where a command's answer, its complaints and its progress go: the one place that writes to the terminal."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any, TextIO
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a verb found.
+
+    Attributes:
+        document: the JSON document, made of JSON values.
+        text: the same for people; empty after a live display.
+        code: exit code: 0 done, 1 the answer is no.
+        complaint: why the code is not 0, for standard error.
+    """
+
+    document: dict[str, Any]
+    text: str
+    code: int = 0
+    complaint: str = ""
+
+
+class Console:
+    """Standard output carries the answer alone, standard error everything else.
+
+    C libraries write to file descriptor 1 behind Python's back, some of them only when the process ends. The
+    descriptor is therefore led to standard error for the rest of the process, and the answer is written to a copy of
+    the original. A replaced ``sys.stdout`` (in a test, in a notebook) is written to directly.
+
+    Args:
+        as_json: print the document instead of the text.
+    """
+
+    def __init__(self, *, as_json: bool) -> None:
+        self.as_json = as_json
+        self._descriptor: int | None = None
+        if sys.stdout is not None and _is_descriptor(sys.stdout, 1):
+            sys.stdout.flush()
+            self._descriptor = os.dup(1)
+            _lead_to_standard_error(1)
+
+    def answer(self, answer: Answer) -> None:
+        """Print the answer.
+
+        Raises:
+            OSError: standard output cannot be written to.
+        """
+        if self.as_json:
+            self._write(json.dumps(answer.document, indent=1, allow_nan=False) + "\n")
+        elif answer.text:
+            self._write(answer.text.rstrip("\n") + "\n")
+        if answer.complaint:
+            self.complain(answer.complaint)
+
+    def say(self, line: str) -> None:
+        """Print a line of a live display; silent with ``--json``, whose document comes at the end."""
+        if not self.as_json:
+            self._write(line + "\n")
+
+    def faults(self, faults: list[dict[str, Any]], text: str) -> None:
+        """Print why there is no answer: as a document with ``--json``, on standard error otherwise."""
+        if self.as_json:
+            self._write(json.dumps({"errors": faults}, indent=1, allow_nan=False) + "\n")
+        else:
+            self.complain(text)
+
+    def complain(self, text: str) -> None:
+        """Print to standard error."""
+        if sys.stderr is not None:
+            with suppress(OSError):
+                sys.stderr.write(text.rstrip("\n") + "\n")
+                sys.stderr.flush()
+
+    @contextmanager
+    def step(self, what: str) -> Iterator[None]:
+        """Show on a terminal what is being done and how long it took; silent elsewhere."""
+        if sys.stderr is None or not sys.stderr.isatty():
+            yield
+            return
+        started = time.perf_counter()
+        sys.stderr.write(f"{what} ...")
+        sys.stderr.flush()
+        outcome = "stopped"
+        try:
+            yield
+            outcome = f"{time.perf_counter() - started:.2f} s"
+        finally:
+            sys.stderr.write(f"\r{what} ... {outcome}\n")
+            sys.stderr.flush()
+
+    def _write(self, text: str) -> None:
+        if self._descriptor is None:
+            if sys.stdout is None:
+                raise OSError("standard output is closed")
+            sys.stdout.write(text)
+            sys.stdout.flush()
+            return
+        data = text.encode(sys.stdout.encoding or "utf-8", errors="replace")
+        while data:
+            data = data[os.write(self._descriptor, data) :]
+
+
+def _is_descriptor(stream: TextIO, number: int) -> bool:
+    try:
+        return stream.fileno() == number
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
+def _lead_to_standard_error(descriptor: int) -> None:
+    try:
+        os.dup2(2, descriptor)
+    except OSError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, descriptor)
+        os.close(nowhere)

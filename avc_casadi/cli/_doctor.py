@@ -1,0 +1,97 @@
+"""Show versions, solvers that really solve, compiler, ports and permissions."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import shutil
+import sys
+from importlib.util import find_spec
+from typing import Any
+
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._text import number, table
+from avc_casadi.cli._versions import package_versions
+
+_PROGRAMS = ("cc", "gcc", "clang", "arm-none-eabi-gcc", "qemu-system-arm")
+_NEEDED = "ipopt"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments; there are none."""
+    parser.description = (
+        "Show versions, solvers that really solve, compiler, ports and permissions. Every solver of the installed "
+        "CasADi solves a small problem in a process of its own; its answer is checked, whatever it reports."
+    )
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+    """Look at everything; 1 if the default solver does not solve."""
+    from avc_casadi.cli._solver_trial import try_solvers
+
+    with console.step("solvers"):
+        solvers = try_solvers()
+    document = {
+        "schema": "avc-doctor/1",
+        "executable": sys.executable,
+        "platform": platform.platform(),
+        "packages": package_versions(),
+        "solvers": solvers,
+        "programs": {name: shutil.which(name) for name in _PROGRAMS},
+        "emulator": find_spec("unicorn") is not None,
+        "ports": _ports(),
+        "folder_writable": os.access(".", os.W_OK),
+    }
+    well = any(trial["name"] == _NEEDED and trial["outcome"] == "solves" for trial in solvers)
+    complaint = (
+        "" if well else f"avc: {_NEEDED} does not solve; install casadi again: pip install --force-reinstall casadi"
+    )
+    return Answer(document, _text(document), code=0 if well else 1, complaint=complaint)
+
+
+def _ports() -> list[dict[str, Any]]:
+    """Serial ports with the permission of this user; names alone, so that a broken driver is seen too."""
+    from serial.tools.list_ports import comports
+
+    return [
+        {
+            "port": port.device,
+            "description": port.description,
+            "permitted": sys.platform == "win32" or os.access(port.device, os.R_OK | os.W_OK),
+        }
+        for port in comports()
+    ]
+
+
+def _text(document: dict[str, Any]) -> str:
+    packages = list(document["packages"].items())
+    trials = document["solvers"]
+    solvers = [
+        (trial["kind"], trial["name"], trial["outcome"], number(trial["seconds"], 2))
+        for trial in trials
+        if trial["outcome"] != "absent"
+    ]
+    absent = [f"{trial['name']} ({trial['kind']})" for trial in trials if trial["outcome"] == "absent"]
+    programs = [(name, found or "absent") for name, found in document["programs"].items()]
+    ports = [
+        (port["port"], port["description"], "yes" if port["permitted"] else "no: add yourself to its group (dialout)")
+        for port in document["ports"]
+    ]
+    emulator = "installed" if document["emulator"] else "absent; pip install 'avc-casadi[emulator]'"
+    return "\n".join(
+        [
+            f"{document['executable']} on {document['platform']}",
+            "",
+            table(("package", "version"), packages, left=(0, 1)),
+            "",
+            table(("kind", "solver", "outcome", "s"), solvers, left=(0, 1, 2)),
+            f"absent: {', '.join(absent) or 'none'}",
+            "",
+            table(("program", "place"), programs, left=(0, 1)),
+            "",
+            table(("port", "description", "permitted"), ports, left=(0, 1, 2)) if ports else "serial ports: none",
+            f"emulated device: {emulator}",
+            f"this folder is {'' if document['folder_writable'] else 'NOT '}writable",
+        ]
+    )

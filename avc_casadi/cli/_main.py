@@ -1,0 +1,131 @@
+"""Reading the command line, running a verb, and turning every outcome into an exit code."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+import traceback
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib import import_module
+from typing import NoReturn
+
+from avc_casadi import AvcError, Fault, InputError, LinkError, __version__
+from avc_casadi.cli._console import Console
+from avc_casadi.cli._verbs import VERBS
+
+DONE, NO, BAD_INPUT, INTERNAL, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 70, 130, 141
+
+_EPILOG = """\
+P is a problem file or a name of the catalogue (avc list); GAINS is what `avc solve --out` wrote.
+exit codes: 0 done; 1 the answer is no; 2 bad input; 130 interrupted.
+start with: avc run figure5
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises instead of leaving, so that a wrong argument obeys --json too."""
+
+    def error(self, message: str) -> NoReturn:
+        found = re.match(r"argument ([^:]+): (.*)", message, re.DOTALL)
+        key, what = (found[1], found[2]) if found else ("", message)
+        raise InputError.of(f"{what}; see `{self.prog} --help`", key=key)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of all verbs; imports nothing slow."""
+    parser = _Parser(
+        prog="avc",
+        description="Design, certify, simulate and deploy adaptive virtual couplings for haptic devices.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"avc-casadi {__version__}")
+    verbs = parser.add_subparsers(metavar="VERB", required=True, parser_class=_Parser)
+    for name in VERBS:
+        module = import_module(f"avc_casadi.cli._{name}")
+        text = (module.__doc__ or "").strip()
+        verb = verbs.add_parser(
+            name,
+            help=text.partition("\n")[0].rstrip("."),
+            description=text,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        module.add_arguments(verb)
+        verb.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
+        verb.set_defaults(run=module.run)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `avc` and return its exit code.
+
+    Args:
+        argv: arguments without the program's name; None takes those of the process.
+    """
+    arguments = sys.argv[1:] if argv is None else list(argv)
+    as_json = "--json" in arguments
+    try:
+        try:
+            args = build_parser().parse_args(arguments)
+        except SystemExit as leaving:  # --help and --version
+            if sys.stdout is not None:
+                sys.stdout.flush()
+            return int(leaving.code or 0)
+        except InputError as error:
+            return _refused(Console(as_json=as_json), error)
+        return _answered(args, Console(as_json=as_json))
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        _drop_standard_output()
+        return BROKEN_PIPE
+    except OSError as error:
+        _drop_standard_output()
+        sys.stderr.write(f"avc: standard output cannot be written ({error.strerror or error})\n")
+        return BAD_INPUT
+
+
+def _answered(args: argparse.Namespace, console: Console) -> int:
+    """Run the verb; whatever happens in it ends in a document or a message, and an exit code."""
+    try:
+        answer = args.run(args, console)
+    except BrokenPipeError:
+        raise
+    except (AvcError, OSError) as error:
+        return _refused(console, error)
+    except KeyboardInterrupt:
+        console.faults([_fault("interrupted")], "avc: interrupted")
+        return INTERRUPTED
+    except Exception as error:  # noqa: BLE001 - an internal error must not end in the code of a plain no
+        trace = traceback.format_exc()
+        console.faults([_fault(f"internal error: {error!r}")], f"{trace}avc: internal error; please report it")
+        return INTERNAL
+    console.answer(answer)
+    return int(answer.code)
+
+
+def _refused(console: Console, error: AvcError | OSError) -> int:
+    if isinstance(error, InputError):
+        faults = [asdict(fault) for fault in error.faults]
+        count = len(faults)
+        summary = f"\navc: {count} faults" if count > 1 else ""
+        console.faults(faults, "\n".join(f"avc: {fault}" for fault in error.faults) + summary)
+        return BAD_INPUT
+    console.faults([_fault(str(error))], f"avc: {error}")
+    return NO if isinstance(error, LinkError) else BAD_INPUT
+
+
+def _fault(message: str) -> dict[str, object]:
+    return asdict(Fault(file="", line=None, key="", message=message))
+
+
+def _drop_standard_output() -> None:
+    """Lead descriptor 1 nowhere, or Python complains when it flushes at exit."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)

@@ -1,0 +1,49 @@
+"""Show the state of a device again and again, until Ctrl-C or for a time."""
+
+from __future__ import annotations
+
+import argparse
+
+from avc_casadi.cli._arguments import add_port, positive, positive_int
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._text import number
+
+_SECONDS_WITH_JSON = 5.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_port(parser)
+    parser.add_argument("--rate-hz", type=positive, default=5.0, metavar="HZ", help="samples a second; default 5")
+    parser.add_argument(
+        "--seconds", type=positive, metavar="S", help="duration; default until Ctrl-C, with --json 5 seconds"
+    )
+    parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Watch the device."""
+    from avc_casadi.design import plain
+    from avc_hardware import monitor
+
+    seconds = args.seconds or (_SECONDS_WITH_JSON if console.as_json else None)
+    samples = []
+    console.say(_line(("ticks", "f Hz", "b N.s/m", "k N/m", "x mm", "force N", "energy J"), "mode"))
+    for status in monitor(args.port, rate_hz=args.rate_hz, seconds=seconds, baud=args.baud):
+        if console.as_json:
+            samples.append(plain(vars(status)))
+        values = (
+            status.frequency_hz,
+            status.damping_ns_per_m,
+            status.stiffness_n_per_m,
+            1e3 * status.position_m,
+            status.force_n,
+            status.energy_j,
+        )
+        mode = f"{status.mode}, streaming" if status.streaming else status.mode
+        console.say(_line((str(status.ticks), *map(number, values)), mode))
+    return Answer({"schema": "avc-monitor/1", "port": args.port, "samples": samples}, "")
+
+
+def _line(cells: tuple[str, ...], mode: str) -> str:
+    return "  ".join([*(f"{cell:>9}" for cell in cells), mode])

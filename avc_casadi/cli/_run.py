@@ -1,0 +1,115 @@
+"""Do everything: solve, compare, certify, draw, report, and push to the emulated device.
+
+Writes gains.json, gains.csv, compare.json, the figures and one self-contained report.html.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi as avc
+from avc_casadi.cli._compare import compared, infeasible
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._files import output_folder, write_text
+from avc_casadi.cli._solve import json_text
+from avc_casadi.cli._versions import package_versions
+
+if TYPE_CHECKING:
+    from avc_casadi.comparison import Comparison
+    from avc_casadi.design import GainSchedule
+
+_CAPTIONS = {
+    "boundaries": "The range of impedance that feels real, the desired impedance, and the wall without coupling.",
+    "perceived": "Perceived impedance with an enlarged part, the gains, and the real part that (12) constrains.",
+    "comparison": "Errors of the methods and the verdict at each frequency.",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
+    parser.add_argument("--out", metavar="DIR", help="folder for the results; default avc-<name>")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Run the main job."""
+    from avc_casadi.certificate import certify
+    from avc_casadi.comparison import comparison_document
+    from avc_casadi.design import gain_csv, gain_document
+    from avc_casadi.report import ReportContents, report_html, summarise, summary_lines
+
+    problem = avc.load_problem(args.problem)
+    folder = output_folder(args.out or f"avc-{problem.name.replace('/', '-')}", "--out")
+    comparison = compared(problem, None, console)
+    gains = comparison.methods[comparison.optimum]
+    with console.step("certificate"):
+        certificate = certify(problem, gains).document()
+    files = {
+        "gains.json": json_text(gain_document(gains) | {"certificate": certificate}),
+        "gains.csv": gain_csv(gains),
+        "compare.json": json_text(comparison_document(comparison)),
+    }
+    with console.step("figures"):
+        figures = _draw(comparison, folder)
+    with console.step("device"):
+        push = _push(problem, gains)
+    summary = summarise(problem, comparison, certificate, push)
+    contents = ReportContents(problem, comparison, summary, certificate, figures, package_versions())
+    files["report.html"] = report_html(contents)
+    for name, text in files.items():
+        write_text(folder / name, text, "--out")
+    written = sorted([*files, *(f"{name}{ending}" for name in _CAPTIONS for ending in (".png", ".svg"))])
+    document = {"schema": "avc-run/1", "folder": str(folder), "files": written} | summary
+    complaints = [infeasible(document_of(comparison)), _not_passive(certificate), push.get("refused", "")]
+    lines = [*summary_lines(summary), f"written: {folder / 'report.html'} and {len(written) - 1} files beside it"]
+    complaint = "\n".join(line if line.startswith("avc:") else f"avc: {line}" for line in complaints if line)
+    return Answer(document, "\n".join(lines), code=1 if complaint else 0, complaint=complaint)
+
+
+def document_of(comparison: Comparison) -> dict[str, Any]:
+    """Return the parts of the comparison's document that tell where gains are missing."""
+    return {
+        "verdict": [verdict.value for verdict in comparison.verdict],
+        "reason": comparison.reason,
+        "frequency_hz": comparison.frequency_hz,
+    }
+
+
+def _draw(comparison: Comparison, folder: Path) -> list[tuple[str, str]]:
+    """Write each figure as PNG and SVG; return captions with SVG texts for the report."""
+    from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, figure_svg, save_figure
+
+    drawn = {
+        "boundaries": draw_boundaries(comparison),
+        "perceived": draw_perceived(comparison),
+        "comparison": draw_comparison(comparison),
+    }
+    texts = []
+    for name, figure in drawn.items():
+        svg = figure_svg(figure)
+        save_figure(figure, folder / f"{name}.png")
+        write_text(folder / f"{name}.svg", svg, "--out")
+        texts.append((_CAPTIONS[name], svg))
+    return texts
+
+
+def _push(problem: avc.Problem, gains: GainSchedule) -> dict[str, Any]:
+    """Push to the emulated device; a push that cannot be made is no reason to lose the rest."""
+    from avc_casadi.cli._push import wall_of
+    from avc_hardware import push
+
+    if not gains.usable.any():
+        return {"skipped": "no frequency has gains"}
+    try:
+        return push(gains, "emulator", settings=wall_of(problem)).document()
+    except avc.MissingExtraError as error:
+        return {"skipped": str(error)}
+    except avc.LinkError as error:
+        return {"refused": str(error)}
+
+
+def _not_passive(certificate: dict[str, Any]) -> str:
+    level = certificate["levels"]["L0"]
+    return "" if level["pass"] else f"not passive at its own frequency: {level['claim']}"

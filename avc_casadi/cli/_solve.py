@@ -1,0 +1,128 @@
+"""Compute the gains of a problem by one method."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi as avc
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._files import output_file, write_text
+from avc_casadi.cli._text import counts, number, sample_rows, table
+
+if TYPE_CHECKING:
+    from avc_casadi.design import GainSchedule
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
+    parser.add_argument("--method", help="closed-form, direct (default) or exact")
+    parser.add_argument("--solver", help="backend of direct, for example ipopt or sqpmethod")
+    parser.add_argument("--tolerance", type=float, metavar="TOL", help="tolerance asked of the backend")
+    parser.add_argument(
+        "--as-printed", action="store_true", help="closed form with the paper's errors, and a table of them"
+    )
+    parser.add_argument("--out", metavar="FILE", help="write the gains: .json (everything) or .csv (the table)")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Solve, write and show."""
+    from avc_casadi.design import gain_csv
+
+    method = args.method or ("closed-form" if args.as_printed else "direct")
+    out = None if args.out is None else output_file(args.out, "--out", (".json", ".csv"))
+    problem = avc.load_problem(args.problem)
+    with console.step(f"{method}: {len(problem.frequencies_hz())} frequencies"):
+        gains = avc.solve(problem, method, solver=args.solver, tolerance=args.tolerance, as_printed=args.as_printed)
+    document = solve_document(problem, gains)
+    if args.as_printed:
+        document["paper_errors"] = paper_errors()
+    if out is not None:
+        write_text(out, gain_csv(gains) if out.suffix.lower() == ".csv" else json_text(document), "--out")
+    missing = without_gains(document)
+    return Answer(document, _text(document, args.out), code=1 if missing else 0, complaint=missing)
+
+
+def json_text(document: dict[str, Any]) -> str:
+    """Return the text of a JSON file."""
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def solve_document(problem: avc.Problem, gains: GainSchedule) -> dict[str, Any]:
+    """Return the `solve` document with the limit that stands beside every result."""
+    from avc_casadi.certificate import certify
+    from avc_casadi.design import gain_document
+
+    certificate = certify(problem, gains).document()
+    limit = certificate["passive_limit_n_per_m"]
+    return gain_document(gains) | {"certificate": certificate, "passive_limit_n_per_m": limit}
+
+
+def paper_errors() -> list[dict[str, str]]:
+    """Return the paper's errors as JSON values."""
+    from avc_casadi.impedance import PAPER_ERRORS
+
+    return [vars(error) for error in PAPER_ERRORS]
+
+
+def without_gains(document: dict[str, Any]) -> str:
+    """Say which rows have no gains and why; empty where all have."""
+    states, reasons, frequency = document["status"], document["reason"], document["frequency_hz"]
+    rows = [row for row, b in enumerate(document["damping_ns_per_m"]) if b is None]
+    if not rows:
+        return ""
+    lines = [f"avc: {len(rows)} of {len(states)} frequencies have no gains ({document['method']})"]
+    for state in dict.fromkeys(states[row] for row in rows):
+        of_state = [row for row in rows if states[row] == state]
+        ends = dict.fromkeys((of_state[0], of_state[-1]))
+        lines += [f"  {state} at {number(frequency[row])} Hz: {reasons[row]}" for row in ends]
+        if len(of_state) > 2:
+            lines.append(f"  and {len(of_state) - 2} more {state} between")
+    return "\n".join(lines)
+
+
+def _text(document: dict[str, Any], out: str | None) -> str:
+    damped = document["structure"] == "damped"
+    keys = ["frequency_hz", "damping_ns_per_m", "stiffness_n_per_m"]
+    head = ["f\nHz", "b\nN.s/m", "k\nN/m"]
+    if damped:
+        keys.append("contact_damping_ns_per_m")
+        head.append("b_p\nN.s/m")
+    keys += ["magnitude_error", "complex_error", "real_part"]
+    head += ["error of |Z|\nN.s/m", "complex error\nrelative", "Re Z_h\nN.s/m", "\nstatus"]
+    rows = [
+        [*(number(document[key][row]) for key in keys), document["status"][row]]
+        for row in sample_rows(len(document["status"]))
+    ]
+    seconds = document["seconds"]
+    lines = [
+        f"{document['problem']}: {document['method']}"
+        + (f" ({document['solver']})" if document["solver"] else "")
+        + f", structure {document['structure']}, model {document['model']}",
+        table(head, rows, left=(len(head) - 1,)),
+        f"{counts(document['counts'])}; built in {seconds['build']:.3g} s, solved in {seconds['solve']:.3g} s",
+        *document["notes"],
+        (
+            "no passive linear rendering on this device exceeds "
+            f"{number(document['passive_limit_n_per_m'])} N/m at DC (sampled-data)"
+        ),
+    ]
+    if "paper_errors" in document:
+        lines += ["", "errors of the printed paper (these gains have those of (10) and (17)):", *errors_text(document)]
+    if out is not None:
+        lines.append(f"written: {out}")
+    return "\n".join(lines)
+
+
+def errors_text(document: dict[str, Any]) -> list[str]:
+    """Return the paper's errors, three lines each."""
+    lines = []
+    for error in document["paper_errors"]:
+        lines += [
+            f"  {error['equation']}: {error['as_printed']}",
+            f"      correct: {error['correct']}",
+            f"      effect:  {error['effect']}",
+        ]
+    return lines

@@ -1,0 +1,20 @@
+"""The verbs of `avc` in the order of `avc --help`: each is the module ``_<name>`` beside this file.
+
+A verb module has a docstring (its first line is the help), ``add_arguments(parser)`` and ``run(args, console)``.
+"""
+
+from __future__ import annotations
+
+VERBS: tuple[str, ...] = (
+    "run",
+    "list",
+    "check",
+    "solve",
+    "compare",
+    "push",
+    "stream",
+    "export",
+    "ports",
+    "monitor",
+    "doctor",
+)

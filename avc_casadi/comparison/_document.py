@@ -1,0 +1,51 @@
+"""The JSON document of a comparison."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from avc_casadi.comparison._comparison import Comparison
+from avc_casadi.design import ComplexArray, gain_document, plain
+
+
+def comparison_document(comparison: Comparison) -> dict[str, Any]:
+    """Return the `compare` document: JSON values only, null where a number is undefined."""
+    return {
+        "schema": "avc-compare/1",
+        "problem": comparison.problem,
+        "title": comparison.title,
+        "model": comparison.model,
+        "structure": comparison.structure,
+        "margin_ns_per_m": comparison.margin_ns_per_m,
+        "frequency_hz": plain(comparison.frequency_hz),
+        "methods": {name: gain_document(gains) for name, gains in comparison.methods.items()},
+        "optimum": comparison.optimum,
+        "verdict": [verdict.value for verdict in comparison.verdict],
+        "reason": list(comparison.reason),
+        "counts": comparison.counts(),
+        **_parts("without_coupling", comparison.without_coupling),
+        **_parts("target", comparison.target),
+        **_parts("upper", comparison.upper),
+        **_parts("lower", comparison.lower),
+        "damping_injection": plain(vars(comparison.injection)),
+        "cross_check": _cross_check(comparison),
+        "mine": _mine(comparison),
+        "passive_limit_n_per_m": comparison.passive_limit_n_per_m,
+    }
+
+
+def _parts(name: str, impedance: ComplexArray) -> dict[str, Any]:
+    return {f"{name}_re": plain(impedance.real), f"{name}_im": plain(impedance.imag)}
+
+
+def _cross_check(comparison: Comparison) -> dict[str, Any] | None:
+    check = comparison.cross_check
+    return None if check is None else {"agree": check.agree, **plain(vars(check))}
+
+
+def _mine(comparison: Comparison) -> dict[str, Any] | None:
+    mine = comparison.mine
+    if mine is None:
+        return None
+    values = {name: value for name, value in vars(mine).items() if name != "impedance"}
+    return {**plain(values), **_parts("impedance", mine.impedance)}

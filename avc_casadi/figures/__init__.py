@@ -1,0 +1,7 @@
+"""Figures: drawn from results that are computed elsewhere."""
+
+from avc_casadi.figures._boundaries import draw_boundaries as draw_boundaries
+from avc_casadi.figures._comparison import draw_comparison as draw_comparison
+from avc_casadi.figures._perceived import draw_perceived as draw_perceived
+from avc_casadi.figures._save import figure_svg as figure_svg
+from avc_casadi.figures._save import save_figure as save_figure

@@ -1,0 +1,61 @@
+"""The paper's figure 3: the range of impedance that feels real."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from avc_casadi.figures._style import (
+    DESIRED,
+    IMPEDANCE_UNIT,
+    LOWER,
+    NO_COUPLING,
+    PERCEIVED,
+    UPPER,
+    WIDTH_INCHES,
+    frequency_axis,
+    styled,
+)
+
+if TYPE_CHECKING:
+    from avc_casadi.comparison import Comparison
+
+
+@styled
+def draw_boundaries(comparison: Comparison) -> Figure:
+    """Draw |Z_h| of the bounds U and L, the desired impedance and no coupling, in N.s/m and relative to the desired."""
+    frequency = comparison.frequency_hz
+    figure = Figure(figsize=(WIDTH_INCHES, 3.4), layout="constrained")
+    size, share = figure.subplots(1, 2)
+    curves = (
+        (DESIRED, comparison.target),
+        (NO_COUPLING, comparison.without_coupling),
+        (UPPER, comparison.upper),
+        (LOWER, comparison.lower),
+    )
+    desired = np.abs(comparison.target)
+    for line, impedance in curves:
+        line.draw(size, frequency, np.abs(impedance))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            line.draw(share, frequency, 100 * np.abs(impedance) / desired)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share.fill_between(
+            frequency,
+            100 * np.abs(comparison.lower) / desired,
+            100 * np.abs(comparison.upper) / desired,
+            color="0.93",
+            zorder=1,
+            label="feels real",
+        )
+    size.set_yscale("log")
+    size.set_title("(a) perceived impedance")
+    size.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
+    share.set_title("(b) relative to the desired impedance")
+    share.set_ylabel(f"{PERCEIVED} / desired (%)")
+    for axes in (size, share):
+        frequency_axis(axes, frequency)
+    handles, labels = share.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    return figure

@@ -1,0 +1,90 @@
+"""The comparison of the methods: errors against frequency and a strip of verdicts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from avc_casadi.figures._style import METHODS, MINE, PERCEIVED, WIDTH_INCHES, frequency_axis, styled
+
+if TYPE_CHECKING:
+    from avc_casadi.comparison import Comparison
+    from avc_casadi.design import FloatArray
+
+# Smaller errors, in per cent, are drawn on this line: rounding in the goal, nothing that a hand could notice.
+_ROUNDING = 1e-9
+_UNNOTICED = 1e-2
+
+_VERDICTS = {
+    "agree": ("methods agree", "0.97", ""),
+    "direct-better": ("optimiser better", "0.82", "...."),
+    "closed-form-not-realisable": ("closed form not realisable", "0.66", "////"),
+    "bound-active": ("bound active", "0.9", "||||"),
+    "infeasible": ("infeasible", "0.25", "xxxx"),
+}
+
+
+@styled
+def draw_comparison(comparison: Comparison) -> Figure:
+    """Draw the magnitude error, the complex error and the verdict at each frequency."""
+    figure = Figure(figsize=(WIDTH_INCHES, 6.2), layout="constrained")
+    magnitude, complex_, strip = figure.subplots(3, 1, height_ratios=[3, 3, 0.5])
+    size = np.abs(comparison.target)
+    errors: list[tuple[str, FloatArray, FloatArray]] = [
+        (name, gains.magnitude_error, gains.complex_error) for name, gains in comparison.methods.items()
+    ]
+    lines = dict(METHODS)
+    if comparison.mine is not None:
+        errors.append(("mine", comparison.mine.magnitude_error, comparison.mine.complex_error))
+        lines["mine"] = MINE
+    for name, magnitude_error, complex_error in errors:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = 100 * magnitude_error / size
+        lines[name].draw(magnitude, comparison.frequency_hz, np.maximum(share, _ROUNDING))
+        lines[name].draw(complex_, comparison.frequency_hz, np.maximum(100 * complex_error, _UNNOTICED))
+    for axes, title, label in (
+        (magnitude, f"(a) the goal (11); {_ROUNDING:g} % and less is rounding", f"error of {PERCEIVED} (%)"),
+        (complex_, f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such", "complex error (%)"),
+    ):
+        axes.set_yscale("log")
+        frequency_axis(axes, comparison.frequency_hz, label=False)
+        axes.set_title(title)
+        axes.set_ylabel(label)
+    patches = _verdicts(strip, comparison)
+    handles, labels = magnitude.get_legend_handles_labels()
+    figure.legend(
+        [*handles, *patches],
+        [*labels, *(str(patch.get_label()) for patch in patches)],
+        loc="outside lower center",
+        ncols=4,
+    )
+    return figure
+
+
+def _verdicts(axes: Axes, comparison: Comparison) -> list[Patch]:
+    """Draw one band for each run of equal verdicts; frequencies in ascending order."""
+    order = np.argsort(comparison.frequency_hz, kind="stable")
+    frequency = comparison.frequency_hz[order]
+    verdicts = [comparison.verdict[row].value for row in order]
+    middle = np.sqrt(frequency[1:] * frequency[:-1])
+    edges = np.concatenate([frequency[:1], middle, frequency[-1:]])
+    start = 0
+    for row in range(1, len(verdicts) + 1):
+        if row == len(verdicts) or verdicts[row] != verdicts[start]:
+            _, colour, hatch = _VERDICTS[verdicts[start]]
+            axes.axvspan(edges[start], edges[row], facecolor=colour, edgecolor="0.3", hatch=hatch, linewidth=0.6)
+            start = row
+    frequency_axis(axes, comparison.frequency_hz)
+    axes.set_title("(c) verdict")
+    axes.set_yticks([])
+    axes.grid(visible=False)
+    counts = comparison.counts()
+    return [
+        Patch(facecolor=colour, edgecolor="0.3", hatch=hatch, linewidth=0.6, label=f"{label} ({counts[verdict]})")
+        for verdict, (label, colour, hatch) in _VERDICTS.items()
+        if counts[verdict]
+    ]

@@ -1,0 +1,146 @@
+"""The paper's figure 5, a to e: perceived impedance with an enlarged part, damping, stiffness and Re Z_h."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from avc_casadi.figures._style import (
+    DESIRED,
+    IMPEDANCE_UNIT,
+    METHODS,
+    NO_COUPLING,
+    PERCEIVED,
+    WIDTH_INCHES,
+    frequency_axis,
+    styled,
+    value_axis,
+)
+
+if TYPE_CHECKING:
+    from avc_casadi.comparison import Comparison
+    from avc_casadi.design import ComplexArray, FloatArray, GainSchedule
+    from avc_casadi.figures._style import Line
+
+# The enlarged part spans this factor in frequency.
+_ENLARGED = 3.0
+
+
+@styled
+def draw_perceived(comparison: Comparison) -> Figure:
+    """Draw what the hand meets without coupling, by the closed form and by the optimiser, and the gains that do it."""
+    figure = Figure(figsize=(WIDTH_INCHES, 8.0), layout="constrained")
+    damped = comparison.structure == "damped"
+    panels = figure.subplot_mosaic([["a", "b"], ["c", "d"], ["e", "f" if damped else "e"]])
+    shown = ("closed-form", comparison.optimum)
+    _magnitude(panels["a"], comparison, shown)
+    _enlarged(panels["b"], panels["a"], comparison, shown)
+    gains = [
+        (panels["c"], "damping_ns_per_m", 1.0, "(c) damping b", f"b ({IMPEDANCE_UNIT})"),
+        (panels["d"], "stiffness_n_per_m", 1e-3, "(d) stiffness k", "k (kN/m)"),
+    ]
+    if damped:
+        label = rf"$b_\mathrm{{p}}$ ({IMPEDANCE_UNIT})"
+        gains.append((panels["f"], "contact_damping_ns_per_m", 1.0, "(f) contact damping", label))
+    for axes, key, scale, title, label in gains:
+        _gain(axes, comparison, shown, key, scale)
+        axes.set_title(title)
+        axes.set_ylabel(label)
+    _real_part(panels["e"], comparison, shown)
+    handles, labels = panels["a"].get_legend_handles_labels()
+    asked = panels["c"].get_legend_handles_labels()
+    for handle, label in zip(*asked, strict=True):
+        if label not in labels:
+            handles.append(handle)
+            labels.append(label)
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure
+
+
+def _curves(comparison: Comparison, shown: tuple[str, ...]) -> list[tuple[Line, ComplexArray]]:
+    fixed = [(DESIRED, comparison.target), (NO_COUPLING, comparison.without_coupling)]
+    return fixed + [(METHODS[name], comparison.methods[name].impedance) for name in shown]
+
+
+def _magnitude(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
+    for line, impedance in _curves(comparison, shown):
+        line.draw(axes, comparison.frequency_hz, np.abs(impedance))
+    axes.set_yscale("log")
+    frequency_axis(axes, comparison.frequency_hz)
+    axes.set_title("(a) perceived impedance")
+    axes.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
+
+
+def enlarged_range(comparison: Comparison) -> tuple[float, float]:
+    """Return the part worth enlarging, Hz: about the largest relative difference between the curves."""
+    frequency, desired = comparison.frequency_hz, np.abs(comparison.target)
+    curves = [comparison.methods["closed-form"].impedance, comparison.without_coupling]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.max([np.abs(np.abs(curve) - desired) / desired for curve in curves], axis=0)
+    spread = np.where(np.isfinite(spread), spread, 0.0)
+    low, high = float(frequency.min()), float(frequency.max())
+    centre = float(np.clip(frequency[int(np.argmax(spread))], low * _ENLARGED**0.5, high / _ENLARGED**0.5))
+    return max(low, centre / _ENLARGED**0.5), min(high, centre * _ENLARGED**0.5)
+
+
+def _enlarged(axes: Axes, whole: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
+    low, high = enlarged_range(comparison)
+    frequency = comparison.frequency_hz
+    inside = (frequency >= low) & (frequency <= high)
+    if inside.sum() < 2:
+        inside[:] = True
+    sizes = []
+    for line, impedance in _curves(comparison, shown):
+        line.draw(axes, frequency[inside], np.abs(impedance[inside]), markers=8)
+        sizes.append(np.abs(impedance[inside]))
+    frequency_axis(axes, frequency[inside])
+    value_axis(axes, *sizes)
+    axes.set_title("(b) enlarged part")
+    axes.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
+    whole.axvspan(frequency[inside].min(), frequency[inside].max(), color="0.93", zorder=0, label="enlarged in (b)")
+
+
+def _gain(axes: Axes, comparison: Comparison, shown: tuple[str, ...], key: str, scale: float) -> None:
+    drawn: list[FloatArray] = []
+    for name in shown:
+        gains: GainSchedule = comparison.methods[name]
+        value = scale * getattr(gains, key)
+        METHODS[name].draw(axes, comparison.frequency_hz, value)
+        drawn.append(value)
+        asked = scale * getattr(gains, f"requested_{key}", np.full(gains.rows, np.nan))
+        refused = np.where(gains.usable | ~np.isfinite(asked), np.nan, asked)
+        if np.isfinite(refused).any():
+            METHODS[name].draw(
+                axes,
+                comparison.frequency_hz,
+                refused,
+                label=f"{METHODS[name].label} asks for, not realisable",
+                linestyle="none",
+                marker="x",
+                markersize=3.2,
+                markevery=max(1, refused.size // 60),
+            )
+            drawn.append(refused)
+    axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
+    frequency_axis(axes, comparison.frequency_hz)
+    value_axis(axes, *drawn, wide=1.2)
+
+
+def _real_part(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
+    drawn = []
+    for line, impedance in _curves(comparison, shown):
+        line.draw(axes, comparison.frequency_hz, impedance.real, markers=20)
+        drawn.append(impedance.real)
+    frequency_axis(axes, comparison.frequency_hz)
+    value_axis(axes, *drawn)
+    lowest, highest = axes.get_ylim()
+    margin = comparison.margin_ns_per_m
+    if lowest < margin:
+        axes.axhspan(lowest, margin, facecolor="0.96", edgecolor="0.8", hatch="////", linewidth=0, zorder=0)
+        axes.set_ylim(lowest, highest)
+    axes.axhline(margin, color="0.5", linewidth=0.8, zorder=1)
+    axes.set_title("(e) real part; hatched: (12) violated")
+    axes.set_ylabel(rf"Re $Z_\mathrm{{h}}$ ({IMPEDANCE_UNIT})")

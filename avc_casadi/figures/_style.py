@@ -1,0 +1,167 @@
+"""The look of all figures, in one place: lines differ in style and marker, so that they can be told apart in grey."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import wraps
+from typing import Any, ParamSpec
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, SymmetricalLogLocator
+from numpy.typing import ArrayLike
+
+P = ParamSpec("P")
+
+WIDTH_INCHES = 7.2
+FREQUENCY = "Interaction frequency (Hz)"
+IMPEDANCE_UNIT = "N·s/m"
+PERCEIVED = r"$|Z_\mathrm{h}|$"
+GRID = "0.88"
+
+# Values below this share of the largest count as 0 when an axis chooses its scale.
+_NEGLIGIBLE = 1e-6
+
+_RC: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.5,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "legend.handlelength": 3.2,
+    "lines.linewidth": 1.4,
+    "lines.markersize": 4.2,
+    "hatch.linewidth": 0.5,
+    "figure.constrained_layout.w_pad": 0.08,
+    "figure.constrained_layout.h_pad": 0.06,
+    "savefig.dpi": 200,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "avc-casadi",
+}
+
+
+@dataclass(frozen=True)
+class Line:
+    """How one quantity is drawn wherever it appears.
+
+    Attributes:
+        label: in the legend.
+        colour: a matplotlib colour; chosen to differ in lightness too.
+        style: dash pattern.
+        marker: marker on some of the points, or empty.
+        width: line width in points.
+        layer: drawing order.
+        shift: which share of a marker interval the first marker stands at, so that markers of equal curves alternate.
+    """
+
+    label: str
+    colour: str
+    style: Any
+    marker: str
+    width: float
+    layer: int
+    shift: float
+
+    def draw(self, axes: Axes, x: ArrayLike, y: ArrayLike, *, markers: int = 12, **changes: Any) -> None:
+        """Draw the quantity against x in ascending order; gaps where y is not a number."""
+        order = np.argsort(x, kind="stable")
+        every = max(1, order.size // markers)
+        axes.plot(
+            np.asarray(x)[order],
+            np.asarray(y)[order],
+            **{
+                "label": self.label,
+                "color": self.colour,
+                "linestyle": self.style,
+                "marker": self.marker or ("_" if order.size == 1 else ""),
+                "markerfacecolor": "white",
+                "markeredgecolor": self.colour,
+                "linewidth": self.width,
+                "zorder": self.layer,
+                "markevery": (int(self.shift * every), every),
+            }
+            | changes,
+        )
+
+
+DESIRED = Line("desired", "0.78", "-", "", 4.5, 2, 0.0)
+NO_COUPLING = Line("no coupling", "0.35", (0, (1, 1.4)), "", 1.4, 3, 0.0)
+UPPER = Line("upper bound U", "#7a3b00", (0, (6, 2)), "^", 1.2, 4, 0.0)
+LOWER = Line("lower bound L", "#00517a", (0, (6, 2)), "v", 1.2, 4, 0.5)
+METHODS: Mapping[str, Line] = {
+    "closed-form": Line("closed form", "#d1600a", (0, (5, 1.6)), "^", 1.3, 5, 0.0),
+    "direct": Line("direct", "#08306b", "-", "o", 1.1, 6, 0.5),
+    "exact": Line("exact", "#5a5a00", (0, (4, 1.5, 1, 1.5)), "s", 1.1, 5, 0.25),
+}
+MINE = Line("mine", "#8a0f5c", (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Draw in the house style without leaving it behind in matplotlib's settings."""
+
+    @wraps(draw)
+    def with_style(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with mpl.rc_context(_RC):
+            return draw(*args, **kwargs)
+
+    return with_style
+
+
+def in_style() -> Any:
+    """Return the style as a context, for saving."""
+    return mpl.rc_context(_RC)
+
+
+def frequency_axis(axes: Axes, frequency_hz: ArrayLike, *, label: bool = True) -> None:
+    """Make x a frequency axis with plain numbers, logarithmic if it spans more than a factor of 5."""
+    low, high = float(np.min(frequency_hz)), float(np.max(frequency_hz))
+    if high > 5 * low:
+        axes.set_xscale("log")
+    if high > low:
+        axes.set_xlim(low, high)
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(FuncFormatter(lambda _value, _position: ""))
+    if label:
+        axes.set_xlabel(FREQUENCY)
+    else:
+        axes.tick_params(labelbottom=False)
+
+
+def value_axis(axes: Axes, *curves: ArrayLike, wide: float = 10.0, most_ticks: int = 6) -> None:
+    """Choose the scale of y: linear, logarithmic where all is positive, or logarithmic on both sides of 0.
+
+    Args:
+        axes: the axes.
+        curves: everything drawn on them.
+        wide: a logarithmic scale is taken if the largest value exceeds the median by this factor.
+        most_ticks: labels on a scale with two sides.
+    """
+    values = np.concatenate([np.ravel(np.asarray(curve, dtype=float)) for curve in curves])
+    values = values[np.isfinite(values)]
+    largest = float(np.abs(values).max(initial=0.0))
+    sizes = np.abs(values[np.abs(values) > _NEGLIGIBLE * largest])
+    if sizes.size == 0 or largest < wide * np.median(sizes):
+        return
+    if values.min() > _NEGLIGIBLE * largest:
+        axes.set_yscale("log")
+        return
+    threshold = 10.0 ** np.floor(np.log10(np.quantile(sizes, 0.25)))
+    axes.set_yscale("symlog", linthresh=threshold, linscale=0.6)
+    decades = np.log10(largest / threshold) * (2 if values.min() < -threshold else 1)
+    base = 10.0 ** max(1, int(np.ceil(decades / most_ticks)))
+    axes.yaxis.set_major_locator(SymmetricalLogLocator(base=base, linthresh=threshold))
+    scale = axes.yaxis.get_transform()
+    low, high = scale.transform([min(values.min(), 0.0), max(values.max(), 0.0)])
+    room = 0.06 * (high - low)
+    axes.set_ylim(*scale.inverted().transform([low - room, high + room]))
