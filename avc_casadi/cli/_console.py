@@ -66,10 +66,10 @@ class Console:
         if not self.as_json:
             self._write(line + "\n")
 
-    def faults(self, faults: list[dict[str, Any]], text: str) -> None:
+    def refuse(self, document: dict[str, Any], text: str) -> None:
         """Print why there is no answer: as a document with ``--json``, on standard error otherwise."""
         if self.as_json:
-            self._write(json.dumps({"errors": faults}, indent=1, allow_nan=False) + "\n")
+            self._write(json.dumps(document, indent=1, allow_nan=False) + "\n")
         else:
             self.complain(text)
 

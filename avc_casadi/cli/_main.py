@@ -8,11 +8,10 @@ import re
 import sys
 import traceback
 from collections.abc import Sequence
-from dataclasses import asdict
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
-from avc_casadi import AvcError, Fault, InputError, LinkError, __version__
+from avc_casadi import AvcError, Fault, InputError, LinkError, __version__, fault_document
 from avc_casadi.cli._console import Console
 from avc_casadi.cli._verbs import VERBS
 
@@ -99,11 +98,11 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
     except (AvcError, OSError) as error:
         return _refused(console, error)
     except KeyboardInterrupt:
-        console.faults([_fault("interrupted")], "avc: interrupted")
+        console.refuse(_document("interrupted"), "avc: interrupted")
         return INTERRUPTED
     except Exception as error:  # noqa: BLE001 - an internal error must not end in the code of a plain no
         trace = traceback.format_exc()
-        console.faults([_fault(f"internal error: {error!r}")], f"{trace}avc: internal error; please report it")
+        console.refuse(_document(f"internal error: {error!r}"), f"{trace}avc: internal error; please report it")
         return INTERNAL
     console.answer(answer)
     return int(answer.code)
@@ -111,17 +110,16 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
 
 def _refused(console: Console, error: AvcError | OSError) -> int:
     if isinstance(error, InputError):
-        faults = [asdict(fault) for fault in error.faults]
-        count = len(faults)
+        count = len(error.faults)
         summary = f"\navc: {count} faults" if count > 1 else ""
-        console.faults(faults, "\n".join(f"avc: {fault}" for fault in error.faults) + summary)
+        console.refuse(fault_document(error), "\n".join(f"avc: {fault}" for fault in error.faults) + summary)
         return BAD_INPUT
-    console.faults([_fault(str(error))], f"avc: {error}")
+    console.refuse(_document(str(error)), f"avc: {error}")
     return NO if isinstance(error, LinkError) else BAD_INPUT
 
 
-def _fault(message: str) -> dict[str, object]:
-    return asdict(Fault(file="", line=None, key="", message=message))
+def _document(message: str) -> dict[str, Any]:
+    return fault_document(InputError([Fault(file="", line=None, key="", message=message)]))
 
 
 def _drop_standard_output() -> None:

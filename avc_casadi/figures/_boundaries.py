@@ -17,10 +17,12 @@ from avc_casadi.figures._style import (
     WIDTH_INCHES,
     frequency_axis,
     styled,
+    value_axis,
 )
 
 if TYPE_CHECKING:
     from avc_casadi.comparison import Comparison
+    from avc_casadi.design import FloatArray
 
 
 @styled
@@ -36,10 +38,12 @@ def draw_boundaries(comparison: Comparison) -> Figure:
         (LOWER, comparison.lower),
     )
     desired = np.abs(comparison.target)
+    shares: list[FloatArray] = []
     for line, impedance in curves:
         line.draw(size, frequency, np.abs(impedance))
         with np.errstate(divide="ignore", invalid="ignore"):
-            line.draw(share, frequency, 100 * np.abs(impedance) / desired)
+            shares.append(100 * np.abs(impedance) / desired)
+        line.draw(share, frequency, shares[-1])
     with np.errstate(divide="ignore", invalid="ignore"):
         share.fill_between(
             frequency,
@@ -49,6 +53,7 @@ def draw_boundaries(comparison: Comparison) -> Figure:
             zorder=1,
             label="feels real",
         )
+    value_axis(share, *shares)
     size.set_yscale("log")
     size.set_title("(a) perceived impedance")
     size.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")

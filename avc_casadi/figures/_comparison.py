@@ -46,11 +46,17 @@ def draw_comparison(comparison: Comparison) -> Figure:
             share = 100 * magnitude_error / size
         lines[name].draw(magnitude, comparison.frequency_hz, np.maximum(share, _ROUNDING))
         lines[name].draw(complex_, comparison.frequency_hz, np.maximum(100 * complex_error, _UNNOTICED))
-    for axes, title, label in (
-        (magnitude, f"(a) the goal (11); {_ROUNDING:g} % and less is rounding", f"error of {PERCEIVED} (%)"),
-        (complex_, f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such", "complex error (%)"),
+    for axes, floor, title, label in (
+        (magnitude, _ROUNDING, f"(a) the goal (11); {_ROUNDING:g} % and less is rounding", f"error of {PERCEIVED} (%)"),
+        (
+            complex_,
+            _UNNOTICED,
+            f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such",
+            "complex error (%)",
+        ),
     ):
         axes.set_yscale("log")
+        axes.set_ylim(floor / 3, max(axes.get_ylim()[1], 1.0))
         frequency_axis(axes, comparison.frequency_hz, label=False)
         axes.set_title(title)
         axes.set_ylabel(label)

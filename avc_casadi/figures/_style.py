@@ -11,7 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, SymmetricalLogLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter
 from numpy.typing import ArrayLike
 
 P = ParamSpec("P")
@@ -23,7 +23,8 @@ PERCEIVED = r"$|Z_\mathrm{h}|$"
 GRID = "0.88"
 
 # Values below this share of the largest count as 0 when an axis chooses its scale.
-_NEGLIGIBLE = 1e-6
+_NEGLIGIBLE = 1e-10
+_DECADE = 10.0
 
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -32,6 +33,7 @@ _RC: dict[Any, Any] = {
     "axes.titlelocation": "left",
     "axes.labelsize": 8.5,
     "axes.grid": True,
+    "axes.formatter.useoffset": False,
     "axes.axisbelow": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -144,23 +146,25 @@ def value_axis(axes: Axes, *curves: ArrayLike, wide: float = 10.0, most_ticks: i
     Args:
         axes: the axes.
         curves: everything drawn on them.
-        wide: a logarithmic scale is taken if the largest value exceeds the median by this factor.
+        wide: a logarithmic scale is taken if the largest value exceeds the lower quartile by this factor.
         most_ticks: labels on a scale with two sides.
     """
     values = np.concatenate([np.ravel(np.asarray(curve, dtype=float)) for curve in curves])
     values = values[np.isfinite(values)]
     largest = float(np.abs(values).max(initial=0.0))
     sizes = np.abs(values[np.abs(values) > _NEGLIGIBLE * largest])
-    if sizes.size == 0 or largest < wide * np.median(sizes):
+    if sizes.size == 0 or largest < wide * np.quantile(sizes, 0.25):
         return
     if values.min() > _NEGLIGIBLE * largest:
-        axes.set_yscale("log")
+        if largest > _DECADE * values.min():
+            axes.set_yscale("log")
         return
     threshold = 10.0 ** np.floor(np.log10(np.quantile(sizes, 0.25)))
-    axes.set_yscale("symlog", linthresh=threshold, linscale=0.6)
     decades = np.log10(largest / threshold) * (2 if values.min() < -threshold else 1)
-    base = 10.0 ** max(1, int(np.ceil(decades / most_ticks)))
-    axes.yaxis.set_major_locator(SymmetricalLogLocator(base=base, linthresh=threshold))
+    step = max(1, int(np.ceil(decades / most_ticks)))
+    axes.set_yscale("symlog", linthresh=threshold, linscale=0.6 * step)
+    powers = threshold * 10.0 ** np.arange(0, np.ceil(np.log10(largest / threshold)) + 1, step)
+    axes.yaxis.set_major_locator(FixedLocator([*-powers[::-1], 0.0, *powers]))
     scale = axes.yaxis.get_transform()
     low, high = scale.transform([min(values.min(), 0.0), max(values.max(), 0.0)])
     room = 0.06 * (high - low)

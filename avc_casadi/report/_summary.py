@@ -91,13 +91,14 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     realisable = closed.get("solved", 0) + closed.get("active-bound", 0)
     return [
         (
-            f"{summary['problem']}: {summary['title']} (structure {summary['structure']}, model {summary['model']}, scope "
-            f"{summary['scope']})"
+            f"{summary['problem']}: {summary['title']} (structure {summary['structure']}, "
+            f"model {summary['model']}, scope {summary['scope']})"
         ),
         (
-            f"wall {wall['stiffness_n_per_m']:g} N/m, {wall['damping_ns_per_m']:g} N.s/m; device {device['mass_kg']:g} kg, "
-            f"{device['damping_ns_per_m']:g} N.s/m, T {1e3 * device['sample_time_s']:g} ms, delay "
-            f"{device['delay_samples']}; passive limit at DC {summary['passive_limit_n_per_m']:.4g} N/m"
+            f"wall {wall['stiffness_n_per_m']:g} N/m, {wall['damping_ns_per_m']:g} N.s/m; "
+            f"device {device['mass_kg']:g} kg, {device['damping_ns_per_m']:g} N.s/m, "
+            f"T {1e3 * device['sample_time_s']:g} ms, delay {device['delay_samples']}; "
+            f"passive limit at DC {summary['passive_limit_n_per_m']:.4g} N/m"
         ),
         (
             f"{summary['method']}: {summary['rows_with_gains']} of {rows} frequencies have gains "
@@ -107,8 +108,9 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
         f"error of |Z|: {_percent(summary['magnitude_error'])}; complex error: {_percent(summary['complex_error'])}",
         _cross_check(summary["cross_check"]),
         (
-            f"closed form: realisable at {realisable} of {rows} frequencies; it is the desired wall with a damper of up to "
-            f"{summary['injected_damping_ns_per_m']:.4g} N.s/m and a virtual mass of {summary['virtual_mass_kg']:.3g} kg"
+            f"closed form: realisable at {realisable} of {rows} frequencies; it is the desired wall with a damper of "
+            f"up to {summary['injected_damping_ns_per_m']:.4g} N.s/m and a virtual mass of "
+            f"{summary['virtual_mass_kg']:.3g} kg"
         ),
         "verdicts: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count),
         "certificate: " + _levels(summary["certificate"]),
