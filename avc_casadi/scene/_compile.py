@@ -1,0 +1,242 @@
+"""From a scene to one CasADi function for one sample, made of the listed effects only."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi._errors import InputError
+from avc_casadi.scene._advance import Advance, Drive, MatrixExponential
+from avc_casadi.scene._coupling import Environment, contact_damper, coupling_parameters, series_force
+from avc_casadi.scene._friction import taylor_series
+from avc_casadi.scene._gains import Gains
+from avc_casadi.scene._motion import Target, target_of
+from avc_casadi.scene._plant import DEVICE, GROUND, LinearPlant, Plant
+from avc_casadi.scene._tick import Tick
+from avc_casadi.scene.effects import SceneEffect, Station, build_effects
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CompiledScene:
+    """One sample of a scene as a function, and everything that its runs share.
+
+    The function is (states, inputs, parameters) -> (states one sample later, traces).
+
+    Attributes:
+        problem: name of the problem.
+        effects: the effects, in the order of the loop.
+        function: the CasADi function of one sample.
+        states: names of the states.
+        owners: kind of effect that owns each state.
+        initial: states at the first sample.
+        inputs: names of the inputs.
+        traces: names of the outputs.
+        coupled: whether the gains are parameters; otherwise device and environment are joined rigidly.
+        damped: whether the contact damper is one.
+        environment: the virtual environment, or None in free space.
+        rate_gain_per_s: gain of the computer's velocities, 1/T without a filter.
+        target: motion of the hand's target.
+        sample_time_s: T.
+        samples: number of samples of a run.
+        build_seconds: time to compile.
+    """
+
+    problem: str
+    effects: tuple[SceneEffect, ...]
+    function: Any
+    states: tuple[str, ...]
+    owners: tuple[str, ...]
+    initial: FloatArray
+    inputs: tuple[str, ...]
+    traces: tuple[str, ...]
+    coupled: bool
+    damped: bool
+    environment: Environment | None
+    rate_gain_per_s: float
+    target: Target
+    sample_time_s: float
+    samples: int
+    build_seconds: float
+    _tick: Tick
+    _advance: Advance
+    _plant: LinearPlant
+
+    @property
+    def instructions(self) -> int:
+        """Number of instructions of one sample."""
+        return int(self.function.n_instructions())
+
+    def states_of(self, kind: str) -> int:
+        """Number of states that an effect owns."""
+        return Counter(self.owners)[kind]
+
+    def input_values(self, seed: int = 0) -> FloatArray:
+        """Return the inputs at every sample, shape (inputs, samples)."""
+        columns = [slot.values(self.samples, seed) for slot in self._tick.inputs if slot.values is not None]
+        return np.array(columns, dtype=np.float64).reshape(len(columns), self.samples)
+
+    def parameter_values(self, gains: Gains) -> FloatArray:
+        """Return the parameters of every hand, shape (hands, parameters)."""
+        parts = []
+        if self.coupled and self.environment is not None:
+            parts.append(
+                coupling_parameters(
+                    gains.damping_ns_per_m, gains.stiffness_n_per_m, self.environment, self.rate_gain_per_s
+                )
+            )
+        if self.damped:
+            parts.append(np.array([gains.contact_damping_ns_per_m]))
+        plant = np.atleast_2d(self._advance.parameters(self._plant, self.sample_time_s))
+        shared = np.concatenate(parts) if parts else np.zeros(0)
+        return np.concatenate([np.broadcast_to(shared, (len(plant), len(shared))), plant], axis=1)
+
+
+def compile_scene(
+    problem: Problem,
+    effects: tuple[SceneEffect, ...] | None = None,
+    *,
+    coupled: bool = True,
+    damped: bool = False,
+) -> CompiledScene:
+    """Compile the scene of a problem.
+
+    Args:
+        problem: a validated problem.
+        effects: effects in place of those of the problem file; arrays in them stand for many hands.
+        coupled: with gains as parameters; otherwise device and environment are joined rigidly.
+        damped: with the contact damper b_p as a parameter.
+
+    Raises:
+        InputError: an impossible scene, by name.
+        UnsupportedError: an effect that scenes do not simulate.
+    """
+    started = time.perf_counter()
+    effects = build_effects(problem) if effects is None else effects
+    sample_time_s = problem.device.sample_time_s
+    samples = max(1, round(problem.scene.duration_s / sample_time_s))
+    target = target_of(problem.scene.motion, samples, sample_time_s)
+    plant, owners = _mechanics(problem, effects)
+    environment = next((effect.environment for effect in effects if effect.environment is not None), None)
+    if environment is not None and not environment.present:
+        environment = None
+    coupled, damped = coupled and environment is not None, damped and environment is not None
+    tick = Tick(sample_time_s, target.device_start_m)
+    for name in plant.names:
+        with tick.owned_by(owners[name]):
+            tick.state(name, target.device_start_m if name.endswith("_position_m") else 0.0, computed=False)
+    tick.position = tick.states[0].symbol
+    tick.trace("position_m", tick.states[0].symbol)
+    tick.trace("velocity_m_per_s", tick.states[1].symbol)
+    _sample(tick, effects, environment, coupled=coupled, damped=damped)
+    advance = _advance(effects, plant, tick)
+    _continue(tick, plant, target, advance)
+    return CompiledScene(
+        problem=problem.name,
+        effects=effects,
+        function=_function(tick),
+        states=tuple(slot.name for slot in tick.states),
+        owners=tuple(slot.owner for slot in tick.states),
+        initial=np.array([slot.initial for slot in tick.states]),
+        inputs=tuple(slot.name for slot in tick.inputs),
+        traces=tuple(tick.traces),
+        coupled=coupled,
+        damped=damped,
+        environment=environment,
+        rate_gain_per_s=(1.0 - tick.filter_share) / sample_time_s,
+        target=target,
+        sample_time_s=sample_time_s,
+        samples=samples,
+        build_seconds=time.perf_counter() - started,
+        _tick=tick,
+        _advance=advance,
+        _plant=plant,
+    )
+
+
+def _mechanics(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[LinearPlant, dict[str, str]]:
+    """Return the plant and the effect that owns each of its states."""
+    plant = Plant()
+    plant.add_mass(DEVICE, problem.device.mass_kg)
+    plant.join(DEVICE, GROUND, 0.0, problem.device.damping_ns_per_m)
+    owners = {DEVICE: "device"}
+    for effect in effects:
+        effect.mechanics(plant)
+        owners |= {body: effect.kind for body in plant.bodies if body not in owners}
+        if plant.actuator_rate_per_s is not None:
+            owners.setdefault("actuator", effect.kind)
+    if np.min(plant.mass_kg(DEVICE)) <= 0:
+        raise InputError.of(
+            "device and hand have no mass, so that nothing is there to be simulated; allowed: device.mass_kg above 0, "
+            "or a hand with a mass",
+            file=problem.name,
+            key="scene.effects",
+        )
+    linear = plant.linear()
+    return linear, {name: owners[name.split("_", 1)[0]] for name in linear.names}
+
+
+def _sample(
+    tick: Tick, effects: tuple[SceneEffect, ...], environment: Environment | None, *, coupled: bool, damped: bool
+) -> None:
+    """Add what the computer does, station by station."""
+    for effect in effects:
+        if effect.station < Station.ENVIRONMENT:
+            with tick.owned_by(effect.kind):
+                effect.sample(tick)
+    if environment is not None:
+        with tick.owned_by("coupling"):
+            tick.command = series_force(tick, environment, rigid=not coupled)
+            if damped:
+                tick.command = contact_damper(tick, tick.command, one_sided=environment.one_sided)
+    for effect in effects:
+        if effect.station > Station.ENVIRONMENT:
+            with tick.owned_by(effect.kind):
+                effect.sample(tick)
+    if tick.command is not None:
+        tick.trace("force_n", tick.command)
+
+
+def _advance(effects: tuple[SceneEffect, ...], plant: LinearPlant, tick: Tick) -> Advance:
+    friction = sum(effect.friction_n for effect in effects)
+    if friction > 0 or tick.late is not None:
+        return taylor_series(plant, tick.sample_time_s, friction_n=friction)
+    return MatrixExponential(1, held=tick.command is not None, driven=bool(np.any(plant.target)))
+
+
+def _continue(tick: Tick, plant: LinearPlant, target: Target, advance: Advance) -> None:
+    """Move the plant to the next sample."""
+    aim = None
+    if np.any(plant.target):
+        aim = (
+            tick.input("target_position_m", lambda *_: target.position_m),
+            tick.input("target_velocity_m_per_s", lambda *_: target.velocity_m_per_s),
+        )
+    drive = Drive(force=tick.command, force_before=tick.command_before, late=tick.late, target=aim)
+    now = [slot.symbol for slot in tick.states[: plant.states]]
+    for name, value in zip(plant.names, advance.step(tick, now, drive), strict=True):
+        tick.follow(name, value)
+
+
+def _function(tick: Tick) -> Any:
+    import casadi as ca  # noqa: PLC0415
+
+    def column(symbols: list[Any]) -> Any:
+        return ca.vertcat(*(ca.vec(symbol) for symbol in symbols)) if symbols else ca.SX(0, 1)
+
+    return ca.Function(
+        "sample",
+        [column([slot.symbol for slot in slots]) for slots in (tick.states, tick.inputs, tick.parameters)],
+        [ca.vertcat(*tick.successors()), ca.vertcat(*tick.traces.values())],
+        ["states", "inputs", "parameters"],
+        ["next", "traces"],
+    )

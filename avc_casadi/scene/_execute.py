@@ -1,0 +1,57 @@
+"""Running a compiled scene: CasADi's own loop over samples, or generated C where that pays."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi.scene._compile import CompiledScene
+from avc_casadi.scene._native import NativeScene, compiler
+
+FloatArray = NDArray[np.float64]
+Engine = Literal["auto", "casadi", "native"]
+
+# Compiling takes about 0.1 s, in which CasADi evaluates as many instructions.
+_WORTH_COMPILING = 1e8
+
+
+def execute(
+    scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto"
+) -> dict[str, FloatArray]:
+    """Run a scene once for every row of the parameters.
+
+    Args:
+        scene: the compiled scene.
+        parameters: shape (runs, parameters), of `CompiledScene.parameter_values`.
+        inputs: shape (inputs, samples), of `CompiledScene.input_values`.
+        engine: ``casadi``, ``native`` (generated C; the same bits), or ``auto``: C for long work where a compiler is.
+
+    Returns:
+        Every trace, shape (runs, samples).
+    """
+    work = len(parameters) * scene.samples * scene.instructions
+    if engine == "native" or (engine == "auto" and work > _WORTH_COMPILING and compiler() is not None):
+        try:
+            native = NativeScene(scene.function)
+        except (OSError, subprocess.CalledProcessError):
+            if engine == "native":
+                raise
+        else:
+            traces = native(scene.initial, inputs.T, parameters, min(len(parameters), os.cpu_count() or 1))
+            return {name: traces[:, :, index] for index, name in enumerate(scene.traces)}
+    return _by_casadi(scene, parameters, inputs)
+
+
+def _by_casadi(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray) -> dict[str, FloatArray]:
+    import casadi as ca  # noqa: PLC0415
+
+    loop = scene.function.mapaccum("run", scene.samples)
+    held = ca.DM(inputs)
+    results = np.empty((len(parameters), len(scene.traces), scene.samples))
+    for run, row in enumerate(parameters):
+        results[run] = loop(scene.initial, held, ca.repmat(ca.DM(row), 1, scene.samples))[1].full()
+    return {name: results[:, index] for index, name in enumerate(scene.traces)}

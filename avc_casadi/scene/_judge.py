@@ -1,0 +1,109 @@
+"""What a run says about the loop: at rest or not, buzzing, how stiff the wall feels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+JUDGED_S = 0.5
+AT_REST_M_PER_S = 5e-3
+RIPPLE_HZ = (20.0, 500.0)
+BUZZ_SHARE = 0.07
+IMPACT_S = 0.01
+# Nothing on a desk moves this far: the run has diverged.
+LOST_M = 10.0
+
+CRITERION = (
+    f"largest true velocity in the last {JUDGED_S:g} s below {AT_REST_M_PER_S * 1e3:g} mm/s; "
+    f"buzzing: force between {RIPPLE_HZ[0]:g} and {RIPPLE_HZ[1]:g} Hz (rms) above {BUZZ_SHARE:.0%} of the mean force"
+)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Figures of one or many runs; every array has the shape of the runs.
+
+    Attributes:
+        stable: at rest at the end, as `CRITERION` says.
+        diverged: the device left the workspace, or its numbers are no longer finite.
+        buzzing: as `CRITERION` says.
+        peak_velocity_m_per_s: largest true velocity at the end.
+        mean_force_n: mean force at the end.
+        mean_penetration_m: mean true position at the end.
+        force_ripple_n: rms of the force between 20 and 500 Hz at the end.
+        apparent_stiffness_n_per_m: mean force over mean penetration; not a number without contact.
+        rate_hardness_n_per_m: largest rate of the force within 10 ms of the first contact, over the velocity at contact
+            (Lawrence et al. 1996); not a number without contact.
+    """
+
+    stable: BoolArray
+    diverged: BoolArray
+    buzzing: BoolArray
+    peak_velocity_m_per_s: FloatArray
+    mean_force_n: FloatArray
+    mean_penetration_m: FloatArray
+    force_ripple_n: FloatArray
+    apparent_stiffness_n_per_m: FloatArray
+    rate_hardness_n_per_m: FloatArray
+
+
+def judge(position_m: FloatArray, velocity_m_per_s: FloatArray, force_n: FloatArray, sample_time_s: float) -> Judgement:
+    """Judge runs by the last half second (or the whole run, where it is shorter).
+
+    Args:
+        position_m: true position at the samples, shape (..., samples).
+        velocity_m_per_s: true velocity.
+        force_n: force of the actuator, positive against +x.
+        sample_time_s: T.
+    """
+    last = slice(-max(1, round(JUDGED_S / sample_time_s)), None)
+    diverged = ~np.all(np.abs(position_m) < LOST_M, axis=-1)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        peak = np.abs(velocity_m_per_s[..., last]).max(axis=-1)
+        force, depth = force_n[..., last].mean(axis=-1), position_m[..., last].mean(axis=-1)
+        ripple = _ripple(force_n[..., last], sample_time_s)
+        touching = (force > 0) & (depth > 0) & ~diverged
+        apparent = np.where(touching, force / depth, np.nan)
+        buzzing = diverged | (ripple > BUZZ_SHARE * np.abs(force))
+    return Judgement(
+        stable=~diverged & (peak < AT_REST_M_PER_S),
+        diverged=diverged,
+        buzzing=buzzing,
+        peak_velocity_m_per_s=peak,
+        mean_force_n=force,
+        mean_penetration_m=depth,
+        force_ripple_n=ripple,
+        apparent_stiffness_n_per_m=apparent,
+        rate_hardness_n_per_m=_rate_hardness(velocity_m_per_s, force_n, sample_time_s),
+    )
+
+
+def _ripple(force: FloatArray, sample_time_s: float) -> FloatArray:
+    """Return the rms of a signal's spectrum between 20 and 500 Hz (or the Nyquist frequency)."""
+    n = force.shape[-1]
+    frequency = np.fft.rfftfreq(n, sample_time_s)
+    spectrum = np.fft.rfft(force, axis=-1)[..., (frequency >= RIPPLE_HZ[0]) & (frequency <= RIPPLE_HZ[1])]
+    # Every frequency but that of Nyquist stands for itself and its mirror image.
+    weight = np.where(np.isclose(frequency * sample_time_s, 0.5), 1.0, 2.0)
+    weight = weight[(frequency >= RIPPLE_HZ[0]) & (frequency <= RIPPLE_HZ[1])]
+    rms: FloatArray = np.sqrt((weight * np.abs(spectrum) ** 2).sum(axis=-1)) / n
+    return rms
+
+
+def _rate_hardness(velocity: FloatArray, force: FloatArray, sample_time_s: float) -> FloatArray:
+    if force.shape[-1] < 2:
+        return np.full(force.shape[:-1], np.nan)
+    pushing = force > 0
+    first = pushing.argmax(axis=-1)[..., None]
+    rate = np.diff(force, axis=-1, prepend=0.0) / sample_time_s
+    samples = np.arange(force.shape[-1])
+    window = (samples >= first) & (samples <= first + round(IMPACT_S / sample_time_s))
+    speed = np.abs(np.take_along_axis(velocity, first, axis=-1)[..., 0])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        steepest = np.where(window, rate, -np.inf).max(axis=-1)
+        return np.where(pushing.any(axis=-1) & (speed > 0), steepest / speed, np.nan)

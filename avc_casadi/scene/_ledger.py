@@ -1,0 +1,67 @@
+"""The energy ledger: what the virtual side takes in through the held force, and what its springs hold.
+
+The held force F of a sample is paired with the displacement until the next one, F(k) (x(k+1) - x(k)): that is the energy
+which really passes, whatever happens between two samples. Pairing it with the displacement before loses K dx^2/2 at
+every step of a spring.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi.scene._coupling import Environment
+from avc_casadi.scene._gains import Gains
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """Energies at the samples, each of shape (..., samples), J.
+
+    Attributes:
+        absorbed_j: energy that the virtual side has taken in since the beginning; below 0 it has given out energy that
+            it never had, and is not passive.
+        stored_j: energy in the springs of coupling and environment.
+    """
+
+    absorbed_j: FloatArray
+    stored_j: FloatArray
+
+    @property
+    def dissipated_j(self) -> FloatArray:
+        """What was taken in and is not stored; where it falls, sampling, delay or quantisation create energy."""
+        return self.absorbed_j - (self.stored_j - self.stored_j[..., :1])
+
+    @property
+    def generated_j(self) -> FloatArray:
+        """Largest energy given out beyond all that was taken in, shape (...)."""
+        generated: FloatArray = 0.0 - np.minimum(0.0, self.absorbed_j.min(axis=-1))
+        return generated
+
+
+def energy_ledger(
+    position_m: FloatArray, force_n: FloatArray, tool_m: FloatArray, gains: Gains, environment: Environment | None
+) -> Ledger:
+    """Draw up the ledger from the traces.
+
+    Args:
+        position_m: true position of the device, shape (..., samples).
+        force_n: held force, positive against +x.
+        tool_m: position of the virtual tool.
+        gains: gains of the coupling.
+        environment: the environment, or None in free space.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        work = force_n[..., :-1] * np.diff(position_m, axis=-1)
+        absorbed = np.concatenate([np.zeros((*work.shape[:-1], 1)), np.cumsum(work, axis=-1)], axis=-1)
+        stored = np.zeros_like(absorbed)
+        if environment is not None:
+            depth = np.maximum(tool_m, 0.0) if environment.one_sided else tool_m
+            stored += environment.stiffness_n_per_m * depth**2 / 2
+            if not gains.rigid:
+                stored += gains.stiffness_n_per_m * (position_m - tool_m) ** 2 / 2
+    return Ledger(absorbed, stored)

@@ -1,0 +1,160 @@
+"""Run: what one simulated scene showed, as plain numbers and arrays; kept as traces (npz) and a manifest (JSON)."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi.scene._judge import CRITERION, Judgement
+from avc_casadi.scene._ledger import Ledger
+
+FloatArray = NDArray[np.float64]
+Claim = Literal["asymptotic", "held-by-friction", "unstable"]
+
+_CLAIMS: dict[Claim, str] = {
+    "asymptotic": "came to rest, and does so without dry friction too",
+    "held-by-friction": "came to rest only because dry friction holds it; without friction it does not",
+    "unstable": "did not come to rest",
+}
+
+
+@dataclass(frozen=True)
+class Run:
+    """One simulated scene; every trace has shape (samples,).
+
+    Attributes:
+        problem: name of the problem.
+        coupling: how the gains were chosen: none, static, ..., or given.
+        effects: kinds of the effects that were simulated, in the order of the loop.
+        sample_time_s: T.
+        position_m: true position of the device.
+        velocity_m_per_s: true velocity of the device.
+        force_n: force that the computer asks of the actuator and that is held, positive against +x.
+        tool_m: position of the virtual tool between coupling and environment.
+        target_m: position of the hand's target.
+        damping_ns_per_m: b; infinite for a rigid coupling.
+        stiffness_n_per_m: k; infinite for a rigid coupling.
+        contact_damping_ns_per_m: b_p.
+        ledger: energies.
+        judgement: figures of the run.
+        claim: ``asymptotic``, ``held-by-friction`` or ``unstable``.
+        states: number of states of one sample.
+        instructions: number of instructions of one sample.
+        build_seconds: time to compile.
+        seconds: time to run.
+    """
+
+    problem: str
+    coupling: str
+    effects: tuple[str, ...]
+    sample_time_s: float
+    position_m: FloatArray
+    velocity_m_per_s: FloatArray
+    force_n: FloatArray
+    tool_m: FloatArray
+    target_m: FloatArray
+    damping_ns_per_m: FloatArray
+    stiffness_n_per_m: FloatArray
+    contact_damping_ns_per_m: FloatArray
+    ledger: Ledger
+    judgement: Judgement
+    claim: Claim
+    states: int
+    instructions: int
+    build_seconds: float
+    seconds: float
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return len(self.position_m)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Times of the samples."""
+        time: FloatArray = np.arange(self.samples) * self.sample_time_s
+        return time
+
+    @property
+    def stable(self) -> bool:
+        """Whether the device came to rest."""
+        return bool(self.judgement.stable)
+
+    @property
+    def buzzing(self) -> bool:
+        """Whether the force chatters."""
+        return bool(self.judgement.buzzing)
+
+    @property
+    def apparent_stiffness_n_per_m(self) -> float:
+        """Mean force over mean penetration at the end; not a number without contact."""
+        return float(self.judgement.apparent_stiffness_n_per_m)
+
+    @property
+    def energy_generated_j(self) -> float:
+        """Largest energy that the virtual side gave out beyond all that it had taken in."""
+        return float(self.ledger.generated_j)
+
+    def certificate(self) -> dict[str, Any]:
+        """Return the level L6: this time-varying run, with its energy ledger."""
+        return {
+            "pass": self.claim == "asymptotic",
+            "margin_ns_per_m": None,
+            "frequency_hz": None,
+            "model": "sampled-data",
+            "claim": f"simulated for {self.samples * self.sample_time_s:g} s: {_CLAIMS[self.claim]}",
+            "outcome": self.claim,
+            "energy_generated_j": finite(self.energy_generated_j),
+        }
+
+    def document(self, trace: Path | None = None) -> dict[str, Any]:
+        """Return the JSON document; `trace` is where the traces were written."""
+        found = self.judgement
+        return {
+            "schema": "avc-simulate/1",
+            "problem": self.problem,
+            "coupling": self.coupling,
+            "damping_ns_per_m": finite(self.damping_ns_per_m[0]),
+            "stiffness_n_per_m": finite(self.stiffness_n_per_m[0]),
+            "contact_damping_ns_per_m": finite(self.contact_damping_ns_per_m[0]),
+            "stable": self.stable,
+            "outcome": self.claim,
+            "diverged": bool(found.diverged),
+            "buzzing": self.buzzing,
+            "criterion": CRITERION,
+            "steps": self.samples,
+            "states": self.states,
+            "instructions": self.instructions,
+            "peak_velocity_m_per_s": finite(found.peak_velocity_m_per_s),
+            "mean_force_n": finite(found.mean_force_n),
+            "force_ripple_n": finite(found.force_ripple_n),
+            "apparent_stiffness_n_per_m": finite(self.apparent_stiffness_n_per_m),
+            "rate_hardness_n_per_m": finite(found.rate_hardness_n_per_m),
+            "energy_generated_j": finite(self.energy_generated_j),
+            "certificate": {"L6": self.certificate()},
+            "seconds": {"build": self.build_seconds, "run": self.seconds},
+            "trace": None if trace is None else str(trace),
+        }
+
+    def save(self, path: Path | str) -> Path:
+        """Write the traces to `path` (npz) and the manifest beside it (the same name, ``.json``)."""
+        target = Path(path).with_suffix(".npz")
+        names = ("position_m", "velocity_m_per_s", "force_n", "tool_m", "target_m")
+        gains = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+        traces = {name: getattr(self, name) for name in ("time_s", *names, *gains)}
+        np.savez_compressed(target, **traces, absorbed_j=self.ledger.absorbed_j, stored_j=self.ledger.stored_j)
+        text = json.dumps(self.document(target) | {"effects": list(self.effects)}, indent=1, allow_nan=False)
+        target.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
+        return target
+
+
+def finite(value: Any) -> float | None:
+    """Return a number as JSON can hold it: null where it is not finite."""
+    number = float(value)
+    return number if math.isfinite(number) else None

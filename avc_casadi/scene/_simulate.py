@@ -1,0 +1,176 @@
+"""Simulating a scene, for one hand or for many."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi._errors import InputError
+from avc_casadi.scene._compile import CompiledScene, compile_scene
+from avc_casadi.scene._execute import Engine, execute
+from avc_casadi.scene._gains import NO_COUPLING, Gains, gains_at
+from avc_casadi.scene._judge import Judgement, judge
+from avc_casadi.scene._ledger import energy_ledger
+from avc_casadi.scene._run import Claim, Run
+from avc_casadi.scene.effects import CoulombFriction, Hand, SceneEffect, build_effects
+
+if TYPE_CHECKING:
+    from avc_casadi.design import GainSchedule
+    from avc_casadi.problem import Problem
+
+FloatArray = NDArray[np.float64]
+
+
+def simulate(
+    problem: Problem,
+    gains: Gains | GainSchedule | None = None,
+    *,
+    hand: Hand | None = None,
+    frequency_hz: float | None = None,
+    seed: int = 0,
+    engine: Engine = "auto",
+) -> Run:
+    """Simulate the scene of a problem.
+
+    Args:
+        problem: a validated problem.
+        gains: gains of the coupling, or a gain table; None takes the coupling that the scene names.
+        hand: a hand in place of the scene's.
+        frequency_hz: interaction frequency at which a gain table is read; None is its lowest.
+        seed: added to the seeds of all noises, so that one scene can be repeated with other draws.
+        engine: what runs the samples; all give the same bits.
+
+    Returns:
+        The run, with its claim: a stable run with dry friction is repeated without it.
+
+    Raises:
+        InputError: an impossible scene, or gains that are not there.
+        UnsupportedError: an effect that scenes do not simulate.
+    """
+    effects = _with_hand(problem, build_effects(problem), hand)
+    chosen, name = settled_gains(problem, gains, frequency_hz)
+    scene = compile_for(problem, effects, chosen)
+    started = time.perf_counter()
+    traces = _traces(scene, chosen, seed, engine)
+    seconds = time.perf_counter() - started
+    found = judge(traces["position_m"], traces["velocity_m_per_s"], traces["force_n"], scene.sample_time_s)
+    claim: Claim = "asymptotic" if found.stable else "unstable"
+    if found.stable and any(effect.friction_n > 0 for effect in effects):
+        frictionless = compile_for(problem, without(effects, CoulombFriction.kind), chosen)
+        free = _traces(frictionless, chosen, seed, engine)
+        again = judge(free["position_m"], free["velocity_m_per_s"], free["force_n"], scene.sample_time_s)
+        claim = "asymptotic" if again.stable else "held-by-friction"
+    whole = np.ones(scene.samples)
+    return Run(
+        problem=problem.name,
+        coupling=name,
+        effects=tuple(effect.kind for effect in effects),
+        sample_time_s=scene.sample_time_s,
+        position_m=traces["position_m"],
+        velocity_m_per_s=traces["velocity_m_per_s"],
+        force_n=traces["force_n"],
+        tool_m=traces["tool_m"],
+        target_m=scene.target.position_m,
+        damping_ns_per_m=whole * chosen.damping_ns_per_m,
+        stiffness_n_per_m=whole * chosen.stiffness_n_per_m,
+        contact_damping_ns_per_m=whole * chosen.contact_damping_ns_per_m,
+        ledger=energy_ledger(traces["position_m"], traces["force_n"], traces["tool_m"], chosen, scene.environment),
+        judgement=found,
+        claim=claim,
+        states=len(scene.states),
+        instructions=scene.instructions,
+        build_seconds=scene.build_seconds,
+        seconds=seconds,
+    )
+
+
+def simulate_batch(
+    problem: Problem,
+    hands: Hand,
+    gains: Gains | GainSchedule | None = None,
+    *,
+    friction: bool = True,
+    frequency_hz: float | None = None,
+    seed: int = 0,
+    engine: Engine = "auto",
+) -> Judgement:
+    """Simulate a scene for many hands at once and judge every run; all share the motion and the noises.
+
+    Args:
+        problem: a validated problem whose scene has the effect ``hand`` (or lists none).
+        hands: their masses, dampings and stiffnesses, arrays of shape (n,).
+        gains: as in `simulate`.
+        friction: False leaves dry friction out, to tell asymptotic stability from being held by friction.
+        frequency_hz: as in `simulate`.
+        seed: as in `simulate`.
+        engine: as in `simulate`.
+
+    Returns:
+        The judgement, with arrays of shape (n,).
+    """
+    effects = _with_hand(problem, build_effects(problem), hands)
+    if not friction:
+        effects = without(effects, CoulombFriction.kind)
+    chosen, _ = settled_gains(problem, gains, frequency_hz)
+    scene = compile_for(problem, effects, chosen)
+    parameters, inputs = scene.parameter_values(chosen), scene.input_values(seed)
+    parts = []
+    for first in range(0, len(parameters), _CHUNK):
+        traces = _completed(scene, execute(scene, parameters[first : first + _CHUNK], inputs, engine=engine))
+        parts.append(judge(traces["position_m"], traces["velocity_m_per_s"], traces["force_n"], scene.sample_time_s))
+    return Judgement(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
+
+
+# Hands whose traces are held at a time.
+_CHUNK = 256
+
+
+def settled_gains(
+    problem: Problem, gains: Gains | GainSchedule | None, frequency_hz: float | None = None
+) -> tuple[Gains, str]:
+    """Return the gains and how they were chosen; None solves for the coupling that the scene names."""
+    if isinstance(gains, Gains):
+        return gains, "none" if gains == NO_COUPLING else "given"
+    if gains is None:
+        if problem.scene.coupling == "none":
+            return NO_COUPLING, "none"
+        from avc_casadi.design import solve  # noqa: PLC0415
+
+        gains = solve(problem, problem.scene.coupling)
+    return gains_at(gains, frequency_hz), gains.method
+
+
+def compile_for(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
+    """Compile with what the gains need and nothing more."""
+    return compile_scene(problem, effects, coupled=not gains.rigid, damped=gains.contact_damping_ns_per_m > 0)
+
+
+def without(effects: tuple[SceneEffect, ...], kind: str) -> tuple[SceneEffect, ...]:
+    """Leave one kind out."""
+    return tuple(effect for effect in effects if effect.kind != kind)
+
+
+def _with_hand(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | None) -> tuple[SceneEffect, ...]:
+    if hand is None:
+        return effects
+    if not any(isinstance(effect, Hand) for effect in effects):
+        raise InputError.of(
+            "lists no hand that another one could replace; allowed: the effect hand, or no effects at all",
+            file=problem.name,
+            key="scene.effects",
+        )
+    return tuple(hand if isinstance(effect, Hand) else effect for effect in effects)
+
+
+def _traces(scene: CompiledScene, gains: Gains, seed: int, engine: Engine) -> dict[str, FloatArray]:
+    results = execute(scene, scene.parameter_values(gains), scene.input_values(seed), engine=engine)
+    return {name: values[0] for name, values in _completed(scene, results).items()}
+
+
+def _completed(scene: CompiledScene, traces: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Add what free space leaves out: no force, and a tool that is the device."""
+    free = {"force_n": np.zeros_like(traces["position_m"]), "tool_m": traces["position_m"]}
+    return (free if scene.environment is None else {}) | traces

@@ -1,0 +1,151 @@
+"""What one sample of the loop consists of: states, inputs, parameters and traces, each owned by an effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+# A CasADi SX expression; CasADi ships no types.
+Expr = Any
+
+FloatArray = NDArray[np.float64]
+# (samples, seed of the run) -> one number a sample.
+InputValues = Callable[[int, int], FloatArray]
+
+
+@dataclass
+class Slot:
+    """One named vector of the step function.
+
+    Attributes:
+        name: name with unit.
+        owner: kind of the effect that added it.
+        symbol: its CasADi symbol.
+        initial: value at the first sample (states).
+        values: what makes the signal of an input.
+    """
+
+    name: str
+    owner: str
+    symbol: Expr
+    initial: float = 0.0
+    values: InputValues | None = None
+
+
+@dataclass
+class Tick:
+    """The loop at one sample, built up station by station.
+
+    Signals that stations hand on are attributes; None where no effect has made them.
+
+    Attributes:
+        sample_time_s: T.
+        start_m: position at which everything rests at the beginning.
+        position: true position of the device, then what the sensing makes of it, m.
+        command: force that the computer asks for, N, positive against +x; None in free space.
+        command_before: the force that still acts while the new one is late; None where forces are never late.
+        filter_share: share of the old velocity in the filtered one (0: no filter).
+        late: share of the sample during which the old force still acts; None where forces are never late.
+        dropped: 1 where the computer misses the sample; None where it never does.
+    """
+
+    sample_time_s: float
+    start_m: float
+    position: Expr = None
+    command: Expr = None
+    command_before: Expr = None
+    filter_share: float = 0.0
+    late: Expr = None
+    dropped: Expr = None
+    states: list[Slot] = field(default_factory=list)
+    inputs: list[Slot] = field(default_factory=list)
+    parameters: list[Slot] = field(default_factory=list)
+    traces: dict[str, Expr] = field(default_factory=dict)
+    _next: dict[str, Expr] = field(default_factory=dict)
+    _computed: set[str] = field(default_factory=set)
+    _owner: str = "loop"
+
+    @contextmanager
+    def owned_by(self, owner: str) -> Iterator[None]:
+        """Everything added inside belongs to `owner`."""
+        before, self._owner = self._owner, owner
+        try:
+            yield
+        finally:
+            self._owner = before
+
+    def state(self, name: str, initial: float = 0.0, *, computed: bool = True) -> Expr:
+        """Add a state; a `computed` one lives in the computer and stands still in a dropped sample."""
+        if computed:
+            self._computed.add(name)
+        return self._add(self.states, name, initial=initial)
+
+    def input(self, name: str, values: InputValues) -> Expr:
+        """Add a signal that is known beforehand at every sample."""
+        return self._add(self.inputs, name, values=values)
+
+    def parameter(self, name: str, sparsity: Any = None) -> Expr:
+        """Add a number (or a matrix of the given sparsity) that a run sets, for example for each hand."""
+        return self._add(self.parameters, name, sparsity=sparsity)
+
+    def follow(self, name: str, value: Expr) -> None:
+        """Set what a state becomes at the next sample."""
+        self._next[name] = value
+
+    def trace(self, name: str, value: Expr) -> None:
+        """Record a signal."""
+        self.traces[name] = value
+
+    def successors(self) -> list[Expr]:
+        """Return the next value of every state, in order."""
+        import casadi as ca  # noqa: PLC0415
+
+        if self.dropped is None:
+            return [self._next[slot.name] for slot in self.states]
+        return [
+            ca.if_else(self.dropped, slot.symbol, self._next[slot.name])
+            if slot.name in self._computed
+            else self._next[slot.name]
+            for slot in self.states
+        ]
+
+    def _add(self, slots: list[Slot], name: str, *, sparsity: Any = None, **content: Any) -> Expr:
+        import casadi as ca  # noqa: PLC0415
+
+        symbol = ca.SX.sym(name) if sparsity is None else ca.SX.sym(name, sparsity)
+        slots.append(Slot(name, self._owner, symbol, **content))
+        return symbol
+
+
+class Rate:
+    """Velocity as the computer takes it: backward difference, low-passed where the scene has a velocity filter.
+
+    The value may be unknown when the rate is needed (an implicit force law): rate = gain * value - offset.
+
+    Attributes:
+        gain: 1/s.
+        offset: value unit per second, from the past alone.
+    """
+
+    def __init__(self, tick: Tick, name: str, initial: float = 0.0) -> None:
+        self._tick = tick
+        self._name = name
+        before = tick.state(f"{name}_before_m", initial)
+        self.gain = (1.0 - tick.filter_share) / tick.sample_time_s
+        self.offset: Expr = self.gain * before
+        self._filtered = tick.filter_share > 0
+        if self._filtered:
+            self.offset -= tick.filter_share * tick.state(f"{name}_rate_m_per_s")
+
+    def settle(self, value: Expr) -> Expr:
+        """Set the value of this sample and return its rate."""
+        rate = self.gain * value - self.offset
+        self._tick.follow(f"{self._name}_before_m", value)
+        if self._filtered:
+            self._tick.follow(f"{self._name}_rate_m_per_s", rate)
+        return rate

@@ -1,0 +1,85 @@
+"""What every effect of a scene declares: its station in the loop and what it adds there."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, ClassVar, Self
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.problem import Problem
+from avc_casadi.scene._coupling import Environment
+from avc_casadi.scene._plant import Plant
+from avc_casadi.scene._tick import Tick
+
+
+class Station(IntEnum):
+    """Stations of the loop in the order in which a signal passes them."""
+
+    MECHANICS = 0
+    HAND = 1
+    SENSING = 2
+    COMPUTATION = 3
+    ENVIRONMENT = 4
+    GUARD = 5
+    ACTUATION = 6
+
+
+@dataclass(frozen=True)
+class SceneEffect(ABC):
+    """One effect with its numbers settled; each kind is a file that overrides what it needs.
+
+    Attributes:
+        kind: its name in a problem file.
+        station: where it acts.
+    """
+
+    kind: ClassVar[str]
+    station: ClassVar[Station]
+
+    @classmethod
+    @abstractmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Settle the numbers: what the table leaves out is taken from the problem.
+
+        Args:
+            table: the validated table of the problem file.
+            problem: the problem.
+            place: key of the table, for messages.
+
+        Raises:
+            InputError: a number is neither in the table nor in the problem.
+        """
+
+    @property
+    def environment(self) -> Environment | None:
+        """The virtual environment, of the effect that brings one."""
+        return None
+
+    @property
+    def friction_n(self) -> float:
+        """Dry friction between device and ground."""
+        return 0.0
+
+    def mechanics(self, plant: Plant) -> None:  # noqa: B027 - most effects add nothing here
+        """Add masses, springs and dampers."""
+
+    def sample(self, tick: Tick) -> None:  # noqa: B027 - nor here
+        """Add states, inputs and expressions to the sample."""
+
+
+def settled(
+    value: float | None, default: float | None, *, key: str, place: str, problem: Problem, source: str
+) -> float:
+    """Return the value of a table or its default; both may not be 0.
+
+    Raises:
+        InputError: without a value above 0 the effect would do nothing.
+    """
+    number = default if value is None else value
+    if not number:
+        message = f"is {'missing' if value is None else '0'}{f' and so is {source}' if source else ''}; allowed: "
+        message += f"above 0{f' here or in {source}' if source else ''}, or leave the effect out"
+        raise InputError([Fault(problem.name or "problem", None, f"{place}.{key}", message)])
+    return number

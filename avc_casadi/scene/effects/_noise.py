@@ -1,0 +1,42 @@
+"""Noise of the position sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from avc_casadi.problem import Problem
+from avc_casadi.scene._tick import Tick
+from avc_casadi.scene.effects._base import SceneEffect, Station, settled
+
+
+@dataclass(frozen=True)
+class Noise(SceneEffect):
+    """White Gaussian noise on each sampled position, before an encoder.
+
+    Attributes:
+        rms_m: its standard deviation.
+        seed: seed of its generator.
+    """
+
+    kind: ClassVar[str] = "noise"
+    station: ClassVar[Station] = Station.SENSING
+
+    rms_m: float
+    seed: int
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take the table."""
+        return cls(settled(table.rms_m, None, key="rms_m", place=place, problem=problem, source=""), table.seed)
+
+    def sample(self, tick: Tick) -> None:
+        """Add a drawn number to the position."""
+        rms, seed = self.rms_m, self.seed
+        tick.position += tick.input("noise_m", lambda samples, run: rms * _draw(seed, run, samples))
+
+
+def _draw(seed: int, run: int, samples: int) -> np.ndarray:
+    return np.random.default_rng((seed, run)).standard_normal(samples)

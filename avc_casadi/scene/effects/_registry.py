@@ -1,0 +1,84 @@
+"""From the effects of a problem file to scene effects in the order of the loop."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from avc_casadi._errors import Fault, InputError, UnsupportedError
+from avc_casadi.problem import Problem
+from avc_casadi.problem._scene_file import HandEffect, WallEffect
+from avc_casadi.scene.effects._amplifier import Amplifier
+from avc_casadi.scene.effects._base import SceneEffect
+from avc_casadi.scene.effects._coulomb_friction import CoulombFriction
+from avc_casadi.scene.effects._delay import Delay
+from avc_casadi.scene.effects._encoder import Encoder
+from avc_casadi.scene.effects._environment import TwoSidedEnvironment
+from avc_casadi.scene.effects._hand import Hand
+from avc_casadi.scene.effects._jitter import Jitter
+from avc_casadi.scene.effects._noise import Noise
+from avc_casadi.scene.effects._resonance import Resonance
+from avc_casadi.scene.effects._saturation import Saturation
+from avc_casadi.scene.effects._stylus_hand import StylusHand
+from avc_casadi.scene.effects._velocity_filter import VelocityFilter
+from avc_casadi.scene.effects._viscous_friction import ViscousFriction
+from avc_casadi.scene.effects._wall import Wall
+
+# Within a station, effects act in this order.
+_EFFECTS: tuple[type[SceneEffect], ...] = (
+    Resonance,
+    ViscousFriction,
+    CoulombFriction,
+    Hand,
+    StylusHand,
+    Noise,
+    Encoder,
+    VelocityFilter,
+    Wall,
+    TwoSidedEnvironment,
+    Delay,
+    Saturation,
+    Jitter,
+    Amplifier,
+)
+KINDS: tuple[str, ...] = tuple(effect.kind for effect in _EFFECTS)
+
+_EITHER = (("hand", "stylus-hand"), ("wall", "environment"))
+
+
+def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
+    """Settle the effects of a problem's scene, in the order of the loop; with none listed, a hand and a wall.
+
+    Raises:
+        InputError: impossible combinations and missing numbers, all at once.
+        UnsupportedError: an effect that scenes do not simulate.
+    """
+    tables = problem.scene.effects or (HandEffect(), WallEffect())
+    absent = [table.kind for table in tables if table.kind not in KINDS]
+    if absent:
+        raise UnsupportedError(
+            f"{problem.name}: scene.effects: scenes do not simulate {', '.join(absent)}; they do: {', '.join(KINDS)}"
+        )
+    faults = _impossible(problem, [table.kind for table in tables])
+    classes = {effect.kind: effect for effect in _EFFECTS}
+    built: list[SceneEffect] = []
+    for index, table in enumerate(tables):
+        try:
+            built.append(classes[table.kind].build(table, problem, f"scene.effects[{index}]"))
+        except InputError as error:
+            faults.extend(error.faults)
+    if faults:
+        raise InputError(faults)
+    return tuple(sorted(built, key=lambda effect: KINDS.index(effect.kind)))
+
+
+def _impossible(problem: Problem, kinds: list[str]) -> list[Fault]:
+    messages = [f"{kind} is listed {count} times; allowed: once" for kind, count in Counter(kinds).items() if count > 1]
+    messages += [
+        f"{one} and {other} exclude each other; allowed: one of them"
+        for one, other in _EITHER
+        if one in kinds and other in kinds
+    ]
+    carried = problem.device.mass_kg > 0 or "hand" in kinds
+    if not carried:
+        messages.append("nothing has a mass; allowed: device.mass_kg above 0, or the effect hand with a mass")
+    return [Fault(problem.name, None, "scene.effects", message) for message in messages]

@@ -1,0 +1,57 @@
+"""A structural resonance: the handle hangs on the device by a spring."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.problem import Problem
+from avc_casadi.scene._plant import DEVICE, Plant
+from avc_casadi.scene.effects._base import SceneEffect, Station
+
+_BODY = "handle"
+
+
+@dataclass(frozen=True)
+class Resonance(SceneEffect):
+    """The device's mass split in two: sensor and actuator on one, the hand on the other.
+
+    Attributes:
+        frequency_hz: frequency of the two masses against each other, the device free.
+        damping_ratio: damping of that mode, as a share of the critical.
+        mass_ratio: share of the device's mass on the side of the hand.
+    """
+
+    kind: ClassVar[str] = "resonance"
+    station: ClassVar[Station] = Station.MECHANICS
+
+    frequency_hz: float
+    damping_ratio: float
+    mass_ratio: float
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take the table; a device without mass has no resonance."""
+        faults = []
+        if not 0 < table.mass_ratio < 1:
+            message = f"is {table.mass_ratio}; allowed: above 0 and below 1, the share on the side of the hand"
+            faults.append(Fault(problem.name, None, f"{place}.mass_ratio", message))
+        if problem.device.mass_kg == 0:
+            message = "needs device.mass_kg above 0; leave the effect out or give the device its mass"
+            faults.append(Fault(problem.name, None, place, message))
+        if faults:
+            raise InputError(faults)
+        return cls(table.frequency_hz, table.damping_ratio, table.mass_ratio)
+
+    def mechanics(self, plant: Plant) -> None:
+        """Move a share of the device's mass to a second body, which the hand holds."""
+        whole = plant.mass_kg(DEVICE)
+        handle = whole * self.mass_ratio
+        plant.add_mass(DEVICE, -handle)
+        plant.add_mass(_BODY, handle)
+        reduced = handle * (1 - self.mass_ratio)
+        omega = 2 * math.pi * self.frequency_hz
+        plant.join(DEVICE, _BODY, reduced * omega**2, 2 * self.damping_ratio * omega * reduced)
+        plant.grip = _BODY

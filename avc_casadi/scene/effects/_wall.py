@@ -1,0 +1,40 @@
+"""A wall: the environment on one side only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from avc_casadi.problem import Problem
+from avc_casadi.scene._coupling import Environment
+from avc_casadi.scene.effects._base import SceneEffect, Station
+
+
+@dataclass(frozen=True)
+class Wall(SceneEffect):
+    """A spring and a damper that begin at x = 0 and never pull.
+
+    Attributes:
+        damping_ns_per_m: b_e.
+        stiffness_n_per_m: k_e.
+    """
+
+    kind: ClassVar[str] = "wall"
+    station: ClassVar[Station] = Station.ENVIRONMENT
+
+    damping_ns_per_m: float
+    stiffness_n_per_m: float
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
+        """Take what is left out from the environment."""
+        given = problem.environment
+        return cls(
+            given.damping_ns_per_m if table.damping_ns_per_m is None else table.damping_ns_per_m,
+            given.stiffness_n_per_m if table.stiffness_n_per_m is None else table.stiffness_n_per_m,
+        )
+
+    @property
+    def environment(self) -> Environment:
+        """The environment on one side."""
+        return Environment(self.stiffness_n_per_m, self.damping_ns_per_m, one_sided=True)
