@@ -1,0 +1,133 @@
+"""Connection: runs dialogues of a session over a link, by the link's own clock."""
+
+from __future__ import annotations
+
+import secrets
+from collections import deque
+from collections.abc import Callable, Generator
+from typing import Self, TypeVar
+
+from avc_casadi import LinkError
+from avc_hardware._bytes import ByteLink, SerialLink
+from avc_hardware._emulator import EmulatedBoard
+from avc_hardware._frames import DELIMITER, Decoder
+from avc_hardware._messages import Device, Log, Message, parse
+from avc_hardware._session import Answer, Exchange, NoAnswerError, Session
+
+T = TypeVar("T")
+
+EMULATOR = "emulator"
+DEFAULT_BAUD = 115200
+# A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
+_BYTES_ON_THE_WAY = 1536 + 1024
+_THINKING_S = 0.15
+_DEADLINE_S = 15.0
+
+
+class Connection:
+    """An open device: use as a context manager."""
+
+    def __init__(
+        self,
+        link: ByteLink,
+        *,
+        baud: int = DEFAULT_BAUD,
+        deadline_s: float | None = None,
+        session: int | None = None,
+        on_log: Callable[[str], None] | None = None,
+    ) -> None:
+        """Take over a link and say hello.
+
+        Args:
+            link: bytes; closed with this connection.
+            baud: bits a second, for time-outs.
+            deadline_s: longest that one dialogue may last, on the link's clock; default 15 s and four times the
+                time of a full table on the wire.
+            session: number of this host; random by default.
+            on_log: takes the lines of text that the firmware sends.
+
+        Raises:
+            LinkError: no answer, or firmware of another version.
+        """
+        self.link = link
+        timeout_s = _THINKING_S + _BYTES_ON_THE_WAY * 10 / baud
+        self.session = Session(secrets.randbits(32) if session is None else session, timeout_s=timeout_s)
+        self._deadline_s = _DEADLINE_S + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s
+        self._on_log = on_log
+        self._decoder = Decoder()
+        self._waiting: deque[tuple[int, Message]] = deque()
+        try:
+            self.link.write(DELIMITER)
+            self.device: Device = self.run(self.session.hello())
+        except NoAnswerError as error:
+            self.link.close()
+            raise LinkError(
+                f"{link.name}: no answer at {baud} baud; is the avc firmware on the device, the rate the firmware's, "
+                "and is this the right port (`avc ports`)?"
+            ) from error
+        except BaseException:
+            self.link.close()
+            raise
+
+    def run(self, dialogue: Generator[Exchange, Answer, T], *, deadline_s: float | None = None) -> T:
+        """Run a dialogue to its end.
+
+        Args:
+            dialogue: of ``self.session``.
+            deadline_s: instead of the connection's.
+
+        Raises:
+            LinkError: it failed, or lasted longer than the deadline.
+        """
+        allowed_s = self._deadline_s if deadline_s is None else deadline_s
+        end = self.link.now_s() + allowed_s
+        try:
+            exchange = next(dialogue)
+            while True:
+                answer = self._exchange(exchange, end)
+                if answer is None and self.link.now_s() >= end:
+                    dialogue.close()
+                    raise LinkError(f"{self.link.name}: gave up after {allowed_s:.0f} s; the link loses too much")
+                exchange = dialogue.send(answer)
+        except StopIteration as stop:
+            result: T = stop.value
+            return result
+
+    def _exchange(self, exchange: Exchange, end: float) -> Answer:
+        if exchange.data:
+            self.link.write(exchange.data)
+        until = min(self.link.now_s() + exchange.timeout_s, end)
+        while not self._waiting:
+            left = until - self.link.now_s()
+            if left <= 0:
+                return None
+            for frame in self._decoder.feed(self.link.read(left)):
+                message = parse(frame)
+                if isinstance(message, Log):
+                    if self._on_log is not None:
+                        self._on_log(message.text)
+                elif message is not None:
+                    self._waiting.append((frame.sequence, message))
+        return self._waiting.popleft()
+
+    def close(self) -> None:
+        """Close the link."""
+        self.link.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def open_link(port: str, *, baud: int = DEFAULT_BAUD) -> ByteLink:
+    """Open a port: a device path, a pyserial URL, or ``emulator`` for the firmware image on an emulated board.
+
+    Raises:
+        LinkError: the port cannot be opened.
+        MissingExtraError: the emulator is asked for and not installed.
+    """
+    if port == EMULATOR:
+        return EmulatedBoard()
+    return SerialLink(port, baud)

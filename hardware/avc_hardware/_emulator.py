@@ -1,0 +1,73 @@
+"""The emulated board as a link: the real firmware image on an emulated STM32F405, in virtual time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+from avc_hardware._elf import read_elf
+from avc_hardware._firmware import IMAGE
+from avc_hardware._machine import CLOCK_HZ, Machine
+
+METRES_PER_COUNT = 2e-6
+# The firmware needs so long to clear its memory and to switch the serial port on; bytes before that are lost.
+_BOOT_S = 2e-3
+
+
+def tapping_hand(time_s: float) -> float:
+    """Position of the hand on the emulated board, metres: 0.4 mm about the wall's face, 1 to 9 Hz and back in 8 s."""
+    swing = 2 * math.pi * time_s / 8
+    phase = 2 * math.pi * (5 * time_s - 4 * 8 / (2 * math.pi) * math.sin(swing))
+    return 4e-4 * math.sin(phase)
+
+
+class EmulatedBoard:
+    """A `ByteLink` to the firmware: time passes only while something waits for an answer."""
+
+    def __init__(
+        self,
+        image: Path = IMAGE,
+        *,
+        motion_m: Callable[[float], float] = tapping_hand,
+        on_force_code: Callable[[int], None] = lambda _: None,
+        slice_cycles: int = CLOCK_HZ // 1000,
+    ) -> None:
+        """Start the firmware.
+
+        Args:
+            image: ELF file of the netduinoplus2 board.
+            motion_m: position of the encoder at a time, metres.
+            on_force_code: takes the 12-bit code of the force output at every tick.
+            slice_cycles: see `Machine`.
+        """
+
+        def counts(cycle: int) -> int:
+            return round(motion_m(cycle / CLOCK_HZ) / METRES_PER_COUNT)
+
+        self.machine = Machine(read_elf(image), encoder=counts, actuator=on_force_code, slice_cycles=slice_cycles)
+        self.machine.run_until(round(_BOOT_S * CLOCK_HZ))
+
+    @property
+    def name(self) -> str:
+        """How the user calls it."""
+        return "emulator"
+
+    def now_s(self) -> float:
+        """Virtual time since the start, seconds."""
+        return self.machine.cycle / CLOCK_HZ
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the virtual wire."""
+        self.machine.send(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Let virtual time pass until the firmware has sent something, at most ``timeout_s``."""
+        machine = self.machine
+        machine.run_until(machine.cycle + max(1, round(timeout_s * CLOCK_HZ)), stop=lambda: bool(machine.sent))
+        data = bytes(machine.sent)
+        machine.sent.clear()
+        return data
+
+    def close(self) -> None:
+        """Nothing to give back."""

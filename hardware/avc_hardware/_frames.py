@@ -1,0 +1,124 @@
+"""Frames: COBS with a zero byte as delimiter, and a CRC-32 over the content. Nothing here waits or fails."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+
+PROTOCOL_VERSION = 1
+MAX_ENCODED = 1024
+MAX_CONTENT = 1016
+DELIMITER = b"\x00"
+_HEADER = struct.Struct("<BBH")
+_CRC = struct.Struct("<I")
+MAX_PAYLOAD = MAX_CONTENT - _HEADER.size - _CRC.size
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One message on the wire.
+
+    Attributes:
+        type: message type, 0 to 255.
+        sequence: number that the answer repeats, 0 to 65535.
+        payload: at most ``MAX_PAYLOAD`` bytes.
+        version: of the protocol.
+    """
+
+    type: int
+    sequence: int
+    payload: bytes
+    version: int = PROTOCOL_VERSION
+
+
+def cobs_encode(data: bytes) -> bytes:
+    """Stuff bytes so that none is zero (consistent overhead byte stuffing)."""
+    out = bytearray()
+    for index, block in enumerate(blocks := data.split(b"\x00")):
+        rest = block
+        while len(rest) >= 254:
+            out += b"\xff" + rest[:254]
+            rest = rest[254:]
+            if not rest and index == len(blocks) - 1:
+                return bytes(out)
+        out.append(len(rest) + 1)
+        out += rest
+    return bytes(out)
+
+
+def cobs_decode(data: bytes) -> bytes | None:
+    """Undo `cobs_encode`; None where the bytes are not stuffed."""
+    out = bytearray()
+    at = 0
+    while at < len(data):
+        code = data[at]
+        block = data[at + 1 : at + code]
+        if code == 0 or len(block) != code - 1 or 0 in block:
+            return None
+        out += block
+        at += code
+        if code != 0xFF and at < len(data):
+            out.append(0)
+    return bytes(out)
+
+
+def encode(frame: Frame) -> bytes:
+    """Return the frame's bytes with the delimiter at the end."""
+    if len(frame.payload) > MAX_PAYLOAD:
+        raise ValueError(f"payload of {len(frame.payload)} bytes; allowed: at most {MAX_PAYLOAD}")
+    content = _HEADER.pack(frame.version, frame.type, frame.sequence) + frame.payload
+    return cobs_encode(content + _CRC.pack(zlib.crc32(content))) + DELIMITER
+
+
+def decode(encoded: bytes) -> Frame | None:
+    """Return the frame of the bytes between two delimiters; None where it is broken."""
+    content = cobs_decode(encoded)
+    if content is None or not _HEADER.size + _CRC.size <= len(content) <= MAX_CONTENT:
+        return None
+    body, check = content[: -_CRC.size], content[-_CRC.size :]
+    if zlib.crc32(body) != _CRC.unpack(check)[0]:
+        return None
+    version, kind, sequence = _HEADER.unpack_from(body)
+    return Frame(kind, sequence, body[_HEADER.size :], version)
+
+
+class Decoder:
+    """Collects bytes into frames; broken ones are counted and skipped."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+        self._skipping = False
+        self.broken = 0
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Return the frames that these bytes complete."""
+        frames = []
+        for piece in _pieces(data):
+            if piece != DELIMITER:
+                self._collect(piece)
+            elif self._pending or self._skipping:
+                frame = None if self._skipping else decode(bytes(self._pending))
+                self._pending.clear()
+                self._skipping = False
+                if frame is None:
+                    self.broken += 1
+                else:
+                    frames.append(frame)
+        return frames
+
+    def _collect(self, piece: bytes) -> None:
+        self._pending += piece
+        if len(self._pending) >= MAX_ENCODED:  # no delimiter for too long: not a frame
+            self._pending.clear()
+            self._skipping = True
+
+
+def _pieces(data: bytes) -> list[bytes]:
+    pieces: list[bytes] = []
+    for index, part in enumerate(data.split(DELIMITER)):
+        if index:
+            pieces.append(DELIMITER)
+        if part:
+            pieces.append(part)
+    return pieces

@@ -1,0 +1,149 @@
+"""The portable core compiled for this computer: the same C as on the board, as an object and as a link."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_hardware._table import Float32Array
+
+_ROOM = 8192
+
+
+@dataclass(frozen=True)
+class BoardLimits:
+    """What a board says of itself; the values of the netduinoplus2 board."""
+
+    sample_time_s: float = 1e-3
+    metres_per_count: float = 2e-6
+    max_force_n: float = 50.0
+    max_damping_ns_per_m: float = 1e5
+    max_stiffness_n_per_m: float = 1e8
+    max_contact_damping_ns_per_m: float = 1e4
+    wall_damping_ns_per_m: float = 10.0
+    wall_stiffness_n_per_m: float = 1e5
+
+
+class _Limits(ctypes.Structure):
+    _fields_ = [(field.name, ctypes.c_float) for field in fields(BoardLimits)]
+
+
+class State(ctypes.Structure):
+    """The firmware's `avc_state_t`."""
+
+    _fields_ = [
+        *((name, ctypes.c_uint32) for name in ("ticks", "overruns", "saturated", "not_finite", "stream_expired")),
+        ("heartbeats_missed", ctypes.c_uint32),
+        ("swaps", ctypes.c_uint32),
+        ("encoder_count", ctypes.c_int32),
+        *((name, ctypes.c_float) for name in ("position_m", "velocity_m_per_s", "frequency_hz")),
+        *((name, ctypes.c_float) for name in ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")),
+        ("force_n", ctypes.c_float),
+        ("energy_j", ctypes.c_float),
+        *((name, ctypes.c_uint8) for name in ("mode", "streaming", "contact", "has_table")),
+    ]
+
+
+class HostCore:
+    """One device."""
+
+    def __init__(self, library: Path, limits: BoardLimits | None = None) -> None:
+        """Load the library that `firmware_build.build_host` made."""
+        self._c = ctypes.CDLL(str(library))
+        self._c.avc_host_new.restype = ctypes.c_void_p
+        self._c.avc_host_read.restype = ctypes.c_size_t
+        self._c.avc_host_image.restype = ctypes.c_size_t
+        self._limits = _Limits(*(getattr(limits or BoardLimits(), field.name) for field in fields(BoardLimits)))
+        self._device: ctypes.c_void_p | None = None
+        self._boots = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Start anew: the table is gone."""
+        self.free()
+        self._boots += 1
+        self._device = ctypes.c_void_p(self._c.avc_host_new(ctypes.byref(self._limits), 0, self._boots))
+
+    def free(self) -> None:
+        """Give the memory back."""
+        if self._device is not None:
+            self._c.avc_host_free(self._device)
+            self._device = None
+
+    def __del__(self) -> None:
+        self.free()
+
+    def write(self, data: bytes) -> None:
+        """Bytes to the device."""
+        self._c.avc_host_write(self._device, data, ctypes.c_size_t(len(data)))
+
+    def read(self) -> bytes:
+        """Bytes from the device."""
+        room = ctypes.create_string_buffer(_ROOM)
+        size = self._c.avc_host_read(self._device, room, ctypes.c_size_t(_ROOM))
+        return room.raw[:size]
+
+    def tick(self, counts: NDArray[np.int32]) -> tuple[Float32Array, Float32Array]:
+        """Run one tick for each encoder position; returns forces and frequency estimates, each of shape (n,)."""
+        counts = np.ascontiguousarray(counts, dtype=np.int32)
+        force = np.empty(len(counts), dtype=np.float32)
+        frequency = np.empty(len(counts), dtype=np.float32)
+        self._c.avc_host_ticks(
+            self._device,
+            ctypes.c_void_p(counts.ctypes.data),
+            ctypes.c_void_p(force.ctypes.data),
+            ctypes.c_void_p(frequency.ctypes.data),
+            ctypes.c_size_t(len(counts)),
+        )
+        return force, frequency
+
+    def state(self) -> State:
+        """Return what the last tick left."""
+        state = State()
+        self._c.avc_host_state(self._device, ctypes.byref(state))
+        return state
+
+    def image(self) -> bytes | None:
+        """Return the bytes of the table in force, or None."""
+        room = ctypes.create_string_buffer(_ROOM)
+        size = self._c.avc_host_image(self._device, room)
+        return room.raw[:size] or None
+
+
+class HostLink:
+    """A `ByteLink` to a `HostCore`, one tick a millisecond of virtual time; bytes take no time."""
+
+    def __init__(self, core: HostCore, *, position: Callable[[int], int] = lambda _: 0) -> None:
+        """Connect; ``position`` gives the encoder's counts at a tick."""
+        self.core = core
+        self._position = position
+        self._ticks = 0
+
+    @property
+    def name(self) -> str:
+        """How the user calls it."""
+        return "host"
+
+    def now_s(self) -> float:
+        """Virtual time, seconds."""
+        return self._ticks * 1e-3
+
+    def write(self, data: bytes) -> None:
+        """Send all bytes."""
+        self.core.write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Let the device tick until it has sent something."""
+        end = self._ticks + max(1, round(timeout_s * 1e3))
+        while not (data := self.core.read()) and self._ticks < end:
+            self.core.tick(np.array([self._position(self._ticks)], dtype=np.int32))
+            self._ticks += 1
+        return data
+
+    def close(self) -> None:
+        """Nothing to give back."""

@@ -1,0 +1,191 @@
+"""Stream: the host chooses the gains live, from the frequency that the device reports; the table is the safety net."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from avc_casadi import InputError, LinkError
+from avc_casadi.design import FloatArray, GainSchedule
+from avc_hardware import _messages as m
+from avc_hardware._bytes import ByteLink
+from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
+from avc_hardware._messages import DeviceStatus, GainsTaken, Kind, Reason, Refusal
+from avc_hardware._push import PushResult, push_over
+from avc_hardware._reference import lookup
+from avc_hardware._session import Answer, Exchange, Session
+from avc_hardware._table import Float32Array, TableSettings, gain_table
+
+MAX_RATE_HZ = 100.0
+# Streamed gains hold for so many periods; after that the device goes back to its table.
+HOLD_PERIODS = 3
+# When the host itself is late: still give the answer a chance.
+_LEAST_WAIT_S = 2e-3
+
+
+@dataclass(frozen=True)
+class StreamSample:
+    """One SET_GAINS and its answer.
+
+    Attributes:
+        number: of the message.
+        time_s: since the start, link's clock.
+        frequency_hz: the device's estimate in the answer; not a number at rest or without an answer.
+        damping_ns_per_m: b sent.
+        stiffness_n_per_m: k sent.
+        contact_damping_ns_per_m: b_p sent.
+        force_n: output in the answer; not a number without one.
+        round_trip_s: not a number without an answer.
+    """
+
+    number: int
+    time_s: float
+    frequency_hz: float
+    damping_ns_per_m: float
+    stiffness_n_per_m: float
+    contact_damping_ns_per_m: float
+    force_n: float
+    round_trip_s: float
+
+
+@dataclass(frozen=True)
+class StreamResult:
+    """A whole stream.
+
+    Attributes:
+        port: as the user named it.
+        rate_hz: asked for.
+        seconds: that it lasted, link's clock.
+        sent: SET_GAINS messages.
+        taken: answered as taken.
+        late: refused by the device, because a newer one was there.
+        lost: without an answer within their period.
+        fell_back: times that the device went back to its table in mid-stream (from its own counter).
+        round_trip_s: median.
+        round_trip_max_s: largest.
+        samples: every message.
+        push: of the table underneath.
+        status: of the device after the stream has run out: back on its table.
+    """
+
+    port: str
+    rate_hz: float
+    seconds: float
+    sent: int
+    taken: int
+    late: int
+    lost: int
+    fell_back: int
+    round_trip_s: float
+    round_trip_max_s: float
+    samples: tuple[StreamSample, ...]
+    push: PushResult
+    status: DeviceStatus
+
+
+def stream(
+    gains: GainSchedule,
+    port: str | ByteLink,
+    *,
+    rate_hz: float = 50.0,
+    seconds: float = 5.0,
+    baud: int = DEFAULT_BAUD,
+    settings: TableSettings | None = None,
+    on_sample: Callable[[StreamSample], None] | None = None,
+) -> StreamResult:
+    """Push the table, then send gains live for a time; a message that is late or lost is not repeated.
+
+    Args:
+        gains: the schedule to stream from.
+        port: device path, pyserial URL, ``emulator``, or an open link.
+        rate_hz: messages a second, at most 100.
+        seconds: duration.
+        baud: rate of a serial port.
+        settings: wall, safe gains and slew that travel with the table.
+        on_sample: called after each message.
+
+    Raises:
+        InputError: rate or duration out of range, or no row can be sent.
+        LinkError: no device, refused, unplugged.
+    """
+    if not 0 < rate_hz <= MAX_RATE_HZ:
+        raise InputError.of(f"{rate_hz:g} Hz; allowed: above 0, at most {MAX_RATE_HZ:g}", key="rate_hz")
+    if not (math.isfinite(seconds) and seconds > 0):
+        raise InputError.of(f"{seconds:g} s; allowed: a finite time above 0", key="seconds")
+    link = open_link(port, baud=baud) if isinstance(port, str) else port
+    with Connection(link, baud=baud) as connection:
+        pushed = push_over(connection, gains, settings=settings)
+        device = connection.device
+        table = gain_table(
+            gains, settings=settings, capacity_rows=device.capacity_rows, sample_time_s=device.sample_time_s
+        )
+        rows = table.rows.astype(np.float32)
+        hold_ticks = max(1, math.ceil(HOLD_PERIODS / rate_hz / device.sample_time_s))
+        ask_status = connection.session.ask
+        before = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
+        start = link.now_s()
+        samples: list[StreamSample] = []
+        late = 0
+        frequency = before.frequency_hz
+        for number in range(max(1, round(seconds * rate_hz))):
+            end = start + (number + 1) / rate_hz
+            sample, answer = _sample(connection, number, hold_ticks, lookup(rows, np.float32(frequency)), end, start)
+            if isinstance(answer, GainsTaken):
+                frequency = answer.frequency_hz
+            elif isinstance(answer, Refusal):
+                if answer.reason is not Reason.STALE:
+                    raise LinkError(f"{link.name}: the device refused streamed gains: {answer}")
+                late += 1
+            samples.append(sample)
+            if on_sample is not None:
+                on_sample(sample)
+            connection.run(_idle(connection, end))
+        lasted = link.now_s() - start
+        middle = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
+        connection.run(_idle(connection, link.now_s() + 2 * HOLD_PERIODS / rate_hz))
+        after = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
+    trips: FloatArray = np.array([s.round_trip_s for s in samples if math.isfinite(s.round_trip_s)])
+    return StreamResult(
+        port=link.name,
+        rate_hz=rate_hz,
+        seconds=lasted,
+        sent=len(samples),
+        taken=len(trips),
+        late=late,
+        lost=len(samples) - len(trips) - late,
+        fell_back=middle.stream_expired - before.stream_expired,
+        round_trip_s=float(np.median(trips)) if len(trips) else math.nan,
+        round_trip_max_s=float(trips.max()) if len(trips) else math.nan,
+        samples=tuple(samples),
+        push=pushed,
+        status=after,
+    )
+
+
+def _sample(
+    connection: Connection, number: int, hold_ticks: int, chosen: Float32Array, end_s: float, start_s: float
+) -> tuple[StreamSample, m.Message | None]:
+    at = connection.link.now_s()
+    b, k, b_p = map(float, chosen)
+    payload = m.set_gains(number, hold_ticks, b, k, b_p)
+    answer = connection.run(_send(connection.session, payload, max(end_s - at, _LEAST_WAIT_S)))
+    frequency = force = round_trip = math.nan
+    if isinstance(answer, GainsTaken):
+        frequency, force, round_trip = answer.frequency_hz, answer.force_n, connection.link.now_s() - at
+    return StreamSample(number, at - start_s, frequency, b, k, b_p, force, round_trip), answer
+
+
+def _send(session: Session, payload: bytes, wait_s: float) -> Generator[Exchange, Answer, m.Message | None]:
+    sequence, data = session.message(Kind.SET_GAINS, payload)
+    answer = yield Exchange(data, wait_s)
+    while answer is not None and answer[0] != sequence:
+        answer = yield Exchange(b"", wait_s)
+    return None if answer is None else answer[1]
+
+
+def _idle(connection: Connection, until_s: float) -> Generator[Exchange, Answer, None]:
+    while (left := until_s - connection.link.now_s()) > 0:
+        yield Exchange(b"", left)

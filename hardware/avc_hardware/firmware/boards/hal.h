@@ -1,0 +1,24 @@
+/* What a board gives. A port writes the functions of the first group and calls those of the second. */
+#ifndef AVC_HAL_H
+#define AVC_HAL_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "avc_table.h"
+
+/* The board's own figures: sample time, encoder, limits. */
+extern const avc_limits_t hal_limits;
+
+void hal_start(void);               /* clocks, pins, serial port with receive interrupt, timer of one sample time */
+int32_t hal_encoder_count(void);    /* position in counts, positive into the wall */
+void hal_apply_force(float force_n); /* finite and within the limits, positive out of the wall */
+bool hal_send(uint8_t byte);        /* false: the transmitter is busy, try again */
+
+void serial_handler(void);          /* the receive interrupt: gives each byte to avc_on_byte */
+
+/* Called by the board. */
+void avc_on_byte(uint8_t byte);
+void avc_on_byte_lost(void); /* the receiver was overrun */
+
+#endif

@@ -1,0 +1,75 @@
+/* The host as a board: the device as an object that tests drive through plain functions. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "avc_device.h"
+
+avc_device_t *avc_host_new(const avc_limits_t *limits, uint32_t serial, uint32_t boot_id);
+void avc_host_free(avc_device_t *device);
+void avc_host_write(avc_device_t *device, const uint8_t *data, size_t size);
+size_t avc_host_read(avc_device_t *device, uint8_t *out, size_t room);
+void avc_host_state(const avc_device_t *device, avc_state_t *state);
+size_t avc_host_image(const avc_device_t *device, uint8_t *out);
+void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, float *frequency, size_t size);
+
+avc_device_t *avc_host_new(const avc_limits_t *limits, uint32_t serial, uint32_t boot_id)
+{
+    avc_device_t *device = malloc(sizeof *device);
+    if (device != NULL) {
+        avc_device_init(device, limits, serial, boot_id);
+    }
+    return device;
+}
+
+void avc_host_free(avc_device_t *device)
+{
+    free(device);
+}
+
+/* Bytes as from the receive interrupt, the main loop in between: no byte is lost. */
+void avc_host_write(avc_device_t *device, const uint8_t *data, size_t size)
+{
+    for (size_t i = 0; i < size; i++) {
+        avc_device_receive(device, data[i]);
+        if (data[i] == 0u) {
+            (void)avc_device_poll(device);
+        }
+    }
+    (void)avc_device_poll(device);
+}
+
+size_t avc_host_read(avc_device_t *device, uint8_t *out, size_t room)
+{
+    size_t size = 0;
+    (void)avc_device_poll(device);
+    while (size < room && avc_device_transmit(device, &out[size])) {
+        size++;
+        (void)avc_device_poll(device);
+    }
+    return size;
+}
+
+void avc_host_state(const avc_device_t *device, avc_state_t *state)
+{
+    *state = device->control.state;
+}
+
+/* The table in force, as bytes; 0 when there is none. */
+size_t avc_host_image(const avc_device_t *device, uint8_t *out)
+{
+    if (device->control.state.has_table == 0u) {
+        return 0;
+    }
+    const avc_image_t *image = &device->control.tables[device->control.active].image;
+    const size_t size = avc_image_size(image->header.rows);
+    memcpy(out, image, size);
+    return size;
+}
+
+void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, float *frequency, size_t size)
+{
+    for (size_t i = 0; i < size; i++) {
+        force[i] = avc_device_tick(device, counts[i]);
+        frequency[i] = device->control.state.frequency_hz;
+    }
+}

@@ -1,0 +1,49 @@
+/* The same on every board: the interrupts tick and receive, the main loop talks. */
+#include "avc_device.h"
+#include "cortex_m.h"
+#include "hal.h"
+
+static avc_device_t device;
+
+/* Kept over a reset (not over a loss of power): tells the host that the device has started anew. */
+static uint32_t boots __attribute__((section(".noinit")));
+
+void avc_on_byte(uint8_t byte)
+{
+    avc_device_receive(&device, byte);
+}
+
+void systick_handler(void);
+void systick_handler(void)
+{
+    (void)SYSTICK_CONTROL; /* clears its flag */
+    hal_apply_force(avc_device_tick(&device, hal_encoder_count()));
+    if ((SYSTICK_CONTROL & SYSTICK_COUNTED) != 0u) {
+        device.control.state.overruns++; /* the next tick came due before this one had ended */
+    }
+}
+
+void avc_on_byte_lost(void)
+{
+    device.rx_overruns++;
+}
+
+int main(void)
+{
+    boots++;
+    avc_device_init(&device, &hal_limits, 0u, boots);
+    hal_start();
+    bool waiting = false;
+    uint8_t byte = 0;
+    for (;;) {
+        const bool busy = avc_device_poll(&device);
+        if (!waiting) {
+            waiting = avc_device_transmit(&device, &byte);
+        }
+        if (waiting) {
+            waiting = !hal_send(byte);
+        } else if (!busy) {
+            __asm volatile("wfi"); /* the next tick wakes it at the latest */
+        }
+    }
+}

@@ -1,0 +1,87 @@
+/* STM32F405: USART1 (PA9, PA10), encoder on TIM8 (PC6, PC7), force on DAC channel 1 (PA4). */
+#include "board.h"
+
+#include "cortex_m.h"
+#include "hal.h"
+
+#define USART1_STATUS REGISTER(0x40011000u)
+#define USART1_DATA REGISTER(0x40011004u)
+#define USART1_RATE REGISTER(0x40011008u)
+#define USART1_CONTROL REGISTER(0x4001100Cu)
+#define TIM8_CONTROL REGISTER(0x40010400u)
+#define TIM8_SLAVE_MODE REGISTER(0x40010408u)
+#define TIM8_CAPTURE REGISTER(0x40010418u)
+#define TIM8_COUNT REGISTER(0x40010424u)
+#define TIM8_RELOAD REGISTER(0x4001042Cu)
+#define DAC_CONTROL REGISTER(0x40007400u)
+#define DAC_VALUE REGISTER(0x40007408u)
+
+enum { RECEIVED = 1 << 5, OVERRUN = 1 << 3, TRANSMIT_EMPTY = 1 << 7 };
+
+const avc_limits_t hal_limits = {
+    .sample_time_s = 1e-3f,
+    .metres_per_count = 2e-6f,
+    .max_force_n = 50.0f,
+    .max_damping_ns_per_m = 1e5f,
+    .max_stiffness_n_per_m = 1e8f,
+    .max_contact_damping_ns_per_m = 1e4f,
+    .wall_damping_ns_per_m = 10.0f,
+    .wall_stiffness_n_per_m = 1e5f,
+};
+
+static int32_t count;
+
+/* Clocks and pins; the emulators have none. boards/stm32f405 replaces it. */
+__attribute__((weak)) void board_init(void);
+__attribute__((weak)) void board_init(void)
+{
+}
+
+void hal_start(void)
+{
+    board_init();
+    TIM8_CAPTURE = 0x0101u; /* both channels as inputs */
+    TIM8_SLAVE_MODE = 3u;   /* quadrature, both edges */
+    TIM8_RELOAD = 0xFFFFu;
+    TIM8_CONTROL = 1u;
+    DAC_CONTROL = 1u;
+    hal_apply_force(0.0f);
+    USART1_RATE = (BOARD_CLOCK_HZ / 2u + BOARD_BAUD / 2u) / BOARD_BAUD; /* APB2 runs at half the core's clock */
+    USART1_CONTROL = (1u << 13) | (1u << 5) | (1u << 3) | (1u << 2);    /* on, receive interrupt, both ways */
+    interrupt_enable(BOARD_SERIAL_INTERRUPT);
+    systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s));
+}
+
+int32_t hal_encoder_count(void)
+{
+    /* the counter has 16 bits: 65 mm at 2 um; movement within a tick is far less */
+    const int16_t moved = (int16_t)(uint16_t)(TIM8_COUNT - (uint32_t)count);
+    count += moved;
+    return count;
+}
+
+void hal_apply_force(float force_n)
+{
+    const float full = hal_limits.max_force_n;
+    DAC_VALUE = (uint32_t)(int32_t)(2048.0f + 2047.0f * (force_n / full) + 0.5f);
+}
+
+bool hal_send(uint8_t byte)
+{
+    if ((USART1_STATUS & TRANSMIT_EMPTY) == 0u) {
+        return false;
+    }
+    USART1_DATA = byte;
+    return true;
+}
+
+void serial_handler(void)
+{
+    const uint32_t status = USART1_STATUS;
+    if ((status & (RECEIVED | OVERRUN)) != 0u) {
+        avc_on_byte((uint8_t)USART1_DATA);
+        if ((status & OVERRUN) != 0u) {
+            avc_on_byte_lost();
+        }
+    }
+}

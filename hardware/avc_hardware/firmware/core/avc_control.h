@@ -1,0 +1,101 @@
+/* The control tick: encoder to force, float32 only, the same operations in the same order on every machine. */
+#ifndef AVC_CONTROL_H
+#define AVC_CONTROL_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "avc_table.h"
+
+/* Interaction frequency from the zero crossings of the filtered velocity; NaN at rest. */
+typedef struct {
+    float velocity;  /* filtered, m/s */
+    float age;       /* ticks since the last counted crossing */
+    float crossing;  /* age at which the velocity last passed zero */
+    float half;      /* ticks of the half period before */
+    float frequency_hz;
+    int32_t sign;    /* of the half wave in progress; 0 before the first */
+    uint32_t halves; /* counted half periods since rest, at most 3 */
+} avc_estimator_t;
+
+/* Series coupling between the device and a one-sided wall at position 0, both by backward difference. */
+typedef struct {
+    float deflection; /* device minus proxy, m */
+    float proxy;      /* m, inside the wall where > 0 */
+    bool contact;
+} avc_coupling_t;
+
+typedef enum { AVC_MODE_TABLE = 0, AVC_MODE_RAMP = 1, AVC_MODE_SAFE = 2 } avc_mode_t;
+
+typedef struct {
+    uint32_t number;
+    uint32_t ticks; /* how long the gains hold */
+    avc_gains_t gains;
+} avc_stream_t;
+
+/* What the outside may read of a tick. */
+typedef struct {
+    uint32_t ticks;
+    uint32_t overruns;
+    uint32_t saturated;
+    uint32_t not_finite;
+    uint32_t stream_expired;
+    uint32_t heartbeats_missed;
+    uint32_t swaps;
+    int32_t encoder_count;
+    float position_m;
+    float velocity_m_per_s;
+    float frequency_hz;
+    avc_gains_t gains; /* in force */
+    float force_n;
+    float energy_j; /* given to the hand since start: sum of held force times next displacement, sign as seen by the wall */
+    uint8_t mode;
+    uint8_t streaming;
+    uint8_t contact;
+    uint8_t has_table;
+} avc_state_t;
+
+typedef struct {
+    avc_limits_t limits;
+    float rate_hz;     /* 1/T */
+    float smoothing;   /* of the estimator's velocity filter */
+    float hysteresis_m_per_s;
+    float rest_ticks;  /* no crossing for so long: at rest */
+
+    avc_table_t tables[2];
+    volatile uint32_t active;      /* index of the running table */
+    volatile uint32_t swap_wanted; /* set by the link, cleared by the tick */
+
+    avc_stream_t stream[2];
+    volatile uint32_t stream_slot;
+    volatile uint32_t stream_fresh; /* set by the link, cleared by the tick */
+    uint32_t stream_left;
+
+    volatile uint32_t heartbeat_ticks; /* 0: not supervised */
+    volatile uint32_t heartbeat_seen;
+    uint32_t heartbeat_left;
+    float scale; /* of the force: ramps to 0 when the heartbeat is lost */
+
+    float wall_damping_ns_per_m;
+    float wall_stiffness_n_per_m;
+
+    avc_estimator_t estimator;
+    avc_coupling_t coupling;
+    bool started;
+    float previous_force;
+    avc_state_t state;
+} avc_control_t;
+
+void avc_control_init(avc_control_t *control, const avc_limits_t *limits);
+
+/* One tick; returns the force in newtons that the device shall push back with (positive out of the wall). */
+float avc_control_tick(avc_control_t *control, int32_t encoder_count);
+
+void avc_estimator_reset(avc_estimator_t *estimator);
+float avc_estimator_step(avc_estimator_t *estimator, float velocity, const avc_control_t *settings);
+
+/* Force of coupling and wall at position x; moves the proxy. */
+float avc_coupling_step(avc_coupling_t *coupling, float x, const avc_gains_t *gains, float wall_b, float wall_k,
+                        float rate_hz);
+
+#endif

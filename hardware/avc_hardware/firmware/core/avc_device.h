@@ -1,0 +1,95 @@
+/* The device: link and control loop round one context, no I/O of its own.
+ *
+ * Two contexts of execution: the interrupts call avc_device_receive and avc_device_tick, the main loop calls
+ * avc_device_poll and takes bytes with avc_device_transmit. Nothing else is shared.
+ */
+#ifndef AVC_DEVICE_H
+#define AVC_DEVICE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "avc_control.h"
+#include "avc_frame.h"
+
+enum {
+    AVC_PROTOCOL_VERSION = 1,
+    AVC_INTERFACE_VERSION = 1,
+    AVC_RING_SIZE = 2048,  /* a power of two */
+    AVC_WINDOW = 1536,     /* bytes that the host may have on the way */
+    AVC_CHUNK_MAX = 512,   /* table bytes in one message */
+    AVC_STALE_TICKS = 2000 /* a transfer without a message for so long may be taken over */
+};
+
+typedef enum {
+    AVC_MESSAGE_HELLO = 0x01,
+    AVC_MESSAGE_BEGIN = 0x02,
+    AVC_MESSAGE_CHUNK = 0x03,
+    AVC_MESSAGE_COMMIT = 0x04,
+    AVC_MESSAGE_READBACK = 0x05,
+    AVC_MESSAGE_STATUS = 0x06,
+    AVC_MESSAGE_HEARTBEAT = 0x07,
+    AVC_MESSAGE_SET_GAINS = 0x08,
+    AVC_MESSAGE_ABORT = 0x09,
+    AVC_MESSAGE_REPLY = 0x80, /* set in the answer to each of the above */
+    AVC_MESSAGE_LOG = 0xFE,
+    AVC_MESSAGE_REFUSED = 0xFF
+} avc_message_t;
+
+/* One writer, one reader; indices run freely and wrap. */
+typedef struct {
+    uint8_t bytes[AVC_RING_SIZE];
+    volatile uint32_t written;
+    volatile uint32_t read;
+} avc_ring_t;
+
+typedef struct {
+    bool open;
+    bool committing;      /* the tick has been asked to swap; its reply is still owed */
+    uint16_t commit_sequence;
+    uint32_t session;
+    uint32_t table_id;
+    uint32_t crc32;
+    uint32_t size;
+    uint32_t received;
+    uint32_t last_tick;
+} avc_transfer_t;
+
+typedef struct {
+    avc_control_t control;
+    avc_ring_t rx;
+    avc_ring_t tx;
+    avc_decoder_t decoder;
+    avc_transfer_t transfer;
+    uint8_t content[AVC_CONTENT_MAX]; /* the answer being built */
+    uint8_t encoded[AVC_FRAME_MAX];
+    uint32_t boot_id;
+    uint32_t serial;
+    volatile uint32_t rx_overruns;
+    uint32_t frames_good;
+    uint32_t frames_bad;
+    uint32_t stream_number;
+    uint32_t stream_stale;
+    uint32_t stream_missing;
+    bool stream_seen;
+} avc_device_t;
+
+void avc_device_init(avc_device_t *device, const avc_limits_t *limits, uint32_t serial, uint32_t boot_id);
+
+/* From the receive interrupt. */
+void avc_device_receive(avc_device_t *device, uint8_t byte);
+
+/* From the timer interrupt; returns the force. */
+float avc_device_tick(avc_device_t *device, int32_t encoder_count);
+
+/* From the main loop: takes in what has arrived. Returns whether something was done. */
+bool avc_device_poll(avc_device_t *device);
+
+/* From the main loop: the next byte to send; false when there is none. */
+bool avc_device_transmit(avc_device_t *device, uint8_t *byte);
+
+/* Identity of this build, 8 bytes of text. */
+extern const char avc_build[8];
+
+#endif

@@ -1,0 +1,93 @@
+#include "avc_frame.h"
+
+#include <string.h>
+
+#include "avc_crc32.h"
+
+void avc_decoder_reset(avc_decoder_t *decoder)
+{
+    decoder->size = 0;
+    decoder->left = 0;
+    decoder->zero_follows = false;
+    decoder->broken = false;
+    decoder->started = false;
+}
+
+static void append(avc_decoder_t *decoder, uint8_t byte)
+{
+    if (decoder->size < AVC_CONTENT_MAX) {
+        decoder->content[decoder->size++] = byte;
+    } else {
+        decoder->broken = true;
+    }
+}
+
+static avc_frame_result_t finish(avc_decoder_t *decoder)
+{
+    const bool complete = decoder->started && !decoder->broken && decoder->left == 0;
+    const size_t size = decoder->size;
+    const bool started = decoder->started;
+    avc_decoder_reset(decoder);
+    if (!started) {
+        return AVC_FRAME_NONE; /* a spare delimiter */
+    }
+    if (!complete || size < AVC_HEADER_SIZE + AVC_CRC_SIZE) {
+        return AVC_FRAME_BAD;
+    }
+    uint32_t sent;
+    memcpy(&sent, &decoder->content[size - AVC_CRC_SIZE], sizeof sent);
+    if (avc_crc32(0, decoder->content, size - AVC_CRC_SIZE) != sent) {
+        return AVC_FRAME_BAD;
+    }
+    decoder->size = (uint16_t)size;
+    return AVC_FRAME_GOOD;
+}
+
+avc_frame_result_t avc_decoder_feed(avc_decoder_t *decoder, uint8_t byte)
+{
+    if (byte == 0) {
+        return finish(decoder);
+    }
+    if (!decoder->started) {
+        avc_decoder_reset(decoder);
+        decoder->started = true;
+    }
+    if (decoder->left == 0) { /* a code byte */
+        if (decoder->zero_follows) {
+            append(decoder, 0);
+        }
+        decoder->left = (uint8_t)(byte - 1u);
+        decoder->zero_follows = byte != 0xFFu;
+    } else {
+        append(decoder, byte);
+        decoder->left--;
+    }
+    return AVC_FRAME_NONE;
+}
+
+size_t avc_frame_encode(uint8_t *content, size_t size, uint8_t *out)
+{
+    const uint32_t crc = avc_crc32(0, content, size);
+    memcpy(&content[size], &crc, sizeof crc);
+    size += AVC_CRC_SIZE;
+    size_t code_at = 0;
+    size_t to = 1;
+    uint8_t code = 1;
+    for (size_t i = 0; i < size; i++) {
+        if (content[i] == 0) {
+            out[code_at] = code;
+            code_at = to++;
+            code = 1;
+            continue;
+        }
+        out[to++] = content[i];
+        if (++code == 0xFFu && i + 1 < size) {
+            out[code_at] = code;
+            code_at = to++;
+            code = 1;
+        }
+    }
+    out[code_at] = code;
+    out[to++] = 0;
+    return to;
+}

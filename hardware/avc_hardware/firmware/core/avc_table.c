@@ -1,0 +1,170 @@
+#include "avc_table.h"
+
+#include <stddef.h>
+#include <string.h>
+
+_Static_assert(sizeof(avc_table_header_t) == 32, "the table header travels as 32 bytes");
+_Static_assert(sizeof(avc_row_t) == 16, "a row travels as 16 bytes");
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the wire format is the memory format");
+
+/* Beyond these a frequency is no interaction frequency and avc_ln would leave its range. */
+static const float frequency_min_hz = 1e-6f;
+static const float frequency_max_hz = 1e6f;
+
+uint32_t avc_image_size(uint32_t rows)
+{
+    return (uint32_t)sizeof(avc_table_header_t) + rows * (uint32_t)sizeof(avc_row_t);
+}
+
+int avc_is_finite(float x)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return (bits & 0x7F800000u) != 0x7F800000u;
+}
+
+float avc_ln(float x)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    int32_t exponent = (int32_t)(bits >> 23) - 127;
+    bits = (bits & 0x007FFFFFu) | 0x3F800000u;
+    float m;
+    memcpy(&m, &bits, sizeof m);
+    if (m > 1.41421354f) {
+        m = m * 0.5f;
+        exponent += 1;
+    }
+    const float s = (m - 1.0f) / (m + 1.0f); /* ln m = 2 artanh s, |s| <= 0.172 */
+    const float z = s * s;
+    float series = 0.111111112f;
+    series = series * z + 0.142857149f;
+    series = series * z + 0.2f;
+    series = series * z + 0.333333343f;
+    series = series * z + 1.0f;
+    return (float)exponent * 0.693147182f + (s + s) * series;
+}
+
+static int within(float x, float most)
+{
+    return x >= 0.0f && x <= most; /* false for NaN */
+}
+
+avc_reason_t avc_gains_check(const avc_gains_t *gains, const avc_limits_t *limits)
+{
+    if (!avc_is_finite(gains->damping_ns_per_m) || !avc_is_finite(gains->stiffness_n_per_m) ||
+        !avc_is_finite(gains->contact_damping_ns_per_m)) {
+        return AVC_REFUSED_NOT_FINITE;
+    }
+    if (!within(gains->damping_ns_per_m, limits->max_damping_ns_per_m) ||
+        !within(gains->stiffness_n_per_m, limits->max_stiffness_n_per_m) ||
+        !within(gains->contact_damping_ns_per_m, limits->max_contact_damping_ns_per_m)) {
+        return AVC_REFUSED_LIMIT;
+    }
+    return AVC_OK;
+}
+
+static avc_reason_t header_check(const avc_table_header_t *header, const avc_limits_t *limits)
+{
+    const float tolerance = limits->sample_time_s * 1e-5f;
+    const float off = header->sample_time_s - limits->sample_time_s;
+    if (!(off <= tolerance && off >= -tolerance)) {
+        return AVC_REFUSED_SAMPLE_TIME;
+    }
+    const avc_gains_t safe = {header->safe_damping_ns_per_m, header->safe_stiffness_n_per_m, 0.0f};
+    const avc_reason_t reason = avc_gains_check(&safe, limits);
+    if (reason != AVC_OK) {
+        return reason;
+    }
+    if (!avc_is_finite(header->wall_damping_ns_per_m) || !avc_is_finite(header->wall_stiffness_n_per_m) ||
+        !avc_is_finite(header->slew_per_s)) {
+        return AVC_REFUSED_NOT_FINITE;
+    }
+    if (!within(header->wall_damping_ns_per_m, limits->max_damping_ns_per_m) ||
+        !within(header->wall_stiffness_n_per_m, limits->max_stiffness_n_per_m) || header->slew_per_s < 0.0f) {
+        return AVC_REFUSED_LIMIT;
+    }
+    return AVC_OK;
+}
+
+avc_reason_t avc_image_check(const avc_image_t *image, const avc_limits_t *limits, uint16_t *at_row)
+{
+    *at_row = 0xFFFFu;
+    if (image->header.rows == 0 || image->header.rows > AVC_ROWS_MAX) {
+        return AVC_REFUSED_ROWS;
+    }
+    avc_reason_t reason = header_check(&image->header, limits);
+    if (reason != AVC_OK) {
+        return reason;
+    }
+    float previous_hz = 0.0f;
+    for (uint16_t i = 0; i < image->header.rows; i++) {
+        const avc_row_t *row = &image->row[i];
+        const avc_gains_t gains = {row->damping_ns_per_m, row->stiffness_n_per_m, row->contact_damping_ns_per_m};
+        *at_row = i;
+        if (!avc_is_finite(row->frequency_hz)) {
+            return AVC_REFUSED_NOT_FINITE;
+        }
+        if (!(row->frequency_hz >= frequency_min_hz && row->frequency_hz <= frequency_max_hz)) {
+            return AVC_REFUSED_LIMIT;
+        }
+        if (!(row->frequency_hz > previous_hz)) {
+            return AVC_REFUSED_NOT_MONOTONIC;
+        }
+        reason = avc_gains_check(&gains, limits);
+        if (reason != AVC_OK) {
+            return reason;
+        }
+        previous_hz = row->frequency_hz;
+    }
+    *at_row = 0xFFFFu;
+    return AVC_OK;
+}
+
+void avc_table_prepare(avc_table_t *table)
+{
+    for (uint32_t i = 0; i < table->image.header.rows; i++) {
+        table->ln_frequency[i] = avc_ln(table->image.row[i].frequency_hz);
+    }
+}
+
+static avc_gains_t gains_of(const avc_row_t *row)
+{
+    const avc_gains_t gains = {row->damping_ns_per_m, row->stiffness_n_per_m, row->contact_damping_ns_per_m};
+    return gains;
+}
+
+avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz)
+{
+    const avc_row_t *rows = table->image.row;
+    uint32_t low = 0;
+    uint32_t high = (uint32_t)table->image.header.rows - 1u;
+    if (!(frequency_hz > rows[low].frequency_hz)) { /* also when the frequency is undefined (NaN) */
+        return gains_of(&rows[low]);
+    }
+    if (frequency_hz >= rows[high].frequency_hz) {
+        return gains_of(&rows[high]);
+    }
+    while (high - low > 1u) {
+        const uint32_t middle = (low + high) >> 1;
+        if (frequency_hz < rows[middle].frequency_hz) {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    const float base = table->ln_frequency[low];
+    const float span = table->ln_frequency[high] - base;
+    float share = (avc_ln(frequency_hz) - base) / span;
+    if (!(share >= 0.0f && share <= 1.0f)) { /* neighbours so close that their logarithms are equal */
+        share = 0.0f;
+    }
+    const avc_row_t *a = &rows[low];
+    const avc_row_t *b = &rows[high];
+    const avc_gains_t gains = {
+        a->damping_ns_per_m + share * (b->damping_ns_per_m - a->damping_ns_per_m),
+        a->stiffness_n_per_m + share * (b->stiffness_n_per_m - a->stiffness_n_per_m),
+        a->contact_damping_ns_per_m + share * (b->contact_damping_ns_per_m - a->contact_damping_ns_per_m),
+    };
+    return gains;
+}

@@ -1,0 +1,102 @@
+/* Gain table: gains against interaction frequency, checked as a whole, looked up by interpolation in ln(frequency). */
+#ifndef AVC_TABLE_H
+#define AVC_TABLE_H
+
+#include <stdint.h>
+
+enum { AVC_ROWS_MAX = 256 };
+
+enum {
+    AVC_TABLE_DAMPED = 1, /* b_p acts in contact */
+    AVC_TABLE_WALL = 2    /* the header carries the wall */
+};
+
+/* The table as it travels and as it is read back: little-endian, no padding. */
+typedef struct {
+    uint16_t rows;
+    uint16_t flags;
+    float sample_time_s;
+    float wall_damping_ns_per_m;
+    float wall_stiffness_n_per_m;
+    float safe_damping_ns_per_m; /* what runs after a lost heartbeat */
+    float safe_stiffness_n_per_m;
+    float slew_per_s; /* largest relative change of a gain a second; 0: at once */
+    uint32_t reserved;
+} avc_table_header_t;
+
+typedef struct {
+    float frequency_hz;
+    float damping_ns_per_m;
+    float stiffness_n_per_m;
+    float contact_damping_ns_per_m;
+} avc_row_t;
+
+typedef struct {
+    avc_table_header_t header;
+    avc_row_t row[AVC_ROWS_MAX];
+} avc_image_t;
+
+typedef struct {
+    avc_image_t image;
+    float ln_frequency[AVC_ROWS_MAX];
+    uint32_t id;
+    uint32_t crc32;
+} avc_table_t;
+
+typedef struct {
+    float damping_ns_per_m;
+    float stiffness_n_per_m;
+    float contact_damping_ns_per_m;
+} avc_gains_t;
+
+typedef struct {
+    float sample_time_s;
+    float metres_per_count;
+    float max_force_n;
+    float max_damping_ns_per_m;
+    float max_stiffness_n_per_m;
+    float max_contact_damping_ns_per_m;
+    float wall_damping_ns_per_m; /* until a table brings its own */
+    float wall_stiffness_n_per_m;
+} avc_limits_t;
+
+/* Why a table or a message is refused; the host turns each into a sentence. */
+typedef enum {
+    AVC_OK = 0,
+    AVC_REFUSED_VERSION = 1,
+    AVC_REFUSED_MESSAGE = 2,
+    AVC_REFUSED_SIZE = 3,
+    AVC_REFUSED_BUSY = 4,
+    AVC_REFUSED_NO_TRANSFER = 5,
+    AVC_REFUSED_OFFSET = 6,
+    AVC_REFUSED_CRC = 7,
+    AVC_REFUSED_ROWS = 8,
+    AVC_REFUSED_NOT_FINITE = 9,
+    AVC_REFUSED_NOT_MONOTONIC = 10,
+    AVC_REFUSED_LIMIT = 11,
+    AVC_REFUSED_SAMPLE_TIME = 12,
+    AVC_REFUSED_STALE = 13,
+    AVC_REFUSED_NO_TABLE = 14
+} avc_reason_t;
+
+uint32_t avc_image_size(uint32_t rows);
+
+/* Whether x is neither infinite nor NaN. */
+int avc_is_finite(float x);
+
+/* Natural logarithm of a normal positive number: the same float32 operations on every machine. */
+float avc_ln(float x);
+
+/* Check gains against the device's limits. */
+avc_reason_t avc_gains_check(const avc_gains_t *gains, const avc_limits_t *limits);
+
+/* Check a received image; at_row says where it fails. */
+avc_reason_t avc_image_check(const avc_image_t *image, const avc_limits_t *limits, uint16_t *at_row);
+
+/* Fill what the look-up needs beside the image. */
+void avc_table_prepare(avc_table_t *table);
+
+/* Gains at a frequency: linear in ln(frequency), the first and last row beyond the table's ends. */
+avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz);
+
+#endif

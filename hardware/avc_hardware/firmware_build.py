@@ -1,0 +1,171 @@
+"""Build the firmware: ``python -m avc_hardware.firmware_build [TARGET ...] [--out DIR]``.
+
+Targets are the boards below and ``host``, the portable core as a shared library for tests. Builds are reproducible: the
+same sources and compiler give the same bytes, on any path.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from avc_casadi import MissingExtraError, UnsupportedError
+from avc_hardware._firmware import ARM_INSTALL, FIRMWARE, source_hash
+
+WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-pedantic")
+# One rounding an operation: without it a fused multiply-add would make boards disagree with each other and the host.
+EXACT_FLOAT = ("-ffp-contract=off", "-fno-fast-math")
+CORE = ("avc_crc32.c", "avc_frame.c", "avc_table.c", "avc_control.c", "avc_device.c")
+HOST_INSTALL = "apt-get install -y --no-install-recommends gcc"
+
+_M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
+_M3 = ("-mcpu=cortex-m3", "-mthumb", "-mfloat-abi=soft")
+
+
+@dataclass(frozen=True)
+class Target:
+    """One board.
+
+    Attributes:
+        folder: in firmware/boards, holds board.c and board.h.
+        cpu: compiler flags of the core.
+        flash: origin and size, bytes.
+        ram: origin and size, bytes.
+        extra: further sources, relative to firmware/boards.
+    """
+
+    folder: str
+    cpu: tuple[str, ...]
+    flash: tuple[int, int]
+    ram: tuple[int, int]
+    extra: tuple[str, ...] = ()
+
+
+TARGETS = {
+    "netduinoplus2": Target("netduinoplus2", _M4F, (0x08000000, 0x100000), (0x20000000, 0x20000)),
+    "stm32f405": Target("netduinoplus2", _M4F, (0x08000000, 0x100000), (0x20000000, 0x20000), ("stm32f405/clock.c",)),
+    "mps2-an386": Target("mps2-an386", _M4F, (0x00000000, 0x400000), (0x20000000, 0x20000)),
+    "lm3s6965evb": Target("lm3s6965evb", _M3, (0x00000000, 0x40000), (0x20000000, 0x10000)),
+}
+
+
+def compiler(name: str, install: str) -> str:
+    """Return the path of a compiler.
+
+    Raises:
+        MissingExtraError: it is not installed; says how to.
+    """
+    path = shutil.which(name)
+    if path is None:
+        raise MissingExtraError(f"{name} is not installed; on Debian or Ubuntu: {install}")
+    return path
+
+
+def _run(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own arguments
+    if done.returncode != 0:
+        raise UnsupportedError(f"{command[0]} failed:\n{done.stderr.strip()}")
+
+
+def _common() -> list[str]:
+    core = FIRMWARE / "core"
+    return [
+        "-std=c11",
+        "-O2",
+        *WARNINGS,
+        *EXACT_FLOAT,
+        f"-ffile-prefix-map={FIRMWARE}=firmware",
+        f'-DAVC_BUILD="{source_hash(FIRMWARE)}"',
+        f"-I{core}",
+    ]
+
+
+def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "arm-none-eabi-gcc") -> Path:
+    """Build the ELF image of a board.
+
+    Args:
+        target: a key of ``TARGETS``.
+        out: folder for ``<target>.elf``.
+        baud: another rate than the board's 115200.
+        gcc: the cross compiler.
+
+    Raises:
+        UnsupportedError: unknown target, or the compiler refused the sources.
+        MissingExtraError: no cross compiler.
+    """
+    if target not in TARGETS:
+        raise UnsupportedError(f"unknown board {target!r}; allowed: {', '.join(TARGETS)}")
+    board = TARGETS[target]
+    boards = FIRMWARE / "boards"
+    sources = [boards / "start.c", boards / "main.c", boards / board.folder / "board.c"]
+    sources += [boards / name for name in board.extra] + [FIRMWARE / "core" / name for name in CORE]
+    image = out / f"{target}.elf"
+    out.mkdir(parents=True, exist_ok=True)
+    places = {
+        "FLASH_ORIGIN": board.flash[0],
+        "FLASH_SIZE": board.flash[1],
+        "RAM_ORIGIN": board.ram[0],
+        "RAM_SIZE": board.ram[1],
+    }
+    _run(
+        [
+            compiler(gcc, ARM_INSTALL),
+            *_common(),
+            *board.cpu,
+            *([f"-DBOARD_BAUD={baud}u"] if baud else []),
+            f"-I{boards}",
+            f"-I{boards / board.folder}",
+            "-ffreestanding",
+            "-fno-tree-loop-distribute-patterns",
+            "-ffunction-sections",
+            "-fdata-sections",
+            "-fno-common",
+            "-g0",
+            "-nostdlib",
+            "-Wl,--gc-sections,--build-id=none,--no-warn-rwx-segments",
+            *(f"-Wl,--defsym={name}={value:#x}" for name, value in places.items()),
+            f"-T{boards / 'link.ld'}",
+            *map(str, sources),
+            "-lgcc",
+            "-o",
+            str(image),
+        ]
+    )
+    return image
+
+
+def build_host(out: Path, *, cc: str = "gcc", flags: tuple[str, ...] = ()) -> Path:
+    """Build the portable core as a shared library (``libavc.so``) for tests; further flags for sanitizers.
+
+    Raises:
+        MissingExtraError: no compiler.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    library = out / "libavc.so"
+    sources = [FIRMWARE / "core" / name for name in CORE] + [FIRMWARE / "boards" / "host" / "board.c"]
+    _run([compiler(cc, HOST_INSTALL), *_common(), *flags, "-fPIC", "-shared", *map(str, sources), "-o", str(library)])
+    return library
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Build the named targets."""
+    parser = argparse.ArgumentParser(prog="python -m avc_hardware.firmware_build", description=main.__doc__)
+    parser.add_argument(
+        "targets", nargs="*", default=[], help=f"host, {', '.join(TARGETS)}; default: the packaged image"
+    )
+    parser.add_argument("--out", type=Path, default=FIRMWARE / "image", help="folder of the images")
+    arguments = parser.parse_args(argv)
+    for target in arguments.targets or ["netduinoplus2"]:
+        image = build_host(arguments.out) if target == "host" else build_image(target, arguments.out)
+        digest = hashlib.sha256(image.read_bytes()).hexdigest()
+        sys.stdout.write(f"{image} {image.stat().st_size} bytes sha256 {digest}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

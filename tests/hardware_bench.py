@@ -1,0 +1,100 @@
+"""What the hardware tests share: tools that may be missing, the host build, schedules and links."""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import importlib.util
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avc_casadi.design import GainSchedule, Status
+from avc_hardware._firmware import ARM_INSTALL
+from avc_hardware._host import HostCore
+from avc_hardware.firmware_build import HOST_INSTALL, build_host
+
+INSTALL = {
+    "gcc": HOST_INSTALL,
+    "clang": "apt-get install -y --no-install-recommends clang",
+    "arm-none-eabi-gcc": ARM_INSTALL,
+    "qemu-system-arm": "apt-get install -y --no-install-recommends qemu-system-arm",
+    "unicorn": "pip install 'avc-casadi[emulator]'",
+}
+
+
+def require(*tools: str) -> None:
+    """Skip where a tool is missing, with the line that installs it; with HIL_REQUIRE=all fail instead."""
+    for tool in tools:
+        there = importlib.util.find_spec(tool) if tool == "unicorn" else shutil.which(tool)
+        if not there:
+            reason = f"{tool} is not installed: {INSTALL[tool]}"
+            if os.environ.get("HIL_REQUIRE") == "all":
+                pytest.fail(reason)
+            pytest.skip(reason)
+
+
+def run(tool: str, *arguments: str, given: bytes = b"") -> bytes:
+    """Run a program to its end and return what it printed; it must succeed."""
+    program = shutil.which(tool)
+    assert program is not None
+    done = subprocess.run([program, *arguments], input=given, capture_output=True, check=False)  # noqa: S603 - ours
+    assert done.returncode == 0, done.stderr.decode()
+    return done.stdout
+
+
+@functools.cache
+def scratch() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="avc-hardware-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+@functools.cache
+def host_library() -> Path:
+    require("gcc")
+    return build_host(scratch())
+
+
+def host_core() -> HostCore:
+    return HostCore(host_library())
+
+
+def schedule(
+    rows: int = 40,
+    *,
+    seed: int = 0,
+    unusable: int = 0,
+    sample_time_s: float = 1e-3,
+    largest: tuple[float, float, float] = (1e4, 1e7, 1e3),
+) -> GainSchedule:
+    """Random gains over 1 to 450 Hz; the first ``unusable`` rows have none."""
+    rng = np.random.default_rng(seed)
+    frequency = np.geomspace(1.0, 450.0, rows) if rows > 1 else np.array([10.0])
+    b, k, b_p = (most * rng.uniform(0, 1, rows) for most in largest)
+    for column in (b, k, b_p):
+        column[:unusable] = np.nan
+    nothing = np.zeros(rows)
+    return GainSchedule(
+        problem="bench",
+        method="random",
+        solver=None,
+        structure="damped",
+        model="sampled-data",
+        sample_time_s=sample_time_s,
+        frequency_hz=frequency,
+        damping_ns_per_m=b,
+        stiffness_n_per_m=k,
+        contact_damping_ns_per_m=b_p,
+        impedance=nothing * 1j,
+        target=nothing * 1j,
+        status=(Status.INFEASIBLE,) * unusable + (Status.SOLVED,) * (rows - unusable),
+        reason=("",) * rows,
+        requested_damping_ns_per_m=b,
+        requested_stiffness_n_per_m=k,
+    )

@@ -1,0 +1,170 @@
+"""Push, stream and monitor against the real firmware image on the emulated board."""
+
+import dataclasses
+import hashlib
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+from hardware_bench import require, schedule
+
+import avc_hardware
+from avc_casadi import InputError, LinkError, MissingExtraError
+from avc_hardware import Connection, EmulatedBoard, TableSettings, Wall, gain_table, monitor, push, stream
+from avc_hardware import _messages as m
+from avc_hardware._faults import Fault, FaultKind, FaultyLink
+from avc_hardware._firmware import IMAGE, image_sha256
+from avc_hardware._messages import Kind
+from avc_hardware._reference import lookup
+
+
+@pytest.fixture(autouse=True)
+def _emulator() -> None:
+    require("unicorn")
+
+
+def test_pushed_table_is_read_back_as_single_precision() -> None:
+    gains = schedule(200, seed=3)
+    result = push(gains, "emulator", settings=TableSettings(wall=Wall(10.0, 1e5)))
+    document = json.loads(json.dumps(result.document(), allow_nan=False))
+    assert document["rows"] == 200
+    assert document["readback_equal"] is True
+    assert document["attempts"] == 1
+    assert document["crc32"] == gain_table(gains, settings=TableSettings(wall=Wall(10.0, 1e5))).crc32
+    assert 0 < document["rounding_max"] <= 2**-24
+    assert document["seconds"] < 2.0  # virtual time
+    assert document["sample_time_s"] == 1e-3
+
+
+def test_the_same_run_twice_is_the_same_to_the_last_cycle() -> None:
+    def run() -> tuple[float, str]:
+        board = EmulatedBoard()
+        with Connection(board, session=1) as connection:
+            connection.run(connection.session.push(gain_table(schedule(30)), connection.device))
+        board.machine.run_until(board.machine.cycle + 168_000 * 500)
+        return board.now_s(), hashlib.sha256(board.machine.memory("device")).hexdigest()
+
+    assert run() == run()
+
+
+def test_preemption_at_any_instruction_changes_no_byte() -> None:
+    """The main loop is interrupted after every few instructions, also inside conditional blocks."""
+    images = []
+    for slice_cycles in (3, 5, 11, 168_000):
+        board = EmulatedBoard(slice_cycles=slice_cycles, motion_m=lambda _: 0.0)
+        with Connection(board) as connection:
+            upload = connection.run(connection.session.push(gain_table(schedule(20)), connection.device))
+            images.append(upload.image)
+            assert upload.attempts == 1
+    assert set(images) == {gain_table(schedule(20)).image}
+
+
+def test_gains_in_force_are_those_of_the_table_at_the_estimated_frequency() -> None:
+    gains = schedule(60, seed=5)
+    board = EmulatedBoard()
+    push(gains, board)
+    rows = gain_table(gains).rows
+    seen = 0
+    for status in monitor(board, seconds=3.0, rate_hz=20):
+        b, k, b_p = lookup(rows, np.float32(status.frequency_hz))
+        assert (status.damping_ns_per_m, status.stiffness_n_per_m, status.contact_damping_ns_per_m) == (b, k, b_p)
+        seen += math.isfinite(status.frequency_hz)
+    assert seen > 20
+
+
+def test_at_rest_the_frequency_is_undefined_and_the_lowest_row_runs() -> None:
+    gains = schedule(10)
+    board = EmulatedBoard(motion_m=lambda _: 1e-4)
+    push(gains, board)
+    *_, last = monitor(board, seconds=1.0, rate_hz=10)
+    assert math.isnan(last.frequency_hz)
+    assert last.stiffness_n_per_m == np.float32(gains.stiffness_n_per_m[0])
+    assert last.contact
+
+
+def test_table_larger_than_the_device_is_reduced_and_says_so() -> None:
+    gains = schedule(400, seed=6)
+    result = push(gains, "emulator")
+    assert (result.rows, result.reduced_from) == (256, 400)
+    assert result.reduction_error > 0
+
+
+def test_reduction_keeps_a_table_that_interpolation_restores() -> None:
+    gains = schedule(401, seed=0)
+    smooth = np.interp(np.log(gains.frequency_hz), np.log([1.0, 20.0, 450.0]), [10.0, 500.0, 40.0])
+    gains = dataclasses.replace(
+        gains, damping_ns_per_m=smooth, stiffness_n_per_m=100 * smooth, contact_damping_ns_per_m=0 * smooth
+    )
+    table = gain_table(gains, capacity_rows=32)
+    assert len(table.rows) == 32
+    assert table.reduction_error < 1e-3
+
+
+def test_stream_follows_the_frequency_and_ends_on_the_table() -> None:
+    gains = schedule(50, seed=7)
+    result = stream(gains, "emulator", rate_hz=100, seconds=2.0)
+    assert (result.sent, result.taken, result.lost, result.late, result.fell_back) == (200, 200, 0, 0, 0)
+    rows = gain_table(gains).rows
+    for before, after in zip(result.samples, result.samples[1:], strict=False):
+        assert after.stiffness_n_per_m == lookup(rows, np.float32(before.frequency_hz))[1]
+    assert len({sample.stiffness_n_per_m for sample in result.samples}) > 5
+    assert not result.status.streaming
+    assert result.status.stream_number == 199
+    assert result.status.stream_missing == 0
+    assert result.status.stream_expired == 1
+
+
+def test_lost_gains_are_counted_and_the_table_takes_over() -> None:
+    board = EmulatedBoard()
+    gains = schedule(20)
+    pushed = push(gains, board)
+    # half a second of silence in mid-stream: five times as long as streamed gains hold
+    link = FaultyLink(board, [Fault(True, 2500, FaultKind.STALL, 50)])
+    result = stream(gains, link, rate_hz=50, seconds=3.0)
+    assert link.happened
+    assert result.push.table_id == pushed.table_id
+    assert result.lost >= 20
+    assert result.fell_back == 1
+    assert result.status.stream_missing == result.lost
+    assert result.taken == result.sent - result.lost
+
+
+def test_late_gains_are_refused_by_number() -> None:
+    board = EmulatedBoard()
+    push(schedule(5), board)
+    connection = Connection(board)
+    for number, taken in ((0, True), (5, True), (4, False), (5, False), (6, True), (2**31 + 10, False)):
+        payload = m.set_gains(number, 1000, 1.0, 100.0 + number % 10, 0.0)
+        answer = connection.run(connection.session.request(Kind.SET_GAINS, payload))
+        assert isinstance(answer, m.GainsTaken) is taken, number
+    *_, status = monitor(board, seconds=0.1)
+    assert status.stiffness_n_per_m == 106.0
+    assert (status.stream_number, status.stream_stale, status.stream_missing) == (6, 3, 4)
+
+
+def test_stream_refuses_rates_that_the_wire_cannot_carry() -> None:
+    for rate in (0.0, 101.0, math.nan):
+        with pytest.raises(InputError, match="allowed"):
+            stream(schedule(5), "emulator", rate_hz=rate)
+    with pytest.raises(InputError, match="allowed"):
+        stream(schedule(5), "emulator", seconds=math.inf)
+
+
+def test_missing_emulator_names_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "unicorn", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'avc-casadi\[emulator\]'"):
+        push(schedule(5), "emulator")
+
+
+def test_missing_port_says_what_to_do() -> None:
+    with pytest.raises(LinkError, match="avc ports"):
+        push(schedule(5), "/dev/does-not-exist")
+
+
+def test_diagnosis_knows_the_image() -> None:
+    facts = avc_hardware.diagnose()
+    assert facts.image_sha256 == image_sha256() == hashlib.sha256(IMAGE.read_bytes()).hexdigest()
+    assert facts.image_current
+    assert facts.emulator

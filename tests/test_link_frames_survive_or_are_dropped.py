@@ -1,0 +1,117 @@
+"""Frames: the C and the Python codec agree, and a spoilt frame is never taken for another."""
+
+import json
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hardware_bench import host_core
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from avc_hardware._frames import MAX_ENCODED, MAX_PAYLOAD, Decoder, Frame, cobs_decode, cobs_encode, decode, encode
+from avc_hardware._messages import Kind, Reason, Refusal, parse
+
+VECTORS = json.loads((Path(__file__).parent / "hardware_frames.json").read_text(encoding="utf-8"))
+
+payloads = st.binary(max_size=MAX_PAYLOAD)
+frames = st.builds(Frame, st.integers(0, 255), st.integers(0, 65535), payloads)
+
+
+@given(st.binary(max_size=1100))
+@example(b"")
+@example(b"\0")
+@example(b"\1" * 254)
+@example(b"\1" * 254 + b"\0")
+@example(b"\1" * 255)
+@example(b"\1" * 508)
+def test_stuffed_bytes_hold_no_zero_and_come_back(data: bytes) -> None:
+    stuffed = cobs_encode(data)
+    assert 0 not in stuffed
+    assert len(stuffed) <= len(data) + 1 + len(data) // 254
+    assert cobs_decode(stuffed) == data
+
+
+@given(frames)
+def test_frame_comes_back(frame: Frame) -> None:
+    data = encode(frame)
+    assert len(data) <= MAX_ENCODED
+    assert data.endswith(b"\0")
+    assert decode(data[:-1]) == frame
+
+
+@given(st.lists(frames, max_size=4), st.integers(1, 50), st.booleans())
+def test_decoder_does_not_care_how_bytes_arrive(sent: list[Frame], step: int, delimiters: bool) -> None:
+    stream = b"".join((b"\0" if delimiters else b"") + encode(frame) for frame in sent)
+    decoder = Decoder()
+    got = [frame for at in range(0, len(stream), step) for frame in decoder.feed(stream[at : at + step])]
+    assert got == sent
+    assert decoder.broken == 0
+
+
+@pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["name"])
+def test_golden_frames(vector: dict[str, str]) -> None:
+    data = bytes.fromhex(vector["bytes"])
+    frame = Frame(int(vector["type"]), int(vector["sequence"]), bytes.fromhex(vector["payload"]))
+    assert encode(frame) == data
+    assert decode(data[:-1]) == frame
+
+
+def test_golden_frames_are_answered_by_the_firmware() -> None:
+    core = host_core()
+    core.read()
+    for vector in VECTORS:
+        core.write(bytes.fromhex(vector["bytes"]))
+        (answer,) = Decoder().feed(core.read())
+        assert answer.sequence == int(vector["sequence"])
+        assert answer.type == int(vector["answer_type"]), vector["name"]
+
+
+def test_every_bit_of_a_frame_matters() -> None:
+    frame = Frame(Kind.SET_GAINS, 7, struct.pack("<II3f", 1, 60, 100.0, 1e5, 0.0))
+    data = encode(frame)
+    for at in range(len(data) - 1):
+        for bit in range(8):
+            spoilt = bytearray(data)
+            spoilt[at] ^= 1 << bit
+            assert all(got != frame for got in Decoder().feed(bytes(spoilt))) or bytes(spoilt) == data
+            assert Decoder().feed(bytes(spoilt)) == []
+
+
+@given(st.binary(max_size=1500))
+def test_random_bytes_do_not_harm_the_firmware(noise: bytes) -> None:
+    core = host_core()
+    core.read()
+    core.write(noise + b"\0")
+    core.read()
+    core.write(encode(Frame(Kind.STATUS, 9, b"")))
+    answers = [frame for frame in Decoder().feed(core.read()) if frame.sequence == 9]
+    assert [frame.type for frame in answers] == [Kind.STATUS | 0x80]
+
+
+@given(st.integers(0, 255), st.binary(max_size=600), st.integers(0, 255))
+def test_any_message_is_answered_once(kind: int, payload: bytes, version: int) -> None:
+    core = host_core()
+    core.read()
+    core.write(encode(Frame(kind, 77, payload, version)))
+    core.tick(np.zeros(2, dtype=np.int32))
+    (answer,) = Decoder().feed(core.read())
+    assert answer.sequence == 77
+    if version != 1:
+        assert parse(answer) == Refusal(Reason.VERSION, 1)
+
+
+def test_a_frame_of_any_length_is_answered_or_dropped() -> None:
+    core = host_core()
+    for size in (0, 1, 250, 254, 255, 508, MAX_PAYLOAD):
+        core.read()
+        core.write(encode(Frame(0x55, 3, bytes(size % 251 + 1 for _ in range(size)))))
+        (answer,) = Decoder().feed(core.read())
+        assert parse(answer) == Refusal(Reason.MESSAGE, 0x55)
+    core.write(b"\1" * 5000 + b"\0")
+    assert core.read() == b""
+    content = b"\1" * (1016 + 1)
+    core.write(cobs_encode(content + struct.pack("<I", zlib.crc32(content))) + b"\0")
+    assert core.read() == b""
