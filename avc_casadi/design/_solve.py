@@ -10,7 +10,7 @@ from avc_casadi.design._gains import GainSchedule
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
-Method = Literal["closed-form", "direct", "exact"]
+Method = Literal["closed-form", "direct", "exact", "schedule"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 
@@ -51,6 +51,10 @@ def solve(
         from avc_casadi.design._exact import solve_exact  # noqa: PLC0415
 
         return solve_exact(problem)
+    if method == "schedule":
+        from avc_casadi.design.schedule import solve_schedule  # noqa: PLC0415
+
+        return solve_schedule(problem)
     from avc_casadi.design._direct import solve_direct  # noqa: PLC0415
 
     return solve_direct(problem, solver=solver, tolerance=tolerance)

@@ -17,6 +17,7 @@ from avc_casadi.problem._quantity import (
     Force,
     ForceLimit,
     Frequencies,
+    FrequencyInterval,
     Hertz,
     Length,
     Mass,
@@ -105,11 +106,17 @@ class Realism(Table):
 
 
 class ScheduleSettings(Table):
-    """Smoothness of the joint schedule over ln(frequency); a slope limit of None is no limit."""
+    """Smoothness of the joint schedule over ln(frequency), and what its cost counts.
+
+    A slope limit of None is no limit. Outside `interaction_hz` the error weighs a tenth. The contact damping penalty
+    weighs the mean of (b_p/|Z_h_ds|)^2. The hand's damping is credited to the device in the constraints on Re Z_h.
+    """
 
     slope_penalty: Weight = 1e-3
     slope_limit: Slope | None = None
     hand_damping_ns_per_m: Damping = 0.0
+    interaction_hz: FrequencyInterval | None = None
+    contact_damping_penalty: Weight = 1e-6
 
 
 class Hands(Table):

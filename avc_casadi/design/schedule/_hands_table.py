@@ -1,0 +1,43 @@
+"""Scope `hands` as a smooth constraint: 1 less the largest spectral radius, tabulated over the states."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from avc_casadi.design._gains import FloatArray
+from avc_casadi.design.schedule._scope import device_corners
+from avc_casadi.design.schedule._states import States
+from avc_casadi.problem import Problem
+from avc_casadi.stability import frozen_parts, hand_set, linear_stability
+
+_POINTS = {2: (32, 32), 3: (18, 18, 10)}
+_CLIP = 0.1
+"""Slack below which a table value says no more than "unstable": a spline would ring at the cliff behind it."""
+
+
+def hands_slack(problem: Problem, states: States, at: FloatArray) -> FloatArray:
+    """1 - spectral radius of the frozen loop, the least over the hands' corners and the device's; at is (d, m)."""
+    b, k, contact = states.gains(at)
+    hands = hand_set(problem.hands, draws=0)
+    slack = [
+        1 - linear_stability(corner.device, frozen_parts(corner, b, k), contact, hands).radius.max(axis=1)
+        for corner in device_corners(problem)
+    ]
+    return np.clip(np.min(slack, axis=0), -_CLIP, _CLIP)
+
+
+def hands_spline(problem: Problem, states: States) -> Any:
+    """Return sigma -> slack as a CasADi function: a cubic spline through a table of exact values.
+
+    The schedule checks its rows exactly afterwards, with more hands than the corners, and tightens the bound.
+    """
+    axes = [
+        np.linspace(low, high if high > low else low + 1e-3, points)
+        for low, high, points in zip(states.low, states.high, _POINTS[len(states.low)], strict=True)
+    ]
+    nodes = np.array([grid.ravel(order="F") for grid in np.meshgrid(*axes, indexing="ij")])
+    values = hands_slack(problem, states, nodes)
+    return ca.interpolant("hands", "bspline", [list(axis) for axis in axes], list(values))

@@ -1,0 +1,63 @@
+"""States of the schedule: logarithms of the gains, shifted so that a gain of 0 is admitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from avc_casadi.design._gains import FloatArray
+from avc_casadi.design._rows import Gains
+from avc_casadi.impedance import Loop, coupling_impedance
+from avc_casadi.problem import Problem
+
+_FLOOR_SHARE = 1e-4
+"""Floors of b and k as a share of the smallest gain that weighs as much as the environment."""
+
+
+@dataclass(frozen=True)
+class States:
+    """The map between gains and states, sigma = ln(gain + floor), and the box in states.
+
+    Attributes:
+        floors: b (N.s/m), k (N/m) and b_p (N.s/m) below which a gain counts as 0; shape (d,), d = 2 (series) or 3.
+        low: lower ends of the states, (d,).
+        high: upper ends, (d,).
+    """
+
+    floors: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+    @classmethod
+    def of(cls, problem: Problem, loop: Loop) -> States:
+        """Choose the floors for a problem at the frequencies of ``loop``."""
+        weight = np.abs(loop.environment)
+        weight = np.where(weight > 0, weight, max(problem.device.damping_ns_per_m, 1.0))
+        b = _FLOOR_SHARE * float(weight.min())
+        k = _FLOOR_SHARE * float((weight / np.abs(coupling_impedance(loop.angle, 0.0, 1.0))).min())
+        floors, box = [b, k], problem.coupling
+        ends = [box.damping_ns_per_m, box.stiffness_n_per_m]
+        if box.structure == "damped":
+            floors.append(max(problem.device.damping_ns_per_m, 10 * b))
+            ends.append(box.contact_damping_ns_per_m)
+        low, high = np.log(np.array(ends) + np.array(floors)[:, None]).T
+        return cls(np.array(floors), low, high)
+
+    def gains(self, states: FloatArray) -> Gains:
+        """(b, k, b_p) of states of shape (d, ...), inside the box to the last bit."""
+        shape = (-1, *([1] * (states.ndim - 1)))
+        low, high = self.low.reshape(shape), self.high.reshape(shape)
+        floors = self.floors.reshape(shape)
+        gains = np.exp(np.clip(states, low, high)) - floors
+        ends = np.exp(low) - floors, np.exp(high) - floors
+        gains = np.maximum(np.where(states <= low, ends[0], np.where(states >= high, ends[1], gains)), 0.0)
+        contact = gains[2] if len(gains) == 3 else np.zeros_like(gains[0])
+        return gains[0], gains[1], contact
+
+    def states(self, gains: Gains) -> FloatArray:
+        """States of (b, k, b_p), shape (d, ...), clipped to the box."""
+        kept = np.array(gains[: len(self.floors)])
+        shape = (-1, *([1] * (kept.ndim - 1)))
+        states = np.log(kept + self.floors.reshape(shape))
+        return np.clip(states, self.low.reshape(shape), self.high.reshape(shape))

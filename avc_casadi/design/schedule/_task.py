@@ -1,0 +1,113 @@
+"""A schedule problem in numbers: stages, states, costs, constraints and their scales."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avc_casadi.design._gains import FloatArray
+from avc_casadi.design.schedule._hands_table import hands_spline
+from avc_casadi.design.schedule._program import Data
+from avc_casadi.design.schedule._scope import Slots
+from avc_casadi.design.schedule._stage import loop_parameters, stage_function
+from avc_casadi.design.schedule._states import States
+from avc_casadi.impedance import Loop, loop_at
+from avc_casadi.problem import Problem
+
+BACKOFF = 1e-7
+"""How far inside the margin the NLP is asked to stay, in the scale of Re Z: its tolerance then never leaves it."""
+HANDS_BACKOFF = 1e-4
+"""The same for 1 - spectral radius, for the error of the table."""
+_MISS = 1e3
+"""Cost of missing a constraint by its scale in the lattice: far above any error."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What every step of the solution reads.
+
+    Attributes:
+        problem: the problem.
+        frequency_hz: stages, (n,).
+        loop: the loop at the stages.
+        states: map between gains and states.
+        scale_ns_per_m: scale of the constraints on Re Z_h at each stage, (n,).
+        hands: sigma -> 1 - spectral radius, for scope hands; else None.
+    """
+
+    problem: Problem
+    frequency_hz: FloatArray
+    loop: Loop
+    states: States
+    scale_ns_per_m: FloatArray
+    hands: Any
+
+    @classmethod
+    def of(cls, problem: Problem) -> Task:
+        """Evaluate everything that does not depend on the gains."""
+        frequency = problem.frequencies_hz()
+        loop = loop_at(problem, frequency)
+        states = States.of(problem, loop)
+        scale = problem.device.damping_ns_per_m + np.abs(loop.target.real) + 1e-3 * np.abs(loop.target)
+        hands = hands_spline(problem, states) if problem.stability.scope == "hands" else None
+        return cls(problem, frequency, loop, states, scale, hands)
+
+    @property
+    def log_frequency(self) -> FloatArray:
+        """ln(omega) but for a constant, (n,)."""
+        return np.asarray(np.log(self.frequency_hz))
+
+    def data(self, slots: Slots, backoff: FloatArray) -> Data:
+        """Numbers for the NLP; ``backoff`` (n,) is in the scale of Re Z, and -inf drops a stage's constraints."""
+        settings = self.problem.schedule
+        n = len(self.frequency_hz)
+        margin = self.problem.stability.margin_ns_per_m / self.scale_ns_per_m
+        least = np.broadcast_to(margin + backoff, slots.frequency_hz.shape)
+        return Data(
+            cost=self._cost_parameters(),
+            slots=slots.parameters(self.problem),
+            weight=self._weight(),
+            step=np.diff(self.log_frequency),
+            slope_penalty=settings.slope_penalty,
+            slope_limit=np.inf if settings.slope_limit is None else settings.slope_limit,
+            least=least if self.hands is None else np.full((1, n), -np.inf),
+            low=self.states.low,
+            high=self.states.high,
+        )
+
+    def _weight(self) -> FloatArray:
+        """Trapezoids over ln(omega), a tenth of it outside the frequencies of interaction; they sum to 1."""
+        x = self.log_frequency
+        weight = np.ones(1) if len(x) == 1 else np.convolve(np.diff(x), [0.5, 0.5])
+        interaction = self.problem.schedule.interaction_hz
+        if interaction is not None:
+            inside = (self.frequency_hz >= interaction[0]) & (self.frequency_hz <= interaction[1])
+            weight = np.where(inside, weight, 0.1 * weight)
+        return np.asarray(weight / weight.sum())
+
+    def _cost_parameters(self) -> FloatArray:
+        target = self.loop.target
+        floors = np.append(self.states.floors, 1.0)[:3]
+        constants = (
+            *floors,
+            self.scale_ns_per_m,
+            self.problem.schedule.contact_damping_penalty,
+            self.problem.realism.jnd,
+        )
+        rows = np.broadcast_arrays(target.real, target.imag, *constants)
+        return np.concatenate((loop_parameters(self.loop), np.array(rows, dtype=np.float64)))
+
+    def lattice_cost(self, data: Data, nodes: FloatArray, stage: int) -> FloatArray:
+        """Cost of states (d, m) at a stage with a penalty for missed constraints, (m,)."""
+        function = stage_function(self.problem.realism.objective, *self._sizes(data))
+        cost, margins = (np.array(v) for v in function(nodes, data.cost[:, stage], data.slots[:, stage]))
+        missed = np.maximum(0.0, data.least[:, stage, None] - margins).sum(axis=0)
+        if self.hands is not None:
+            missed = missed + np.maximum(0.0, HANDS_BACKOFF - np.array(self.hands(nodes))[0]) * 1e2
+        total: FloatArray = cost[0] + _MISS * missed
+        return total
+
+    def _sizes(self, data: Data) -> tuple[int, int]:
+        return len(self.states.floors), len(data.least)
