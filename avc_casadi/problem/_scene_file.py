@@ -24,6 +24,7 @@ from avc_casadi.problem._quantity import (
     Span,
     Speed,
     Stiffness,
+    Substeps,
     Wait,
     refusal,
     shown,
@@ -31,6 +32,7 @@ from avc_casadi.problem._quantity import (
 from avc_casadi.problem._table import Table
 
 CouplingChoice = Literal["none", "static", "static-tuned", "closed-form", "direct", "schedule"]
+Integrator = Literal["exact", "projected", "rk4"]
 
 
 class _Motion(Table):
@@ -243,9 +245,15 @@ def _tables(value: Any) -> Any:
 
 
 class Scene(Table):
-    """What is simulated: the motion of the hand's target, the coupling and the effects, and nothing else."""
+    """What is simulated: the motion of the hand's target, the coupling and the effects, and nothing else.
+
+    A gain table is read at the interaction frequency, None being its lowest.
+    """
 
     duration_s: Span = 3.0
     coupling: CouplingChoice = "static"
+    interaction_hz: Hertz | None = None
+    integrator: Integrator = "exact"
+    substeps: Substeps = 1
     motion: Motion = Press()
     effects: Annotated[tuple[Effect, ...], BeforeValidator(_tables)] = ()

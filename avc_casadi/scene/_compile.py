@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avc_casadi._errors import InputError
+from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi.scene._advance import Advance, Drive, MatrixExponential
 from avc_casadi.scene._coupling import Environment, contact_damper, coupling_parameters, series_force
-from avc_casadi.scene._friction import taylor_series
+from avc_casadi.scene._friction import TaylorSeries
 from avc_casadi.scene._gains import Gains
+from avc_casadi.scene._layout import Layout
 from avc_casadi.scene._motion import Target, target_of
 from avc_casadi.scene._plant import DEVICE, GROUND, LinearPlant, Plant
+from avc_casadi.scene._projected import Projected
+from avc_casadi.scene._runge_kutta import RungeKutta
 from avc_casadi.scene._tick import Tick
 from avc_casadi.scene.effects import SceneEffect, Station, build_effects
 
@@ -138,7 +141,7 @@ def compile_scene(
     tick.trace("position_m", tick.states[0].symbol)
     tick.trace("velocity_m_per_s", tick.states[1].symbol)
     _sample(tick, effects, environment, coupled=coupled, damped=damped)
-    advance = _advance(effects, plant, tick)
+    advance = _advance(problem, effects, plant, tick)
     _continue(tick, plant, target, advance)
     return CompiledScene(
         problem=problem.name,
@@ -206,11 +209,24 @@ def _sample(
         tick.trace("force_n", tick.command)
 
 
-def _advance(effects: tuple[SceneEffect, ...], plant: LinearPlant, tick: Tick) -> Advance:
+def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPlant, tick: Tick) -> Advance:
+    """Choose how to get from one sample to the next: the scene's integrator, where there is something to choose."""
     friction = sum(effect.friction_n for effect in effects)
+    integrator, substeps = problem.scene.integrator, problem.scene.substeps
+    if integrator == "rk4":
+        return RungeKutta(Layout.of(plant, friction), substeps)
+    if integrator == "projected" and friction > 0:
+        if tick.late is not None:
+            raise UnsupportedError(
+                f'{problem.name}: scene.integrator = "projected" needs whole substeps, which the lateness of '
+                'the effect jitter breaks up; take "exact" or "rk4", or jitter with rms_s = 0'
+            )
+        return Projected(
+            substeps, held=tick.command is not None, driven=bool(np.any(plant.target)), friction_n=friction
+        )
     if friction > 0 or tick.late is not None:
-        return taylor_series(plant, tick.sample_time_s, friction_n=friction)
-    return MatrixExponential(1, held=tick.command is not None, driven=bool(np.any(plant.target)))
+        return TaylorSeries.of(plant, tick.sample_time_s, friction, substeps)
+    return MatrixExponential(substeps, held=tick.command is not None, driven=bool(np.any(plant.target)))
 
 
 def _continue(tick: Tick, plant: LinearPlant, target: Target, advance: Advance) -> None:

@@ -1,8 +1,8 @@
 """The energy ledger: what the virtual side takes in through the held force, and what its springs hold.
 
-The held force F of a sample is paired with the displacement until the next one, F(k) (x(k+1) - x(k)): that is the energy
-which really passes, whatever happens between two samples. Pairing it with the displacement before loses K dx^2/2 at
-every step of a spring.
+The held force F of a sample is paired with the displacement until the next one, F(k) (x(k+1) - x(k)): that is the
+energy which really passes, whatever happens between two samples. Pairing it with the displacement before it would
+hide the K dx^2/2 that every step of a held spring creates.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ def target_of(motion: Motion, samples: int, sample_time_s: float) -> Target:
         samples: number of samples n.
         sample_time_s: T.
     """
-    time: FloatArray = np.arange(samples + 1) * sample_time_s
+    time = np.arange(samples + 1, dtype=np.float64) * np.float64(sample_time_s)
     position = _position(motion, time)
     velocity = np.diff(position) / sample_time_s
     start = min(motion.end_m, 0.0) if motion.kind == "hold" else float(position[0])

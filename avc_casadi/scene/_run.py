@@ -78,8 +78,7 @@ class Run:
     @property
     def time_s(self) -> FloatArray:
         """Times of the samples."""
-        time: FloatArray = np.arange(self.samples) * self.sample_time_s
-        return time
+        return np.arange(self.samples, dtype=np.float64) * np.float64(self.sample_time_s)
 
     @property
     def stable(self) -> bool:

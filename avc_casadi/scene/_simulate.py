@@ -29,7 +29,7 @@ def simulate(
     gains: Gains | GainSchedule | None = None,
     *,
     hand: Hand | None = None,
-    frequency_hz: float | None = None,
+    interaction_hz: float | None = None,
     seed: int = 0,
     engine: Engine = "auto",
 ) -> Run:
@@ -39,7 +39,7 @@ def simulate(
         problem: a validated problem.
         gains: gains of the coupling, or a gain table; None takes the coupling that the scene names.
         hand: a hand in place of the scene's.
-        frequency_hz: interaction frequency at which a gain table is read; None is its lowest.
+        interaction_hz: frequency at which a gain table is read; None is the scene's, or the table's lowest.
         seed: added to the seeds of all noises, so that one scene can be repeated with other draws.
         engine: what runs the samples; all give the same bits.
 
@@ -51,7 +51,7 @@ def simulate(
         UnsupportedError: an effect that scenes do not simulate.
     """
     effects = _with_hand(problem, build_effects(problem), hand)
-    chosen, name = settled_gains(problem, gains, frequency_hz)
+    chosen, name = settled_gains(problem, gains, interaction_hz)
     scene = compile_for(problem, effects, chosen)
     started = time.perf_counter()
     traces = _traces(scene, chosen, seed, engine)
@@ -93,7 +93,7 @@ def simulate_batch(
     gains: Gains | GainSchedule | None = None,
     *,
     friction: bool = True,
-    frequency_hz: float | None = None,
+    interaction_hz: float | None = None,
     seed: int = 0,
     engine: Engine = "auto",
 ) -> Judgement:
@@ -104,7 +104,7 @@ def simulate_batch(
         hands: their masses, dampings and stiffnesses, arrays of shape (n,).
         gains: as in `simulate`.
         friction: False leaves dry friction out, to tell asymptotic stability from being held by friction.
-        frequency_hz: as in `simulate`.
+        interaction_hz: as in `simulate`.
         seed: as in `simulate`.
         engine: as in `simulate`.
 
@@ -114,7 +114,7 @@ def simulate_batch(
     effects = _with_hand(problem, build_effects(problem), hands)
     if not friction:
         effects = without(effects, CoulombFriction.kind)
-    chosen, _ = settled_gains(problem, gains, frequency_hz)
+    chosen, _ = settled_gains(problem, gains, interaction_hz)
     scene = compile_for(problem, effects, chosen)
     parameters, inputs = scene.parameter_values(chosen), scene.input_values(seed)
     parts = []
@@ -129,7 +129,7 @@ _CHUNK = 256
 
 
 def settled_gains(
-    problem: Problem, gains: Gains | GainSchedule | None, frequency_hz: float | None = None
+    problem: Problem, gains: Gains | GainSchedule | None, interaction_hz: float | None = None
 ) -> tuple[Gains, str]:
     """Return the gains and how they were chosen; None solves for the coupling that the scene names."""
     if isinstance(gains, Gains):
@@ -140,7 +140,7 @@ def settled_gains(
         from avc_casadi.design import solve  # noqa: PLC0415
 
         gains = solve(problem, problem.scene.coupling)
-    return gains_at(gains, frequency_hz), gains.method
+    return gains_at(gains, interaction_hz), gains.method
 
 
 def compile_for(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
