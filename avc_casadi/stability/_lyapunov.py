@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _DOUBLINGS = 40
 _SWEEPS = 12
+# Share of each member's decay (in logarithms) that its own solution must show in every direction.
+_EVEN_DECAY = 0.75
 # The cost grows with the cube of the number of states, two neighbours and all hands: about 1 s at this size.
 _MAX_DELAY_SAMPLES = 8
 
@@ -87,9 +89,9 @@ def lyapunov(matrices: FloatArray, decrease: FloatArray) -> FloatArray:
 def common_lyapunov(matrices: FloatArray) -> BoolArray:
     """Look for one P > 0 with A_i' P A_i < P for all matrices of a group.
 
-    P is sought among the weighted means of the members' own solutions, the weights moving towards the member that
-    decreases least. The search is quick and not complete: True is a proof (every decrease is checked by eigenvalues),
-    False says that none was found.
+    P is sought among weighted means of the members' own solutions, which decrease almost evenly in all directions; the
+    weights move towards the member that decreases least. The search is quick and not complete: True is a proof (every
+    decrease is checked by eigenvalues), False says that none was found.
 
     Args:
         matrices: shape (groups, m, s, s).
@@ -97,7 +99,9 @@ def common_lyapunov(matrices: FloatArray) -> BoolArray:
     Returns:
         Shape (groups,).
     """
-    own = lyapunov(matrices, np.broadcast_to(np.eye(matrices.shape[-1]), matrices.shape))
+    decay = np.abs(np.linalg.eigvals(matrices)).max(axis=-1) ** _EVEN_DECAY
+    even = matrices / np.maximum(decay, np.finfo(np.float64).tiny)[..., None, None]
+    own = lyapunov(even, np.broadcast_to(np.eye(matrices.shape[-1]), matrices.shape))
     trace = np.trace(own, axis1=-2, axis2=-1)
     open_groups = np.flatnonzero(np.isfinite(trace).all(axis=1) & (trace > 0).all(axis=1))
     own = own[open_groups] / trace[open_groups][..., None, None]

@@ -1,0 +1,163 @@
+"""Certificates: each level claims what it says, no more, and rows without gains fail."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from avc_casadi import load_problem, parse_problem
+from avc_casadi.certificate import TITLES, certify
+from avc_casadi.design import Status, gain_schedule, solve
+from avc_casadi.passivity import SampledLoop, llewellyn_margin, worst_margin
+from avc_casadi.stability import frozen_parts, hand_set, linear_stability, scope_slack
+
+
+def problem(b_d=1.0, delay=0, rows=5, **stability):
+    table = "".join(f"{key}={value!r}\n" for key, value in stability.items())
+    return parse_problem(
+        f"[device]\nmass_kg=0.1\ndamping_ns_per_m={b_d}\nsample_time_s=1e-3\ndelay_samples={delay}\n"
+        "[environment]\ndamping_ns_per_m=10.0\nstiffness_n_per_m=1e5\n"
+        f"[stability]\n{table}[frequency]\nstart_hz=1.0\nstop_hz=400.0\npoints={rows}\n"
+    )
+
+
+def table(case, b, k, contact=0.0, status=Status.SOLVED):
+    n = len(case.frequencies_hz())
+    gains = tuple(np.broadcast_to(np.asarray(value, dtype=float), (n,)) for value in (b, k, contact))
+    return gain_schedule(case, "file", gains, (status,) * n if isinstance(status, Status) else status)
+
+
+def test_closed_form_of_figure5_stands_on_the_edge_and_nowhere_else():
+    case = load_problem("figure5")
+    gains = solve(case, "closed-form")
+    asked = certify(case, gains, requested=True).levels
+    assert asked["L0"].passed
+    assert abs(asked["L0"].margin_ns_per_m) <= asked["L0"].tolerance_ns_per_m < 1e-9
+    for level, model in (("L2", "paper"), ("L3", "sampled-data")):
+        assert not asked[level].passed
+        assert asked[level].model == model
+        assert asked[level].margin_ns_per_m < -10
+    assert asked["L3"].frequency_hz == 500.0
+    assert "at 500 Hz" in asked["L3"].claim
+    built = certify(case, gains)
+    assert built.rows_without_gains == np.count_nonzero(~gains.usable) > 0
+    assert not built.levels["L0"].passed
+    np.testing.assert_array_equal(built.levels["L0"].row_passed, gains.usable)
+
+
+def test_the_papers_criterion_passes_and_the_loop_diverges():
+    case = problem(b_d=1.0)
+    levels = certify(case, table(case, 1.1, 9300.0)).levels
+    assert [levels[level].passed for level in ("L0", "L1", "L2", "L3", "L4")] == [True, True, True, False, True]
+    assert levels["L3"].frequency_hz == 500.0
+    assert levels["L5"].detail["released_spectral_radius"] == pytest.approx(1.0114, abs=1e-4)
+    assert not levels["L5"].detail["released_pass"]
+
+
+def test_rows_without_gains_fail_every_level():
+    case = problem(rows=3)
+    status = (Status.SOLVED, Status.INFEASIBLE, Status.SOLVED)
+    certificate = certify(case, table(case, 0.1, 100.0, status=status))
+    for result in certificate.levels.values():
+        assert not result.passed
+        np.testing.assert_array_equal(result.row_passed, [True, False, True])
+        assert "1 rows have no gains" in result.claim
+    nothing = certify(case, table(case, 0.1, 100.0, status=Status.INFEASIBLE))
+    for result in nothing.levels.values():
+        assert not result.passed
+        assert result.row is None
+    json.dumps(nothing.document(), allow_nan=False)
+
+
+def test_document_is_plain_json_with_the_fixed_keys():
+    case = load_problem("figure5")
+    document = certify(case, solve(case, "closed-form")).document()
+    again = json.loads(json.dumps(document, allow_nan=False))
+    assert list(again["levels"]) == ["L0", "L1", "L2", "L3", "L4", "L5"] == list(TITLES)
+    for level in again["levels"].values():
+        assert {"pass", "margin_ns_per_m", "frequency_hz", "model", "claim", "tolerance_ns_per_m"} <= set(level)
+        assert isinstance(level["pass"], bool)
+        assert "\n" not in level["claim"]
+    assert again["passive_limit_n_per_m"] == pytest.approx(2 * 2.0 / 1e-3)
+
+
+@settings(max_examples=30)
+@given(st.floats(0.1, 20), st.floats(0, 30), st.floats(0, 4e4), st.sampled_from([0.0, 3.0]), st.sampled_from([0, 1, 3]))
+def test_levels_imply_each_other_where_they_must(b_d, b, k, contact, delay):
+    case = problem(b_d, delay, model="sampled-data", band_factor=2.0)
+    levels = certify(case, table(case, b, k, contact), draws=2).levels
+    if levels["L3"].passed:  # all frequencies: then every band and every single one, and any hand
+        assert levels["L1"].passed
+        assert levels["L5"].passed
+        assert levels["L5"].detail["released_spectral_radius"] <= 1 + 1e-9
+    if levels["L1"].passed:
+        assert levels["L0"].passed
+    if levels["L4"].passed and k > 0:  # any passive environment: then this one
+        assert levels["L3"].passed
+    assert levels["L0"].margin_ns_per_m >= levels["L1"].margin_ns_per_m - 1e-9
+    assert levels["L1"].margin_ns_per_m >= levels["L3"].margin_ns_per_m - 1e-9
+
+
+def test_worst_row_and_margin_are_those_of_the_functions():
+    case = problem(b_d=3.0, rows=4)
+    b, k = np.array([1.0, 2.0, 0.5, 0.1]), np.array([1e3, 4e3, 2e4, 500.0])
+    levels = certify(case, table(case, b, k)).levels
+    exact = worst_margin(SampledLoop.of(case, "sampled-data"), b, k)
+    np.testing.assert_array_equal(levels["L3"].row_margin_ns_per_m, exact.margin_ns_per_m)
+    assert levels["L3"].row == 2
+    assert levels["L4"].margin_ns_per_m == llewellyn_margin(SampledLoop.of(case), b, k)[0].min()
+
+
+@pytest.mark.parametrize("k", [5e3, 9e4])
+def test_damping_reserve_is_the_edge_of_stability(k):
+    case = problem(b_d=1.0, rows=1)
+    result = certify(case, table(case, 20.0, k)).levels["L5"]
+    hand = result.detail["worst_hand"]
+    span = "".join(f"{key} = [{value}, {value}]\n" for key, value in hand.items())
+    for offset, stable in ((1e-4, True), (-1e-4, False)):
+        damping = 1.0 - result.margin_ns_per_m + offset
+        shifted = parse_problem(
+            f"[device]\nmass_kg=0.1\ndamping_ns_per_m={max(damping, 0.0)}\nsample_time_s=1e-3\n"
+            f"[environment]\ndamping_ns_per_m=10.0\nstiffness_n_per_m=1e5\n[hands]\n{span}"
+        )
+        if damping < 0:  # the whole damping of the device can go, and some of the hand's
+            continue
+        radius = linear_stability(
+            shifted.device, frozen_parts(shifted, 20.0, k), 0.0, hand_set(shifted.hands, draws=0)
+        ).radius.max()
+        assert (radius < 1) == stable
+    assert result.passed == (result.margin_ns_per_m > 0)
+
+
+def test_scopes_say_what_the_levels_say():
+    b, k = np.array([0.1, 1.0, 2.0, 50.0, 300.0]), np.array([500.0, 3e3, 9e3, 3e4, 1e5])
+    for model in ("paper", "sampled-data"):
+        base = problem(b_d=2.0, model=model)
+        levels = certify(base, table(base, b, k)).levels
+        for scope, level in (
+            ("pointwise", "L0"),
+            ("band", "L1"),
+            ("all", "L2" if model == "paper" else "L3"),
+            ("hands", "L5"),
+        ):
+            case = problem(b_d=2.0, model=model, scope=scope)
+            slack = scope_slack(case, case.frequencies_hz(), b, k)
+            np.testing.assert_array_equal(slack.met, levels[level].row_passed)
+            if scope != "hands":
+                np.testing.assert_array_equal(slack.slack, levels[level].row_margin_ns_per_m)
+
+
+def test_scope_margin_is_asked_for():
+    plain, strict = problem(b_d=2.0), problem(b_d=2.0, margin_ns_per_m=0.25)
+    own = plain.frequencies_hz()
+    difference = scope_slack(plain, own, 1.0, 1e3).slack - scope_slack(strict, own, 1.0, 1e3).slack
+    np.testing.assert_allclose(difference, 0.25, rtol=1e-12)
+
+
+def test_long_delay_is_said_not_to_be_judged():
+    case = problem(delay=101, rows=2)
+    result = certify(case, table(case, 0.1, 10.0)).levels["L5"]
+    assert not result.passed
+    assert "Not judged" in result.claim

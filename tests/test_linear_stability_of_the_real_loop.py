@@ -1,0 +1,185 @@
+"""The exactly discretised loop: propagation, measured stability limits, hands, delay and switching."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_discrete_lyapunov
+
+from avc_casadi import UnsupportedError, parse_problem
+from avc_casadi.passivity import SampledLoop, fractions, llewellyn_margin, worst_margin
+from avc_casadi.stability import (
+    HandSet,
+    common_lyapunov,
+    fraction_rendering,
+    frozen_parts,
+    hand_set,
+    joint_rendering,
+    linear_stability,
+    mechanics,
+    no_hand,
+    switching_proof,
+    transition,
+)
+from avc_casadi.stability._lyapunov import lyapunov
+
+T = 1e-3
+
+
+def problem(b_d=2.0, delay=0, mass=0.1, b_e=10.0, k_e=1e5):
+    return parse_problem(
+        f"[device]\nmass_kg={mass}\ndamping_ns_per_m={b_d}\nsample_time_s={T}\ndelay_samples={delay}\n"
+        f"[environment]\ndamping_ns_per_m={b_e}\nstiffness_n_per_m={k_e}\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("m", "b", "k"), [(0.1, 2, 0), (0.1, 2, 500), (1e-6, 2, 0), (0.2, 0, 800), (5, 1e3, 1e4), (0.1, 0, 0)]
+)
+def test_propagation_is_the_matrix_exponential(m, b, k):
+    exact = expm(np.array([[0, 1, 0], [-k / m, -b / m, 1 / m], [0, 0, 0]]) * T)[:2]
+    exact = np.array([[exact[0, 0], exact[0, 1] / T, exact[0, 2]], [exact[1, 0] * T, exact[1, 1], exact[1, 2] * T]])
+    np.testing.assert_allclose(mechanics(m, b, k, T)[0], exact, rtol=1e-11, atol=1e-15)
+
+
+@pytest.mark.parametrize(("b", "k"), [(2.0, 500.0), (2.0, 0.0), (0.0, 500.0)])
+def test_propagation_of_no_mass_is_the_limit_of_little_mass(b, k):
+    light, none = mechanics(1e-9, b, k, T)[0], mechanics(0.0, b, k, T)[0]
+    if b > 0:
+        np.testing.assert_allclose(none[0, [0, 2]], light[0, [0, 2]], rtol=1e-5)
+    else:
+        np.testing.assert_allclose(none[0], [0, 0, 1 / k])
+
+
+def largest_wall(b_d, b_e, delay, hand):
+    """Largest wall stiffness that is linearly stable when rendered directly, N/m."""
+    low, high = 0.0, 1e6
+    device = problem(b_d, delay).device
+    for _ in range(50):
+        middle = (low + high) / 2
+        wall = fractions(SampledLoop(b_d, b_e, np.array([middle]), T, delay, "sampled-data"), np.inf, 1.0)
+        low, high = (middle, high) if linear_stability(device, wall, 0.0, hand).stable[0] else (low, middle)
+    return low
+
+
+@pytest.mark.parametrize(("b_e", "ratio"), [(0, 1.003), (5, 0.955), (50, 0.605), (100, 0.340)])
+def test_limits_without_a_hand(b_e, ratio):
+    assert largest_wall(2.0, float(b_e), 0, no_hand()) * T / (2 * (2 + b_e)) == pytest.approx(ratio, abs=1e-3)
+
+
+def test_delay_leaves_nothing_of_a_heavily_damped_wall():
+    assert largest_wall(2.0, 100.0, 1, no_hand()) < 1.0
+
+
+def test_delay_leaves_a_third_with_a_hand():
+    hand = HandSet(np.array([0.2]), np.array([10.0]), np.array([500.0]), 1, 0)
+    free, delayed = largest_wall(2.0, 0.0, 0, hand), largest_wall(2.0, 0.0, 1, hand)
+    assert delayed / free == pytest.approx(0.335, abs=2e-3)
+    assert delayed == pytest.approx(2 / 3 * (2 + 10) / T, rel=0.02)
+
+
+def test_the_papers_criterion_passes_and_the_loop_diverges():
+    case = problem(b_d=1.0)
+    b, k = 1.1, 9300.0
+    paper = SampledLoop.of(case, "paper")
+    assert worst_margin(paper, b, k).passive[0]  # at every frequency, let alone at its own
+    assert llewellyn_margin(paper, b, k)[0][0] > 0
+    assert not worst_margin(SampledLoop.of(case, "sampled-data"), b, k).passive[0]
+    alone = linear_stability(case.device, frozen_parts(case, b, k), 0.0, no_hand())
+    assert alone.radius[0, 0] == pytest.approx(1.0114, abs=1e-4)
+
+
+def step_by_step(case, b, k, contact, hand, samples):
+    """The same loop as a program would run it: sampled position, joint of coupling and wall, held and delayed force."""
+    device, wall = case.device, case.environment
+    step = mechanics(
+        device.mass_kg + hand.mass_kg[0],
+        device.damping_ns_per_m + hand.damping_ns_per_m[0],
+        hand.stiffness_n_per_m[0],
+        T,
+    )[0]
+    x, v, before, joint = 1e-3, 0.0, 1e-3, 0.0
+    waiting = [0.0] * device.delay_samples
+    trace = []
+    for _ in range(samples):
+        b_e, k_e = wall.damping_ns_per_m, wall.stiffness_n_per_m
+        # Force balance of the joint: b (dx - dy)/T + k (x - y) = b_e dy/T + k_e y.
+        new_joint = (b * (x - before) / T + k * x + (b + b_e) * joint / T) / ((b + b_e) / T + k + k_e)
+        force = b_e * (new_joint - joint) / T + k_e * new_joint + contact * (x - before) / T
+        waiting.append(force)
+        before, joint = x, new_joint
+        x, v = step @ np.array([x, v, -waiting.pop(0)])
+        trace.append(x)
+    return np.array(trace)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize(("b", "k", "contact"), [(5.0, 3e3, 0.0), (1.0, 2e4, 0.0), (50.0, 5e4, 20.0)])
+def test_spectral_radius_is_the_growth_of_the_running_loop(delay, b, k, contact):
+    case = problem(delay=delay)
+    hand = HandSet(np.array([0.05]), np.array([3.0]), np.array([800.0]), 1, 0)
+    radius = linear_stability(case.device, frozen_parts(case, b, k), contact, hand).radius[0, 0]
+    trace = np.abs(step_by_step(case, b, k, contact, hand, 1200))
+    early, late = trace[400:800].max(), trace[800:1200].max()
+    assert (late / early) ** (1 / 400) == pytest.approx(radius, abs=2e-3)
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_both_realisations_have_the_same_eigenvalues(delay):
+    rng = np.random.default_rng(0)
+    case = problem(delay=delay)
+    b, k, contact = rng.uniform(0.1, 50, 40), rng.uniform(100, 1e5, 40), rng.uniform(0, 50, 40)
+    hands = hand_set(case.hands, draws=4)
+    fraction = transition(case.device, fraction_rendering(frozen_parts(case, b, k), contact, T), hands)
+    joint = transition(case.device, joint_rendering(case, b, k, contact), hands)
+    radius = [np.abs(np.linalg.eigvals(matrices)).max(axis=-1) for matrices in (fraction, joint)]
+    np.testing.assert_allclose(*radius, rtol=1e-9)
+
+
+def test_hands_are_corners_and_seeded_draws():
+    hands = problem().hands
+    one, two = hand_set(hands, draws=5, seed=3), hand_set(hands, draws=5, seed=3)
+    assert one.corners == 8
+    np.testing.assert_array_equal(one.mass_kg, two.mass_kg)
+    assert {*one.mass_kg[:8]} == {*hands.mass_kg}
+    assert ((one.mass_kg >= hands.mass_kg[0]) & (one.mass_kg <= hands.mass_kg[1])).all()
+
+
+def test_long_delay_is_refused_by_name():
+    with pytest.raises(UnsupportedError, match="100 samples"):
+        linear_stability(problem(delay=101).device, frozen_parts(problem(), 1.0, 1.0), 0.0, no_hand())
+
+
+def test_undefined_mechanics_is_not_called_stable():
+    case = problem(b_d=0.0, mass=0.0)
+    assert np.isinf(linear_stability(case.device, frozen_parts(case, 1.0, 1e3), 0.0, no_hand()).radius).all()
+
+
+def test_common_lyapunov_is_a_proof():
+    case = problem()
+    slow = np.linspace(2, 4, 30), np.linspace(3e3, 6e3, 30), np.zeros(30)
+    hands = hand_set(case.hands, draws=0)
+    proof = switching_proof(case, *slow, hands)
+    assert proof.proved == proof.pairs == 29
+    # A pair of stable matrices whose product is unstable has none.
+    pair = np.array([[[0.1, 2.0], [0.0, 0.1]], [[0.1, 0.0], [2.0, 0.1]]])
+    assert np.abs(np.linalg.eigvals(pair)).max() < 1
+    assert np.abs(np.linalg.eigvals(pair[0] @ pair[1])).max() > 1
+    assert not common_lyapunov(pair[None])[0]
+    assert not common_lyapunov(np.array([[np.eye(2) * 1.01, np.eye(2) * 0.5]]))[0]
+    assert not common_lyapunov(np.array([[np.eye(2), np.eye(2) * 0.5]]))[0]
+
+
+def test_doubling_solves_the_lyapunov_equation():
+    rng = np.random.default_rng(1)
+    matrix = rng.normal(size=(5, 5))
+    matrix *= 0.99 / np.abs(np.linalg.eigvals(matrix)).max()
+    np.testing.assert_allclose(lyapunov(matrix, np.eye(5)), solve_discrete_lyapunov(matrix.T, np.eye(5)), rtol=1e-8)
+
+
+def test_switching_search_is_not_offered_where_it_has_no_meaning():
+    case = problem()
+    hands = hand_set(case.hands, draws=0)
+    row = np.ones(3)
+    assert switching_proof(case, row[:1], row[:1], row[:1], hands) is None
+    assert switching_proof(case, row * np.inf, row, row, hands) is None
+    assert switching_proof(problem(delay=9), row, row, row, hands) is None
+    assert switching_proof(problem(k_e=0.0), row, 0 * row, row, hands) is None

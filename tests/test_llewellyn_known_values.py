@@ -1,0 +1,82 @@
+"""Llewellyn's condition (4) to (6): published and closed-form values, and a dense grid."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from avc_casadi.passivity import SampledLoop, largest_llewellyn_stiffness, llewellyn_margin
+
+T = 1e-3
+
+
+def loop(model, delay=0, b_d=1.0):
+    return SampledLoop(b_d, 0.0, 0.0, T, delay, model)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "expected"),
+    [(0, 8.0), (0.5, 8.899), (1, 9.330), (1.175, 9.3505), (1.5, 9.286), (2, 9.009), (4, 6.804), (5, 5.333), (7, 1.922)],
+)
+def test_largest_stiffness_with_the_printed_hold(ratio, expected):
+    assert largest_llewellyn_stiffness(loop("paper"), float(ratio))[0] * T == pytest.approx(expected, abs=6e-4)
+
+
+def test_eight_exactly_at_dc():
+    assert largest_llewellyn_stiffness(loop("paper"), 0.0)[0] * T == pytest.approx(8.0, rel=1e-12)
+    assert llewellyn_margin(loop("paper"), 0.0, 8.0 / T)[1][0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_nothing_is_allowed_from_eight_times_the_device_damping():
+    found = largest_llewellyn_stiffness(loop("paper"), np.array([7.999, 8.001, 20.0]))
+    assert found[0] > 0
+    assert np.isnan(found[1:]).all()
+
+
+@settings(max_examples=15)
+@given(st.floats(0, 0.5))
+def test_low_frequency_decides_for_light_couplings(ratio):
+    expected = 4 + 4 * np.sqrt(1 + ratio)
+    assert largest_llewellyn_stiffness(loop("paper"), ratio)[0] * T == pytest.approx(expected, rel=1e-9)
+
+
+def test_largest_of_all_stands_between_1_16_and_1_18():
+    ratio = np.linspace(1.0, 1.4, 81)
+    largest = largest_llewellyn_stiffness(loop("paper"), ratio) * T
+    assert 1.16 <= ratio[np.argmax(largest)] <= 1.18
+    assert largest.max() == pytest.approx(9.3505, abs=1e-4)
+
+
+@settings(max_examples=15)
+@given(st.floats(1e-3, 1e3), st.floats(0, 1))
+def test_sampled_data_hold_allows_twice_the_difference_over_the_sample_time(b_d, share):
+    found = largest_llewellyn_stiffness(loop("sampled-data", b_d=b_d), share * b_d)[0]
+    assert found == pytest.approx(2 * (b_d - share * b_d) / T, abs=1e-9 * b_d / T)
+
+
+def test_one_sample_of_delay_leaves_a_quarter():
+    assert largest_llewellyn_stiffness(loop("sampled-data", 1), 0.0)[0] * T == pytest.approx(0.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+@pytest.mark.parametrize("delay", [0, 1, 2, 7, 20])
+def test_margin_is_the_lowest_of_a_dense_grid(model, delay):
+    rng = np.random.default_rng(delay)
+    b, k, contact = 10 ** rng.uniform(-3, 2, 60), 10 ** rng.uniform(0, 5, 60), rng.choice([0.0, 3.0], 60)
+    margin, _ = llewellyn_margin(loop(model, delay), b, k, contact)
+    phi = np.linspace(0, np.pi / 2, 100_001)[1:]
+    amplitude = np.cos(phi) if model == "paper" else 1.0
+    lag = (2 * delay + (1 if model == "paper" else 2)) * phi
+    for row in range(60):
+        coupling = b[row] + k[row] * T / 2 * (1 - 1j / np.tan(phi))
+        needed = amplitude * 2 * np.sin(lag / 2) ** 2 / (2 * (1 / coupling).real)
+        lowest = (1 + contact[row] * amplitude * np.cos(lag) - needed).min()
+        size = 1 + contact[row] + b[row] + k[row] * T + abs(lowest)
+        assert margin[row] <= lowest + 1e-9 * size
+        assert lowest - margin[row] <= 1e-7 * (delay + 1) ** 3 * size
+
+
+def test_coupling_that_is_not_passive_or_rigid_is_refused():
+    margin, _ = llewellyn_margin(loop("paper"), [-1.0, np.inf, 0.0], [0.0, 1.0, 0.0])
+    assert np.isneginf(margin[:2]).all()
+    assert margin[2] == 1.0
