@@ -1,0 +1,143 @@
+"""The same session over pyserial: a pseudo-terminal with the compiled firmware core behind it."""
+
+import itertools
+import os
+import select
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import serial
+from hardware_bench import host_core, schedule
+
+from avc_casadi import LinkError
+from avc_hardware import _ports as ports_module
+from avc_hardware import find_port, gain_table, list_ports, monitor, push, stream
+from avc_hardware._host import HostCore
+
+pty = pytest.importorskip("pty", reason="pseudo-terminals need a Unix system")
+tty = pytest.importorskip("tty", reason="pseudo-terminals need a Unix system")
+
+
+class Bench:
+    """A device at the other end of a pseudo-terminal, in a thread of its own."""
+
+    def __init__(self, core: HostCore) -> None:
+        self.core = core
+        self._master, slave = pty.openpty()
+        tty.setraw(slave)
+        self.port = os.ttyname(slave)
+        self._slave = slave  # kept open: a terminal without any reader hangs up
+        self._stop, self._wake = os.pipe()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while True:
+            ready, _, _ = select.select([self._master, self._stop], [], [], 1e-3)
+            if self._stop in ready:
+                return
+            if self._master in ready:
+                self.core.write(os.read(self._master, 4096))
+            self.core.tick(np.zeros(1, dtype=np.int32))
+            data = self.core.read()
+            while data:
+                data = data[os.write(self._master, data) :]
+
+    def unplug(self) -> None:
+        os.write(self._wake, b"x")
+        self._thread.join()
+        for handle in (self._master, self._slave, self._stop, self._wake):
+            os.close(handle)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench(host_core())
+    yield made
+    if made._thread.is_alive():
+        made.unplug()
+
+
+def test_push_over_a_serial_port(bench: Bench) -> None:
+    gains = schedule(200, seed=1)
+    result = push(gains, bench.port)
+    assert result.readback_equal
+    assert result.rows == 200
+    assert bench.core.image() == gain_table(gains).image
+
+
+def test_stream_and_monitor_over_a_serial_port(bench: Bench) -> None:
+    result = stream(schedule(20), bench.port, rate_hz=50, seconds=0.3)
+    assert result.sent == 15
+    assert result.taken + result.lost + result.late == 15
+    assert result.status.has_table
+    samples = list(monitor(bench.port, rate_hz=50, seconds=0.1))
+    assert len(samples) == 6
+    assert all(a.ticks <= b.ticks for a, b in itertools.pairwise(samples))
+
+
+def test_port_in_use_is_reported(bench: Bench) -> None:
+    samples = monitor(bench.port)
+    next(samples)
+    with pytest.raises(LinkError, match="another program has it open"):
+        push(schedule(5), bench.port)
+    samples.close()  # type: ignore[attr-defined]
+
+
+def test_unplugging_in_mid_session_is_reported(bench: Bench) -> None:
+    samples = monitor(bench.port, rate_hz=100)
+    next(samples)
+    bench.unplug()
+    with pytest.raises(LinkError):
+        for _ in samples:
+            pass
+
+
+def test_a_port_without_a_device_is_reported() -> None:
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    try:
+        with pytest.raises(LinkError, match="no answer at 921600 baud"):
+            push(schedule(5), os.ttyname(slave), baud=921600)
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_a_port_of_another_user_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    def denied(*_: object, **__: object) -> object:
+        raise serial.SerialException(13, "could not open port /dev/ttyACM0: Permission denied")
+
+    monkeypatch.setattr(serial.Serial, "open", denied)
+    with pytest.raises(LinkError, match="dialout"):
+        push(schedule(5), "/dev/ttyACM0")
+
+
+def test_ports_are_found_by_usb_serial_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    def info(device: str, number: str | None) -> SimpleNamespace:
+        return SimpleNamespace(
+            device=device,
+            description="board",
+            manufacturer="maker" if number else None,
+            vid=0x0483 if number else None,
+            pid=0x5740 if number else None,
+            serial_number=number,
+        )
+
+    found = [info("/dev/ttyS0", None), info("/dev/ttyACM1", "A1"), info("/dev/ttyACM0", "B2")]
+    monkeypatch.setattr(ports_module.tools, "comports", lambda: found)
+    assert [port.device for port in list_ports()] == ["/dev/ttyACM0", "/dev/ttyACM1", "/dev/ttyS0"]
+    assert find_port("A1") == "/dev/ttyACM1"
+    found[1] = info("/dev/ttyACM7", "A1")  # plugged in anew
+    assert find_port("A1") == "/dev/ttyACM7"
+    with pytest.raises(LinkError, match="present: B2, A1"):
+        find_port("C3")
+
+
+def test_list_ports_opens_nothing() -> None:
+    for port in list_ports():
+        assert Path(port.device).is_char_device()
