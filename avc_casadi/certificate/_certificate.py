@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from avc_casadi.design import plain
 
 if TYPE_CHECKING:
-    from avc_casadi.impedance import Model
+    from avc_casadi.problem import Model
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

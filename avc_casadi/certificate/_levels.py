@@ -11,8 +11,7 @@ from avc_casadi.certificate._certificate import BoolArray, FloatArray, Level, Le
 from avc_casadi.passivity import RELATIVE_TOLERANCE, SampledLoop, WorstMargin, llewellyn_margin, worst_margin
 
 if TYPE_CHECKING:
-    from avc_casadi.impedance import Model
-    from avc_casadi.problem import Problem
+    from avc_casadi.problem import Model, Problem
 
 
 @dataclass(frozen=True)

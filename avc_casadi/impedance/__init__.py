@@ -1,6 +1,5 @@
 """The physics: every equation of the coupling once, for numpy, mpmath and CasADi."""
 
-from avc_casadi.impedance._equations import Model as Model
 from avc_casadi.impedance._equations import SampleAngle as SampleAngle
 from avc_casadi.impedance._equations import backward_difference as backward_difference
 from avc_casadi.impedance._equations import coupling_gains as coupling_gains

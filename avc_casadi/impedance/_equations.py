@@ -8,11 +8,12 @@ frequency. Impedances are in N.s/m, time in s, frequency in Hz.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING
 
 from avc_casadi.impedance._numbers import Complex, NumberSystem, Real, abs2
 
-Model = Literal["paper", "sampled-data"]
+if TYPE_CHECKING:
+    from avc_casadi.problem import Model
 
 
 @dataclass(frozen=True)

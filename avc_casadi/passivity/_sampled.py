@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from avc_casadi.impedance import Model
-    from avc_casadi.problem import Problem
+    from avc_casadi.problem import Model, Problem
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -21,7 +21,7 @@ from avc_casadi.passivity._sampled import (
 from avc_casadi.passivity._stationary import stationary_cosines
 
 if TYPE_CHECKING:
-    from avc_casadi.impedance import Model
+    from avc_casadi.problem import Model
 
 _ROWS_AT_ONCE = 4096
 # Relative to the terms of the sum: rounding of gains given in double precision and of the evaluation.

@@ -13,6 +13,7 @@ from avc_casadi.problem._model import DeviceRange as DeviceRange
 from avc_casadi.problem._model import Frequency as Frequency
 from avc_casadi.problem._model import Hands as Hands
 from avc_casadi.problem._model import Impedance as Impedance
+from avc_casadi.problem._model import Model as Model
 from avc_casadi.problem._model import Objective as Objective
 from avc_casadi.problem._model import Problem as Problem
 from avc_casadi.problem._model import Realism as Realism

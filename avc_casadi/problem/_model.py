@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from avc_casadi.impedance import Model
 from avc_casadi.problem._quantity import (
     Damping,
     DampingInterval,
@@ -38,6 +37,7 @@ from avc_casadi.problem._scene_file import Scene
 from avc_casadi.problem._table import Table
 from avc_casadi.problem._values import Values, dotted
 
+Model = Literal["paper", "sampled-data"]
 Structure = Literal["series", "damped"]
 Scope = Literal["pointwise", "band", "all", "hands"]
 Objective = Literal["magnitude", "complex", "perceptual"]
