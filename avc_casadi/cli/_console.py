@@ -100,7 +100,7 @@ class Console:
     def _write(self, text: str) -> None:
         if self._descriptor is None:
             if sys.stdout is None:
-                raise OSError("standard output is closed")
+                raise OSError("it is closed")
             sys.stdout.write(text)
             sys.stdout.flush()
             return

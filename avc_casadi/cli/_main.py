@@ -9,11 +9,14 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from avc_casadi import AvcError, Fault, InputError, LinkError, __version__, fault_document
 from avc_casadi.cli._console import Console
 from avc_casadi.cli._verbs import VERBS
+
+if TYPE_CHECKING:
+    from _typeshed import SupportsWrite
 
 DONE, NO, BAD_INPUT, INTERNAL, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 70, 130, 141
 
@@ -25,12 +28,17 @@ start with: avc run figure5
 
 
 class _Parser(argparse.ArgumentParser):
-    """Raises instead of leaving, so that a wrong argument obeys --json too."""
+    """Raises instead of leaving, so that a wrong argument obeys --json too and a closed pipe is not passed over."""
 
     def error(self, message: str) -> NoReturn:
         found = re.match(r"argument ([^:]+): (.*)", message, re.DOTALL)
         key, what = (found[1], found[2]) if found else ("", message)
         raise InputError.of(f"{what}; see `{self.prog} --help`", key=key)
+
+    def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
+        if sys.stdout is None:
+            raise OSError("it is closed")
+        (file or sys.stdout).write(message)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -72,8 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             args = build_parser().parse_args(arguments)
         except SystemExit as leaving:  # --help and --version
-            if sys.stdout is not None:
-                sys.stdout.flush()
+            sys.stdout.flush()
             return int(leaving.code or 0)
         except InputError as error:
             return _refused(Console(as_json=as_json), error)
@@ -98,14 +105,20 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
     except (AvcError, OSError) as error:
         return _refused(console, error)
     except KeyboardInterrupt:
-        console.refuse(_document("interrupted"), "avc: interrupted")
-        return INTERRUPTED
+        return _interrupted(console)
     except Exception as error:  # noqa: BLE001 - an internal error must not end in the code of a plain no
-        trace = traceback.format_exc()
-        console.refuse(_document(f"internal error: {error!r}"), f"{trace}avc: internal error; please report it")
+        if str(error).rstrip().endswith("KeyboardInterrupt"):  # how CasADi reports Ctrl-C in some of its solvers
+            return _interrupted(console)
+        console.complain(traceback.format_exc())
+        console.refuse(_document(f"internal error: {error!r}"), "avc: internal error; please report it")
         return INTERNAL
     console.answer(answer)
     return int(answer.code)
+
+
+def _interrupted(console: Console) -> int:
+    console.refuse(_document("interrupted"), "avc: interrupted")
+    return INTERRUPTED
 
 
 def _refused(console: Console, error: AvcError | OSError) -> int:

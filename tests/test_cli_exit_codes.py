@@ -1,0 +1,204 @@
+"""0 done, 1 the answer is no, 2 bad input, 130 interrupted; never a traceback; refusals obey --json."""
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+
+import pytest
+from avc_process import AVC, ENVIRONMENT, avc, strict_json
+
+from avc_casadi.cli import main
+
+FIVE_FAULTS = """\
+title = "five faults"
+[device]
+mass_kg = -0.1
+damping_ns_per_m = "2"
+[environment]
+damping_ns_per_m = 10.0
+stiffness_n_per_m = inf
+[coupling]
+structure = "parallel"
+colour = "red"
+"""
+
+
+def text_of(done):
+    text = done.stderr.decode()
+    assert "Traceback" not in text
+    return text
+
+
+def test_five_faults_give_five_messages(tmp_path):
+    (tmp_path / "bad.toml").write_text(FIVE_FAULTS)
+    done = avc("solve", "bad.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == b""
+    lines = text_of(done).splitlines()
+    assert lines[-1] == "avc: 5 faults"
+    places = [line.removeprefix("avc: ").split(": ")[0] for line in lines[:-1]]
+    assert places == ["bad.toml:3", "bad.toml:4", "bad.toml:7", "bad.toml:9", "bad.toml:10"]
+
+    done = avc("solve", "bad.toml", "--json", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == b""
+    errors = strict_json(done.stdout)["errors"]
+    assert [error["line"] for error in errors] == [3, 4, 7, 9, 10]
+    assert [error["key"] for error in errors][:2] == ["device.mass_kg", "device.damping_ns_per_m"]
+    assert all(set(error) == {"file", "line", "key", "message"} for error in errors)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key", "words"),
+    [
+        (("solve", "figgure5"), "", "figure5"),
+        (("solve", "figure5", "--method", "magic"), "--method", "closed-form, direct, exact"),
+        (("solve", "figure5", "--solver", "magic"), "--solver", "ipopt"),
+        (("solve", "figure5", "--tolerance", "tight"), "--tolerance", "tight"),
+        (("solve", "figure5", "--out", "gains.xls"), "--out", ".json, .csv"),
+        (("solve", "figure5", "--out", "nowhere/gains.json"), "--out", "nowhere"),
+        (("solve", "figure5", "--method", "direct", "--as-printed"), "--as-printed", "closed-form"),
+        (("compare", "figure5", "--mine", "7000"), "--mine", "K,B"),
+        (("compare", "figure5", "--mine", "7000,-1"), "--mine", ">= 0"),
+        (("compare", "figure5", "--plot", "f.bmp"), "--plot", ".png, .svg, .pdf"),
+        (("push", "missing.json", "--port", "emulator"), "", "cannot be read"),
+        (("push", "missing.json"), "", "--port"),
+        (("monitor", "--port", "emulator", "--rate-hz", "0"), "--rate-hz", "above 0"),
+        (("run", "figure5", "--out", "file"), "--out", "file"),
+        (("paint",), "VERB", "solve"),
+        ((), "", "VERB"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
+)
+def test_bad_input(arguments, key, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("in the way of a folder")
+    assert main(arguments) == 2
+    plain = capsys.readouterr()
+    assert plain.out == ""
+    assert words in plain.err
+
+    assert main([*arguments, "--json"]) == 2
+    answered = capsys.readouterr()
+    (error,) = json.loads(answered.out)["errors"]
+    assert error["key"] == key
+    assert words in error["message"] or words in error["file"]
+    assert answered.err == ""
+
+
+def test_infeasible_box_names_the_constraint_and_the_smallest_relaxation():
+    done = avc("solve", "hard/infeasible-box")
+    assert done.returncode == 1
+    text = text_of(done)
+    assert "200 of 200 frequencies have no gains" in text
+    assert "stability.margin_ns_per_m" in text
+    assert "missed by 22.75 N.s/m" in text
+    assert avc("compare", "hard/infeasible-box", "--json").returncode == 1
+
+
+def test_refused_push_is_a_no(tmp_path):
+    assert avc("solve", "soft", "--out", "gains.json", cwd=tmp_path).returncode == 0
+    document = json.loads((tmp_path / "gains.json").read_text())
+    (tmp_path / "fast.json").write_text(json.dumps(document | {"sample_time_s": 1e-4}))
+    done = avc("push", "fast.json", "--port", "emulator", "--json", cwd=tmp_path)
+    assert done.returncode == 1
+    (error,) = strict_json(done.stdout)["errors"]
+    assert "sample_time_s" in error["message"]
+
+
+def test_gain_file_is_the_solve_document(tmp_path):
+    done = avc("solve", "soft", "--out", "gains.json", "--json", cwd=tmp_path)
+    assert json.loads((tmp_path / "gains.json").read_text()) == strict_json(done.stdout)
+
+
+SLOW = """\
+[device]
+mass_kg = 0.1
+damping_ns_per_m = 2.0
+[environment]
+damping_ns_per_m = 10.0
+stiffness_n_per_m = 1e5
+[frequency]
+points = 100000
+"""
+
+
+@pytest.mark.parametrize("solver", ["edges", "ipopt", "sqpmethod"])
+@pytest.mark.parametrize("as_json", [False, True], ids=["text", "json"])
+def test_interrupted(solver, as_json, tmp_path):
+    """The progress line on a terminal tells when the solve has begun."""
+    (tmp_path / "slow.toml").write_text(SLOW)
+    terminal, slave = pty.openpty()
+    arguments = ["solve", "slow.toml", "--solver", solver, *(["--json"] if as_json else [])]
+    with subprocess.Popen(  # noqa: S603
+        [*AVC, *arguments], stdout=subprocess.PIPE, stderr=slave, cwd=tmp_path, env=ENVIRONMENT
+    ) as process:
+        os.close(slave)
+        seen = b""
+        while b"..." not in seen:
+            seen += os.read(terminal, 1024)
+        process.send_signal(signal.SIGINT)
+        out = process.communicate(timeout=60)[0]
+    while chunk := _read(terminal):
+        seen += chunk
+    os.close(terminal)
+    assert process.returncode == 130
+    assert b"Traceback" not in seen
+    if as_json:
+        assert strict_json(out)["errors"][0]["message"] == "interrupted"
+    else:
+        assert out == b""
+        assert b"avc: interrupted" in seen
+
+
+def _read(terminal):
+    try:
+        return os.read(terminal, 1024)
+    except OSError:  # how Linux reports the end of a pseudo-terminal
+        return b""
+
+
+def test_no_progress_in_a_pipe():
+    assert avc("solve", "figure5").stderr == b""
+
+
+@pytest.mark.parametrize("arguments", [("list",), ("--help",), ("solve", "figure5", "--json")], ids=" ".join)
+def test_broken_pipe(arguments):
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(  # noqa: S603
+        [*AVC, *arguments], stdout=writer, stderr=subprocess.PIPE, env=ENVIRONMENT, check=False
+    )
+    os.close(writer)
+    assert done.returncode == 141
+    assert done.stderr == b""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/dev/full is Linux's")
+@pytest.mark.parametrize("arguments", [("list",), ("--help",)], ids=" ".join)
+def test_full_disk(arguments):
+    with open("/dev/full", "wb") as full:  # noqa: PTH123
+        done = subprocess.run(  # noqa: S603
+            [*AVC, *arguments], stdout=full, stderr=subprocess.PIPE, env=ENVIRONMENT, check=False
+        )
+    assert done.returncode == 2
+    assert "No space left" in text_of(done)
+
+
+def test_internal_errors_are_not_mistaken_for_a_no(monkeypatch, capsys):
+    def fail(*_):
+        raise ZeroDivisionError("planted")
+
+    monkeypatch.setattr("avc_casadi.cli._list.run", fail)
+    assert main(["list", "--json"]) == 70
+    answered = capsys.readouterr()
+    assert "planted" in json.loads(answered.out)["errors"][0]["message"]
+    assert "ZeroDivisionError" in answered.err
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == "avc-casadi 0.1.0\n"

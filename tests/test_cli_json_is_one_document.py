@@ -1,0 +1,112 @@
+"""With --json, standard output is one JSON document and not a byte more, whatever libraries print."""
+
+import pytest
+from avc_process import avc, strict_json
+
+SOLVE_KEYS = {
+    "schema",
+    "problem",
+    "method",
+    "solver",
+    "structure",
+    "frequency_hz",
+    "damping_ns_per_m",
+    "stiffness_n_per_m",
+    "contact_damping_ns_per_m",
+    "impedance_re",
+    "impedance_im",
+    "target_re",
+    "target_im",
+    "magnitude_error",
+    "complex_error",
+    "real_part",
+    "status",
+    "seconds",
+    "certificate",
+    "requested_damping_ns_per_m",
+    "requested_stiffness_n_per_m",
+}
+DEVICE = ("--port", "emulator", "--json")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--method", "closed-form"),
+        ("--as-printed",),
+        ("--method", "exact"),
+        ("--method", "direct"),
+        ("--method", "direct", "--solver", "ipopt"),
+        ("--method", "direct", "--solver", "sqpmethod"),
+    ],
+    ids=" ".join,
+)
+def test_solve(options):
+    done = avc("solve", "figure5", *options, "--json")
+    document = strict_json(done.stdout)
+    assert set(document) >= SOLVE_KEYS
+    rows = len(document["frequency_hz"])
+    assert rows == 200
+    assert all(len(document[key]) == rows for key in SOLVE_KEYS if isinstance(document[key], list))
+    without = [b is None for b in document["damping_ns_per_m"]]
+    usable = [status in {"solved", "active-bound"} for status in document["status"]]
+    assert without == [not has for has in usable]
+    assert done.returncode == (1 if any(without) else 0)
+    assert bool(done.stderr) == any(without)
+
+
+def test_compare():
+    done = avc("compare", "figure5", "--mine", "7000,10", "--json")
+    document = strict_json(done.stdout)
+    assert done.returncode == 0
+    assert set(document["methods"]) == {"closed-form", "direct", "exact"}
+    assert sum(document["counts"].values()) == len(document["verdict"]) == 200
+    assert document["mine"]["stiffness_n_per_m"] == 7000
+
+
+@pytest.mark.parametrize("verb", [("list",), ("check", "soft"), ("ports",), ("doctor",)], ids=" ".join)
+def test_other_verbs(verb):
+    done = avc(*verb, "--json")
+    assert strict_json(done.stdout)["schema"] == f"avc-{verb[0]}/1"
+    assert done.returncode == 0
+    assert done.stderr == b""
+
+
+def test_device_verbs(tmp_path):
+    assert avc("solve", "figure5", "--out", "gains.csv", cwd=tmp_path).returncode == 0
+    push = strict_json(avc("push", "gains.csv", *DEVICE, cwd=tmp_path).stdout)
+    assert push["readback_equal"] is True
+    assert push["rows"] == 200
+    export = strict_json(
+        avc("export", "gains.csv", "--c", "g.h", "--sample-time-s", "1e-3", "--json", cwd=tmp_path).stdout
+    )
+    assert export["rows"] == 200
+    assert "avc_step" in (tmp_path / "g.h").read_text()
+    stream = strict_json(avc("stream", "figure5", *DEVICE, "--seconds", "0.2").stdout)
+    assert stream["sent"] == 10
+    assert len(stream["samples"]) == 10
+    monitor = strict_json(avc("monitor", *DEVICE, "--seconds", "0.4").stdout)
+    assert len(monitor["samples"]) == 3
+
+
+NOISE = """
+import ctypes, os, sys
+from avc_casadi.cli._console import Answer, Console
+console = Console(as_json="--json" in sys.argv)
+os.write(1, b"straight to the descriptor ")
+ctypes.CDLL(None).printf(b"left in the buffer of the C library ")
+print("printed")
+console.say("live")
+console.answer(Answer({"found": 1}, "text"))
+"""
+
+
+def test_libraries_that_print_do_not_reach_standard_output():
+    done = avc("--json", program=NOISE)
+    assert done.stdout == b'{\n "found": 1\n}\n'
+    for noise in (b"straight to the descriptor", b"left in the buffer", b"printed"):
+        assert noise in done.stderr
+
+
+def test_text_is_protected_too():
+    assert avc(program=NOISE).stdout == b"live\ntext\n"

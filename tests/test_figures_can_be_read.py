@@ -1,0 +1,140 @@
+"""Every axis has a label with its unit, no text covers another, and lines differ without their colours."""
+
+import itertools
+import re
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
+
+import avc_casadi as avc
+from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, save_figure
+
+DRAWERS = (draw_boundaries, draw_perceived, draw_comparison)
+
+
+def single_frequency():
+    problem = avc.load_problem("soft")
+    return problem.model_copy(update={"frequency": problem.frequency.model_copy(update={"values_hz": (30.0,)})})
+
+
+def unsorted_frequencies():
+    problem = avc.load_problem("figure5")
+    values = (300.0, 3.0, 30.0, 31.0, 3.5, 120.0)
+    return problem.model_copy(update={"frequency": problem.frequency.model_copy(update={"values_hz": values})})
+
+
+PROBLEMS = {
+    **dict.fromkeys(("figure5", "damped", "soft", "hard/pinned-box", "hard/near-rigid", "hard/resonance")),
+    **dict.fromkeys(("hard/infeasible-box", "hard/free-space")),
+    "single-frequency": single_frequency,
+    "unsorted": unsorted_frequencies,
+}
+
+
+@pytest.fixture(scope="module", params=PROBLEMS)
+def comparison(request):
+    make = PROBLEMS[request.param]
+    problem = make() if make else avc.load_problem(request.param)
+    return avc.compare(problem, mine=(7000.0, 10.0))
+
+
+@pytest.fixture(scope="module", params=DRAWERS, ids=lambda draw: draw.__name__)
+def figure(request, comparison):
+    return request.param(comparison)
+
+
+@pytest.fixture(scope="module")
+def texts(figure):
+    """(text, box) of every text that is really drawn, in pixels."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    found = list(figure.texts)
+    for legend in figure.legends:
+        found += legend.get_texts()
+    for axes in figure.axes:
+        found += [axes.title, axes._left_title, axes._right_title, axes.xaxis.label, axes.yaxis.label]
+        for axis in (axes.xaxis, axes.yaxis):
+            found += [
+                axis.get_offset_text(),
+                *(tick.label1 for tick in axis._update_ticks() if tick.label1.get_visible()),
+            ]
+    assert all(isinstance(text, Text) for text in found)
+    return [(text.get_text(), text.get_window_extent(renderer)) for text in found if text.get_text().strip()]
+
+
+def test_no_text_covers_another(texts):
+    assert len(texts) > 15
+    for (first, a), (second, b) in itertools.combinations(texts, 2):
+        wide = min(a.x1, b.x1) - max(a.x0, b.x0)
+        high = min(a.y1, b.y1) - max(a.y0, b.y0)
+        assert wide <= 1 or high <= 1, f"{first!r} and {second!r} overlap by {wide:.0f} x {high:.0f} pixels"
+
+
+def test_no_text_leaves_the_picture(figure, texts):
+    width, height = figure.bbox.size
+    for text, box in texts:
+        assert box.x0 >= -1, text
+        assert box.y0 >= -1, text
+        assert box.x1 <= width + 1, text
+        assert box.y1 <= height + 1, text
+
+
+def test_axes_have_labels_with_units(figure):
+    bottom = min(axes.get_position().y0 for axes in figure.axes)
+    for axes in figure.axes:
+        labels = [axes.get_ylabel()] if axes.get_yticks().size else []
+        if axes.get_xlabel() or axes.get_position().y0 == bottom:
+            labels.append(axes.get_xlabel())
+        assert labels
+        for label in labels:
+            assert re.search(r"\((Hz|N·s/m|kN/m|%)\)$", label), label
+        assert re.match(r"\([a-f]\) ", axes.get_title(loc="left"))
+
+
+def test_lines_differ_without_colour(figure):
+    for axes in figure.axes:
+        looks = [
+            (
+                line.get_linestyle(),
+                line.get_marker(),
+                line.get_linewidth(),
+                tuple(np.atleast_1d(line._dash_pattern[1] or ())),
+            )
+            for line in axes.lines
+            if not line.get_label().startswith("_")
+        ]
+        assert len(looks) == len(set(looks))
+
+
+def test_nothing_that_exists_is_left_undrawn(comparison):
+    """Every gain of the optimiser is a point of panels c and d."""
+    axes = {a.get_title(loc="left")[:3]: a for a in draw_perceived(comparison).axes}
+    gains = comparison.methods["direct"]
+    for panel, values in (("(c)", gains.damping_ns_per_m), ("(d)", 1e-3 * gains.stiffness_n_per_m)):
+        (line,) = [line for line in axes[panel].lines if line.get_label() == "direct"]
+        drawn = line.get_ydata()
+        order = np.argsort(comparison.frequency_hz, kind="stable")
+        np.testing.assert_array_equal(drawn, values[order])
+        low, high = axes[panel].get_ylim()
+        known = drawn[np.isfinite(drawn)]
+        assert np.all((known >= low) & (known <= high))
+
+
+def test_files_repeat_byte_for_byte(tmp_path):
+    comparison = avc.compare(avc.load_problem("soft"))
+    for ending in ("png", "svg", "pdf"):
+        for name in ("first", "second"):
+            save_figure(draw_boundaries(comparison), tmp_path / f"{name}.{ending}")
+        first = (tmp_path / f"first.{ending}").read_bytes()
+        assert first == (tmp_path / f"second.{ending}").read_bytes()
+        assert len(first) > 5000
+
+
+def test_settings_of_matplotlib_are_left_alone(tmp_path):
+    before = dict(mpl.rcParams)
+    save_figure(draw_comparison(avc.compare(avc.load_problem("soft"))), tmp_path / "f.svg")
+    assert dict(mpl.rcParams) == before

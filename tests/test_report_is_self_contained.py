@@ -1,0 +1,110 @@
+"""The report is one well-formed page that loads nothing from elsewhere and shows hostile text as text."""
+
+import base64
+import re
+import xml.etree.ElementTree as ET
+from html.parser import HTMLParser
+
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.certificate import certify
+from avc_casadi.figures import draw_boundaries, draw_perceived, figure_svg
+from avc_casadi.impedance import ASSUMPTIONS, PAPER_ERRORS
+from avc_casadi.report import ReportContents, report_html, summarise
+
+VOID = {"meta", "img", "link", "br", "hr"}
+HOSTILE = "</title><script>alert('x')</script> & \"quoted\" $title"
+
+
+class Page(HTMLParser):
+    """Collects text, attributes and figures; fails on tags that do not match."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.links, self.text = [], [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for key, value in attrs if key in {"src", "href", "srcset", "action", "data"}]
+        assert not any(key.startswith("on") for key, _ in attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+@pytest.fixture(scope="module")
+def contents():
+    problem = avc.load_problem("figure5").model_copy(update={"title": HOSTILE, "source": HOSTILE})
+    comparison = avc.compare(problem)
+    certificate = certify(problem, comparison.methods["direct"]).document()
+    push = {"refused": "the <b>device</b> & its limits"}
+    figures = [
+        ("first <figure>", figure_svg(draw_boundaries(comparison))),
+        ("second", figure_svg(draw_perceived(comparison))),
+    ]
+    summary = summarise(problem, comparison, certificate, push)
+    return ReportContents(problem, comparison, summary, certificate, figures, {"avc-casadi": avc.__version__})
+
+
+@pytest.fixture(scope="module")
+def html(contents):
+    return report_html(contents)
+
+
+def test_nothing_is_loaded_from_elsewhere(html):
+    page = Page(html)
+    assert len(page.links) == 2
+    assert all(link.startswith("data:image/svg+xml;base64,") for link in page.links)
+    for forbidden in ("http:", "https:", "file:", "url(", "@import", "<script", "<iframe", "<link"):
+        assert forbidden not in html
+    for link in page.links:
+        picture = ET.fromstring(base64.b64decode(link.partition(",")[2]))  # noqa: S314
+        assert picture.tag == "{http://www.w3.org/2000/svg}svg"
+        for element in picture.iter():
+            for key, value in element.attrib.items():
+                if key.endswith(("href", "src")):
+                    assert value.startswith("#")
+                assert not re.search(r"url\((?!#)", value)
+
+
+def test_hostile_text_is_shown_as_text(html):
+    page = Page(html)
+    assert "script" not in page.tags
+    assert "b" not in page.tags
+    assert HOSTILE in "".join(page.text)
+    assert "the <b>device</b> & its limits" in "".join(page.text)
+
+
+def test_it_tells_everything(contents, html):
+    text = "".join(Page(html).text)
+    for error in PAPER_ERRORS:
+        assert error.as_printed in text
+        assert error.effect in text
+    for assumption in ASSUMPTIONS:
+        assert assumption.assumed in text
+    for level, found in contents.certificate["levels"].items():
+        assert level in text
+        assert found["claim"] in text
+    for verdict, count in contents.comparison.counts().items():
+        assert verdict in text
+        assert str(count) in text
+    gains = contents.comparison.methods["direct"]
+    for row in (0, 57, 199):
+        assert f"{gains.damping_ns_per_m[row]:.4g}" in text
+        assert f"{gains.stiffness_n_per_m[row]:.4g}" in text
+    assert "$" not in text.replace(HOSTILE, "")
+    assert "device.sample_time_s" in text
+    assert avc.__version__ in text
+
+
+def test_it_repeats(contents, html):
+    assert report_html(contents) == html

@@ -1,0 +1,111 @@
+"""`avc run` writes every file, the same each time apart from times, and needs no extra to finish."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from avc_process import avc, strict_json
+
+from avc_casadi import load_problem, solve
+from avc_casadi.design import read_gains
+
+FILES = {
+    "gains.json",
+    "gains.csv",
+    "compare.json",
+    "report.html",
+    *(f"{name}{ending}" for name in ("boundaries", "perceived", "comparison") for ending in (".png", ".svg")),
+}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    done = avc("run", "figure5", cwd=folder)
+    again = avc("run", "figure5", "--out", "again", "--json", cwd=folder)
+    return folder, done, again
+
+
+def test_ten_lines_and_every_file(results):
+    folder, done, _ = results
+    assert done.returncode == 0
+    assert done.stderr == b""
+    lines = done.stdout.decode().splitlines()
+    assert len(lines) == 10
+    assert lines[0].startswith("figure5: ")
+    assert "200 of 200 frequencies have gains" in lines[2]
+    assert "agree" in lines[4]
+    assert "passes L0" in lines[7]
+    assert "read back equal" in lines[8]
+    assert "avc-figure5" in lines[9]
+    assert {path.name for path in (folder / "avc-figure5").iterdir()} == FILES
+
+
+def test_document(results):
+    folder, _, again = results
+    document = strict_json(again.stdout)
+    assert set(document["files"]) == FILES == {path.name for path in (folder / "again").iterdir()}
+    assert document["push"]["readback_equal"] is True
+    assert document["rows_with_gains"] == 200
+    assert document["passive_limit_n_per_m"] == pytest.approx(2 * 2.0 / 1e-3)
+
+
+@pytest.mark.parametrize("name", ["gains.csv", *sorted(name for name in FILES if name.endswith((".png", ".svg")))])
+def test_files_repeat_byte_for_byte(results, name):
+    folder = results[0]
+    assert (folder / "avc-figure5" / name).read_bytes() == (folder / "again" / name).read_bytes()
+
+
+def without_seconds(value):
+    if isinstance(value, dict):
+        return {key: without_seconds(item) for key, item in value.items() if key != "seconds"}
+    return [without_seconds(item) for item in value] if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize("name", ["gains.json", "compare.json"])
+def test_documents_repeat_apart_from_times(results, name):
+    first, second = (
+        without_seconds(json.loads((results[0] / run / name).read_text())) for run in ("avc-figure5", "again")
+    )
+    assert first == second
+
+
+def test_gain_files_hold_the_direct_gains(results):
+    expected = solve(load_problem("figure5"), "direct")
+    for name in ("gains.json", "gains.csv"):
+        gains = read_gains(results[0] / "avc-figure5" / name)
+        np.testing.assert_array_equal(gains.frequency_hz, expected.frequency_hz)
+        np.testing.assert_array_equal(gains.damping_ns_per_m, expected.damping_ns_per_m)
+        np.testing.assert_array_equal(gains.stiffness_n_per_m, expected.stiffness_n_per_m)
+    document = json.loads((results[0] / "avc-figure5" / "gains.json").read_text())
+    assert set(document["certificate"]["levels"]) >= {"L0", "L1", "L2", "L3", "L4", "L5"}
+
+
+WITHOUT_EXTRA = """
+import sys
+sys.modules["unicorn"] = None
+from avc_casadi.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_without_the_extra_the_push_is_skipped_and_the_way_to_install_it_told(tmp_path):
+    done = avc("run", "soft", "--json", cwd=tmp_path, program=WITHOUT_EXTRA)
+    assert done.returncode == 0
+    document = strict_json(done.stdout)
+    assert "pip install 'avc-casadi[emulator]'" in document["push"]["skipped"]
+    assert "pip install &#x27;avc-casadi[emulator]&#x27;" in (tmp_path / "avc-soft" / "report.html").read_text()
+
+    done = avc("push", str(tmp_path / "avc-soft" / "gains.json"), "--port", "emulator", program=WITHOUT_EXTRA)
+    assert done.returncode == 2
+    assert b"pip install 'avc-casadi[emulator]'" in done.stderr
+    assert b"Traceback" not in done.stderr
+
+
+def test_infeasible_problem_still_leaves_everything_and_says_no(tmp_path):
+    done = avc("run", "hard/infeasible-box", cwd=tmp_path)
+    assert done.returncode == 1
+    assert b"200 of 200 frequencies are infeasible" in done.stderr
+    assert {path.name for path in (tmp_path / "avc-hard-infeasible-box").iterdir()} == FILES
+    assert Path(tmp_path / "avc-hard-infeasible-box" / "gains.csv").read_text().count("\n") == 1
