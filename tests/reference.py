@@ -90,12 +90,12 @@ class Reference:
         top, bottom = _polynomial(weighted(lambda g: abs2(self.impedance(g))), 2), _polynomial(weighted(lambda _: 1), 2)
         # d(top/bottom) = 0; the cubic terms cancel.
         turning = [
-            top[2] * bottom[1] - top[1] * bottom[2],
-            2 * (top[2] * bottom[0] - top[0] * bottom[2]),
             top[1] * bottom[0] - top[0] * bottom[1],
+            2 * (top[2] * bottom[0] - top[0] * bottom[2]),
+            top[2] * bottom[1] - top[1] * bottom[2],
         ]
         stationary = _roots(turning)
-        cuts = [MP.mpf(0), *sorted(_roots(excess[::-1])), MP.mpf(1)]
+        cuts = [MP.mpf(0), *sorted(_roots(excess)), MP.mpf(1)]
         found = []
         for low, high in itertools.pairwise(cuts):
             if low < high:
@@ -153,19 +153,15 @@ def _polynomial(value: Any, degree: int) -> list[Real]:
     return list(MP.lu_solve(matrix, MP.matrix([value(node) for node in nodes])))
 
 
-def _roots(coefficients: list[Real]) -> list[Real]:
-    """Real roots within (0, 1) of a polynomial, highest power first."""
-    largest = max(abs(c) for c in coefficients)
-    while coefficients and abs(coefficients[0]) <= largest * MP.mpf(10) ** -50:
-        coefficients = coefficients[1:]
-    if len(coefficients) < 2:
+def _roots(quadratic: list[Real]) -> list[Real]:
+    """Real roots within (0, 1) of a quadratic, coefficients lowest first."""
+    c, b, a = quadratic
+    discriminant = b * b - 4 * a * c
+    if discriminant < 0:
         return []
-    roots = MP.polyroots(coefficients, maxsteps=400, extraprec=400)
-    return [
-        root.real
-        for root in map(MP.mpc, roots)
-        if abs(root.imag) <= abs(root) * MP.mpf(10) ** -25 and 0 < root.real < 1
-    ]
+    half = -(b + (MP.sqrt(discriminant) if b >= 0 else -MP.sqrt(discriminant))) / 2
+    pairs = ((half, a), (c, half))
+    return [top / bottom for top, bottom in pairs if bottom != 0 and 0 < top / bottom < 1]
 
 
 def series_error(problem: Problem, frequency_hz: float, contact: Real = None) -> Real | None:

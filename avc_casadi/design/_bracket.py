@@ -16,6 +16,8 @@ Function = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
 """(x, index) -> value: evaluate function number ``index[i]`` at ``x[i]``."""
 
 _MOST_STEPS = 120
+_SMALL = 1e-14
+"""Brackets are narrowed relative to x, but not below that of this x: a root may stand at 0."""
 
 
 def bracketed_roots(
@@ -35,7 +37,7 @@ def bracketed_roots(
         high: upper ends, shape (m,).
         value_low: values at ``low``; their signs differ from those of ``value_high``.
         value_high: values at ``high``.
-        tolerance: width of the final brackets.
+        tolerance: width of the final brackets, relative to x >= 0.
 
     Returns:
         Both ends of each final bracket, (m,) each: the one with a value >= 0, the one with a value < 0.
@@ -43,7 +45,7 @@ def bracketed_roots(
     a, b, fa, fb = high.copy(), low.copy(), value_high.copy(), value_low.copy()
     c, fc = a.copy(), fa.copy()
     share = np.full(low.shape, 0.5)
-    at = np.flatnonzero(np.abs(b - a) > tolerance)
+    at = np.flatnonzero(np.abs(b - a) > tolerance * (np.abs(a) + _SMALL))
     for _ in range(_MOST_STEPS):
         if not at.size:
             break
@@ -72,7 +74,7 @@ def _next_share(
     tolerance: float,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Where to evaluate next, as a share of the way from a to b, and whether the bracket is still too wide."""
-    least = np.clip(tolerance / np.abs(b - a), 0, 1)
+    least = np.clip(tolerance * (np.abs(a) + _SMALL) / np.abs(b - a), 0, 1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
         xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
         inverse = (phi * phi < xi) & ((1 - phi) ** 2 < 1 - xi)

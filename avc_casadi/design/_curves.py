@@ -58,13 +58,16 @@ class Curves:
     scale: FloatArray
 
     @classmethod
-    def of(cls, loop: Loop, fixed: Points, moving: Index, low: FloatArray, high: FloatArray) -> Curves:
-        """Make curves from their fixed gains (the moving one is ignored)."""
+    def of(cls, loop: Loop, fixed: Points, moving: Index, low: FloatArray, high: FloatArray, margin: float) -> Curves:
+        """Make curves from their fixed gains (the moving one is ignored); ``margin`` is that of (12)."""
         here = loop.rows(fixed.row)
         b, k, p = (np.where(moving == i, 0.0, gain) for i, gain in enumerate((fixed.b, fixed.k, fixed.p)))
         base = here.environment + coupling_impedance(here.angle, b, k)
         slope = np.abs(coupling_impedance(here.angle, 0.0, 1.0))
-        weight = np.where(moving == 2, np.abs(here.perceived(b, k, p) / here.hold), np.abs(base))
+        # Along a line Z_h = Z_0 + H b_p what is sought has the size of Z_0, of the goal or of the margin.
+        sizes = np.maximum(np.abs(here.target), margin), np.abs(here.perceived(b, k, p))
+        straight = np.maximum(*sizes) / np.abs(here.hold)
+        weight = np.where(moving == 2, straight, np.abs(base))
         weight /= np.where(moving == 1, slope, 1.0)
         return cls(fixed.row, b, k, p, moving, low, high, here, np.where(weight > 0, weight, np.maximum(high, 1.0)))
 

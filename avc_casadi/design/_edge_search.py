@@ -54,10 +54,10 @@ def _box_edges(problem: Problem, loop: Loop, contacts: set[float]) -> Curves:
             (0, k1, 0, b0, b1),
         )
     ]
-    n = len(loop.target)
+    n, margin = len(loop.target), problem.stability.margin_ns_per_m
     b, k, p, moving, low, high = (np.repeat(np.array(column), n) for column in zip(*shapes, strict=True))
     row = np.tile(np.arange(n), len(shapes))
-    return Curves.of(loop, Points(row, b.astype(float), k.astype(float), p), moving, low, high)
+    return Curves.of(loop, Points(row, b.astype(float), k.astype(float), p), moving, low, high, margin)
 
 
 def _curve_points(curves: Curves, margin: float) -> list[Points]:
@@ -118,7 +118,7 @@ def _swept_points(problem: Problem, loop: Loop, margin: float) -> list[Points]:
     (fold,) = find_roots(edges, [(pieces, lambda _z, dz, _at: dz.imag)], tolerance=_STATIONARY)
     starts = join([edges.ends(), edges.points(fold.above, fold.curve)])
     ends = (np.full(starts.row.shape, end) for end in (lowest, highest))
-    lifts = Curves.of(loop, starts, np.full(starts.row.shape, 2), *ends)
+    lifts = Curves.of(loop, starts, np.full(starts.row.shape, 2), *ends, margin)
 
     split = pieces.split(edges, fold.piece, fold.above)
     wanted = wanted_points(loop, np.abs(loop.target), margin)[0][:, edges.row]

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
 KKT_TOLERANCE = 1e-6
-"""Largest accepted KKT residual: d(error^2)/d(ln gain), relative to the square of the terms that make up |Z_h_avc|."""
+"""Largest accepted KKT residual: by how much error^2 would fall along one gain at the slope of the point, over the
+gain's natural scale or up to its bound, relative to the square of the terms that make up |Z_h_avc|."""
 _ACTIVE = 1e-6
 """(12) counts as active where Re Z_h is within this share of the same terms of the margin."""
 
@@ -50,6 +51,7 @@ def _derivatives(rows: int) -> Any:
         nlp.constraint,
         ca.gradient(nlp.objective, nlp.gains),
         ca.gradient(nlp.constraint, nlp.gains),
+        ca.gradient(nlp.impedance.imag, nlp.gains),
     ]
     return ca.Function("optimality", [nlp.gains, nlp.parameters], outputs).map(rows)
 
@@ -58,38 +60,44 @@ def optimality(problem: Problem, loop: Loop, gains: Gains) -> Optimality:
     """Recompute violation and KKT residual of (b, k, b_p), each (n,)."""
     parameters = nlp_parameters(problem, loop)
     x = np.array(gains)
-    f, g, df, dg = (np.array(value) for value in _derivatives(x.shape[1])(x, parameters))
+    f, g, df, dg, turning = (np.array(value) for value in _derivatives(x.shape[1])(x, parameters))
     violation = np.where(admissible(problem, *gains), np.maximum(0.0, -g[0]), np.inf)
     terms = np.abs(loop.target) + np.abs(loop.device) + np.abs(loop.hold * (loop.rendered(*gains[:2]) + gains[2]))
     with np.errstate(invalid="ignore", divide="ignore"):
-        scale = parameters[-3:] + x
-        # The root in |Z| has no gradient at 0, but there the error, if it is 0, is optimal anyway.
-        df = np.where(f[0] == 0, 0.0, df * scale / terms**2)
-        dg = dg * scale / terms
+        # |Z| has no gradient where Z = 0, but it rises from there on every way; an error of 0 is optimal anyway.
+        df = np.where(np.isnan(df), -2 * np.sqrt(f) * np.hypot(dg, turning), df)
+        df, dg = np.where(f[0] == 0, 0.0, df / terms**2), dg / terms
         active = g[0] <= _ACTIVE * terms
     box = problem.coupling
-    bounds = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m])
-    at_low, at_high = x <= bounds[:, :1], x >= bounds[:, 1:]
-    residual = _residual(df, np.where(active, dg, 0.0), at_low, at_high)
+    low, high = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]).T[:, :, None]
+    scale = parameters[-3:] + x
+    down, up = np.clip(x - low, 0.0, scale), np.clip(high - x, 0.0, scale)
+    residual = _residual(df, np.where(active, dg, 0.0), down, up)
     empty = np.isnan(x).any(axis=0)
     return Optimality(np.where(empty, np.nan, violation), np.where(empty, np.nan, residual))
 
 
-def _residual(df: FloatArray, dg: FloatArray, at_low: BoolArray, at_high: BoolArray) -> FloatArray:
+def _residual(df: FloatArray, dg: FloatArray, down: FloatArray, up: FloatArray) -> FloatArray:
     """Smallest residual over multipliers lambda >= 0 of (12); arrays (3, n).
 
-    The residual is piecewise linear in lambda, so that its minimum lies where two components balance or one vanishes.
+    The residual of a gain is the slope times the way that the gain can go, down where the goal rises and up where it
+    falls. It is piecewise linear in lambda, so that the smallest maximum lies where two gains balance or one vanishes.
+
+    Args:
+        df: gradient of the goal.
+        dg: gradient of the constraint, 0 where it is not active.
+        down: how far each gain may fall.
+        up: how far each gain may rise.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
-        zeros = df / dg
-        crossings = [
-            (df[i] + sign * df[j]) / (dg[i] + sign * dg[j]) for i, j in ((0, 1), (0, 2), (1, 2)) for sign in (1, -1)
-        ]
-    choices = np.concatenate((np.zeros((1, df.shape[1])), zeros, crossings))
-    choices = np.where(np.isfinite(choices) & (choices > 0), choices, 0.0)
-    slope = df - choices[:, None] * dg
-    # At its lower bound a gain may have a rising goal, at its upper bound a falling one.
-    slope = np.where(at_low, np.minimum(slope, 0.0), slope)
-    slope = np.where(at_high, np.where(at_low, 0.0, np.maximum(slope, 0.0)), slope)
-    smallest: FloatArray = np.abs(slope).max(axis=1).min(axis=0)
+        choices = [np.zeros(df.shape[1]), *(df / dg)]
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            for one in (down[i], -up[i]):
+                choices += [
+                    (one * df[i] - other * df[j]) / (one * dg[i] - other * dg[j]) for other in (down[j], -up[j])
+                ]
+    multiplier = np.array(choices)
+    multiplier = np.where(np.isfinite(multiplier) & (multiplier > 0), multiplier, 0.0)
+    slope = df - multiplier[:, None] * dg
+    smallest: FloatArray = np.where(slope > 0, slope * down, -slope * up).max(axis=1).min(axis=0)
     return smallest
