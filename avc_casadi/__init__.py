@@ -15,6 +15,8 @@ from avc_casadi._errors import fault_document as fault_document
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from avc_casadi.certificate import Certificate as Certificate
+    from avc_casadi.certificate import certify as certify
     from avc_casadi.comparison import Comparison as Comparison
     from avc_casadi.comparison import compare as compare
     from avc_casadi.design import GainSchedule as GainSchedule
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 else:
     # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
     _LAZY = {
+        "Certificate": "certificate",
+        "certify": "certificate",
         "Comparison": "comparison",
         "compare": "comparison",
         "GainSchedule": "design",

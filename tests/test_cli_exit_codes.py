@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import sys
 import pytest
 from avc_process import AVC, ENVIRONMENT, avc, strict_json
 
+from avc_casadi import load_problem, solve
 from avc_casadi.cli import main
 
 FIVE_FAULTS = """\
@@ -89,13 +91,25 @@ def test_bad_input(arguments, key, words, tmp_path, monkeypatch, capsys):
     assert answered.err == ""
 
 
+def feasible_with(frequency_hz, more_damping):
+    """Whether the infeasible box has passive gains at this frequency on a device with more damping."""
+    problem = load_problem("hard/infeasible-box")
+    device = problem.device.model_copy(update={"damping_ns_per_m": problem.device.damping_ns_per_m + more_damping})
+    frequency = problem.frequency.model_copy(update={"values_hz": (frequency_hz,)})
+    return solve(problem.model_copy(update={"device": device, "frequency": frequency}), "exact").usable[0]
+
+
 def test_infeasible_box_names_the_constraint_and_the_smallest_relaxation():
     done = avc("solve", "hard/infeasible-box")
     assert done.returncode == 1
     text = text_of(done)
     assert "200 of 200 frequencies have no gains" in text
     assert "stability.margin_ns_per_m" in text
-    assert "missed by 22.75 N.s/m" in text
+    told = re.findall(r"infeasible at (\S+) Hz: .* missed by (\S+) N.s/m: add as much device damping", text)
+    assert len(told) == 2
+    for frequency, missed in told:
+        assert feasible_with(float(frequency), 1.001 * float(missed))
+        assert not feasible_with(float(frequency), 0.97 * float(missed))
     assert avc("compare", "hard/infeasible-box", "--json").returncode == 1
 
 
@@ -107,6 +121,33 @@ def test_refused_push_is_a_no(tmp_path):
     assert done.returncode == 1
     (error,) = strict_json(done.stdout)["errors"]
     assert "sample_time_s" in error["message"]
+
+
+WEAK = """\
+[device]
+mass_kg = 0.1
+damping_ns_per_m = 0.01
+[environment]
+damping_ns_per_m = 10.0
+stiffness_n_per_m = 1e5
+[stability]
+model = "sampled-data"
+scope = "{scope}"
+[frequency]
+values_hz = [5.0, 50.0]
+"""
+
+
+@pytest.mark.parametrize(("scope", "level"), [("pointwise", "L0"), ("band", "L1"), ("all", "L3"), ("hands", "L5")])
+def test_certify_says_no_where_the_problems_own_claim_is_not_met(scope, level, tmp_path):
+    (tmp_path / "weak.toml").write_text(WEAK.format(scope=scope))
+    (tmp_path / "stiff.csv").write_text(
+        "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n5.0,1000.0,1e7\n50.0,1000.0,1e7\n"
+    )
+    done = avc("certify", "weak.toml", "stiff.csv", cwd=tmp_path)
+    assert done.returncode == 1
+    assert text_of(done).startswith(f"avc: {level}, ")
+    assert f"claimed by the problem file: {level}" in done.stdout.decode()
 
 
 def test_gain_file_is_the_solve_document(tmp_path):

@@ -64,6 +64,19 @@ def test_compare():
     assert document["mine"]["stiffness_n_per_m"] == 7000
 
 
+def test_certify(tmp_path):
+    assert avc("solve", "figure5", "--out", "gains.json", cwd=tmp_path).returncode == 0
+    done = avc("certify", "figure5", "gains.json", "--json", cwd=tmp_path)
+    document = strict_json(done.stdout)
+    assert done.returncode == 0
+    assert document["claimed"] == "L0"
+    assert document["levels"]["L0"]["pass"] is True
+    assert set(document["levels"]["L3"]) >= {"pass", "margin_ns_per_m", "frequency_hz", "model", "claim"}
+    assert document["passive_limit_n_per_m"] == pytest.approx(4000.0)
+    solved = strict_json((tmp_path / "gains.json").read_bytes())["certificate"]
+    assert solved["levels"] == document["levels"]
+
+
 @pytest.mark.parametrize("verb", [("list",), ("check", "soft"), ("ports",), ("doctor",)], ids=" ".join)
 def test_other_verbs(verb):
     done = avc(*verb, "--json")

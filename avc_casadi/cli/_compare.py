@@ -114,6 +114,9 @@ def _table(document: dict[str, Any]) -> str:
         ):
             head.append(f"{name}\n{title}")
             columns.append(gains[key])
+    if document["structure"] == "damped":
+        head.append(f"{document['optimum']}\nb_p N.s/m")
+        columns.append(document["methods"][document["optimum"]]["contact_damping_ns_per_m"])
     rows = [
         [*(number(column[row], 3) for column in columns), document["verdict"][row]]
         for row in sample_rows(len(document["frequency_hz"]))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi.cli._certify import not_met
 from avc_casadi.cli._compare import compared, infeasible
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
@@ -35,7 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the main job."""
-    from avc_casadi.certificate import certify
     from avc_casadi.comparison import comparison_document
     from avc_casadi.design import gain_csv, gain_document
     from avc_casadi.report import ReportContents, report_html, summarise, summary_lines
@@ -45,11 +45,12 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     comparison = compared(problem, None, console)
     gains = comparison.methods[comparison.optimum]
     with console.step("certificate"):
-        certificate = certify(problem, gains).document()
+        certificate = avc.certify(problem, gains).document()
+    compare = comparison_document(comparison)
     files = {
         "gains.json": json_text(gain_document(gains) | {"certificate": certificate}),
         "gains.csv": gain_csv(gains),
-        "compare.json": json_text(comparison_document(comparison)),
+        "compare.json": json_text(compare),
     }
     with console.step("figures"):
         figures = _draw(comparison, folder)
@@ -62,19 +63,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         write_text(folder / name, text, "--out")
     written = sorted([*files, *(f"{name}{ending}" for name in _CAPTIONS for ending in (".png", ".svg"))])
     document = {"schema": "avc-run/1", "folder": str(folder), "files": written} | summary
-    complaints = [infeasible(document_of(comparison)), _not_passive(certificate), push.get("refused", "")]
     lines = [*summary_lines(summary), f"written: {folder / 'report.html'} and {len(written) - 1} files beside it"]
-    complaint = "\n".join(line if line.startswith("avc:") else f"avc: {line}" for line in complaints if line)
+    complaint = infeasible(compare) or not_met(problem, certificate)
+    if "refused" in push:
+        complaint = f"{complaint}\navc: push refused: {push['refused']}".lstrip()
     return Answer(document, "\n".join(lines), code=1 if complaint else 0, complaint=complaint)
-
-
-def document_of(comparison: Comparison) -> dict[str, Any]:
-    """Return the parts of the comparison's document that tell where gains are missing."""
-    return {
-        "verdict": [verdict.value for verdict in comparison.verdict],
-        "reason": comparison.reason,
-        "frequency_hz": comparison.frequency_hz,
-    }
 
 
 def _draw(comparison: Comparison, folder: Path) -> list[tuple[str, str]]:
@@ -108,8 +101,3 @@ def _push(problem: avc.Problem, gains: GainSchedule) -> dict[str, Any]:
         return {"skipped": str(error)}
     except avc.LinkError as error:
         return {"refused": str(error)}
-
-
-def _not_passive(certificate: dict[str, Any]) -> str:
-    level = certificate["levels"]["L0"]
-    return "" if level["pass"] else f"not passive at its own frequency: {level['claim']}"

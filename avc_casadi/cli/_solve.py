@@ -7,6 +7,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi.cli._certify import levels_text
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._text import counts, number, sample_rows, table
@@ -52,10 +53,9 @@ def json_text(document: dict[str, Any]) -> str:
 
 def solve_document(problem: avc.Problem, gains: GainSchedule) -> dict[str, Any]:
     """Return the `solve` document with the limit that stands beside every result."""
-    from avc_casadi.certificate import certify
     from avc_casadi.design import gain_document
 
-    certificate = certify(problem, gains).document()
+    certificate = avc.certify(problem, gains).document()
     limit = certificate["passive_limit_n_per_m"]
     return gain_document(gains) | {"certificate": certificate, "passive_limit_n_per_m": limit}
 
@@ -104,6 +104,7 @@ def _text(document: dict[str, Any], out: str | None) -> str:
         table(head, rows, left=(len(head) - 1,)),
         f"{counts(document['counts'])}; built in {seconds['build']:.3g} s, solved in {seconds['solve']:.3g} s",
         *document["notes"],
+        levels_text(document["certificate"]),
         (
             "no passive linear rendering on this device exceeds "
             f"{number(document['passive_limit_n_per_m'])} N/m at DC (sampled-data)"

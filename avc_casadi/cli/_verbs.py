@@ -11,6 +11,7 @@ VERBS: tuple[str, ...] = (
     "check",
     "solve",
     "compare",
+    "certify",
     "push",
     "stream",
     "export",
