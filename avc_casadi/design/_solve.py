@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal, get_args
 
 from avc_casadi._errors import InputError
-from avc_casadi.design._gains import GainSchedule
 
 if TYPE_CHECKING:
+    from avc_casadi.design._gains import GainSchedule
     from avc_casadi.problem import Problem
 
-Method = Literal["closed-form", "direct", "exact", "schedule"]
+Method = Literal["closed-form", "direct", "exact", "schedule", "static"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 
@@ -51,6 +51,10 @@ def solve(
         from avc_casadi.design._exact import solve_exact  # noqa: PLC0415
 
         return solve_exact(problem)
+    if method == "static":
+        from avc_casadi.design._static import solve_static  # noqa: PLC0415
+
+        return solve_static(problem)
     if method == "schedule":
         from avc_casadi.design.schedule import solve_schedule  # noqa: PLC0415
 

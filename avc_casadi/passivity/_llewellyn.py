@@ -20,6 +20,8 @@ def llewellyn_margin(
     damping_ns_per_m: Values,
     stiffness_n_per_m: Values,
     contact_damping_ns_per_m: Values = 0.0,
+    *,
+    refine: bool = True,
 ) -> tuple[FloatArray, FloatArray]:
     """Device damping to spare in (6) at the worst of all frequencies.
 
@@ -31,6 +33,7 @@ def llewellyn_margin(
         damping_ns_per_m: b of the coupling; all arguments broadcast to n rows.
         stiffness_n_per_m: k of the coupling.
         contact_damping_ns_per_m: b_p.
+        refine: False leaves out the refinement, for searches that end with an exact check.
 
     Returns:
         Margin (N.s/m; minus infinity where the coupling itself is not passive or is rigid) and the frequency (Hz) where
@@ -52,7 +55,7 @@ def llewellyn_margin(
     seeds = np.linspace(0, loop.nyquist_hz, 4 * (loop.delay_samples + 2) + 1)
     roots = _stationary_hz(loop, lead, spring, contact)
     points = np.sort(np.concatenate([roots, np.broadcast_to(seeds, (len(b), len(seeds)))], axis=1), axis=1)
-    frequency = refine_minima(value, points)
+    frequency = refine_minima(value, points) if refine else points
     values = value(frequency)
     lowest = np.argmin(values, axis=1)[:, None]
     margin = np.take_along_axis(values, lowest, axis=1)[:, 0]

@@ -60,6 +60,8 @@ def worst_margin(
     contact_damping_ns_per_m: Values = 0.0,
     low_hz: Values = 0.0,
     high_hz: Values = np.inf,
+    *,
+    refine: bool = True,
 ) -> WorstMargin:
     """Find the smallest Re Z_h of frozen gains over low_hz <= f <= high_hz, exactly.
 
@@ -74,6 +76,8 @@ def worst_margin(
         contact_damping_ns_per_m: b_p, N.s/m.
         low_hz: lower end of the band; 0 includes the limit of zero frequency.
         high_hz: upper end; clipped at the Nyquist frequency.
+        refine: False leaves out the refinement, which takes most of the time; for searches that end with an exact
+            check.
 
     Returns:
         One result per row, shape (n,).
@@ -91,7 +95,7 @@ def worst_margin(
     columns = [np.ravel(column) for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))]
     rows = len(columns[0])
     pieces = [
-        _worst(loop, [column[start : start + _ROWS_AT_ONCE] for column in columns])
+        _worst(loop, [column[start : start + _ROWS_AT_ONCE] for column in columns], refine=refine)
         for start in range(0, max(rows, 1), _ROWS_AT_ONCE)
     ]
     return WorstMargin(
@@ -103,7 +107,7 @@ def worst_margin(
     )
 
 
-def _worst(loop: SampledLoop, columns: list[FloatArray]) -> WorstMargin:
+def _worst(loop: SampledLoop, columns: list[FloatArray], *, refine: bool) -> WorstMargin:
     b, k, contact, low, high, b_d, b_e, k_e = columns
     loop = SampledLoop(b_d, b_e, k_e, loop.sample_time_s, loop.delay_samples, loop.model)
     nyquist = loop.nyquist_hz
@@ -119,7 +123,7 @@ def _worst(loop: SampledLoop, columns: list[FloatArray]) -> WorstMargin:
     roots_hz = np.arccos(stationary_cosines(loop, parts, contact)) / np.pi * nyquist
     candidates = np.concatenate([roots_hz, _resolving_points(loop, parts), low[:, None], high[:, None]], axis=1)
     candidates = np.sort(np.clip(candidates, low[:, None], high[:, None]), axis=1)
-    frequency = refine_minima(value, candidates)
+    frequency = refine_minima(value, candidates) if refine else candidates
     lowest = np.argmin(value(frequency), axis=1)[:, None]
     at = np.take_along_axis(frequency, lowest, axis=1)
     tolerance = RELATIVE_TOLERANCE * size_of_terms(loop, parts, contact)
