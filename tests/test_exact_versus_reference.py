@@ -78,9 +78,7 @@ def test_no_point_of_a_dense_grid_is_better(structure):
         for row, frequency in enumerate(schedule.frequency_hz):
             loop = loop_at(problem, frequency)
             weight = float(np.abs(loop.environment)) or 1.0
-            half_cot = (
-                problem.device.sample_time_s / 2 / float(np.sin(np.pi * frequency * problem.device.sample_time_s))
-            )
+            spring = float(np.abs(coupling_impedance(loop.angle, 0.0, 1.0)))
             intervals = (box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m)
             scales = (weight, weight / spring, weight)
             axes = [spread(*each) for each in zip(intervals, scales, counts, strict=True)]

@@ -117,8 +117,8 @@ def _swept_points(problem: Problem, loop: Loop, margin: float) -> list[Points]:
     pieces = Pieces.sampled(edges)
     (fold,) = find_roots(edges, [(pieces, lambda _z, dz, _at: dz.imag)], tolerance=_STATIONARY)
     starts = join([edges.ends(), edges.points(fold.above, fold.curve)])
-    ends = (np.full(starts.row.shape, end) for end in (lowest, highest))
-    lifts = Curves.of(loop, starts, np.full(starts.row.shape, 2), *ends, margin)
+    low, high = np.full(starts.row.shape, lowest), np.full(starts.row.shape, highest)
+    lifts = Curves.of(loop, starts, np.full(starts.row.shape, 2), low, high, margin)
 
     split = pieces.split(edges, fold.piece, fold.above)
     wanted = wanted_points(loop, np.abs(loop.target), margin)[0][:, edges.row]
