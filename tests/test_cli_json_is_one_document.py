@@ -55,8 +55,9 @@ def test_solve(options):
     assert bool(done.stderr) == any(without)
 
 
-def test_compare():
-    done = avc("compare", "figure5", "--mine", "7000,10", "--json")
+def test_compare(tmp_path):
+    done = avc("compare", "figure5", "--mine", "7000,10", "--plot", "c.png", "--json", cwd=tmp_path)
+    assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
     document = strict_json(done.stdout)
     assert done.returncode == 0
     assert set(document["methods"]) == {"closed-form", "direct", "exact"}

@@ -1,0 +1,71 @@
+"""What people read is made from the document: its numbers, the paper's errors, the limit beside every result."""
+
+import json
+
+import pytest
+
+from avc_casadi.cli import main
+from avc_casadi.cli._text import ROWS_SHOWN, sample_rows
+from avc_casadi.impedance import PAPER_ERRORS
+
+
+def both(capsys, *arguments):
+    """Return the text for people and the document of the same command."""
+    code = main(list(arguments))
+    text = capsys.readouterr().out
+    assert main([*arguments, "--json"]) == code
+    return text, json.loads(capsys.readouterr().out)
+
+
+def test_solve(capsys):
+    text, document = both(capsys, "solve", "figure5")
+    for row in (0, 199):
+        for key in ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "real_part"):
+            assert f"{document[key][row]:.4g}" in text
+    for level, found in document["certificate"]["levels"].items():
+        (line,) = [line for line in text.splitlines() if line.startswith(level)]
+        assert ("pass" if found["pass"] else "fail") in line
+        assert f"{found['margin_ns_per_m']:.3g}" in line
+    assert f"exceeds {document['passive_limit_n_per_m']:.4g} N/m at DC" in text
+    assert "95 solved" in text
+    assert document["counts"]["solved"] == 95
+
+
+def test_as_printed_tells_every_error_of_the_paper(capsys):
+    text, document = both(capsys, "solve", "figure5", "--as-printed")
+    assert document["paper_errors"] == [vars(error) for error in PAPER_ERRORS]
+    for error in PAPER_ERRORS:
+        for part in vars(error).values():
+            assert part in text
+    assert "paper_errors" not in both(capsys, "solve", "figure5", "--method", "closed-form")[1]
+
+
+def test_compare(capsys):
+    text, document = both(capsys, "compare", "figure5", "--mine", "7000,10")
+    counts = {verdict: count for verdict, count in document["counts"].items() if count}
+    assert ", ".join(f"{count} {verdict}" for verdict, count in counts.items()) in text
+    for verdict in counts:
+        assert document["reason"][document["verdict"].index(verdict)] in text
+    injection = document["damping_injection"]
+    assert f"damper {max(injection['injected_damping_ns_per_m']):.4g} N.s/m" in text
+    assert f"{100 * document['mine']['share_schedule_better']:.3g} % of the frequencies" in text
+    assert "direct and exact agree" in text
+
+
+def test_list_and_check(capsys):
+    text, document = both(capsys, "list")
+    names = [entry["name"] for entry in document["problems"]]
+    assert {"figure5", "soft", "hard/rigid"} <= set(names)
+    assert [line.split()[0] for line in text.splitlines()[2:-1]] == names
+    for name in names:
+        text, document = both(capsys, "check", name)
+        assert document["problem"] == name
+        assert f"exceeds {document['passive_limit_n_per_m']:.4g} N/m" in text
+
+
+@pytest.mark.parametrize("rows", [1, 2, 19, 20, 21, 200, 100_000])
+def test_condensed_tables_show_both_ends(rows):
+    shown = sample_rows(rows)
+    assert shown == sorted(set(shown))
+    assert (shown[0], shown[-1]) == (0, rows - 1)
+    assert len(shown) == min(rows, ROWS_SHOWN)
