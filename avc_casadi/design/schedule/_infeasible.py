@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from avc_casadi.design._gains import BoolArray, FloatArray
 from avc_casadi.design.schedule._hands_table import hands_slack
+from avc_casadi.design.schedule._program import solve_program
 from avc_casadi.design.schedule._scope import Slots, worst_slack
 from avc_casadi.design.schedule._task import Task
 
 _POINTS = {2: (13, 13), 3: (9, 9, 5)}
-_ZOOMS = 8
+_ZOOMS = 12
+_ROUNDS = 6
+_SMOOTHEST = 1e6
+"""Slope penalty that makes the slopes as small as the scopes allow."""
 
 
 @dataclass(frozen=True)
 class Missing:
-    """Stages without admissible gains, (n,), and a sentence for each stage, empty where there is nothing to say."""
+    """Stages without admissible gains.
+
+    Attributes:
+        rows: which they are, (n,).
+        reasons: a sentence for each stage, empty where there is nothing to say.
+    """
 
     rows: BoolArray
     reasons: tuple[str, ...]
@@ -29,42 +38,91 @@ class Missing:
         return cls(np.zeros(n, dtype=bool), ("",) * n)
 
 
-def missing_rows(task: Task, slots: Slots) -> Missing:
-    """Find the stages at which even the best gains of the box miss the scope at one of its slots."""
-    low, high = (np.repeat(end[:, None], len(task.frequency_hz), axis=1) for end in (task.states.low, task.states.high))
-    best, slack = _best(task, slots, low, high)
-    rows = np.flatnonzero(slack < 0)
-    if not rows.size:
+def missing_rows(task: Task) -> Missing:
+    """Find the stages at which even the best gains of the box miss the scope.
+
+    The best gains are those with the largest slack at the slots; while they violate the scope elsewhere and could still
+    do better, that frequency is added. A grid over the box is refined about its best point, so that the miss stated is
+    that of gains that exist; a stage with a tiny admissible region can be called missing although it is not.
+    """
+    n = len(task.frequency_hz)
+    softest = np.repeat(task.states.low[:, None], n, axis=1)
+    if worst_slack(task.problem, task.frequency_hz, task.states.gains(softest)).met.all():
         return Missing.none(task)
-    width = high - low
-    for _ in range(_ZOOMS):
-        width = width / 3
-        best, slack = _best(task, slots, np.maximum(low, best - width / 2), np.minimum(high, best + width / 2))
-    missing = slack < 0
-    reasons = [""] * len(missing)
-    gains = task.states.gains(best)
-    exact = worst_slack(task.problem, task.frequency_hz, gains)
-    stability = task.problem.stability
-    for row in np.flatnonzero(missing):
-        b, k, p = (gain[row] for gain in gains)
-        at = f"b = {b:.6g} N.s/m, k = {k:.6g} N/m, b_p = {p:.6g} N.s/m"
-        if stability.scope == "hands":
-            reasons[row] = (
-                f"scope hands cannot be met in the gain box: at best a spectral radius of {1 - exact.slack[row]:.6g}, at {at};"
-                " narrow [hands], widen the box of [coupling] or add device damping"
-            )
-            continue
-        reasons[row] = (
-            f"Re Z_h >= {stability.margin_ns_per_m:g} N.s/m (stability.margin_ns_per_m) over scope {stability.scope} cannot"
-            f" be met in the gain box: missed by {-exact.slack[row]:.6g} N.s/m at {exact.frequency_hz[row]:.6g} Hz with"
-            f" the best gains {at}: lower the margin by that, add as much device damping, widen the box of [coupling], or"
-            " narrow the scope"
-        )
+    slots = Slots.of(task.problem, task.frequency_hz)
+    margin = task.problem.stability.margin_ns_per_m
+    open_rows, gains = np.ones(n, dtype=bool), np.zeros((len(task.states.floors), n))
+    missing = np.zeros(n, dtype=bool)
+    for _ in range(_ROUNDS):
+        states, slack = _best_states(task, slots)
+        gains = np.where(open_rows, states, gains)
+        best = task.states.gains(gains)
+        worst = worst_slack(task.problem, task.frequency_hz, best)
+        missing |= open_rows & (slack < 0)
+        open_rows &= ~missing & ~worst.met
+        if not open_rows.any() or len(slots.frequency_hz) == slots.fixed:
+            break
+        slots.add(task.problem, best, worst, open_rows)
+    missing |= open_rows
+    if not missing.any():
+        return Missing.none(task)
+    exact = worst_slack(task.problem, task.frequency_hz, task.states.gains(gains))
+    rows = zip(*task.states.gains(gains), exact.slack, exact.frequency_hz, missing, strict=True)
+    reasons = [_reason(task, margin, *row[:5]) if row[5] else "" for row in rows]
     return Missing(missing, tuple(reasons))
 
 
-def _best(task: Task, slots: Slots, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """States (d, n) with the largest least slack over the slots, on a grid between low and high (d, n), and that slack."""
+def _reason(task: Task, margin: float, b: float, k: float, p: float, slack: float, frequency_hz: float) -> str:
+    scope = task.problem.stability.scope
+    at = f"b = {b:.6g} N.s/m, k = {k:.6g} N/m, b_p = {p:.6g} N.s/m"
+    if scope == "hands":
+        return (
+            f"scope hands cannot be met in the gain box: at best a spectral radius of {1 - slack:.6g}, at {at};"
+            " narrow [hands], widen the box of [coupling] or add device damping"
+        )
+    return (
+        f"Re Z_h >= {margin:g} N.s/m (stability.margin_ns_per_m) over scope {scope} cannot be met in the gain box:"
+        f" missed by {-slack:.6g} N.s/m at {frequency_hz:.6g} Hz with the best gains {at}; lower the margin by that, add"
+        " as much device damping, widen the box of [coupling], or narrow the scope"
+    )
+
+
+def steep_reason(task: Task, missing: Missing, message: str) -> str:
+    """Say why the NLP has no solution though every stage alone has one: the slope limit, or the solver's own word."""
+    limit = task.problem.schedule.slope_limit
+    if limit is None or len(task.frequency_hz) == 1:
+        return f"ipopt stopped with {message}; move [schedule] slope_penalty towards 1e-3 or widen the box of [coupling]"
+    slots = Slots.of(task.problem, task.frequency_hz)
+    data = replace(task.data(slots, task.backoff(missing.rows)), slope_limit=np.inf, slope_penalty=_SMOOTHEST)
+    start = np.repeat((data.low + data.high)[:, None] / 2, len(task.frequency_hz), axis=1)
+    solution = solve_program(data, task.objective, start, extra=task.hands)
+    slopes = np.abs(np.diff(solution.states, axis=1)) / data.step
+    steepest = np.unravel_index(int(slopes.argmax()), slopes.shape)
+    name = ("b", "k", "b_p")[steepest[0]]
+    return (
+        f"the slope limit {limit:g} (schedule.slope_limit) cannot be met together with scope"
+        f" {task.problem.stability.scope}: the smoothest schedule without it changes {name} by"
+        f" {slopes[steepest]:.6g} at {task.frequency_hz[steepest[1]]:.6g} Hz; raise the limit to that or narrow the scope"
+    )
+
+
+def _best_states(task: Task, slots: Slots) -> tuple[FloatArray, FloatArray]:
+    """States (d, n) with the largest least slack over the slots, and that slack (n,)."""
+    low, high = (np.repeat(end[:, None], len(task.frequency_hz), axis=1) for end in (task.states.low, task.states.high))
+    best, slack = _best_of_grid(task, slots, low, high)
+    width = high - low
+    for _ in range(_ZOOMS):
+        if (slack >= 0).all():
+            break
+        width = width / 2
+        ends = np.maximum(low, best - width / 2), np.minimum(high, best + width / 2)
+        better, gained = _best_of_grid(task, slots, *ends)
+        best, slack = np.where(gained > slack, better, best), np.maximum(gained, slack)
+    return best, slack
+
+
+def _best_of_grid(task: Task, slots: Slots, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same on one grid between low and high, (d, n) each."""
     shares = [np.linspace(0, 1, points) for points in _POINTS[len(low)]]
     grid = np.array([axis.ravel() for axis in np.meshgrid(*shares, indexing="ij")])
     nodes = low[:, None] + (high - low)[:, None] * grid[:, :, None]

@@ -1,4 +1,4 @@
-"""The sparse NLP of the whole schedule: built once a size, reused with parameters."""
+"""Solving the NLP of the whole schedule: solvers built once a size, reused with parameters."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ import casadi as ca
 import numpy as np
 
 from avc_casadi.design._gains import FloatArray
-from avc_casadi.design.schedule._stage import COST_ROWS, LOOP_ROWS, stage_function
+from avc_casadi.design.schedule._assembly import Size, schedule_nlp
+from avc_casadi.design.schedule._stage import LOOP_ROWS
 
-_QUIET = {"print_time": False, "error_on_fail": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
-_COLD = {
-    **_QUIET,
+_COLD: dict[str, Any] = {
+    "print_time": False,
+    "error_on_fail": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
     "ipopt.tol": 1e-8,
     "ipopt.constr_viol_tol": 1e-9,
     "ipopt.bound_relax_factor": 0.0,
@@ -26,9 +29,10 @@ _COLD = {
 }
 _PUSH = 1e-9
 # A warm start is lost unless the barrier parameter and the distances to the bounds start small.
-_WARM = {
+_WARM: dict[str, Any] = {
     **_COLD,
     "ipopt.mu_init": 1e-7,
+    "ipopt.mu_strategy": "adaptive",
     "ipopt.warm_start_init_point": "yes",
     "ipopt.warm_start_bound_push": _PUSH,
     "ipopt.warm_start_bound_frac": _PUSH,
@@ -40,7 +44,9 @@ _WARM = {
 
 @dataclass(frozen=True)
 class Data:
-    """Numbers of one schedule problem with n stages, d states and m slots.
+    """Numbers of one schedule problem with n stages, d states and r bounded values in each stage.
+
+    The bounded values are Re Z_h at the m slots, each over its scale, then the slack of the hands if they are asked for.
 
     Attributes:
         cost: parameters of the stage costs, (17, n).
@@ -49,7 +55,7 @@ class Data:
         step: differences of ln(omega), (n - 1,).
         slope_penalty: weight of the mean squared slope.
         slope_limit: largest |d sigma/d ln(omega)|; infinite for none.
-        least: lower bounds of the slot constraints, (m, n); -inf drops one.
+        least: lower bounds of the bounded values, (r, n); -inf drops one.
         low: lower ends of the states, (d,).
         high: upper ends, (d,).
     """
@@ -64,10 +70,24 @@ class Data:
     low: FloatArray
     high: FloatArray
 
+    def size(self, objective: str) -> Size:
+        """Return what decides the structure of the NLP."""
+        limited = bool(np.isfinite(self.slope_limit))
+        return Size(objective, len(self.low), len(self.slots) // LOOP_ROWS, len(self.weight), limited)
+
 
 @dataclass(frozen=True)
 class Solution:
-    """What the solver returned: states (d, n), cost, whether it claims success, multipliers for the next start."""
+    """What the solver returned.
+
+    Attributes:
+        states: sigma, (d, n).
+        cost: value of the goal.
+        success: whether the solver claims a local optimum.
+        message: its own word.
+        iterations: how many it took.
+        multipliers: of states and constraints, for the next start.
+    """
 
     states: FloatArray
     cost: float
@@ -77,72 +97,47 @@ class Solution:
     multipliers: tuple[Any, Any]
 
 
-@lru_cache(maxsize=12)
-def _solvers(objective: str, states: int, slots: int, stages: int, extra: Any) -> tuple[Any, Any]:
-    """Build the cold and the warm solver; ``extra`` is a CasADi function sigma -> value that must stay >= 0."""
-    x = ca.MX.sym("x", states, stages)
-    cost_p, slot_p = ca.MX.sym("cost", COST_ROWS, stages), ca.MX.sym("slots", LOOP_ROWS * slots, stages)
-    weight, step = ca.MX.sym("weight", 1, stages), ca.MX.sym("step", 1, max(stages - 1, 1))
-    penalty = ca.MX.sym("penalty")
-    cost, margins = stage_function(objective, states, slots).map(stages)(x, cost_p, slot_p)
-    goal = ca.sum2(cost * weight)
-    constraints = [ca.vec(margins)]
-    if extra is not None:
-        constraints.append(ca.vec(extra.map(stages)(x)))
-    if stages > 1:
-        slope = (x[:, 1:] - x[:, :-1]) / ca.repmat(step, states, 1)
-        goal += penalty * ca.sum2(ca.sum1(slope**2) * step) / ca.sum2(step)
-        constraints.append(ca.vec(slope))
-    parameters = ca.vertcat(ca.vec(cost_p), ca.vec(slot_p), ca.vec(weight), ca.vec(step), penalty)
-    nlp = {"x": ca.vec(x), "f": goal, "g": ca.vertcat(*constraints), "p": parameters}
-    return ca.nlpsol("schedule", "ipopt", nlp, _COLD), ca.nlpsol("schedule_warm", "ipopt", nlp, _WARM)
+@lru_cache(maxsize=32)
+def _solver(size: Size, extra: Any, *, warm: bool) -> Any:
+    nlp, derivatives = schedule_nlp(size, extra)
+    return ca.nlpsol("schedule", "ipopt", nlp, {**(_WARM if warm else _COLD), **derivatives})
 
 
 def solve_program(
-    data: Data,
-    objective: str,
-    start: FloatArray,
-    *,
-    multipliers: tuple[Any, Any] | None = None,
-    extra: Any = None,
-    extra_least: float = 0.0,
+    data: Data, objective: str, start: FloatArray, warm: Solution | None = None, extra: Any = None
 ) -> Solution:
-    """Solve from given states (d, n); warm where multipliers are given.
+    """Solve from given states (d, n).
+
+    Args:
+        data: the numbers.
+        objective: magnitude, complex or perceptual.
+        start: states, (d, n).
+        warm: a solution of a problem of the same size whose multipliers are a good start, or None.
+        extra: sigma -> one more bounded value, a CasADi function, or None.
 
     Raises:
         KeyboardInterrupt: Ctrl-C, which IPOPT hides in its return status.
     """
     d, n = start.shape
-    m = len(data.least)
-    cold, warm = _solvers(objective, d, m, n, extra)
-    solver = cold if multipliers is None else warm
+    solver = _solver(data.size(objective), extra, warm=warm is not None)
     step = data.step if n > 1 else np.ones(1)
-    parameters = np.concatenate((data.cost.ravel("F"), data.slots.ravel("F"), data.weight, step, [data.slope_penalty]))
-    least = [data.least.ravel("F")]
-    most = [np.full(m * n, np.inf)]
-    if extra is not None:
-        least.append(np.full(n, extra_least))
-        most.append(np.full(n, np.inf))
-    if n > 1:
-        least.append(np.full(d * (n - 1), -data.slope_limit))
-        most.append(np.full(d * (n - 1), data.slope_limit))
+    steepest = np.full(d * (n - 1) if np.isfinite(data.slope_limit) else 0, data.slope_limit)
     arguments = {
         "x0": np.clip(start, data.low[:, None], data.high[:, None]).ravel("F"),
-        "p": parameters,
+        "p": np.concatenate((data.cost.ravel("F"), data.slots.ravel("F"), data.weight, step, [data.slope_penalty])),
         "lbx": np.tile(data.low, n),
         "ubx": np.tile(data.high, n),
-        "lbg": np.concatenate(least),
-        "ubg": np.concatenate(most),
+        "lbg": np.concatenate((data.least.ravel("F"), -steepest)),
+        "ubg": np.concatenate((np.full(data.least.size, np.inf), steepest)),
     }
-    if multipliers is not None:
-        arguments |= {"lam_x0": multipliers[0], "lam_g0": multipliers[1]}
+    if warm is not None:
+        arguments |= {"lam_x0": warm.multipliers[0], "lam_g0": warm.multipliers[1]}
     result = solver(**arguments)
     stats = solver.stats()
     if stats["return_status"] == "NonIpopt_Exception_Thrown":
         raise KeyboardInterrupt
-    states = np.asarray(result["x"], dtype=np.float64).reshape((d, n), order="F")
     return Solution(
-        states=states,
+        states=np.asarray(result["x"], dtype=np.float64).reshape((d, n), order="F"),
         cost=float(result["f"]),
         success=bool(stats["success"]),
         message=str(stats["return_status"]),

@@ -6,14 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avc_casadi.design._gains import FloatArray
+from avc_casadi.design._gains import BoolArray, FloatArray
 from avc_casadi.design._rows import Gains
 from avc_casadi.design.schedule._stage import loop_parameters
 from avc_casadi.impedance import Loop, loop_at
 from avc_casadi.problem import Problem
-from avc_casadi.stability import ScopeSlack, scope_band_hz, scope_slack
+from avc_casadi.stability import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
 
-_SLOTS = {"pointwise": 1, "band": 5, "all": 6, "hands": 1}
+_FREE = {"pointwise": 0, "band": 3, "all": 5, "hands": 0}
+"""Slots beside the ends of a scope whose deciding frequencies are not known."""
+_SPREAD = {"pointwise": 0, "band": 5, "all": 23, "hands": 0}
+"""How many there are for the lattice, which has a first look at the scope."""
+_LOWEST_SHARE = 1e-4
+"""Lowest frequency, as a share of Nyquist, at which scope all is looked at first."""
 _INSIDE = 1 - 1e-9
 """Share of Nyquist at which a slot stands for Nyquist itself, where Im Z_d is infinite."""
 
@@ -35,7 +40,14 @@ def device_corners(problem: Problem) -> list[Problem]:
 
 def worst_slack(problem: Problem, frequency_hz: FloatArray, gains: Gains) -> ScopeSlack:
     """The exact slack of each row over its whole scope, at the worst corner of the device."""
-    all_slacks = [scope_slack(corner, frequency_hz, *gains) for corner in device_corners(problem)]
+    corners = device_corners(problem)
+    deciding = deciding_frequencies_hz(problem, frequency_hz)
+    if deciding is not None:
+        at = _evaluable(problem, deciding.T)
+        real = loop_at(corners[0], at).perceived(*gains).real
+        lowest = real.argmin(axis=0), np.arange(real.shape[1])
+        return ScopeSlack(real[lowest] - problem.stability.margin_ns_per_m, at[lowest])
+    all_slacks = [scope_slack(corner, frequency_hz, *gains) for corner in corners]
     slack = np.array([item.slack for item in all_slacks])
     worst = slack.argmin(axis=0), np.arange(slack.shape[1])
     return ScopeSlack(slack[worst], np.array([item.frequency_hz for item in all_slacks])[worst])
@@ -43,35 +55,50 @@ def worst_slack(problem: Problem, frequency_hz: FloatArray, gains: Gains) -> Sco
 
 @dataclass
 class Slots:
-    """Frequencies (m, n) at which Re Z_h is kept above the margin; violating ones are added until none is left.
+    """Frequencies at which Re Z_h is kept above the margin; violating ones are added until none is left.
 
     Attributes:
-        frequency_hz: the frequencies; unused slots repeat the stage's own.
-        used: how many slots of each stage hold a frequency of their own, (n,).
+        frequency_hz: the frequencies, (m, n), m for each stage.
+        fixed: how many of each stage stay, the first ones; the others give way to violating frequencies.
     """
 
     frequency_hz: FloatArray
-    used: FloatArray
+    fixed: int
 
     @classmethod
-    def of(cls, problem: Problem, frequency_hz: FloatArray) -> Slots:
-        """Start with the ends of each scope."""
-        nyquist = 0.5 / problem.device.sample_time_s
-        low, high = scope_band_hz(problem, frequency_hz)
-        low = np.maximum(low, 1e-7 * nyquist)
-        slots = np.repeat(frequency_hz[None], _SLOTS[problem.stability.scope], axis=0)
-        if len(slots) > 1:
-            slots[0], slots[1], slots[2] = low, np.minimum(high, _INSIDE * nyquist), np.sqrt(low * high)
-        return cls(slots, np.full(len(frequency_hz), min(3, len(slots))))
+    def of(cls, problem: Problem, frequency_hz: FloatArray, *, spread: bool = False) -> Slots:
+        """Take the frequencies that decide, where they are known, or else the ends of each scope and some between.
 
-    def add(self, problem: Problem, worst: ScopeSlack, missed: FloatArray) -> None:
-        """Give the worst frequencies of the stages ``missed`` slots of their own, the oldest going first."""
-        nyquist = 0.5 / problem.device.sample_time_s
-        free = len(self.frequency_hz) - 2
-        for stage in np.flatnonzero(missed):
-            slot = 2 + (self.used[stage] - 2) % free
-            self.frequency_hz[int(slot), stage] = np.clip(worst.frequency_hz[stage], 1e-7 * nyquist, _INSIDE * nyquist)
-            self.used[stage] += 1
+        Args:
+            problem: the problem.
+            frequency_hz: stages, (n,).
+            spread: take many between, for a first look.
+        """
+        deciding = deciding_frequencies_hz(problem, frequency_hz)
+        if deciding is not None:
+            return cls(_evaluable(problem, deciding.T), deciding.shape[1])
+        low, high = scope_band_hz(problem, frequency_hz)
+        lowest = np.minimum(np.maximum(low, _LOWEST_SHARE * 0.5 / problem.device.sample_time_s), high)
+        between = np.geomspace(lowest, high, (_SPREAD if spread else _FREE)[problem.stability.scope] + 2)[1:-1]
+        return cls(_evaluable(problem, np.concatenate((low[None], high[None], between))), 2)
+
+    def copy(self) -> Slots:
+        """Return slots that change on their own."""
+        return Slots(self.frequency_hz.copy(), self.fixed)
+
+    def moved(self, problem: Problem, frequency_hz: FloatArray) -> Slots:
+        """Return slots for a changed problem of the same size: its own ends, and what was found before."""
+        fresh = Slots.of(problem, frequency_hz)
+        fresh.frequency_hz[self.fixed :] = _evaluable(problem, self.frequency_hz[self.fixed :])
+        return fresh
+
+    def add(self, problem: Problem, gains: Gains, worst: ScopeSlack, missed: BoolArray) -> None:
+        """Put the worst frequency of each stage ``missed`` (n,) in the place of the one that binds these gains least."""
+        if len(self.frequency_hz) == self.fixed:
+            return
+        free = loop_at(device_corners(problem)[0], self.frequency_hz[self.fixed :]).perceived(*gains).real
+        slot, stages = self.fixed + free.argmax(axis=0), np.flatnonzero(missed)
+        self.frequency_hz[slot[stages], stages] = _evaluable(problem, worst.frequency_hz[stages])
 
     def loops(self, problem: Problem) -> list[Loop]:
         """The loop at each slot, with the device that decides."""
@@ -81,3 +108,9 @@ class Slots:
     def parameters(self, problem: Problem) -> FloatArray:
         """Parameters of the slots, (9 m, n)."""
         return np.concatenate([loop_parameters(loop) for loop in self.loops(problem)])
+
+
+def _evaluable(problem: Problem, frequency_hz: FloatArray) -> FloatArray:
+    """Frequencies just inside 0 and Nyquist, where an impedance is infinite though its real part is not."""
+    nyquist = 0.5 / problem.device.sample_time_s
+    return np.asarray(np.clip(frequency_hz, 1e-7 * nyquist, _INSIDE * nyquist))

@@ -1,7 +1,8 @@
-"""One stage of the schedule as CasADi expressions: its cost and Re Z_h at the frequencies that its scope names."""
+"""One stage of the schedule as CasADi functions: its cost, Re Z_h at the frequencies of its scope, and derivatives."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -12,54 +13,95 @@ from avc_casadi.design._gains import FloatArray
 from avc_casadi.impedance import ComplexExpr, Loop, Real, SampleAngle, abs2, casadi_numbers
 
 COST_ROWS = 17
-"""Parameters of a stage's cost: 9 of the loop, goal (2), floors (3), scale of Re Z, penalty of b_p, noticeable share."""
+"""Parameters of a stage's cost: loop (9), goal (2), floors (3), scale of Re Z, penalty of b_p, noticeable share."""
 LOOP_ROWS = 9
 
+_TINY = 1e-30
+"""Keeps the gradient of a root finite at 0."""
 
-def _loop(values: list[Any]) -> Loop:
-    sample_time, sin, cos, *rest = values
-    angle = SampleAngle(casadi_numbers(), 0.0, sample_time, sin, cos)
-    device, hold, environment = (ComplexExpr(rest[2 * i], rest[2 * i + 1]) for i in range(3))
-    return Loop(angle, device, hold, environment, environment, environment)
+
+@dataclass(frozen=True)
+class StageFunctions:
+    """CasADi functions of one stage; sigma holds the states, lam one multiplier for the cost and one for each slot.
+
+    Attributes:
+        cost: (sigma, cost parameters) -> cost.
+        gradient: the same -> (cost, its gradient (d, 1)).
+        margins: (sigma, cost parameters, slot parameters) -> Re Z_h of each slot over its scale, (m, 1).
+        jacobian: the same -> (margins, their Jacobian (m, d)).
+        curvature: (the same, lam) -> upper triangle of the Hessian of lam . (cost, margins), by columns.
+    """
+
+    cost: Any
+    gradient: Any
+    margins: Any
+    jacobian: Any
+    curvature: Any
 
 
 def loop_parameters(loop: Loop, damping_credit_ns_per_m: float = 0.0) -> FloatArray:
     """Parameters of a numeric loop, shape (9, ...); the credit is added to the damping of the device."""
     device = loop.device + damping_credit_ns_per_m
     columns = (loop.angle.sample_time_s, loop.angle.sin, loop.angle.cos, device.real, device.imag)
-    columns += (loop.hold.real, loop.hold.imag, loop.environment.real, loop.environment.imag)
-    return np.array(np.broadcast_arrays(*columns), dtype=np.float64)
+    rest = (loop.hold.real, loop.hold.imag, loop.environment.real, loop.environment.imag)
+    return np.array(np.broadcast_arrays(*columns, *rest), dtype=np.float64)
 
 
 @lru_cache(maxsize=16)
-def stage_function(objective: str, states: int, slots: int) -> Any:
-    """Build (sigma, cost parameters, slot parameters) -> (cost, Re Z_h at each slot over its scale).
+def stage_functions(objective: str, states: int, slots: int) -> StageFunctions:
+    """Build the functions of a stage.
 
     Args:
         objective: magnitude, complex or perceptual.
         states: 2 for the series structure, 3 for the damped one.
-        slots: number of frequencies at which Re Z_h is kept above the margin.
+        slots: number of frequencies at which Re Z_h is kept above the margin; 0 for none.
     """
     sigma, cost_p, slot_p = ca.SX.sym("sigma", states), ca.SX.sym("c", COST_ROWS), ca.SX.sym("s", LOOP_ROWS * slots)
     value = ca.vertsplit(cost_p)
     target = ComplexExpr(value[9], value[10])
     floors, scale, contact_penalty, noticeable = value[11:14], value[14], value[15], value[16]
     gains = [ca.exp(sigma[i]) - floors[i] for i in range(states)]
-    b, k, contact = (*gains, 0.0)[:3]
+    b, k, contact = (*gains, ca.SX(0))[:3]
     z = _loop(value[:LOOP_ROWS]).perceived(b, k, contact)
-    cost = _error(objective, z, target, noticeable) + contact_penalty * contact**2 / abs2(target)
-    slot = ca.vertsplit(slot_p)
-    margins = [
-        _loop(slot[LOOP_ROWS * i : LOOP_ROWS * (i + 1)]).perceived(b, k, contact).real / scale for i in range(slots)
-    ]
-    return ca.Function("stage", [sigma, cost_p, slot_p], [cost, ca.vertcat(*margins)])
+    cost = _error(objective, z, target, noticeable) + contact_penalty * contact * contact / abs2(target)
+    slot = ca.vertsplit(slot_p) if slots else []
+    margins = ca.vertcat(
+        *(
+            _loop(slot[LOOP_ROWS * i : LOOP_ROWS * (i + 1)]).perceived(b, k, contact).real / scale
+            for i in range(slots)
+        )
+    )
+    margins = ca.densify(margins) if slots else ca.SX(0, 1)
+    lam = ca.SX.sym("lam", 1 + slots)
+    hessian = ca.hessian(lam[0] * cost + (ca.dot(lam[1:], margins) if slots else 0), sigma)[0]
+    triangle = ca.vertcat(*(hessian[row, column] for column in range(states) for row in range(column + 1)))
+    own, given = [sigma, cost_p], [sigma, cost_p, slot_p]
+    gradient, jacobian = ca.densify(ca.gradient(cost, sigma)), ca.densify(ca.jacobian(margins, sigma))
+
+    def function(name: str, inputs: list[Any], *outputs: Any) -> Any:
+        return ca.Function(name, inputs, list(outputs), {"cse": True})
+
+    return StageFunctions(
+        function("cost", own, cost),
+        function("gradient", own, cost, gradient),
+        function("margins", given, margins),
+        function("jacobian", given, margins, jacobian),
+        function("curvature", [*given, lam], ca.densify(triangle)),
+    )
+
+
+def _loop(values: list[Any]) -> Loop:
+    sample_time, sin, cos = values[:3]
+    angle = SampleAngle(casadi_numbers(), 0.0, sample_time, sin, cos)
+    device, hold, environment = (ComplexExpr(values[3 + 2 * i], values[4 + 2 * i]) for i in range(3))
+    return Loop(angle, device, hold, environment, environment, environment)
 
 
 def _error(objective: str, z: ComplexExpr, target: ComplexExpr, noticeable: Real) -> Real:
-    """Squared relative error; the tiny term keeps the root's gradient finite at |Z| = 0."""
+    """Squared relative error of Z_h: of its magnitude, of itself, or of what of it can be noticed."""
     goal2 = abs2(target)
     if objective == "magnitude":
-        return (1 - ca.sqrt(abs2(z) / goal2 + 1e-30)) ** 2
+        return (1 - ca.sqrt(abs2(z) / goal2 + _TINY)) ** 2
     error2 = abs2(z - target) / goal2
     if objective == "complex":
         return error2

@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from avc_casadi.design._gains import FloatArray
+from avc_casadi.design._gains import BoolArray, FloatArray
 from avc_casadi.design.schedule._hands_table import hands_spline
 from avc_casadi.design.schedule._program import Data
 from avc_casadi.design.schedule._scope import Slots
-from avc_casadi.design.schedule._stage import loop_parameters, stage_function
+from avc_casadi.design.schedule._stage import loop_parameters, stage_functions
 from avc_casadi.design.schedule._states import States
 from avc_casadi.impedance import Loop, loop_at
 from avc_casadi.problem import Problem
 
-BACKOFF = 1e-7
+_BACKOFF = 1e-7
 """How far inside the margin the NLP is asked to stay, in the scale of Re Z: its tolerance then never leaves it."""
-HANDS_BACKOFF = 1e-4
-"""The same for 1 - spectral radius, for the error of the table."""
+_HANDS_BACKOFF = 1e-6
+"""The same for 1 - spectral radius."""
 _MISS = 1e3
 """Cost of missing a constraint by its scale in the lattice: far above any error."""
 
@@ -59,20 +59,39 @@ class Task:
         """ln(omega) but for a constant, (n,)."""
         return np.asarray(np.log(self.frequency_hz))
 
+    @property
+    def objective(self) -> str:
+        """What counts as error."""
+        return self.problem.realism.objective
+
+    @property
+    def tolerance(self) -> float:
+        """How far inside its scope each stage is asked to stay, in the unit of `backoff`."""
+        return _BACKOFF if self.hands is None else _HANDS_BACKOFF
+
+    def backoff(self, dropped: BoolArray) -> FloatArray:
+        """How far inside its scope each stage is asked to stay, (n,); -inf where its constraints are dropped.
+
+        In the scale of Re Z, or in spectral radius for scope hands.
+        """
+        return np.where(dropped, -np.inf, self.tolerance)
+
     def data(self, slots: Slots, backoff: FloatArray) -> Data:
-        """Numbers for the NLP; ``backoff`` (n,) is in the scale of Re Z, and -inf drops a stage's constraints."""
+        """Numbers for the NLP; ``backoff`` (n,) as in `backoff`."""
         settings = self.problem.schedule
-        n = len(self.frequency_hz)
-        margin = self.problem.stability.margin_ns_per_m / self.scale_ns_per_m
-        least = np.broadcast_to(margin + backoff, slots.frequency_hz.shape)
+        if self.hands is None:
+            least = self.problem.stability.margin_ns_per_m / self.scale_ns_per_m + backoff
+            least, parameters = np.repeat(least[None], len(slots.frequency_hz), axis=0), slots.parameters(self.problem)
+        else:
+            least, parameters = backoff[None], np.empty((0, len(self.frequency_hz)))
         return Data(
             cost=self._cost_parameters(),
-            slots=slots.parameters(self.problem),
+            slots=parameters,
             weight=self._weight(),
             step=np.diff(self.log_frequency),
             slope_penalty=settings.slope_penalty,
             slope_limit=np.inf if settings.slope_limit is None else settings.slope_limit,
-            least=least if self.hands is None else np.full((1, n), -np.inf),
+            least=least,
             low=self.states.low,
             high=self.states.high,
         )
@@ -101,13 +120,12 @@ class Task:
 
     def lattice_cost(self, data: Data, nodes: FloatArray, stage: int) -> FloatArray:
         """Cost of states (d, m) at a stage with a penalty for missed constraints, (m,)."""
-        function = stage_function(self.problem.realism.objective, *self._sizes(data))
-        cost, margins = (np.array(v) for v in function(nodes, data.cost[:, stage], data.slots[:, stage]))
-        missed = np.maximum(0.0, data.least[:, stage, None] - margins).sum(axis=0)
-        if self.hands is not None:
-            missed = missed + np.maximum(0.0, HANDS_BACKOFF - np.array(self.hands(nodes))[0]) * 1e2
-        total: FloatArray = cost[0] + _MISS * missed
+        size = data.size(self.problem.realism.objective)
+        functions = stage_functions(size.objective, size.states, size.slots)
+        cost = np.array(functions.cost(nodes, data.cost[:, stage]))[0]
+        if self.hands is None:
+            margins = np.array(functions.margins(nodes, data.cost[:, stage], data.slots[:, stage]))
+        else:
+            margins = np.array(self.hands(nodes))
+        total: FloatArray = cost + _MISS * np.maximum(0.0, data.least[:, stage, None] - margins).sum(axis=0)
         return total
-
-    def _sizes(self, data: Data) -> tuple[int, int]:
-        return len(self.states.floors), len(data.least)

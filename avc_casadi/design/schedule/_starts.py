@@ -1,0 +1,74 @@
+"""Where the NLP starts: the lattice programme, the best constant gains and the separate optima, smoothed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from avc_casadi.design._exact import exact_gains
+from avc_casadi.design._gains import FloatArray
+from avc_casadi.design.schedule._infeasible import Missing
+from avc_casadi.design.schedule._lattice import lattice_path
+from avc_casadi.design.schedule._program import Solution, solve_program
+from avc_casadi.design.schedule._scope import Slots, worst_slack
+from avc_casadi.design.schedule._task import Task
+
+_SMOOTHING = 0.1
+"""Width in ln(omega) over which the separate optima are averaged: they jump, and the NLP would follow each jump."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """The cheapest solution over the starts, the frequencies it bounded, and the costs that were reached."""
+
+    best: Solution
+    slots: Slots
+    costs: tuple[float, ...]
+
+
+def best_of_starts(task: Task, missing: Missing) -> Found:
+    """Solve from each start; frequencies at which a start violates its scope are bounded from the beginning."""
+    slots = Slots.of(task.problem, task.frequency_hz)
+    backoff = task.backoff(missing.rows)
+    data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), backoff)
+    lattice = lattice_path(
+        lambda nodes, stage: task.lattice_cost(data, nodes, stage),
+        (data.low, data.high),
+        task.log_frequency,
+        data.slope_penalty,
+        data.slope_limit,
+    )
+    starts = [lattice.path, lattice.constant, _smoothed_optima(task)]
+    for start in starts[:2]:
+        gains = task.states.gains(start)
+        worst = worst_slack(task.problem, task.frequency_hz, gains)
+        slots.add(task.problem, gains, worst, ~worst.met & ~missing.rows)
+    data = task.data(slots, backoff)
+    solutions = [solve_program(data, task.objective, start, extra=task.hands) for start in starts]
+    reached = [solution for solution in solutions if solution.success]
+    best = min(reached or solutions, key=lambda solution: solution.cost)
+    return Found(best, slots, tuple(solution.cost for solution in reached))
+
+
+def _smoothed_optima(task: Task) -> FloatArray:
+    """States (d, n) of the separate optima, averaged over neighbouring frequencies."""
+    gains = exact_gains(task.problem, task.loop)
+    known = np.isfinite(gains[0])
+    x = task.log_frequency
+    if not known.any():
+        return np.repeat((task.states.low + task.states.high)[:, None] / 2, len(x), axis=1)
+    filled = [np.interp(x, x[known], gain[known]) for gain in gains]
+    states = task.states.states((filled[0], filled[1], filled[2]))
+    if len(x) == 1:
+        return states
+    # Gaussian weights, but only over the rows that are near enough to matter.
+    reach = np.searchsorted(x, x + 3 * _SMOOTHING) - np.searchsorted(x, x - 3 * _SMOOTHING)
+    half = int(reach.max()) // 2 + 1
+    total, weight = np.zeros_like(states), np.zeros(len(x))
+    for shift in range(-half, half + 1):
+        own = np.arange(max(0, -shift), min(len(x), len(x) - shift))
+        share = np.exp(-0.5 * ((x[own + shift] - x[own]) / _SMOOTHING) ** 2)
+        total[:, own] += share * states[:, own + shift]
+        weight[own] += share
+    return np.asarray(total / weight)
