@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi.design._bracket import bracketed_roots
-from avc_casadi.design._gains import ComplexArray, FloatArray
-from avc_casadi.impedance import Loop, coupling_impedance
+from avc_casadi.design._gains import BoolArray, ComplexArray, FloatArray
+from avc_casadi.impedance import Loop, coupling_impedance, series
 
 Index = NDArray[np.intp]
 Function = Callable[[ComplexArray, ComplexArray, Index], FloatArray]
-"""(Z_eavc + b_p, its derivative along the moving gain, position of the curve) -> a real value."""
+"""(Z_eavc + b_p, its derivative along x, position of the curve) -> a real value."""
 
 _SAMPLES = 13
 TOLERANCE = 4 * float(np.finfo(np.float64).eps)
@@ -45,6 +45,9 @@ class Curves:
         high: upper end.
         loop: the loop at ``row``.
         scale: c of x = t/(c + t).
+        coupling: Z_avc where the moving gain is 0.
+        slope: its derivative along the moving gain; 0 where that is b_p.
+        rise: derivative of b_p along the moving gain, 1 or 0.
     """
 
     row: Index
@@ -56,39 +59,61 @@ class Curves:
     high: FloatArray
     loop: Loop
     scale: FloatArray
+    coupling: ComplexArray
+    slope: ComplexArray
+    rise: FloatArray
 
     @classmethod
     def of(cls, loop: Loop, fixed: Points, moving: Index, low: FloatArray, high: FloatArray, margin: float) -> Curves:
         """Make curves from their fixed gains (the moving one is ignored); ``margin`` is that of (12)."""
         here = loop.rows(fixed.row)
         b, k, p = (np.where(moving == i, 0.0, gain) for i, gain in enumerate((fixed.b, fixed.k, fixed.p)))
-        base = here.environment + coupling_impedance(here.angle, b, k)
-        slope = np.abs(coupling_impedance(here.angle, 0.0, 1.0))
+        coupling, spring = coupling_impedance(here.angle, b, k), coupling_impedance(here.angle, 0.0, 1.0)
         # Along a line Z_h = Z_0 + H b_p what is sought has the size of Z_0, of the goal or of the margin.
         sizes = np.maximum(np.abs(here.target), margin), np.abs(here.perceived(b, k, p))
-        straight = np.maximum(*sizes) / np.abs(here.hold)
-        weight = np.where(moving == 2, straight, np.abs(base))
-        weight /= np.where(moving == 1, slope, 1.0)
-        return cls(fixed.row, b, k, p, moving, low, high, here, np.where(weight > 0, weight, np.maximum(high, 1.0)))
+        weight = np.where(moving == 2, np.maximum(*sizes) / np.abs(here.hold), np.abs(here.environment + coupling))
+        weight /= np.where(moving == 1, np.abs(spring), 1.0)
+        return cls(
+            row=fixed.row,
+            b=b,
+            k=k,
+            p=p,
+            moving=moving,
+            low=low,
+            high=high,
+            loop=here,
+            scale=np.where(weight > 0, weight, np.maximum(high, 1.0)),
+            coupling=coupling,
+            slope=np.choose(moving, (1.0, spring, 0.0)),
+            rise=np.where(moving == 2, 1.0, 0.0),
+        )
 
     def at(self, t: FloatArray, index: Index) -> Points:
         """Gains where the moving gain is t, on the curves ``index``."""
-        t, moving = np.clip(t, self.low[index], self.high[index]), self.moving[index]
+        moving = self.moving[index]
         gains = (gain[index] for gain in (self.b, self.k, self.p))
         b, k, p = (np.where(moving == i, t, gain) for i, gain in enumerate(gains))
         return Points(self.row[index], b, k, p)
 
     def points(self, x: FloatArray, index: Index) -> Points:
         """Gains at x on the curves ``index``."""
-        return self.at(self.scale[index] * x / (1 - x), index)
+        return self.at(self._moving_gain(x, index), index)
+
+    def _moving_gain(self, x: FloatArray, index: Index) -> FloatArray:
+        # x may be 1 in a box that is wide enough.
+        with np.errstate(divide="ignore"):
+            return np.clip(self.scale[index] * x / (1 - x), self.low[index], self.high[index])
 
     def evaluate(self, x: FloatArray, index: Index) -> tuple[ComplexArray, ComplexArray]:
-        """Return Z_eavc + b_p and its derivative along the moving gain at x on the curves ``index``."""
-        loop, at = self.loop.rows(index), self.points(x, index)
-        moving = self.moving[index]
-        slope = np.where(moving == 1, coupling_impedance(loop.angle, 0.0, 1.0), 1.0)
-        derivative = np.where(moving == 2, 1.0, loop.sensitivity(at.b, at.k) / loop.hold * slope)
-        return loop.rendered(at.b, at.k) + at.p, derivative
+        """Return Z_eavc + b_p and its derivative dZ/dx at x on the curves ``index``."""
+        scale, t = self.scale[index], self._moving_gain(x, index)
+        environment, slope, rise = self.loop.environment[index], self.slope[index], self.rise[index]
+        coupling = self.coupling[index] + slope * t
+        total = environment + coupling
+        share = environment / np.where(total == 0, 1.0, total)
+        rendered = series(coupling, environment, numbers=self.loop.angle.numbers)
+        along = (scale + t) * ((scale + t) / scale)  # dt/dx
+        return rendered + (self.p[index] + rise * t), (share * share * slope + rise) * along
 
     def ends(self) -> Points:
         """Gains at both ends of every curve."""
@@ -155,14 +180,23 @@ class Roots:
     below: FloatArray
 
 
-def find_roots(curves: Curves, tasks: list[tuple[Pieces, Function]], *, tolerance: float = TOLERANCE) -> list[Roots]:
+def find_roots(
+    curves: Curves, tasks: list[tuple[Pieces, Function]], *, tolerance: float = TOLERANCE, rounding: float = 0.0
+) -> list[Roots]:
     """Find the sign changes of functions over pieces on which each is monotone, all in one vectorised iteration.
+
+    Args:
+        curves: the curves.
+        tasks: pieces of the curves, and the function to be followed on them.
+        tolerance: width of the final brackets, relative to x.
+        rounding: a value at one end of a piece that is smaller than this share of that at the other end has no sign;
+            the root stands at that end.
 
     Returns:
         For each task its roots; ``above`` is where the function is >= 0, ``below`` where it is < 0.
     """
     values = [(f(*pieces.at_low, pieces.index), f(*pieces.at_high, pieces.index)) for pieces, f in tasks]
-    found = [np.flatnonzero((low < 0) != (high < 0)) for low, high in values]
+    found = [np.flatnonzero(_changes_sign(low, high, rounding)) for low, high in values]
     index, low, high = (
         np.concatenate([getattr(pieces, name)[at] for (pieces, _), at in zip(tasks, found, strict=True)])
         for name in ("index", "low", "high")
@@ -181,3 +215,9 @@ def find_roots(curves: Curves, tasks: list[tuple[Pieces, Function]], *, toleranc
         Roots(at, index[task == number], above[task == number], below[task == number])
         for number, at in enumerate(found)
     ]
+
+
+def _changes_sign(low: FloatArray, high: FloatArray, rounding: float) -> BoolArray:
+    sizes = np.abs(low), np.abs(high)
+    changes: BoolArray = ((low < 0) != (high < 0)) & (np.minimum(*sizes) >= rounding * np.maximum(*sizes))
+    return changes

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from avc_casadi.design._curves import Function, Index
     from avc_casadi.problem import Problem
 
-_STATIONARY = 1e-12
-"""Width in x of a stationary point's last bracket: its square is below the rounding of Z."""
+_STATIONARY = {"tolerance": 1e-9, "rounding": 1e-13}
+"""Stationary points: the square of their last bracket's width is below the rounding of Z; so is what |Z|^2 gains between
+an end of a piece and a stationary point so near that the slope has almost vanished there."""
 
 
 def edge_search_gains(problem: Problem, loop: Loop) -> Gains:
@@ -74,8 +75,8 @@ def _curve_points(curves: Curves, margin: float) -> list[Points]:
         return value
 
     def real_part(z: ComplexArray, _: ComplexArray, at: Index) -> FloatArray:
-        here = loop.rows(at)
-        value: FloatArray = here.device.real + (here.hold * z).real - guarded_margin(here, z, margin)
+        d, h = device[at], hold[at]
+        value: FloatArray = d.real + (h * z).real - guarded_margin(d, h, z, margin)
         return value
 
     def real_part_slope(_: ComplexArray, dz: ComplexArray, at: Index) -> FloatArray:
@@ -83,7 +84,7 @@ def _curve_points(curves: Curves, margin: float) -> list[Points]:
         return value
 
     pieces = Pieces.sampled(curves)
-    flat, level = find_roots(curves, [(pieces, magnitude_slope), (pieces, real_part_slope)], tolerance=_STATIONARY)
+    flat, level = find_roots(curves, [(pieces, magnitude_slope), (pieces, real_part_slope)], **_STATIONARY)
     on_circle, on_line = find_roots(
         curves,
         [
@@ -115,7 +116,7 @@ def _swept_points(problem: Problem, loop: Loop, margin: float) -> list[Points]:
     lowest, highest = problem.coupling.contact_damping_ns_per_m
     edges = _box_edges(problem, loop, {lowest})
     pieces = Pieces.sampled(edges)
-    (fold,) = find_roots(edges, [(pieces, lambda _z, dz, _at: dz.imag)], tolerance=_STATIONARY)
+    (fold,) = find_roots(edges, [(pieces, lambda _z, dz, _at: dz.imag)], **_STATIONARY)
     starts = join([edges.ends(), edges.points(fold.above, fold.curve)])
     low, high = np.full(starts.row.shape, lowest), np.full(starts.row.shape, highest)
     lifts = Curves.of(loop, starts, np.full(starts.row.shape, 2), low, high, margin)

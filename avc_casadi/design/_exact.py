@@ -41,7 +41,7 @@ def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[Fl
             b, k, p = edges.gains(on_line)
             rendered = loop.rendered(b, k) + p
             z = loop.device + loop.hold * rendered
-            step = (z.real - guarded_margin(loop, rendered, margin)) / edges.derivative(on_line).real
+            step = (z.real - guarded_margin(loop.device, loop.hold, rendered, margin)) / edges.derivative(on_line).real
             on_line = np.where(np.abs(step) < 1e-3 * on_line, on_line - step, on_line)
     ends = np.broadcast_to(np.stack((edges.low, edges.high)), on_line.shape)
     t = np.concatenate((on_circle, on_line, arcs.magnitude_extrema(), ends))
@@ -86,7 +86,7 @@ def _segment_candidates(
     line = Arcs(start, loop.hold * one, one, zero, loop.hold * one)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         on_line = (margin - start.real) / loop.hold.real
-        on_line += (guarded_margin(loop, rendered + on_line, margin) - margin) / loop.hold.real
+        on_line += (guarded_margin(loop.device, loop.hold, rendered + on_line, margin) - margin) / loop.hold.real
         ends = [np.full(b.shape, end) for end in problem.coupling.contact_damping_ns_per_m]
         nearest = -(start * np.conj(loop.hold)).real / abs2(loop.hold)
         p = np.stack((*line.magnitude_roots(radius), on_line, nearest, *ends))

@@ -118,7 +118,7 @@ def _pulled_inside(
         for _ in range(4):
             b, k, p = gains[:, 0], gains[:, 1], gains[:, 2]
             rendered = loop.rendered(b, k) + p
-            missing = guarded_margin(loop, rendered, problem.stability.margin_ns_per_m)
+            missing = guarded_margin(loop.device, loop.hold, rendered, problem.stability.margin_ns_per_m)
             missing = missing - (loop.device + loop.hold * rendered).real
             dz = loop.sensitivity(b, k)
             gradient = np.stack((dz.real, (dz * slope_k).real, loop.hold.real + 0 * b), axis=1) * scales

@@ -11,9 +11,9 @@ _GUARD = 4 * float(np.finfo(np.float64).eps)
 """A point meant to lie on Re Z = margin is placed this far inside it, relative to the terms of Re Z: their rounding."""
 
 
-def guarded_margin(loop: Loop, rendered: ComplexArray, margin: float) -> FloatArray:
-    """The margin plus the rounding of Re Z at a point where the coupling renders ``rendered``."""
-    terms = np.abs(loop.device.real) + np.abs(loop.hold.real * rendered.real) + np.abs(loop.hold.imag * rendered.imag)
+def guarded_margin(device: ComplexArray, hold: ComplexArray, rendered: ComplexArray, margin: float) -> FloatArray:
+    """The margin plus the rounding of Re(device + hold * rendered)."""
+    terms = np.abs(device.real) + np.abs(hold.real * rendered.real) + np.abs(hold.imag * rendered.imag)
     guarded: FloatArray = margin + _GUARD * terms
     return guarded
 
@@ -22,7 +22,8 @@ def wanted_points(loop: Loop, radius: FloatArray, margin: float) -> tuple[Comple
     """Z_eavc and Z_e - Z_eavc, (4, n): at the goal, where |Z| = R crosses Re Z = margin (2), at Z = margin."""
     target = loop.target
     at_goal = np.where(target.real >= margin, 0, np.nan)
-    guarded = guarded_margin(loop, np.abs(loop.desired) + np.abs(target / loop.hold), margin)
+    sizes = np.abs(loop.desired) + np.abs(target / loop.hold) + 0j
+    guarded = guarded_margin(loop.device, loop.hold, sizes, margin)
     with np.errstate(invalid="ignore", divide="ignore"):
         height = np.sqrt(radius * radius - guarded * guarded)
         # Towards the goal's side the two heights nearly cancel; the difference of squares does not.
