@@ -12,6 +12,7 @@ VERBS: tuple[str, ...] = (
     "solve",
     "compare",
     "certify",
+    "zwidth",
     "push",
     "stream",
     "export",

@@ -15,3 +15,5 @@ from avc_casadi.design._gains import gain_schedule as gain_schedule
 from avc_casadi.design._solve import METHODS as METHODS
 from avc_casadi.design._solve import Method as Method
 from avc_casadi.design._solve import solve as solve
+from avc_casadi.design._static import StaticCoupling as StaticCoupling
+from avc_casadi.design._static import static_coupling as static_coupling

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from avc_casadi.passivity._sampled import BoolArray, FloatArray, SampledLoop, Values
 
 _ZERO_TURNS = 1e-150
+_ROUNDING = 1e-14
 
 
 def llewellyn_margin(
@@ -127,9 +128,11 @@ def largest_llewellyn_stiffness(
     low = np.zeros(len(b))
     feasible = allowed(low)
     # At any frequency the loss is at least a fair share of kT/2: far above, nothing is allowed.
-    high = np.broadcast_to(64 * (loop.device_damping_ns_per_m + contact) / loop.sample_time_s + 1.0, b.shape)
+    reach = 64 * (loop.device_damping_ns_per_m + contact) / loop.sample_time_s + 1.0
+    high = np.broadcast_to(reach, b.shape)
     for _ in range(60):
         middle = (low + high) / 2
         inside = allowed(middle)
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    return np.where(feasible, low, np.nan)
+    # What bisection leaves of a bound of 0 is rounding.
+    return np.where(feasible, np.where(low > _ROUNDING * reach, low, 0.0), np.nan)

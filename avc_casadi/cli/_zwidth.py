@@ -1,0 +1,153 @@
+"""Show which walls the device can render, without coupling and with a static one, and where solved gains lie."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi as avc
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._files import output_file
+from avc_casadi.cli._text import number, sample_rows, table
+
+if TYPE_CHECKING:
+    import argparse
+
+    from avc_casadi.design import StaticCoupling
+    from avc_casadi.zwidth import LlewellynTable, ZWidth
+
+_SHORT = {
+    "passive-paper": "passive\npaper",
+    "passive-sampled-data": "passive\nsampled",
+    "passive-delayed": "passive\n1 sample late",
+    "stable-released": "stable\nno hand",
+    "stable-hands": "stable\nall hands",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
+    parser.add_argument(
+        "--method",
+        default="direct",
+        help="whose gains are placed in the region: direct (default), exact, closed-form, ...",
+    )
+    parser.add_argument("--plot", metavar="FILE", help="draw the region: .png, .svg or .pdf")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Compute the region, place the gains, draw and show."""
+    import numpy as np
+
+    from avc_casadi.zwidth import llewellyn_table, rendered_wall, zwidth
+
+    plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
+    problem = avc.load_problem(args.problem)
+    with console.step(f"{args.method}: {len(problem.frequencies_hz())} frequencies"):
+        gains = avc.solve(problem, args.method)
+    with console.step("region"):
+        region = zwidth(problem)
+        wall = rendered_wall(problem, gains)
+    damped = problem.device.damping_ns_per_m > 0
+    with console.step("static couplings"):
+        llewellyn = llewellyn_table(problem) if damped else None
+        static = _static(problem) if damped else []
+    if plot is not None:
+        from avc_casadi.figures import draw_zwidth, save_figure
+
+        with console.step("figure"):
+            drawn = llewellyn_table(problem, np.linspace(0.0, 8.0, 81)) if damped else None
+            save_figure(draw_zwidth(region, drawn, {args.method: wall}), plot)
+    document = _document(region, llewellyn, static)
+    document["gains"] = {"method": args.method} | _columns(
+        frequency_hz=gains.frequency_hz, wall_damping_ns_per_m=wall[0], wall_stiffness_n_per_m=wall[1]
+    )
+    return Answer(document, _text(document, args.plot))
+
+
+def _static(problem: avc.Problem) -> list[StaticCoupling]:
+    from avc_casadi.design import static_coupling
+
+    return [
+        static_coupling(problem, "llewellyn", "paper"),
+        static_coupling(problem, "llewellyn", "sampled-data"),
+        static_coupling(problem, "all", "paper"),
+        static_coupling(problem, "all", "sampled-data"),
+    ]
+
+
+def _columns(**columns: Any) -> dict[str, Any]:
+    from avc_casadi.design import plain
+
+    return {name: plain(column) for name, column in columns.items()}
+
+
+def _document(region: ZWidth, llewellyn: LlewellynTable | None, static: list[StaticCoupling]) -> dict[str, Any]:
+    return {
+        "schema": "avc-zwidth/1",
+        "problem": region.problem,
+        "wall_damping_ns_per_m": _columns(v=region.damping_ns_per_m)["v"],
+        "curves": {
+            curve.key: {"claim": curve.claim, "delay_samples": curve.delay_samples}
+            | _columns(stiffness_n_per_m=curve.stiffness_n_per_m)
+            for curve in region.curves
+        },
+        "hands": region.hands,
+        "encoder_limit_n_per_m": region.encoder_limit_n_per_m,
+        "passive_limit_n_per_m": region.passive_limit_n_per_m,
+        "llewellyn": None
+        if llewellyn is None
+        else {"delay_samples": llewellyn.delay_samples}
+        | _columns(
+            damping_ratio=llewellyn.damping_ratio,
+            paper_kc_t_over_b_d=llewellyn.paper,
+            sampled_data_kc_t_over_b_d=llewellyn.sampled_data,
+        ),
+        "static": [_columns(**vars(coupling)) for coupling in static],
+    }
+
+
+def _text(document: dict[str, Any], plot: str | None) -> str:
+    curves, damping = document["curves"], document["wall_damping_ns_per_m"]
+    rows = [
+        [number(damping[row]), *(number(curve["stiffness_n_per_m"][row]) for curve in curves.values())]
+        for row in sample_rows(len(damping), 16)
+    ]
+    lines = [
+        f"{document['problem']}: largest stiffness (N/m) of a wall B + K/s without coupling",
+        table(["B\nN.s/m", *(_SHORT[key] for key in curves)], rows),
+        *(f"  {_SHORT[key].replace(chr(10), ' ')}: {curve['claim']}" for key, curve in curves.items()),
+        f"no passive linear rendering exceeds {number(document['passive_limit_n_per_m'])} N/m at DC (sampled-data)",
+    ]
+    if document["encoder_limit_n_per_m"] is not None:
+        limit = number(document["encoder_limit_n_per_m"])
+        lines.append(f"encoder and Coulomb friction keep a passive wall below 2 f_c/Delta = {limit} N/m")
+    found = document["llewellyn"]
+    if found is not None:
+        columns = (found["damping_ratio"], found["paper_kc_t_over_b_d"], found["sampled_data_kc_t_over_b_d"])
+        body = [[number(value, 5) for value in row] for row in zip(*columns, strict=True)]
+        lines += [
+            "",
+            "static coupling for any passive wall: largest k_c T/b_d that Llewellyn's condition (6) allows",
+            table(("b_c/b_d", "paper's hold\nas printed", "sampled-data\nhold"), body),
+        ]
+    if document["static"]:
+        head = ("condition", "model", "b\nN.s/m", "k\nN/m", "b_p\nN.s/m", "error\n%")
+        keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+        body = [
+            [
+                row["condition"],
+                row["model"],
+                *(number(row[key] if row["found"] else None) for key in keys),
+                number(100 * row["error"] if row["found"] else None),
+            ]
+            for row in document["static"]
+        ]
+        lines += [
+            "",
+            "best constant coupling: llewellyn for any passive wall, all for this wall at all frequencies",
+            table(head, body, left=(0, 1)),
+        ]
+    if plot is not None:
+        lines.append(f"drawn: {plot}")
+    return "\n".join(lines)

@@ -1,0 +1,108 @@
+"""Z-width: which walls a device renders passively or stably, where solved gains lie, and what Llewellyn allows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from avc_casadi.figures._style import IMPEDANCE_UNIT, WIDTH_INCHES, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from avc_casadi.design import FloatArray
+    from avc_casadi.zwidth import LlewellynTable, ZWidth
+
+_LINES: dict[str, tuple[str, Any, float]] = {
+    "passive-paper": ("#d1600a", (0, (5, 1.6)), 1.4),
+    "passive-sampled-data": ("#08306b", "-", 2.0),
+    "passive-delayed": ("#5a9bd4", (0, (1, 1.4)), 1.6),
+    "stable-released": ("#5a5a00", (0, (4, 1.5, 1, 1.5)), 1.3),
+    "stable-hands": ("#1b7837", "-", 1.3),
+}
+
+
+@styled
+def draw_zwidth(
+    region: ZWidth,
+    llewellyn: LlewellynTable | None = None,
+    rendered: dict[str, tuple[FloatArray, FloatArray]] | None = None,
+) -> Figure:
+    """Draw the K-B region with the walls that gains render, and the largest coupling that Llewellyn allows.
+
+    Args:
+        region: curves of the device.
+        llewellyn: second panel, left out where None (a device without damping).
+        rendered: by name of a method, (B, K) of the walls rendered at each frequency.
+    """
+    panels = 1 if llewellyn is None else 2
+    figure = Figure(figsize=(WIDTH_INCHES, 4.4), layout="constrained")
+    axes = figure.subplots(1, panels, squeeze=False, width_ratios=[1.7, 1][:panels])[0]
+    _region(axes[0], region, rendered or {})
+    if llewellyn is not None:
+        _llewellyn(axes[1], llewellyn)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, FloatArray]]) -> None:
+    damping = region.damping_ns_per_m[1:]
+    for curve in region.curves:
+        colour, style, width = _LINES[curve.key]
+        stiffness = curve.stiffness_n_per_m[1:]
+        label = f"{curve.claim} (of {region.hands})" if curve.key == "stable-hands" else curve.claim
+        axes.plot(damping, stiffness, color=colour, linestyle=style, linewidth=width, label=label)
+        if curve.key == "passive-sampled-data":
+            axes.fill_between(damping, 0, np.nan_to_num(stiffness), color=colour, alpha=0.12, linewidth=0)
+    limit = region.encoder_limit_n_per_m
+    if limit is not None:
+        axes.axhline(
+            limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label=r"encoder and friction, $2f_c/\Delta$"
+        )
+    lowest, highest = [], []
+    for (name, (b, k)), marker in zip(rendered.items(), "o^sDv", strict=False):
+        shown = (b > 0) & (k > 0)
+        axes.plot(
+            b[shown], k[shown], linestyle="none", marker=marker, markersize=3.4, color="0.15", markerfacecolor="white",
+            markeredgewidth=0.8, label=f"walls rendered by {name}, each at its frequency", zorder=5,
+        )  # fmt: skip
+        lowest += [k[shown].min(initial=np.inf)]
+        highest += [k[shown].max(initial=0.0)]
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    curves = np.concatenate([curve.stiffness_n_per_m[np.isfinite(curve.stiffness_n_per_m)] for curve in region.curves])
+    stable = np.concatenate([c.stiffness_n_per_m for c in region.curves if c.key.startswith("stable")])
+    top = max(np.nanmax(stable, initial=1.0), region.passive_limit_n_per_m, *highest, 0.0)
+    bottom = min(0.3 * region.passive_limit_n_per_m if region.passive_limit_n_per_m > 0 else top, *lowest, top)
+    bottom = max(bottom, 1e-4 * top, 0.5 * curves.min(initial=top))
+    axes.set_ylim(0.7 * bottom, 2.5 * max(top, limit or 0.0))
+    axes.set_xlim(damping[0], damping[-1])
+    axes.set_title("(a) walls without coupling: stiffness below each curve")
+    axes.set_xlabel(f"wall damping B ({IMPEDANCE_UNIT})")
+    axes.set_ylabel("wall stiffness K (N/m)")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _llewellyn(axes: Axes, table: LlewellynTable) -> None:
+    for values, name, key in (
+        (table.paper, "paper's hold", "passive-paper"),
+        (table.sampled_data, "sampled-data hold", "passive-sampled-data"),
+    ):
+        colour, style, width = _LINES[key]
+        axes.plot(table.damping_ratio, values, color=colour, linestyle=style, linewidth=width, label=name)
+        if np.isfinite(values).any():
+            best = int(np.nanargmax(values))
+            place = (table.damping_ratio[best], values[best])
+            axes.annotate(
+                f"{values[best]:.4g}", place, xytext=(3, 3), textcoords="offset points", fontsize=7.5, color=colour
+            )
+    axes.set_ylim(0, 1.3 * max(np.nanmax([table.paper, table.sampled_data], initial=0.0), 1e-3))
+    axes.set_xlim(0, table.damping_ratio[-1])
+    axes.legend(loc="upper right")
+    axes.set_title("(b) static coupling, any passive wall")
+    axes.set_xlabel(r"$b_\mathrm{c}/b_\mathrm{d}$")
+    axes.set_ylabel(r"largest $k_\mathrm{c}T/b_\mathrm{d}$")
