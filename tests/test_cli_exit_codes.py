@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from avc_process import AVC, ENVIRONMENT, avc, strict_json
@@ -175,12 +176,17 @@ def test_interrupted(solver, as_json, tmp_path):
     terminal, slave = pty.openpty()
     arguments = ["solve", "slow.toml", "--solver", solver, *(["--json"] if as_json else [])]
     with subprocess.Popen(  # noqa: S603
-        [*AVC, *arguments], stdout=subprocess.PIPE, stderr=slave, cwd=tmp_path, env=ENVIRONMENT
+        [sys.executable, "-m", "avc_casadi", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=slave,
+        cwd=tmp_path,
+        env=ENVIRONMENT,
     ) as process:
         os.close(slave)
         seen = b""
         while b"..." not in seen:
             seen += os.read(terminal, 1024)
+        time.sleep(1)  # past the imports, into the solver; an interrupt before it ends the same way
         process.send_signal(signal.SIGINT)
         out = process.communicate(timeout=60)[0]
     while chunk := _read(terminal):

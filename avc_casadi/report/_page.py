@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.comparison import comparison_document
 from avc_casadi.impedance import ASSUMPTIONS, PAPER_ERRORS
-from avc_casadi.report._summary import device_line, summary_lines
+from avc_casadi.report._summary import device_line, injection_line, summary_lines
 
 if TYPE_CHECKING:
     from avc_casadi.comparison import Comparison
@@ -54,7 +54,7 @@ def report_html(contents: ReportContents) -> str:
         summary="\n".join(f"<li>{escape(line)}</li>" for line in summary_lines(contents.summary)),
         figures="\n".join(_figure(caption, svg) for caption, svg in contents.figures),
         verdicts=_verdicts(comparison),
-        injection=escape(_injection(contents.summary)),
+        injection=escape(f"The closed form: {injection_line(contents.summary)}."),
         comparison=_comparison(comparison),
         certificate=_certificate(contents.certificate),
         rows=len(best["frequency_hz"]),
@@ -119,14 +119,6 @@ def _verdicts(comparison: Mapping[str, Any]) -> str:
         where = "" if first is None else _number(comparison["frequency_hz"][first])
         rows.append((verdict, str(count), where, "" if first is None else comparison["reason"][first]))
     return _table(("verdict", "frequencies", "first at, Hz", "why there"), rows, numbers=(1, 2))
-
-
-def _injection(summary: Mapping[str, Any]) -> str:
-    return (
-        "What the closed form is: the desired wall with a damper of up to "
-        f"{_number(summary['injected_damping_ns_per_m'])} N·s/m and a virtual mass of "
-        f"{_number(summary['virtual_mass_kg'])} kg beside it, just enough to reach the margin of (12)."
-    )
 
 
 def _comparison(comparison: Mapping[str, Any]) -> str:

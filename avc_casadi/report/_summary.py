@@ -107,15 +107,21 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
         ),
         f"error of |Z|: {_percent(summary['magnitude_error'])}; complex error: {_percent(summary['complex_error'])}",
         _cross_check(summary["cross_check"]),
-        (
-            f"closed form: realisable at {realisable} of {rows} frequencies; it is the desired wall with a damper of "
-            f"up to {summary['injected_damping_ns_per_m']:.4g} N.s/m and a virtual mass of "
-            f"{summary['virtual_mass_kg']:.3g} kg"
-        ),
+        f"closed form: realisable at {realisable} of {rows} frequencies; {injection_line(summary)}",
         "verdicts: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count),
         "certificate: " + _levels(summary["certificate"]),
         device_line(summary["push"]),
     ]
+
+
+def injection_line(summary: Mapping[str, Any]) -> str:
+    """Return what the closed form really is."""
+    if summary["injected_damping_ns_per_m"] == 0:
+        return "the desired wall meets (12) everywhere, so that nothing is projected"
+    return (
+        f"it is the desired wall with a damper of up to {summary['injected_damping_ns_per_m']:.4g} N.s/m and a virtual "
+        f"mass of {summary['virtual_mass_kg']:.3g} kg"
+    )
 
 
 def _span(ends: list[float] | None) -> str:
