@@ -92,11 +92,10 @@ int main(void)
 {
     float f;
     while (fread(&f, sizeof f, 1, stdin) == 1) {
-        const avc_row row = avc_lookup(f);
-        const float out[3] = {row.damping_ns_per_m, row.stiffness_n_per_m, row.contact_damping_ns_per_m};
-        fwrite(out, sizeof out, 1, stdout);
+        const avc_gains_t gains = avc_lookup(f);
+        fwrite(&gains, sizeof gains, 1, stdout);
     }
-    avc_coupling coupling = {0.0f, 0.0f, 0.0f};
+    avc_coupling_t coupling = {0.0f, 0.0f, 0.0f, 0.0f};
     const float force = avc_step(&coupling, 1e-3f, 10.0f, 10.0f, 1e4f);
     return force > 0.0f && avc_step(&coupling, -1e-3f, 10.0f, 10.0f, 1e4f) == 0.0f ? 0 : 1;
 }

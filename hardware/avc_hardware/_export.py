@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from avc_casadi.design import GainSchedule
+from avc_hardware._firmware import GENERATED
+from avc_hardware._float_program import literal
 from avc_hardware._reference import ln
 from avc_hardware._table import Float32Array, gain_table
 
@@ -21,16 +23,18 @@ _HEADER = """\
 #define AVC_SAMPLE_TIME_S {time_literal}
 
 typedef struct {{
-    float ln_frequency, frequency_hz;
     float damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m;
-}} avc_row;
+}} avc_gains_t;
 
-static const avc_row avc_rows[AVC_ROWS] = {{
+static const struct {{
+    float ln_frequency, frequency_hz;
+    avc_gains_t gains;
+}} avc_rows[AVC_ROWS] = {{
 {table}
 }};
 """
 
-_STEP = """
+_LOOKUP = """
 /* ln x of a normal positive number. */
 static inline float avc_ln(float x)
 {
@@ -44,57 +48,49 @@ static inline float avc_ln(float x)
 }
 
 /* Gains at a frequency: linear in ln(frequency); the end rows beyond the ends, the first where it is NaN (at rest). */
-static inline avc_row avc_lookup(float frequency_hz)
+static inline avc_gains_t avc_lookup(float frequency_hz)
 {
     int low = 0, high = AVC_ROWS - 1;
-    if (!(frequency_hz > avc_rows[low].frequency_hz)) return avc_rows[low];
-    if (frequency_hz >= avc_rows[high].frequency_hz) return avc_rows[high];
+    if (!(frequency_hz > avc_rows[low].frequency_hz)) return avc_rows[low].gains;
+    if (frequency_hz >= avc_rows[high].frequency_hz) return avc_rows[high].gains;
     while (high - low > 1) {
         const int middle = (low + high) / 2;
         if (frequency_hz < avc_rows[middle].frequency_hz) high = middle; else low = middle;
     }
-    const avc_row a = avc_rows[low], b = avc_rows[high];
-    avc_row row = {avc_ln(frequency_hz), frequency_hz, 0.0f, 0.0f, 0.0f};
-    float share = (row.ln_frequency - a.ln_frequency) / (b.ln_frequency - a.ln_frequency);
+    const float base = avc_rows[low].ln_frequency;
+    float share = (avc_ln(frequency_hz) - base) / (avc_rows[high].ln_frequency - base);
     if (!(share >= 0.0f && share <= 1.0f)) share = 0.0f;
-    row.damping_ns_per_m = a.damping_ns_per_m + share * (b.damping_ns_per_m - a.damping_ns_per_m);
-    row.stiffness_n_per_m = a.stiffness_n_per_m + share * (b.stiffness_n_per_m - a.stiffness_n_per_m);
-    row.contact_damping_ns_per_m =
-        a.contact_damping_ns_per_m + share * (b.contact_damping_ns_per_m - a.contact_damping_ns_per_m);
-    return row;
+    const avc_gains_t a = avc_rows[low].gains, b = avc_rows[high].gains;
+    const avc_gains_t gains = {
+        a.damping_ns_per_m + share * (b.damping_ns_per_m - a.damping_ns_per_m),
+        a.stiffness_n_per_m + share * (b.stiffness_n_per_m - a.stiffness_n_per_m),
+        a.contact_damping_ns_per_m + share * (b.contact_damping_ns_per_m - a.contact_damping_ns_per_m),
+    };
+    return gains;
 }
+"""
 
+_COUPLING = """
 /* State of the coupling; start with zeros. */
-typedef struct { float position, deflection, proxy; } avc_coupling;
+typedef struct {
+    float coupling_deflection_before_m, environment_deflection_before_m, contact_depth_before_m, tool_m;
+} avc_coupling_t;
 
-/* One control tick: position x (m, positive into a one-sided wall at 0) to force (N, positive out of the wall).
+"""
+
+_STEP = """
+/* One control tick: position (m, positive into a one-sided wall at 0) to force (N, positive out of the wall).
  * Limit the force and check it for NaN before it reaches the motor. */
-static inline float avc_step(avc_coupling *c, float x, float frequency_hz, float wall_damping, float wall_stiffness)
+static inline float avc_step(avc_coupling_t *state, float position_m, float frequency_hz, float wall_damping_ns_per_m,
+                             float wall_stiffness_n_per_m)
 {
-    const avc_row g = avc_lookup(frequency_hz);
-    const float damper = g.damping_ns_per_m / AVC_SAMPLE_TIME_S, series = damper + g.stiffness_n_per_m;
-    const float wall_damper = wall_damping / AVC_SAMPLE_TIME_S, wall = wall_damper + wall_stiffness;
-    const float velocity = (x - c->position) / AVC_SAMPLE_TIME_S, recoil = damper * c->deflection;
-    float deflection = series > 0.0f ? recoil / series : 0.0f, force = 0.0f;
-    if (x - deflection > 0.0f && series > 0.0f && wall > 0.0f) {
-        const float from = c->proxy > 0.0f ? c->proxy : 0.0f;
-        const float loaded = (wall * x - wall_damper * from + recoil) / (series + wall);
-        const float push = series * loaded - recoil;
-        if (push > 0.0f) { deflection = loaded; force = push + g.contact_damping_ns_per_m * velocity; }
-    }
-    c->position = x;
-    c->deflection = deflection;
-    c->proxy = x - deflection;
-    return force;
+    const avc_gains_t gains = avc_lookup(frequency_hz);
+    return avc_coupling_step(state, position_m, &gains, wall_damping_ns_per_m, wall_stiffness_n_per_m,
+                             AVC_SAMPLE_TIME_S);
 }
 
 #endif
 """
-
-
-def _literal(value: np.float32) -> str:
-    text = np.format_float_scientific(value, unique=True, trim="0")
-    return f"{text}f"
 
 
 def export_c(gains: GainSchedule, *, sample_time_s: float | None = None) -> str:
@@ -110,7 +106,7 @@ def export_c(gains: GainSchedule, *, sample_time_s: float | None = None) -> str:
     table = gain_table(gains, sample_time_s=sample_time_s)
     rows: Float32Array = table.rows
     lines = [
-        "    {" + ", ".join(map(_literal, (logarithm, *row))) + "},"
+        "    {{{}, {}, {{{}, {}, {}}}}},".format(*map(literal, (logarithm, *row)))
         for logarithm, row in zip(ln(rows[:, 0]), rows, strict=True)
     ]
     source = f"{gains.problem}: method {gains.method}, structure {gains.structure}, model {gains.model}"
@@ -120,8 +116,15 @@ def export_c(gains: GainSchedule, *, sample_time_s: float | None = None) -> str:
         low=rows[0, 0],
         high=rows[-1, 0],
         sample_time=table.sample_time_s,
-        time_literal=_literal(np.float32(table.sample_time_s)),
+        time_literal=literal(np.float32(table.sample_time_s)),
         rounding=table.rounding_max,
         table="\n".join(lines),
     )
-    return header + _STEP
+    return header + _LOOKUP + _COUPLING + _coupling_step() + _STEP
+
+
+def _coupling_step() -> str:
+    """The force law of the firmware, which is that of the scenes, as a function of a header."""
+    text = GENERATED.read_text(encoding="utf-8")
+    comment, _, function = text.partition('#include "avc_coupling.h"\n\n')
+    return comment + "static inline " + function

@@ -1,6 +1,6 @@
 """Build the firmware: ``python -m avc_hardware.firmware_build [TARGET ...] [--out DIR]``.
 
-Targets are the boards below and ``host``, the portable core as a shared library for tests. Builds are reproducible: the
+Targets are the boards below and ``host``, the portable core as a shared library for tests, and ``generate``, which writes the coupling's C from CasADi. Builds are reproducible: the
 same sources and compiler give the same bytes, on any path.
 """
 
@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from avc_casadi import MissingExtraError, UnsupportedError
-from avc_hardware._firmware import ARM_INSTALL, FIRMWARE, source_hash
+from avc_hardware._firmware import ARM_INSTALL, FIRMWARE, GENERATED, source_hash
 
 WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-pedantic")
 # One rounding an operation: without it a fused multiply-add would make boards disagree with each other and the host.
 EXACT_FLOAT = ("-ffp-contract=off", "-fno-fast-math")
-CORE = ("avc_crc32.c", "avc_frame.c", "avc_table.c", "avc_control.c", "avc_device.c")
+CORE = ("avc_crc32.c", "avc_frame.c", "avc_table.c", "avc_coupling.c", "avc_control.c", "avc_device.c")
 HOST_INSTALL = "apt-get install -y --no-install-recommends gcc"
 
 _M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
@@ -156,11 +156,19 @@ def main(argv: list[str] | None = None) -> int:
     """Build the named targets."""
     parser = argparse.ArgumentParser(prog="python -m avc_hardware.firmware_build", description=main.__doc__)
     parser.add_argument(
-        "targets", nargs="*", default=[], help=f"host, {', '.join(TARGETS)}; default: the packaged image"
+        "targets",
+        nargs="*",
+        default=[],
+        help=f"host, generate (the coupling's C from CasADi), {', '.join(TARGETS)}; default: the packaged image",
     )
     parser.add_argument("--out", type=Path, default=FIRMWARE / "image", help="folder of the images")
     arguments = parser.parse_args(argv)
     for target in arguments.targets or ["netduinoplus2"]:
+        if target == "generate":
+            from avc_hardware._coupling_program import coupling_c  # noqa: PLC0415 - needs CasADi, a build does not
+
+            GENERATED.write_text(coupling_c(), encoding="utf-8")
+            continue
         image = build_host(arguments.out) if target == "host" else build_image(target, arguments.out)
         digest = hashlib.sha256(image.read_bytes()).hexdigest()
         sys.stdout.write(f"{image} {image.stat().st_size} bytes sha256 {digest}\n")

@@ -73,33 +73,16 @@ float avc_estimator_step(avc_estimator_t *estimator, float velocity, const avc_c
     return estimator->frequency_hz;
 }
 
-float avc_coupling_step(avc_coupling_t *coupling, float x, const avc_gains_t *gains, float wall_b, float wall_k,
-                        float rate_hz)
+/* No memory of another position: nothing is stretched, nothing has moved. */
+static void coupling_rest(avc_coupling_t *coupling, float x)
 {
-    const float damper = gains->damping_ns_per_m * rate_hz;
-    const float series = damper + gains->stiffness_n_per_m;
-    const float wall_damper = wall_b * rate_hz;
-    const float wall = wall_damper + wall_k;
-    const float recoil = damper * coupling->deflection;
-    float deflection = series > 0.0f ? recoil / series : 0.0f; /* unloaded: the coupling relaxes */
-    float force = 0.0f;
-    bool contact = x - deflection > 0.0f && series > 0.0f && wall > 0.0f;
-    if (contact) {
-        /* the damper of the wall does not pull on the way in: the proxy enters from 0 */
-        const float from = coupling->proxy > 0.0f ? coupling->proxy : 0.0f;
-        const float loaded = (wall * x - wall_damper * from + recoil) / (series + wall);
-        const float push = series * loaded - recoil;
-        if (push > 0.0f) {
-            deflection = loaded;
-            force = push;
-        } else {
-            contact = false; /* a wall pushes only */
-        }
-    }
-    coupling->deflection = deflection;
-    coupling->proxy = x - deflection;
-    coupling->contact = contact;
-    return force;
+    const float depth = x > 0.0f ? x : 0.0f;
+    *coupling = (avc_coupling_t){0.0f, depth, depth, x};
+}
+
+static bool in_contact(const avc_coupling_t *coupling)
+{
+    return coupling->tool_m > 0.0f;
 }
 
 static float approach(float now, float goal, float share)
@@ -138,7 +121,7 @@ static void supervise(avc_control_t *c)
             c->scale = 0.0f;
             c->state.mode = AVC_MODE_SAFE;
         }
-    } else if (!c->coupling.contact) {
+    } else if (!in_contact(&c->coupling)) {
         c->scale = 1.0f;
         if (alive) {
             c->state.mode = AVC_MODE_TABLE;
@@ -177,7 +160,7 @@ static void choose_gains(avc_control_t *c, const avc_table_t *table)
         goal = avc_table_lookup(table, c->state.frequency_hz);
     }
     avc_gains_t *gains = &c->state.gains;
-    if (header->slew_per_s > 0.0f && c->coupling.contact) {
+    if (header->slew_per_s > 0.0f && in_contact(&c->coupling)) {
         const float share = header->slew_per_s * c->limits.sample_time_s;
         gains->damping_ns_per_m = approach(gains->damping_ns_per_m, goal.damping_ns_per_m, share);
         gains->stiffness_n_per_m = approach(gains->stiffness_n_per_m, goal.stiffness_n_per_m, share);
@@ -216,28 +199,23 @@ float avc_control_tick(avc_control_t *c, int32_t encoder_count)
 
     float force = 0.0f;
     if (s->has_table != 0u) {
-        const avc_table_t *table = &c->tables[c->active];
-        choose_gains(c, table);
+        choose_gains(c, &c->tables[c->active]);
         force = avc_coupling_step(&c->coupling, x, &s->gains, c->wall_damping_ns_per_m, c->wall_stiffness_n_per_m,
-                                  c->rate_hz);
-        if (c->coupling.contact) {
-            force = force + s->gains.contact_damping_ns_per_m * s->velocity_m_per_s;
-        }
-        force = force * c->scale;
+                                  c->limits.sample_time_s) *
+                c->scale;
+    } else {
+        coupling_rest(&c->coupling, x);
     }
-    if (!avc_is_finite(force)) {
+    if (!avc_is_finite(force) || !avc_is_finite(c->coupling.tool_m)) {
         force = 0.0f;
         s->not_finite++;
-        c->coupling = (avc_coupling_t){0.0f, x, false};
+        coupling_rest(&c->coupling, x);
     }
-    if (force > c->limits.max_force_n) {
+    if (force > c->limits.max_force_n) { /* a wall pushes only: there is no other limit */
         force = c->limits.max_force_n;
         s->saturated++;
-    } else if (force < -c->limits.max_force_n) {
-        force = -c->limits.max_force_n;
-        s->saturated++;
     }
-    s->contact = c->coupling.contact ? 1u : 0u;
+    s->contact = in_contact(&c->coupling) ? 1u : 0u;
     s->force_n = force;
     c->previous_force = force;
     s->ticks++;

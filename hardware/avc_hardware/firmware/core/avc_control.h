@@ -5,6 +5,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "avc_coupling.h"
 #include "avc_table.h"
 
 /* Interaction frequency from the zero crossings of the filtered velocity; NaN at rest. */
@@ -17,13 +18,6 @@ typedef struct {
     int32_t sign;    /* of the half wave in progress; 0 before the first */
     uint32_t halves; /* counted half periods since rest, at most 3 */
 } avc_estimator_t;
-
-/* Series coupling between the device and a one-sided wall at position 0, both by backward difference. */
-typedef struct {
-    float deflection; /* device minus proxy, m */
-    float proxy;      /* m, inside the wall where > 0 */
-    bool contact;
-} avc_coupling_t;
 
 typedef enum { AVC_MODE_TABLE = 0, AVC_MODE_RAMP = 1, AVC_MODE_SAFE = 2 } avc_mode_t;
 
@@ -48,7 +42,7 @@ typedef struct {
     float frequency_hz;
     avc_gains_t gains; /* in force */
     float force_n;
-    float energy_j; /* given to the hand since start: sum of held force times next displacement, sign as seen by the wall */
+    float energy_j; /* that the hand has given: sum of the held force times the next displacement */
     uint8_t mode;
     uint8_t streaming;
     uint8_t contact;
@@ -93,9 +87,5 @@ float avc_control_tick(avc_control_t *control, int32_t encoder_count);
 
 void avc_estimator_reset(avc_estimator_t *estimator);
 float avc_estimator_step(avc_estimator_t *estimator, float velocity, const avc_control_t *settings);
-
-/* Force of coupling and wall at position x; moves the proxy. */
-float avc_coupling_step(avc_coupling_t *coupling, float x, const avc_gains_t *gains, float wall_b, float wall_k,
-                        float rate_hz);
 
 #endif

@@ -84,6 +84,10 @@ static avc_reason_t header_check(const avc_table_header_t *header, const avc_lim
         !within(header->wall_stiffness_n_per_m, limits->max_stiffness_n_per_m) || header->slew_per_s < 0.0f) {
         return AVC_REFUSED_LIMIT;
     }
+    if ((header->flags & AVC_TABLE_WALL) != 0u &&
+        !(header->wall_damping_ns_per_m + header->wall_stiffness_n_per_m > 0.0f)) {
+        return AVC_REFUSED_LIMIT; /* a wall that gives no force is none */
+    }
     return AVC_OK;
 }
 
