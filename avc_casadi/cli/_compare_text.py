@@ -83,11 +83,16 @@ def _injection(document: dict[str, Any]) -> list[str]:
     if known:
         error, row = max(known)
         lines.append(
-            '  with structure = "damped" a contact damper of at most '
-            f"{number(max(injection['contact_damper_ns_per_m'][r] for _, r in known))} N.s/m renders it without the "
-            f"mass, to {100 * error:.2g} % at worst ({number(document['frequency_hz'][row])} Hz)"
+            "  a contact damper of at most "
+            f"{number(max(injection['contact_damper_ns_per_m'][r] for _, r in known))} N.s/m beside that wall does it "
+            f"without the mass, to {100 * error:.2g} % at worst ({number(document['frequency_hz'][row])} Hz)"
         )
-    return lines
+    can = injection["damped_realisable"]
+    line = f'  structure = "damped" can be built so at {sum(can)} of {len(can)} frequencies'
+    if not all(can):
+        row = can.index(False)
+        line += f"; at {number(document['frequency_hz'][row])} Hz it {injection['damped_reason'][row]}"
+    return [*lines, line]
 
 
 def _cross_check(document: dict[str, Any]) -> list[str]:

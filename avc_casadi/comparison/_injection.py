@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.design import FloatArray, project
+from avc_casadi.design import FloatArray, project, solve
 from avc_casadi.impedance import Loop, tustin
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from avc_casadi.problem import Problem
 
 
@@ -27,12 +29,17 @@ class DampingInjection:
         contact_damper_ns_per_m: b_p = delta/Re H, which renders delta in the damped structure; not a number where
             Re H <= 0 and no damper can.
         residual_error: |H b_p - delta|/|Z_h_ds|, the relative error of a damper without the virtual mass.
+        damped_realisable: whether the damped structure holds it: spring and damper in the gain box render the desired
+            wall, and b_p, however large, the injected damping.
+        damped_reason: why not; empty where it does.
     """
 
     injected_damping_ns_per_m: FloatArray
     virtual_mass_kg: FloatArray
     contact_damper_ns_per_m: FloatArray
     residual_error: FloatArray
+    damped_realisable: NDArray[np.bool_]
+    damped_reason: tuple[str, ...]
 
 
 def damping_injection(problem: Problem, loop: Loop) -> DampingInjection:
@@ -51,4 +58,11 @@ def damping_injection(problem: Problem, loop: Loop) -> DampingInjection:
     with np.errstate(divide="ignore", invalid="ignore"):
         residual = np.where(needed, np.abs(hold * contact - delta) / size, 0.0)
     mass = np.imag(delta / hold) / tustin(loop.angle).imag
-    return DampingInjection(delta, mass, contact, residual)
+    damped = solve(_damped(problem), "closed-form")
+    return DampingInjection(delta, mass, contact, residual, damped.usable, damped.reason)
+
+
+def _damped(problem: Problem) -> Problem:
+    """The same problem in the damped structure, any contact damping allowed."""
+    box = {"structure": "damped", "contact_damping_ns_per_m": (0.0, float(np.finfo(float).max))}
+    return problem.model_copy(update={"coupling": problem.coupling.model_copy(update=box)})
