@@ -2,6 +2,7 @@
 
 from avc_casadi.scene._compile import CompiledScene as CompiledScene
 from avc_casadi.scene._compile import compile_scene as compile_scene
+from avc_casadi.scene._execute import execute as execute
 from avc_casadi.scene._gains import NO_COUPLING as NO_COUPLING
 from avc_casadi.scene._gains import Gains as Gains
 from avc_casadi.scene._gains import gains_at as gains_at

@@ -133,6 +133,8 @@ def compile_scene(
     if environment is not None and not environment.present:
         environment = None
     coupled, damped = coupled and environment is not None, damped and environment is not None
+    table = next((effect.gain_table for effect in effects if effect.gain_table is not None), None)
+    adapted = table is not None and environment is not None
     tick = Tick(sample_time_s, target.device_start_m)
     for name in plant.names:
         with tick.owned_by(owners[name]):
@@ -140,7 +142,8 @@ def compile_scene(
     tick.position = tick.states[0].symbol
     tick.trace("position_m", tick.states[0].symbol)
     tick.trace("velocity_m_per_s", tick.states[1].symbol)
-    _sample(tick, effects, environment, coupled=coupled, damped=damped)
+    damper = damped if table is None else bool(np.any(table.gains[2] > 0))
+    _sample(tick, effects, environment, coupled=coupled or adapted, damped=damper)
     advance = _advance(problem, effects, plant, tick)
     _continue(tick, plant, target, advance)
     return CompiledScene(
@@ -152,8 +155,8 @@ def compile_scene(
         initial=np.array([slot.initial for slot in tick.states]),
         inputs=tuple(slot.name for slot in tick.inputs),
         traces=tuple(tick.traces),
-        coupled=coupled,
-        damped=damped,
+        coupled=coupled and not adapted,
+        damped=damped and not adapted,
         environment=environment,
         rate_gain_per_s=(1.0 - tick.filter_share) / sample_time_s,
         target=target,
@@ -205,6 +208,8 @@ def _sample(
         if effect.station > Station.ENVIRONMENT:
             with tick.owned_by(effect.kind):
                 effect.sample(tick)
+    for settle in tick.at_end:
+        settle()
     if tick.command is not None:
         tick.trace("force_n", tick.command)
 

@@ -41,6 +41,11 @@ class Environment:
         """Whether it can give any force at all."""
         return self.stiffness_n_per_m > 0 or self.damping_ns_per_m > 0
 
+    @property
+    def damped(self) -> bool:
+        """Whether it has a damper, whose rate needs a state."""
+        return self.damping_ns_per_m > 0
+
 
 def coupling_parameters(
     damping_ns_per_m: ArrayLike, stiffness_n_per_m: ArrayLike, environment: Environment, rate_gain_per_s: float
@@ -77,28 +82,61 @@ def series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
     x = tick.position
     k_e, b_e, one_sided = environment.stiffness_n_per_m, environment.damping_ns_per_m, environment.one_sided
     start = max(tick.start_m, 0.0) if one_sided else tick.start_m
-    if rigid:
-        free, series = x, None
-    else:
-        memory, compliance, series = (tick.parameter(name) for name in COUPLING_PARAMETERS)
-        stretch = Rate(tick, "coupling_deflection")
-        free = x - memory * stretch.offset
     offset: Expr = 0.0
     kappa_e = k_e
-    if b_e > 0:
+    if environment.damped:
         surface = Rate(tick, "environment_deflection", start)
         kappa_e = k_e + b_e * surface.gain
         offset = b_e / kappa_e * surface.offset
+    if rigid:
+        free, series = x, None
+    else:
+        stretch = Rate(tick, "coupling_deflection")
+        memory, compliance, series, anchor_share = _gains(tick, stretch, kappa_e, one_sided=one_sided)
+        free = x - memory * stretch.offset
+        if tick.adapted is not None:
+            free -= anchor_share * tick.adapted.anchor_m
     force = (kappa_e if series is None else series) * (free - offset)
     if one_sided:
         force = _pushing_only(tick, force, free, None if series is None else compliance)
     tool = x if series is None else free - compliance * force
     if series is not None:
         stretch.settle(x - tool)
-    if b_e > 0:
+    if environment.damped:
         surface.settle(ca.fmax(tool, 0) if one_sided else tool)
     tick.trace("tool_m", tool)
+    depth = ca.fmax(tool, 0) if one_sided else tool
+    tick.environment_energy_j = 0.5 * k_e * depth * depth
+    if series is not None:
+        tick.coupling_energy_j = _spring_energy(tick, x - tool, stretch.gain, memory, compliance)
     return force
+
+
+def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, *, one_sided: bool) -> tuple[Expr, Expr, Expr, Expr]:
+    """Return b/kappa, 1/kappa, the stiffness in series and k/kappa: parameters of a run, or from the gains of now."""
+    import casadi as ca  # noqa: PLC0415
+
+    if tick.adapt is None:
+        memory, compliance, series = (tick.parameter(name) for name in COUPLING_PARAMETERS)
+        return memory, compliance, series, None
+    tick.adapted = gains = tick.adapt(stretch.before, one_sided)
+    stretch.forget(gains.touching)
+    kappa = gains.stiffness_n_per_m + gains.damping_ns_per_m * stretch.gain
+    some = kappa > 0
+    compliance = ca.if_else(some, 1 / ca.if_else(some, kappa, 1), 0)
+    series = kappa * (kappa_e / (kappa + kappa_e))
+    return gains.damping_ns_per_m * compliance, compliance, series, gains.stiffness_n_per_m * compliance
+
+
+def _spring_energy(tick: Tick, deflection: Expr, rate_gain_per_s: Expr, memory: Expr, compliance: Expr) -> Expr:
+    import casadi as ca  # noqa: PLC0415
+
+    if tick.adapted is not None:
+        stretch = deflection - tick.adapted.anchor_m
+        return 0.5 * tick.adapted.stiffness_n_per_m * stretch * stretch
+    some = compliance > 0
+    stiffness = (1 - memory * rate_gain_per_s) / ca.if_else(some, compliance, 1)
+    return ca.if_else(some, 0.5 * stiffness * deflection * deflection, 0)
 
 
 def _pushing_only(tick: Tick, force: Expr, free: Expr, compliance: Expr | None) -> Expr:
@@ -114,15 +152,14 @@ def _pushing_only(tick: Tick, force: Expr, free: Expr, compliance: Expr | None) 
 
 
 def contact_damper(tick: Tick, force: Expr, *, one_sided: bool) -> Expr:
-    """Add the damper b_p between device and ground, in contact only, and never pulling."""
+    """Add the damper b_p between device and ground, in contact only, and never pulling.
+
+    It acts on the velocity of the device. The rate of the depth alone would miss a part of it at the first sample of a
+    contact, and light hands then bounce for ever.
+    """
     import casadi as ca  # noqa: PLC0415
 
-    damping = tick.parameter("contact_damping_ns_per_m")
-    depth = ca.fmax(tick.position, 0) if one_sided else tick.position
-    start = max(tick.start_m, 0.0) if one_sided else tick.start_m
-    total = force + damping * Rate(tick, "contact_depth", start).settle(depth)
-    if not one_sided:
-        return total
-    pushing = ca.fmax(total, 0)
-    # Only a filtered rate outlasts the contact.
-    return pushing if tick.filter_share == 0 else ca.if_else(depth > 0, pushing, 0)
+    adapted = tick.adapted
+    damping = tick.parameter("contact_damping_ns_per_m") if adapted is None else adapted.contact_damping_ns_per_m
+    total = force + damping * Rate(tick, "contact_position", tick.start_m).settle(tick.position)
+    return ca.if_else(tick.position > 0, ca.fmax(total, 0), 0) if one_sided else total

@@ -8,6 +8,7 @@ is a root of a polynomial. Time is counted in samples, so that all coefficients 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -74,22 +75,22 @@ class TaylorSeries:
     def _through(self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, duration: Expr) -> list[Expr]:
         part = duration / self.substeps
         for _ in range(self.substeps):
-            remaining = part
+            remaining, breaking = part, 0
             for _ in range(_EVENTS if self.layout.friction_n > 0 else 0):
-                state, used = self._until_event(plant, state, force, target, remaining)
+                state, used, breaking = self._until_event(plant, state, force, target, remaining, breaking)
                 remaining -= used
                 target = plant.moved(target, used)
-            state = self._to_the_end(plant, state, force, target, remaining)
+            state = self._to_the_end(plant, state, force, target, remaining, breaking)
             target = plant.moved(target, remaining)
         return state
 
     def _until_event(
-        self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr
-    ) -> tuple[list[Expr], Expr]:
-        """Slide or stick until that ends or the time is over; returns the state and the time used."""
+        self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr, breaking: Expr
+    ) -> tuple[list[Expr], Expr, Expr]:
+        """Slide or stick until that ends or the time is over; returns the state, the time used and what breaks away."""
         import casadi as ca  # noqa: PLC0415
 
-        sliding, direction = _mode(plant, state, force, target)
+        sliding, direction = _mode(plant, state, force, target, breaking)
         series, loads = self._series(plant, state, force, target, direction * plant.friction, sliding)
         sticking = 1 - sliding
         # What must not become negative: the velocity in its direction, or what friction can still hold. While the
@@ -97,19 +98,23 @@ class TaylorSeries:
         sign = sliding * direction - sticking * ca.sign(_horner(loads, remaining))
         reserve = [sign * (v + sticking * r) for v, r in zip(series[1], loads, strict=False)]
         reserve[0] += sticking * plant.friction
+        # From rest the velocity has a zero at the beginning, which is divided out.
+        from_rest = ca.logic_and(sliding, state[1] == 0)
+        reserve = [ca.if_else(from_rest, after, power) for power, after in pairwise(reserve)]
         used = _first_zero(reserve, remaining)
         moved = [_horner(powers, used) for powers in series]
+        ended = used < remaining
         # At the end of sliding the velocity is exactly 0.
-        moved[1] *= ca.logic_or(sticking, used >= remaining)
-        return moved, used
+        moved[1] *= ca.logic_or(sticking, ca.logic_not(ended))
+        return moved, used, ca.logic_and(sticking, ended)
 
     def _to_the_end(
-        self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr
+        self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr, breaking: Expr
     ) -> list[Expr]:
         """Move for the rest of the time; with dry friction, a velocity that would turn is stopped at the end."""
         if self.layout.friction_n == 0:
             return [_horner(powers, remaining) for powers in self._series(plant, state, force, target)[0]]
-        sliding, direction = _mode(plant, state, force, target)
+        sliding, direction = _mode(plant, state, force, target, breaking)
         series, _ = self._series(plant, state, force, target, direction * plant.friction, sliding)
         moved = [_horner(powers, remaining) for powers in series]
         moved[1] *= direction * moved[1] >= 0
@@ -139,13 +144,19 @@ class TaylorSeries:
         return [list(column) for column in zip(*powers, strict=True)], loads
 
 
-def _mode(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any) -> tuple[Expr, Expr]:
-    """Return whether the device slides (1) or sticks (0), and the direction in which it slides or would break away."""
+def _mode(
+    plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, breaking: Expr
+) -> tuple[Expr, Expr]:
+    """Return whether the device slides (1) or sticks (0), and the direction in which it slides or would break away.
+
+    At the moment of breaking away the load equals the friction but for rounding, so that the comparison is not asked.
+    """
     import casadi as ca  # noqa: PLC0415
 
     velocity, load = state[1], plant.rates(state, force, target)[1]
     moving = velocity != 0
-    return ca.logic_or(moving, ca.fabs(load) > plant.friction), ca.sign(velocity) + (1 - moving) * ca.sign(load)
+    sliding = ca.logic_or(ca.logic_or(moving, breaking), ca.fabs(load) > plant.friction)
+    return sliding, ca.sign(velocity) + (1 - moving) * ca.sign(load)
 
 
 def _first_zero(powers: list[Expr], remaining: Expr) -> Expr:

@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from avc_casadi.scene._coupling import Environment
-from avc_casadi.scene._gains import Gains
 
 FloatArray = NDArray[np.float64]
 
@@ -44,7 +43,12 @@ class Ledger:
 
 
 def energy_ledger(
-    position_m: FloatArray, force_n: FloatArray, tool_m: FloatArray, gains: Gains, environment: Environment | None
+    position_m: FloatArray,
+    force_n: FloatArray,
+    tool_m: FloatArray,
+    stiffness_n_per_m: ArrayLike,
+    environment: Environment | None,
+    anchor_m: ArrayLike = 0.0,
 ) -> Ledger:
     """Draw up the ledger from the traces.
 
@@ -52,8 +56,9 @@ def energy_ledger(
         position_m: true position of the device, shape (..., samples).
         force_n: held force, positive against +x.
         tool_m: position of the virtual tool.
-        gains: gains of the coupling.
+        stiffness_n_per_m: k, one number or one a sample; infinite for a rigid coupling, which stores nothing.
         environment: the environment, or None in free space.
+        anchor_m: deflection at which the spring of the coupling is slack.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         work = force_n[..., :-1] * np.diff(position_m, axis=-1)
@@ -62,6 +67,7 @@ def energy_ledger(
         if environment is not None:
             depth = np.maximum(tool_m, 0.0) if environment.one_sided else tool_m
             stored += environment.stiffness_n_per_m * depth**2 / 2
-            if not gains.rigid:
-                stored += gains.stiffness_n_per_m * (position_m - tool_m) ** 2 / 2
+            stiffness = np.asarray(stiffness_n_per_m, np.float64)
+            stretch = np.where(np.isinf(stiffness), 0.0, position_m - tool_m - np.asarray(anchor_m, np.float64))
+            stored += np.where(np.isinf(stiffness), 0.0, stiffness) * stretch**2 / 2
     return Ledger(absorbed, stored)

@@ -41,6 +41,7 @@ class Run:
         damping_ns_per_m: b; infinite for a rigid coupling.
         stiffness_n_per_m: k; infinite for a rigid coupling.
         contact_damping_ns_per_m: b_p.
+        interaction_hz: estimated interaction frequency, not a number at rest; None without an estimator.
         ledger: energies.
         judgement: figures of the run.
         claim: ``asymptotic``, ``held-by-friction`` or ``unstable``.
@@ -62,6 +63,7 @@ class Run:
     damping_ns_per_m: FloatArray
     stiffness_n_per_m: FloatArray
     contact_damping_ns_per_m: FloatArray
+    interaction_hz: FloatArray | None
     ledger: Ledger
     judgement: Judgement
     claim: Claim
@@ -146,7 +148,8 @@ class Run:
         target = Path(path).with_suffix(".npz")
         names = ("position_m", "velocity_m_per_s", "force_n", "tool_m", "target_m")
         gains = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-        traces = {name: getattr(self, name) for name in ("time_s", *names, *gains)}
+        estimate = () if self.interaction_hz is None else ("interaction_hz",)
+        traces = {name: getattr(self, name) for name in ("time_s", *names, *gains, *estimate)}
         np.savez_compressed(target, **traces, absorbed_j=self.ledger.absorbed_j, stored_j=self.ledger.stored_j)
         text = json.dumps(self.document(target) | {"effects": list(self.effects)}, indent=1, allow_nan=False)
         target.with_suffix(".json").write_text(text + "\n", encoding="utf-8")

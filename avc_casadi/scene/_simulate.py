@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._errors import InputError
+from avc_casadi.scene._adapting import bind
 from avc_casadi.scene._compile import CompiledScene, compile_scene
 from avc_casadi.scene._execute import Engine, execute
 from avc_casadi.scene._gains import NO_COUPLING, Gains, gains_at
@@ -51,7 +52,7 @@ def simulate(
         UnsupportedError: an effect that scenes do not simulate.
     """
     effects = _with_hand(problem, build_effects(problem), hand)
-    chosen, name = settled_gains(problem, gains, interaction_hz)
+    effects, chosen, name = settled(problem, effects, gains, interaction_hz)
     scene = compile_for(problem, effects, chosen)
     started = time.perf_counter()
     traces = _traces(scene, chosen, seed, engine)
@@ -64,6 +65,9 @@ def simulate(
         again = judge(free["position_m"], free["velocity_m_per_s"], free["force_n"], scene.sample_time_s)
         claim = "asymptotic" if again.stable else "held-by-friction"
     whole = np.ones(scene.samples)
+    b, k, b_p = (traces.get(gain, whole * value) for gain, value in vars(chosen).items())
+    stiffness = np.full(scene.samples, np.inf) if chosen.rigid else k
+    anchor = traces.get("anchor_m", 0.0)
     return Run(
         problem=problem.name,
         coupling=name,
@@ -74,10 +78,13 @@ def simulate(
         force_n=traces["force_n"],
         tool_m=traces["tool_m"],
         target_m=scene.target.position_m,
-        damping_ns_per_m=whole * chosen.damping_ns_per_m,
-        stiffness_n_per_m=whole * chosen.stiffness_n_per_m,
-        contact_damping_ns_per_m=whole * chosen.contact_damping_ns_per_m,
-        ledger=energy_ledger(traces["position_m"], traces["force_n"], traces["tool_m"], chosen, scene.environment),
+        damping_ns_per_m=b,
+        stiffness_n_per_m=k,
+        contact_damping_ns_per_m=b_p,
+        interaction_hz=_estimate(traces),
+        ledger=energy_ledger(
+            traces["position_m"], traces["force_n"], traces["tool_m"], stiffness, scene.environment, anchor
+        ),
         judgement=found,
         claim=claim,
         states=len(scene.states),
@@ -114,7 +121,7 @@ def simulate_batch(
     effects = _with_hand(problem, build_effects(problem), hands)
     if not friction:
         effects = without(effects, CoulombFriction.kind)
-    chosen, _ = settled_gains(problem, gains, interaction_hz)
+    effects, chosen, _ = settled(problem, effects, gains, interaction_hz)
     scene = compile_for(problem, effects, chosen)
     parameters, inputs = scene.parameter_values(chosen), scene.input_values(seed)
     parts = []
@@ -128,19 +135,25 @@ def simulate_batch(
 _CHUNK = 256
 
 
-def settled_gains(
-    problem: Problem, gains: Gains | GainSchedule | None, interaction_hz: float | None = None
-) -> tuple[Gains, str]:
-    """Return the gains and how they were chosen; None solves for the coupling that the scene names."""
+def settled(
+    problem: Problem,
+    effects: tuple[SceneEffect, ...],
+    gains: Gains | GainSchedule | None,
+    interaction_hz: float | None = None,
+) -> tuple[tuple[SceneEffect, ...], Gains, str]:
+    """Return the effects with the table that they follow, the gains otherwise, and how these were chosen.
+
+    None solves for the coupling that the scene names.
+    """
     if isinstance(gains, Gains):
-        return gains, "none" if gains == NO_COUPLING else "given"
+        return effects, gains, "none" if gains == NO_COUPLING else "given"
     if gains is None:
         if problem.scene.coupling == "none":
-            return NO_COUPLING, "none"
+            return effects, NO_COUPLING, "none"
         from avc_casadi.design import solve  # noqa: PLC0415
 
         gains = solve(problem, problem.scene.coupling)
-    return gains_at(gains, interaction_hz), gains.method
+    return bind(effects, gains), gains_at(gains, interaction_hz), gains.method
 
 
 def compile_for(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
@@ -163,6 +176,12 @@ def _with_hand(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | 
             key="scene.effects",
         )
     return tuple(hand if isinstance(effect, Hand) else effect for effect in effects)
+
+
+def _estimate(traces: dict[str, FloatArray]) -> FloatArray | None:
+    """Return the estimated frequency, not a number where there is none."""
+    found = traces.get("interaction_hz")
+    return None if found is None else np.where(found > 0, found, np.nan)
 
 
 def _traces(scene: CompiledScene, gains: Gains, seed: int, engine: Engine) -> dict[str, FloatArray]:

@@ -37,6 +37,25 @@ class Slot:
     values: InputValues | None = None
 
 
+@dataclass(frozen=True)
+class AdaptedGains:
+    """Gains of the coupling that change from sample to sample, as expressions.
+
+    Attributes:
+        damping_ns_per_m: b.
+        stiffness_n_per_m: k.
+        contact_damping_ns_per_m: b_p.
+        anchor_m: deflection at which the spring of the coupling is slack.
+        touching: 0 where the coupling forgets its deflection.
+    """
+
+    damping_ns_per_m: Expr
+    stiffness_n_per_m: Expr
+    contact_damping_ns_per_m: Expr
+    anchor_m: Expr
+    touching: Expr
+
+
 @dataclass
 class Tick:
     """The loop at one sample, built up station by station.
@@ -52,6 +71,13 @@ class Tick:
         filter_share: share of the old velocity in the filtered one (0: no filter).
         late: share of the sample during which the old force still acts; None where forces are never late.
         dropped: 1 where the computer misses the sample; None where it never does.
+        frequency_hz: estimated interaction frequency, and
+        frequency_valid: 1 where there is one; None without an estimator.
+        adapt: gives the gains of this sample from the coupling's deflection so far; None where they are parameters.
+        adapted: what it gave.
+        environment_energy_j: energy in the environment's spring at this sample.
+        coupling_energy_j: energy in the coupling's spring.
+        at_end: what is to be done when the force is settled.
     """
 
     sample_time_s: float
@@ -62,6 +88,13 @@ class Tick:
     filter_share: float = 0.0
     late: Expr = None
     dropped: Expr = None
+    frequency_hz: Expr = None
+    frequency_valid: Expr = None
+    adapt: Callable[[Expr, bool], AdaptedGains] | None = None
+    adapted: AdaptedGains | None = None
+    environment_energy_j: Expr = 0.0
+    coupling_energy_j: Expr = 0.0
+    at_end: list[Callable[[], None]] = field(default_factory=list)
     states: list[Slot] = field(default_factory=list)
     inputs: list[Slot] = field(default_factory=list)
     parameters: list[Slot] = field(default_factory=list)
@@ -96,6 +129,15 @@ class Tick:
     def follow(self, name: str, value: Expr) -> None:
         """Set what a state becomes at the next sample."""
         self._next[name] = value
+
+    def held_force(self) -> Expr:
+        """Return the force that the computer has held until now, a state that is added once."""
+        name = "held_force_n"
+        for slot in self.states:
+            if slot.name == name:
+                return slot.symbol
+        self.at_end.append(lambda: self.follow(name, self.command))
+        return self.state(name, computed=False)
 
     def trace(self, name: str, value: Expr) -> None:
         """Record a signal."""
@@ -136,11 +178,16 @@ class Rate:
         self._tick = tick
         self._name = name
         before = tick.state(f"{name}_before_m", initial)
+        self.before = before
         self.gain = (1.0 - tick.filter_share) / tick.sample_time_s
         self.offset: Expr = self.gain * before
         self._filtered = tick.filter_share > 0
         if self._filtered:
             self.offset -= tick.filter_share * tick.state(f"{name}_rate_m_per_s")
+
+    def forget(self, keeps: Expr) -> None:
+        """Forget the past where `keeps` is 0."""
+        self.offset *= keeps
 
     def settle(self, value: Expr) -> Expr:
         """Set the value of this sample and return its rate."""

@@ -1,5 +1,6 @@
 """The effects of a scene, one file each."""
 
+from avc_casadi.scene.effects._adaptation import Adaptation as Adaptation
 from avc_casadi.scene.effects._amplifier import Amplifier as Amplifier
 from avc_casadi.scene.effects._base import SceneEffect as SceneEffect
 from avc_casadi.scene.effects._base import Station as Station
@@ -7,6 +8,8 @@ from avc_casadi.scene.effects._coulomb_friction import CoulombFriction as Coulom
 from avc_casadi.scene.effects._delay import Delay as Delay
 from avc_casadi.scene.effects._encoder import Encoder as Encoder
 from avc_casadi.scene.effects._environment import TwoSidedEnvironment as TwoSidedEnvironment
+from avc_casadi.scene.effects._estimator import Estimator as Estimator
+from avc_casadi.scene.effects._guard import Guard as Guard
 from avc_casadi.scene.effects._hand import Hand as Hand
 from avc_casadi.scene.effects._jitter import Jitter as Jitter
 from avc_casadi.scene.effects._noise import Noise as Noise

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.problem import Problem
+from avc_casadi.runtime import GainTable
 from avc_casadi.scene._coupling import Environment
 from avc_casadi.scene._plant import Plant
 from avc_casadi.scene._tick import Tick
@@ -55,6 +56,11 @@ class SceneEffect(ABC):
     @property
     def environment(self) -> Environment | None:
         """The virtual environment, of the effect that brings one."""
+        return None
+
+    @property
+    def gain_table(self) -> GainTable | None:
+        """The table from which it sets the gains of the coupling in every sample."""
         return None
 
     @property

@@ -7,12 +7,15 @@ from collections import Counter
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi.problem import Problem
 from avc_casadi.problem._scene_file import HandEffect, WallEffect
+from avc_casadi.scene.effects._adaptation import Adaptation
 from avc_casadi.scene.effects._amplifier import Amplifier
 from avc_casadi.scene.effects._base import SceneEffect
 from avc_casadi.scene.effects._coulomb_friction import CoulombFriction
 from avc_casadi.scene.effects._delay import Delay
 from avc_casadi.scene.effects._encoder import Encoder
 from avc_casadi.scene.effects._environment import TwoSidedEnvironment
+from avc_casadi.scene.effects._estimator import Estimator
+from avc_casadi.scene.effects._guard import Guard
 from avc_casadi.scene.effects._hand import Hand
 from avc_casadi.scene.effects._jitter import Jitter
 from avc_casadi.scene.effects._noise import Noise
@@ -33,8 +36,11 @@ _EFFECTS: tuple[type[SceneEffect], ...] = (
     Noise,
     Encoder,
     VelocityFilter,
+    Estimator,
+    Adaptation,
     Wall,
     TwoSidedEnvironment,
+    Guard,
     Delay,
     Saturation,
     Jitter,

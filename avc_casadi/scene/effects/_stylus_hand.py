@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
+from numpy.typing import ArrayLike
+
 from avc_casadi.problem import Problem
 from avc_casadi.scene._plant import TARGET, Plant
 from avc_casadi.scene.effects._base import SceneEffect, Station, settled
@@ -14,7 +16,7 @@ _BODY = "hand"
 
 @dataclass(frozen=True)
 class StylusHand(SceneEffect):
-    """Tip -(k1, b1)- mass -(k2, b2)- target.
+    """Tip -(k1, b1)- mass -(k2, b2)- target; arrays stand for many hands.
 
     Attributes:
         mass_kg: mass of the hand.
@@ -27,11 +29,11 @@ class StylusHand(SceneEffect):
     kind: ClassVar[str] = "stylus-hand"
     station: ClassVar[Station] = Station.HAND
 
-    mass_kg: float
-    grip_damping_ns_per_m: float
-    grip_stiffness_n_per_m: float
-    arm_damping_ns_per_m: float
-    arm_stiffness_n_per_m: float
+    mass_kg: ArrayLike
+    grip_damping_ns_per_m: ArrayLike
+    grip_stiffness_n_per_m: ArrayLike
+    arm_damping_ns_per_m: ArrayLike
+    arm_stiffness_n_per_m: ArrayLike
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
