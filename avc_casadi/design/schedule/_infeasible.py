@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avc_casadi.design._gains import BoolArray, FloatArray
 from avc_casadi.design.schedule._hands_table import hands_slack
@@ -36,6 +37,10 @@ class Missing:
         """Every stage can be met."""
         n = len(task.frequency_hz)
         return cls(np.zeros(n, dtype=bool), ("",) * n)
+
+    def at(self, rows: NDArray[np.intp]) -> Missing:
+        """Take some of the stages."""
+        return Missing(self.rows[rows], tuple(self.reasons[row] for row in rows))
 
 
 def missing_rows(task: Task) -> Missing:
@@ -82,8 +87,8 @@ def _reason(task: Task, margin: float, b: float, k: float, p: float, slack: floa
         )
     return (
         f"Re Z_h >= {margin:g} N.s/m (stability.margin_ns_per_m) over scope {scope} cannot be met in the gain box:"
-        f" missed by {-slack:.6g} N.s/m at {frequency_hz:.6g} Hz with the best gains {at}; lower the margin by that, add"
-        " as much device damping, widen the box of [coupling], or narrow the scope"
+        f" missed by {-slack:.6g} N.s/m at {frequency_hz:.6g} Hz with the best gains {at}; lower the margin by that,"
+        " add as much device damping, widen the box of [coupling], or narrow the scope"
     )
 
 
@@ -91,7 +96,9 @@ def steep_reason(task: Task, missing: Missing, message: str) -> str:
     """Say why the NLP has no solution though every stage alone has one: the slope limit, or the solver's own word."""
     limit = task.problem.schedule.slope_limit
     if limit is None or len(task.frequency_hz) == 1:
-        return f"ipopt stopped with {message}; move [schedule] slope_penalty towards 1e-3 or widen the box of [coupling]"
+        return (
+            f"ipopt stopped with {message}; move [schedule] slope_penalty towards 1e-3 or widen the box of [coupling]"
+        )
     slots = Slots.of(task.problem, task.frequency_hz)
     data = replace(task.data(slots, task.backoff(missing.rows)), slope_limit=np.inf, slope_penalty=_SMOOTHEST)
     start = np.repeat((data.low + data.high)[:, None] / 2, len(task.frequency_hz), axis=1)
@@ -102,7 +109,7 @@ def steep_reason(task: Task, missing: Missing, message: str) -> str:
     return (
         f"the slope limit {limit:g} (schedule.slope_limit) cannot be met together with scope"
         f" {task.problem.stability.scope}: the smoothest schedule without it changes {name} by"
-        f" {slopes[steepest]:.6g} at {task.frequency_hz[steepest[1]]:.6g} Hz; raise the limit to that or narrow the scope"
+        f" {slopes[steepest]:.6g} at {task.frequency_hz[steepest[1]]:.6g} Hz; raise the limit or narrow the scope"
     )
 
 

@@ -22,23 +22,28 @@ _COLD: dict[str, Any] = {
     "ipopt.constr_viol_tol": 1e-9,
     "ipopt.bound_relax_factor": 0.0,
     "ipopt.max_iter": 400,
-    # The starts are good: a larger barrier would push them out of their valley before the descent begins.
-    "ipopt.mu_init": 1e-5,
+    # The starts are good: a larger barrier pushes them out of their valley, often into a worse one.
+    "ipopt.mu_init": 1e-6,
     "ipopt.bound_push": 1e-6,
     "ipopt.bound_frac": 1e-6,
 }
 _PUSH = 1e-9
-# A warm start is lost unless the barrier parameter and the distances to the bounds start small.
-_WARM: dict[str, Any] = {
-    **_COLD,
-    "ipopt.mu_init": 1e-7,
-    "ipopt.mu_strategy": "adaptive",
-    "ipopt.warm_start_init_point": "yes",
-    "ipopt.warm_start_bound_push": _PUSH,
-    "ipopt.warm_start_bound_frac": _PUSH,
-    "ipopt.warm_start_slack_bound_push": _PUSH,
-    "ipopt.warm_start_slack_bound_frac": _PUSH,
-    "ipopt.warm_start_mult_bound_push": _PUSH,
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "start": {**_COLD, "ipopt.max_iter": 120},
+    "cold": _COLD,
+    # A warm start is lost unless the barrier parameter and the distances to the bounds start small.
+    "warm": {
+        **_COLD,
+        "ipopt.mu_init": 1e-7,
+        "ipopt.mu_strategy": "adaptive",
+        "ipopt.mu_max": 1e-5,
+        "ipopt.warm_start_init_point": "yes",
+        "ipopt.warm_start_bound_push": _PUSH,
+        "ipopt.warm_start_bound_frac": _PUSH,
+        "ipopt.warm_start_slack_bound_push": _PUSH,
+        "ipopt.warm_start_slack_bound_frac": _PUSH,
+        "ipopt.warm_start_mult_bound_push": _PUSH,
+    },
 }
 
 
@@ -46,7 +51,7 @@ _WARM: dict[str, Any] = {
 class Data:
     """Numbers of one schedule problem with n stages, d states and r bounded values in each stage.
 
-    The bounded values are Re Z_h at the m slots, each over its scale, then the slack of the hands if they are asked for.
+    The bounded values are Re Z_h at the m slots, each over its scale, then the slack of the hands if asked for.
 
     Attributes:
         cost: parameters of the stage costs, (17, n).
@@ -98,13 +103,19 @@ class Solution:
 
 
 @lru_cache(maxsize=32)
-def _solver(size: Size, extra: Any, *, warm: bool) -> Any:
+def _solver(size: Size, extra: Any, kind: str) -> Any:
     nlp, derivatives = schedule_nlp(size, extra)
-    return ca.nlpsol("schedule", "ipopt", nlp, {**(_WARM if warm else _COLD), **derivatives})
+    return ca.nlpsol("schedule", "ipopt", nlp, {**_OPTIONS[kind], **derivatives})
 
 
 def solve_program(
-    data: Data, objective: str, start: FloatArray, warm: Solution | None = None, extra: Any = None
+    data: Data,
+    objective: str,
+    start: FloatArray,
+    warm: Solution | None = None,
+    extra: Any = None,
+    *,
+    patient: bool = True,
 ) -> Solution:
     """Solve from given states (d, n).
 
@@ -114,12 +125,14 @@ def solve_program(
         start: states, (d, n).
         warm: a solution of a problem of the same size whose multipliers are a good start, or None.
         extra: sigma -> one more bounded value, a CasADi function, or None.
+        patient: whether a cold start may take many iterations.
 
     Raises:
         KeyboardInterrupt: Ctrl-C, which IPOPT hides in its return status.
     """
     d, n = start.shape
-    solver = _solver(data.size(objective), extra, warm=warm is not None)
+    kind = "warm" if warm is not None else "cold" if patient else "start"
+    solver = _solver(data.size(objective), extra, kind)
     step = data.step if n > 1 else np.ones(1)
     steepest = np.full(d * (n - 1) if np.isfinite(data.slope_limit) else 0, data.slope_limit)
     arguments = {

@@ -1,4 +1,4 @@
-"""From a solution of the NLP to one whose every row meets its scope exactly: frequencies are added until none violates."""
+"""From a solution of the NLP to one whose every row meets its scope: frequencies are added until none violates."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avc_casadi.design._gains import FloatArray
+from avc_casadi.design._gains import BoolArray, FloatArray
 from avc_casadi.design._rows import Gains
 from avc_casadi.design.schedule._infeasible import Missing
 from avc_casadi.design.schedule._program import Solution, solve_program
@@ -66,8 +66,10 @@ def refined(
     for _ in range(_ROUNDS):
         if not solved:
             warm = solve_program(task.data(slots, backoff), task.objective, solution.states, solution, task.hands)
-            solution = warm if warm.success else solve_program(
-                task.data(slots, backoff), task.objective, solution.states, extra=task.hands
+            solution = (
+                warm
+                if warm.success
+                else solve_program(task.data(slots, backoff), task.objective, solution.states, extra=task.hands)
             )
         if not solution.success:
             return None
@@ -82,8 +84,8 @@ def refined(
     return None
 
 
-def _tightened(task: Task, solution: Solution, worst: ScopeSlack, backoff: FloatArray, missed: FloatArray) -> FloatArray:
-    """Ask the missed rows for more: by their miss where it is the NLP's tolerance or the table of the hands that errs."""
+def _tightened(task: Task, solution: Solution, worst: ScopeSlack, backoff: FloatArray, missed: BoolArray) -> FloatArray:
+    """Ask missed rows for more: by their miss where the NLP's tolerance or the table of the hands is to blame."""
     if task.hands is not None:
         table = np.array(task.hands(solution.states))[0]
         return np.where(missed, np.maximum(table, backoff) - 1.1 * worst.slack + task.tolerance, backoff)

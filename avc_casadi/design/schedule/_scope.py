@@ -13,7 +13,7 @@ from avc_casadi.impedance import Loop, loop_at
 from avc_casadi.problem import Problem
 from avc_casadi.stability import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
 
-_FREE = {"pointwise": 0, "band": 3, "all": 5, "hands": 0}
+_FREE = {"pointwise": 0, "band": 3, "all": 3, "hands": 0}
 """Slots beside the ends of a scope whose deciding frequencies are not known."""
 _SPREAD = {"pointwise": 0, "band": 5, "all": 23, "hands": 0}
 """How many there are for the lattice, which has a first look at the scope."""
@@ -93,7 +93,7 @@ class Slots:
         return fresh
 
     def add(self, problem: Problem, gains: Gains, worst: ScopeSlack, missed: BoolArray) -> None:
-        """Put the worst frequency of each stage ``missed`` (n,) in the place of the one that binds these gains least."""
+        """Put the worst frequency of each stage ``missed`` (n,) in place of the one that binds these gains least."""
         if len(self.frequency_hz) == self.fixed:
             return
         free = loop_at(device_corners(problem)[0], self.frequency_hz[self.fixed :]).perceived(*gains).real

@@ -66,10 +66,7 @@ def stage_functions(objective: str, states: int, slots: int) -> StageFunctions:
     cost = _error(objective, z, target, noticeable) + contact_penalty * contact * contact / abs2(target)
     slot = ca.vertsplit(slot_p) if slots else []
     margins = ca.vertcat(
-        *(
-            _loop(slot[LOOP_ROWS * i : LOOP_ROWS * (i + 1)]).perceived(b, k, contact).real / scale
-            for i in range(slots)
-        )
+        *(_loop(slot[LOOP_ROWS * i : LOOP_ROWS * (i + 1)]).perceived(b, k, contact).real / scale for i in range(slots))
     )
     margins = ca.densify(margins) if slots else ca.SX(0, 1)
     lam = ca.SX.sym("lam", 1 + slots)

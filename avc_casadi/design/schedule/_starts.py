@@ -18,6 +18,10 @@ _SMOOTHING = 0.1
 """Width in ln(omega) over which the separate optima are averaged: they jump, and the NLP would follow each jump."""
 
 
+_STAGES = 200
+"""Stages on which the starts of a schedule of more than twice as many are compared."""
+
+
 @dataclass(frozen=True)
 class Found:
     """The cheapest solution over the starts, the frequencies it bounded, and the costs that were reached."""
@@ -28,8 +32,24 @@ class Found:
 
 
 def best_of_starts(task: Task, missing: Missing) -> Found:
-    """Solve from each start; frequencies at which a start violates its scope are bounded from the beginning."""
-    slots = Slots.of(task.problem, task.frequency_hz)
+    """Solve from each start, and long schedules on some of their stages first.
+
+    Frequencies at which a start has its worst Re Z_h are bounded from the beginning.
+    """
+    n = len(task.frequency_hz)
+    if n <= 2 * _STAGES:
+        return _over_all_stages(task, missing)
+    some = np.unique(np.linspace(0, n - 1, _STAGES).round().astype(int))
+    few = task.at(task.frequency_hz[some])
+    found = _over_all_stages(few, missing.at(some))
+    x, y = task.log_frequency, few.log_frequency
+    start = np.array([np.interp(x, y, state) for state in found.best.states])
+    slots = _seeded(task, missing, [start])
+    best = solve_program(task.data(slots, task.backoff(missing.rows)), task.objective, start, extra=task.hands)
+    return Found(best, slots, found.costs)
+
+
+def _over_all_stages(task: Task, missing: Missing) -> Found:
     backoff = task.backoff(missing.rows)
     data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), backoff)
     lattice = lattice_path(
@@ -40,15 +60,22 @@ def best_of_starts(task: Task, missing: Missing) -> Found:
         data.slope_limit,
     )
     starts = [lattice.path, lattice.constant, _smoothed_optima(task)]
-    for start in starts[:2]:
-        gains = task.states.gains(start)
-        worst = worst_slack(task.problem, task.frequency_hz, gains)
-        slots.add(task.problem, gains, worst, ~worst.met & ~missing.rows)
+    slots = _seeded(task, missing, starts[:2])
     data = task.data(slots, backoff)
-    solutions = [solve_program(data, task.objective, start, extra=task.hands) for start in starts]
+    solutions = [solve_program(data, task.objective, start, extra=task.hands, patient=False) for start in starts]
+    if not any(solution.success for solution in solutions):
+        solutions = [solve_program(data, task.objective, start, extra=task.hands) for start in starts[:2]]
     reached = [solution for solution in solutions if solution.success]
     best = min(reached or solutions, key=lambda solution: solution.cost)
     return Found(best, slots, tuple(solution.cost for solution in reached))
+
+
+def _seeded(task: Task, missing: Missing, starts: list[FloatArray]) -> Slots:
+    slots = Slots.of(task.problem, task.frequency_hz)
+    for start in starts:
+        gains = task.states.gains(start)
+        slots.add(task.problem, gains, worst_slack(task.problem, task.frequency_hz, gains), ~missing.rows)
+    return slots
 
 
 def _smoothed_optima(task: Task) -> FloatArray:

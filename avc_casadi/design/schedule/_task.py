@@ -14,7 +14,7 @@ from avc_casadi.design.schedule._scope import Slots
 from avc_casadi.design.schedule._stage import loop_parameters, stage_functions
 from avc_casadi.design.schedule._states import States
 from avc_casadi.impedance import Loop, loop_at
-from avc_casadi.problem import Problem
+from avc_casadi.problem import Frequency, Problem
 
 _BACKOFF = 1e-7
 """How far inside the margin the NLP is asked to stay, in the scale of Re Z: its tolerance then never leaves it."""
@@ -50,9 +50,15 @@ class Task:
         frequency = problem.frequencies_hz()
         loop = loop_at(problem, frequency)
         states = States.of(problem, loop)
-        scale = problem.device.damping_ns_per_m + np.abs(loop.target.real) + 1e-3 * np.abs(loop.target)
         hands = hands_spline(problem, states) if problem.stability.scope == "hands" else None
-        return cls(problem, frequency, loop, states, scale, hands)
+        return cls(problem, frequency, loop, states, _scale(problem, loop), hands)
+
+    def at(self, frequency_hz: FloatArray) -> Task:
+        """Return the same problem with other stages, (m,), but these states and hands."""
+        frequency = Frequency(values_hz=tuple(frequency_hz.tolist()))
+        problem = self.problem.model_copy(update={"frequency": frequency})
+        loop = loop_at(problem, frequency_hz)
+        return Task(problem, frequency_hz, loop, self.states, _scale(problem, loop), self.hands)
 
     @property
     def log_frequency(self) -> FloatArray:
@@ -129,3 +135,9 @@ class Task:
             margins = np.array(self.hands(nodes))
         total: FloatArray = cost + _MISS * np.maximum(0.0, data.least[:, stage, None] - margins).sum(axis=0)
         return total
+
+
+def _scale(problem: Problem, loop: Loop) -> FloatArray:
+    """Scale of Re Z_h at each stage, N.s/m: what its parts are made of."""
+    target = np.asarray(loop.target)
+    return np.asarray(problem.device.damping_ns_per_m + np.abs(target.real) + 1e-3 * np.abs(target))
