@@ -144,9 +144,7 @@ class TaylorSeries:
         return [list(column) for column in zip(*powers, strict=True)], loads
 
 
-def _mode(
-    plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, breaking: Expr
-) -> tuple[Expr, Expr]:
+def _mode(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, breaking: Expr) -> tuple[Expr, Expr]:
     """Return whether the device slides (1) or sticks (0), and the direction in which it slides or would break away.
 
     At the moment of breaking away the load equals the friction but for rounding, so that the comparison is not asked.

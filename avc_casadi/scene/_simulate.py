@@ -21,6 +21,7 @@ from avc_casadi.scene.effects import CoulombFriction, Hand, SceneEffect, build_e
 if TYPE_CHECKING:
     from avc_casadi.design import GainSchedule
     from avc_casadi.problem import Problem
+    from avc_casadi.stability import HandSet
 
 FloatArray = NDArray[np.float64]
 
@@ -96,7 +97,7 @@ def simulate(
 
 def simulate_batch(
     problem: Problem,
-    hands: Hand,
+    hands: Hand | HandSet,
     gains: Gains | GainSchedule | None = None,
     *,
     friction: bool = True,
@@ -118,7 +119,8 @@ def simulate_batch(
     Returns:
         The judgement, with arrays of shape (n,).
     """
-    effects = _with_hand(problem, build_effects(problem), hands)
+    many = Hand(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)
+    effects = _with_hand(problem, build_effects(problem), many)
     if not friction:
         effects = without(effects, CoulombFriction.kind)
     effects, chosen, _ = settled(problem, effects, gains, interaction_hz)

@@ -1,0 +1,232 @@
+"""Scenes integrated by scipy with located events: an independent reference, slow and written from the physics alone."""
+
+import math
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import avc_casadi as avc
+
+TOLERANCES = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-15}
+
+HEAD = """
+[device]
+mass_kg = 0.1
+damping_ns_per_m = 2.0
+coulomb_friction_n = 0.2
+encoder_resolution_m = 2e-6
+max_force_n = 3.0
+[environment]
+damping_ns_per_m = {b_e}
+stiffness_n_per_m = {k_e}
+"""
+
+
+def scene_problem(effects=(), *, b_e=10.0, k_e=1e5, scene="", motion="", head=HEAD, name="scene"):
+    """Write and load a problem whose scene lists the given effects (bodies of TOML tables)."""
+    text = head.format(b_e=b_e, k_e=k_e) + "\n[scene]\n" + scene
+    text += "\n[scene.motion]\n" + motion if motion else ""
+    text += "".join("\n[[scene.effects]]\n" + effect for effect in effects)
+    return avc.parse_problem(text, name=name)
+
+
+class Reference:
+    """The scene of a problem, sample by sample."""
+
+    def __init__(self, problem, gains, target_position, device_start):
+        self.problem, self.gains, self.target = problem, gains, np.append(target_position, target_position[-1])
+        self.T = problem.device.sample_time_s
+        tables = problem.scene.effects
+        self.effects = {table.kind: table for table in tables} if tables else {"hand": None, "wall": None}
+        self.start = device_start
+        self.fc = 0.0
+        if "coulomb-friction" in self.effects:
+            self.fc = self.effects["coulomb-friction"].force_n or problem.device.coulomb_friction_n
+        self._continuous()
+
+    def _continuous(self):
+        device, effects, hands = self.problem.device, self.effects, self.problem.hands
+        self.m1, self.b1 = device.mass_kg, device.damping_ns_per_m
+        if "viscous-friction" in effects:
+            self.b1 += effects["viscous-friction"].damping_ns_per_m
+        self.m2, self.k12, self.b12 = 0.0, 0.0, 0.0
+        if "resonance" in effects:
+            mode = effects["resonance"]
+            self.m2 = device.mass_kg * mode.mass_ratio
+            self.m1 = device.mass_kg - self.m2
+            reduced, omega = self.m1 * self.m2 / (self.m1 + self.m2), 2 * math.pi * mode.frequency_hz
+            self.k12, self.b12 = reduced * omega**2, 2 * mode.damping_ratio * omega * reduced
+        self.hand = None
+        if "hand" in effects:
+            table = effects["hand"]
+            self.hand = [
+                sum(getattr(hands, key)) / 2 if getattr(table, key, None) is None else getattr(table, key)
+                for key in ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
+            ]
+            if self.m2:
+                self.m2 += self.hand[0]
+            else:
+                self.m1 += self.hand[0]
+        self.stylus = effects.get("stylus-hand")
+        self.bandwidth = 2 * math.pi * effects["amplifier"].bandwidth_hz if "amplifier" in effects else None
+
+    def rates(self, y, force, xh, vh):
+        """Rates of [x1 v1 x2 v2 xs vs fa] without dry friction."""
+        x1, v1, x2, v2, xs, vs, fa = y
+        acting = fa if self.bandwidth else force
+        on1, on2, ons = -acting - self.b1 * v1, 0.0, 0.0
+        if self.m2:
+            link = self.k12 * (x2 - x1) + self.b12 * (v2 - v1)
+            on1, on2 = on1 + link, -link
+        tip_x, tip_v = (x2, v2) if self.m2 else (x1, v1)
+        pull = 0.0
+        if self.hand:
+            pull = self.hand[2] * (xh - tip_x) + self.hand[1] * (vh - tip_v)
+        elif self.stylus:
+            s = self.stylus
+            pull = s.grip_stiffness_n_per_m * (xs - tip_x) + s.grip_damping_ns_per_m * (vs - tip_v)
+            ons = s.arm_stiffness_n_per_m * (xh - xs) + s.arm_damping_ns_per_m * (vh - vs) - pull
+        on1, on2 = (on1, on2 + pull) if self.m2 else (on1 + pull, on2)
+        return [
+            v1,
+            on1 / self.m1,
+            v2,
+            on2 / self.m2 if self.m2 else 0.0,
+            vs,
+            ons / self.stylus.mass_kg if self.stylus else 0.0,
+            self.bandwidth * (force - fa) if self.bandwidth else 0.0,
+        ]
+
+    def move(self, y, force, k, begin, end):
+        """Integrate from `begin` to `end` seconds after sample k under a constant command."""
+        vh = (self.target[k + 1] - self.target[k]) / self.T
+
+        def free(t, y):
+            return np.array(self.rates(y, force, self.target[k] + vh * t, vh))
+
+        t, pieces, breaking = begin, 0, False
+        while t < end:
+            pieces += 1
+            assert pieces < 50, "the reference does not get past an event"
+            load = free(t, [*y[:1], 0.0, *y[2:]])[1] * self.m1
+            if self.fc and y[1] == 0 and abs(load) <= self.fc and not breaking:
+
+                def sticking(t, y):
+                    rate = free(t, y)
+                    rate[:2] = 0
+                    return rate
+
+                def held(t, y):
+                    return self.fc - abs(free(t, y)[1]) * self.m1
+
+                held.terminal, held.direction = True, -1
+                found = solve_ivp(sticking, (t, end), y, events=held, **TOLERANCES)
+                y, t = found.y[:, -1].copy(), found.t[-1]
+                breaking = found.status == 1  # the load is at the threshold, to rounding, and grows
+            else:
+                direction, breaking = np.sign(y[1]) if y[1] != 0 else np.sign(load), False
+
+                def sliding(t, y, direction=direction):
+                    rate = free(t, y)
+                    rate[1] -= direction * self.fc / self.m1
+                    return rate
+
+                def moving(_, y, direction=direction):
+                    return direction * y[1]
+
+                moving.terminal, moving.direction = True, -1
+                events = moving if self.fc else None
+                found = solve_ivp(sliding, (t, end), y, events=events, **TOLERANCES)
+                y, t = found.y[:, -1].copy(), found.t[-1]
+                if found.status == 1:
+                    y[1] = 0.0
+        return y
+
+    def run(self, samples, noise=None, late=None, dropped=None):
+        """Return position, velocity and held force at each sample."""
+        effects, period = self.effects, self.T
+        lag = (effects["delay"].samples or self.problem.device.delay_samples) if "delay" in effects else 0
+        limit = math.inf
+        if "saturation" in effects:
+            limit = effects["saturation"].force_n or self.problem.device.max_force_n
+        resolution = 0.0
+        if "encoder" in effects:
+            resolution = effects["encoder"].resolution_m or self.problem.device.encoder_resolution_m
+        computer, line, before = Computer(self), [0.0] * lag, 0.0
+        y = np.array([self.start, 0.0, self.start, 0.0, self.start, 0.0, 0.0])
+        out = []
+        for k in range(samples):
+            command = before
+            if dropped is None or not dropped[k]:
+                x = y[0] + (0.0 if noise is None else noise[k])
+                line.append(computer.force(resolution * math.floor(x / resolution + 0.5) if resolution else x))
+                command = min(max(line.pop(0), -limit), limit)
+            out.append((y[0], y[1], command))
+            arrival = 0.0 if late is None else late[k] * period
+            if arrival > 0:
+                y = self.move(y, before, k, 0.0, arrival)
+            y = self.move(y, command, k, arrival, period)
+            before = command
+        return np.array(out).T
+
+
+class Computer:
+    """The force law: coupling and environment in series, found by bisection of their forces."""
+
+    def __init__(self, reference):
+        problem, effects = reference.problem, reference.effects
+        self.T, self.gains = reference.T, reference.gains
+        wall = effects.get("wall") or effects.get("environment") or problem.environment
+        self.k_e, self.b_e = (
+            getattr(problem.environment if getattr(wall, key) is None else wall, key)
+            for key in ("stiffness_n_per_m", "damping_ns_per_m")
+        )
+        self.one_sided = "environment" not in effects
+        self.absent = not ("wall" in effects or "environment" in effects) or self.k_e == self.b_e == 0
+        self.share = 0.0
+        if "velocity-filter" in effects:
+            self.share = math.exp(-2 * math.pi * effects["velocity-filter"].cutoff_hz * self.T)
+        depth = self.depth(reference.start)
+        # Value and rate of the last sample.
+        self.stretch, self.surface, self.contact = [0.0, 0.0], [depth, 0.0], [depth, 0.0]
+
+    def depth(self, x):
+        return max(x, 0.0) if self.one_sided else x
+
+    def rate(self, value, memory):
+        return (1 - self.share) * (value - memory[0]) / self.T + self.share * memory[1]
+
+    def wall_force(self, tool):
+        if self.one_sided and tool <= 0:
+            return 0.0
+        force = self.k_e * self.depth(tool) + self.b_e * self.rate(self.depth(tool), self.surface)
+        return max(force, 0.0) if self.one_sided else force
+
+    def coupling_force(self, x, tool):
+        return self.gains.stiffness_n_per_m * (x - tool) + self.gains.damping_ns_per_m * self.rate(
+            x - tool, self.stretch
+        )
+
+    def force(self, x):
+        if self.absent:
+            return 0.0
+        gains, tool = self.gains, x
+        command = self.wall_force(x) if gains.rigid else 0.0
+        if not gains.rigid and (gains.stiffness_n_per_m or gains.damping_ns_per_m):
+
+            def imbalance(tool):
+                return self.coupling_force(x, tool) - self.wall_force(tool)
+
+            tool = brentq(imbalance, x - 1, x + 1, xtol=1e-20, rtol=1e-15)
+            command = self.coupling_force(x, tool)
+        if self.one_sided:
+            command = max(command, 0.0)
+        self.stretch = [x - tool, self.rate(x - tool, self.stretch)]
+        self.surface = [self.depth(tool), self.rate(self.depth(tool), self.surface)]
+        if gains.contact_damping_ns_per_m:
+            self.contact = [self.depth(x), self.rate(self.depth(x), self.contact)]
+            command += gains.contact_damping_ns_per_m * self.contact[1]
+            if self.one_sided:
+                command = max(command, 0.0) if x > 0 else 0.0
+        return command

@@ -1,0 +1,89 @@
+"""Every effect, alone and together, against an independent integration whose events are located."""
+
+import math
+
+import numpy as np
+import pytest
+from scene_reference import Reference, scene_problem
+
+from avc_casadi.scene import NO_COUPLING, Gains, compile_scene, simulate
+
+HAND, WALL = 'kind = "hand"', 'kind = "wall"'
+FRICTION = 'kind = "coulomb-friction"'
+SERIES, SOFT, DAMPED = Gains(200.0, 1e5), Gains(10.0, 7e3), Gains(math.inf, math.inf, 80.0)
+QUICK = 'kind = "press"\nspeed_m_per_s = 0.2\nstart_m = -0.002\n'
+
+CASES = {
+    "linear-series": ((HAND, WALL), SERIES),
+    "linear-soft": ((HAND, WALL), SOFT),
+    "linear-damped": ((HAND, WALL), DAMPED),
+    "series-and-damped": ((HAND, WALL), Gains(50.0, 2e4, 30.0)),
+    "no-coupling-soft-wall": ((HAND, 'kind = "wall"\nstiffness_n_per_m = 2000.0\ndamping_ns_per_m = 1.0'), NO_COUPLING),
+    "gains-zero": ((HAND, WALL), Gains(0.0, 0.0)),
+    "no-wall": ((HAND,), NO_COUPLING),
+    "two-sided": ((HAND, 'kind = "environment"\nstiffness_n_per_m = 3000.0'), Gains(20.0, 1e4)),
+    "pure-damper": ((HAND, 'kind = "environment"\nstiffness_n_per_m = 0.0\ndamping_ns_per_m = 8.0'), Gains(20.0, 1e4)),
+    "dry-friction": ((HAND, WALL, FRICTION), SERIES),
+    "much-friction": ((HAND, WALL, 'kind = "coulomb-friction"\nforce_n = 1.5'), DAMPED),
+    "viscous-friction": ((HAND, WALL, 'kind = "viscous-friction"\ndamping_ns_per_m = 3.0'), SERIES),
+    "stylus": (('kind = "stylus-hand"', WALL), SOFT),
+    "stylus-and-friction": (('kind = "stylus-hand"', WALL, FRICTION), SOFT),
+    "resonance": (
+        (HAND, WALL, 'kind = "resonance"\nfrequency_hz = 180.0\ndamping_ratio = 0.02\nmass_ratio = 0.3'),
+        SOFT,
+    ),
+    "resonance-and-friction": (
+        (HAND, WALL, 'kind = "resonance"\nfrequency_hz = 180.0\ndamping_ratio = 0.02\nmass_ratio = 0.3', FRICTION),
+        SOFT,
+    ),
+    "encoder": ((HAND, WALL, 'kind = "encoder"\nresolution_m = 2e-5'), SOFT),
+    "noise": ((HAND, WALL, 'kind = "noise"\nrms_m = 1e-6\nseed = 4'), SERIES),
+    "velocity-filter": ((HAND, WALL, 'kind = "velocity-filter"\ncutoff_hz = 150.0'), SOFT),
+    "velocity-filter-rigid": ((HAND, WALL, 'kind = "velocity-filter"\ncutoff_hz = 150.0'), Gains(math.inf, 0.0, 20.0)),
+    "delay": ((HAND, WALL, 'kind = "delay"\nsamples = 3'), SOFT),
+    "saturation": ((HAND, WALL, 'kind = "saturation"'), SERIES),
+    "amplifier": ((HAND, WALL, 'kind = "amplifier"\nbandwidth_hz = 200.0'), SOFT),
+    "late": ((HAND, WALL, 'kind = "jitter"\nrms_s = 2e-4'), SOFT),
+    "dropped": ((HAND, WALL, 'kind = "jitter"\nrms_s = 0.0\ndropped_share = 0.1\nseed = 2'), SOFT),
+    "late-dropped-friction": ((HAND, WALL, 'kind = "jitter"\nrms_s = 2e-4\ndropped_share = 0.1', FRICTION), SOFT),
+    "everything": (
+        (
+            'kind = "stylus-hand"',
+            WALL,
+            FRICTION,
+            'kind = "viscous-friction"\ndamping_ns_per_m = 1.0',
+            'kind = "resonance"\nfrequency_hz = 150.0\ndamping_ratio = 0.05\nmass_ratio = 0.2',
+            'kind = "encoder"\nresolution_m = 1e-5',
+            'kind = "noise"\nrms_m = 2e-6',
+            'kind = "velocity-filter"\ncutoff_hz = 300.0',
+            'kind = "delay"\nsamples = 1',
+            'kind = "jitter"\nrms_s = 1e-4\ndropped_share = 0.05',
+            'kind = "amplifier"\nbandwidth_hz = 300.0',
+            'kind = "saturation"',
+        ),
+        Gains(5.0, 3e3, 4.0),
+    ),
+}
+
+
+def both(problem, gains, samples):
+    """Traces of the scene and of the reference, which draws nothing itself."""
+    run = simulate(problem, gains)
+    scene = compile_scene(problem)
+    inputs = dict(zip(scene.inputs, scene.input_values(), strict=True))
+    reference = Reference(problem, gains, scene.target.position_m, scene.target.device_start_m).run(
+        samples, inputs.get("noise_m"), inputs.get("late_share"), inputs.get("dropped")
+    )
+    return np.array([run.position_m, run.velocity_m_per_s, run.force_n])[:, :samples], reference
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_effects_agree_with_an_event_accurate_integration(case):
+    effects, gains = CASES[case]
+    problem = scene_problem(effects, scene="duration_s = 0.12\n", motion=QUICK)
+    ours, reference = both(problem, gains, 120)
+    assert np.all(np.ptp(reference[:2], axis=1) > 0)
+    if gains.stiffness_n_per_m and "wall" in str(effects):
+        assert reference[2].max() > 0.1
+    for name, mine, other, size in zip("xvF", ours, reference, (1e-13, 1e-10, 1e-8), strict=True):
+        assert np.abs(mine - other).max() < size, name
