@@ -189,7 +189,7 @@ class Computer:
             self.share = math.exp(-2 * math.pi * effects["velocity-filter"].cutoff_hz * self.T)
         depth = self.depth(reference.start)
         # Value and rate of the last sample.
-        self.stretch, self.surface, self.contact = [0.0, 0.0], [depth, 0.0], [depth, 0.0]
+        self.stretch, self.surface, self.contact = [0.0, 0.0], [depth, 0.0], [reference.start, 0.0]
 
     def depth(self, x):
         return max(x, 0.0) if self.one_sided else x
@@ -225,7 +225,7 @@ class Computer:
         self.stretch = [x - tool, self.rate(x - tool, self.stretch)]
         self.surface = [self.depth(tool), self.rate(self.depth(tool), self.surface)]
         if gains.contact_damping_ns_per_m:
-            self.contact = [self.depth(x), self.rate(self.depth(x), self.contact)]
+            self.contact = [x, self.rate(x, self.contact)]
             command += gains.contact_damping_ns_per_m * self.contact[1]
             if self.one_sided:
                 command = max(command, 0.0) if x > 0 else 0.0
