@@ -32,6 +32,7 @@ _COARSE = {2: 49, 3: 21}
 _FINE = {2: 9, 3: 7}
 _STARTS = 2
 _SHRINK = 0.4
+_MOST_MOVES = 200
 _SMALLEST_STEP = 1e-10
 # Costs that differ by less are equal; a gain at its bound is then preferred.
 _FLAT = 1e-9
@@ -265,12 +266,15 @@ def _descend(
     """Move to the best point of a small grid about the present one; shrink the grid when the best is not at its rim."""
     offsets = _grid(np.linspace(-1, 1, _FINE[len(start)]), len(start))
     best = float(value(start[None])[0][0])
-    while step > _SMALLEST_STEP:
+    for _ in range(_MOST_MOVES):
+        if step < _SMALLEST_STEP:
+            break
         values, points = value(np.clip(start + step * offsets, 0.0, 1.0))
         lowest = int(np.argmin(values))
-        moved = values[lowest] < best
-        if moved:
+        gained = best - values[lowest]
+        if gained > 0:
             best, start = float(values[lowest]), points[lowest]
-        if not moved or np.max(np.abs(offsets[lowest])) < 1:
+        # On the rim the same step goes on, unless next to nothing is gained.
+        if not gained > _FLAT * abs(best) or np.max(np.abs(offsets[lowest])) < 1:
             step *= _SHRINK
     return start, best
