@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import InputError
+from avc_casadi.design import gain_rows, interpolate
 
 if TYPE_CHECKING:
     from avc_casadi.design import GainSchedule
@@ -45,7 +46,7 @@ NO_COUPLING = Gains(math.inf, math.inf)
 def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains:
     """Take the gains of a table at one interaction frequency.
 
-    Between two rows the logarithms are interpolated over the logarithm of frequency (the values, where one is 0).
+    Between two rows they are linear in the logarithm of frequency, as on the device.
 
     Args:
         schedule: a gain table.
@@ -72,12 +73,4 @@ def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains
                 file=schedule.problem,
                 key=schedule.method,
             )
-    share = 0.0 if len(rows) == 1 else math.log(frequency / grid[rows[0]]) / math.log(grid[rows[1]] / grid[rows[0]])
-    values = (schedule.damping_ns_per_m, schedule.stiffness_n_per_m, schedule.contact_damping_ns_per_m)
-    return Gains(*(_between(float(value[rows[0]]), float(value[rows[-1]]), share) for value in values))
-
-
-def _between(low: float, high: float, share: float) -> float:
-    if low > 0 and high > 0:
-        return math.exp((1 - share) * math.log(low) + share * math.log(high))
-    return low * (1 - share) + high * share
+    return Gains(*interpolate(gain_rows(schedule), frequency).tolist())

@@ -16,7 +16,8 @@ def quality_notes(task: Task, outcome: Outcome) -> tuple[str, ...]:
     notes = [f"cost {solution.cost:.6g}: mean squared {task.objective} error and slope penalty"]
     if costs:
         notes.append(
-            f"best of {len(costs)} starts that converged, of 3 (lattice programme, best constant gains, smoothed separate optima);"
+            f"best of {len(costs)} starts that converged, of 3 (lattice programme, best constant gains, smoothed"
+            " separate optima);"
             f" their costs spread by {max(costs) - min(costs):.3g}; not proved to be the global optimum"
         )
     else:
