@@ -20,6 +20,8 @@ def comparison_text(document: dict[str, Any], plot: str | None = None) -> str:
         "",
         *_injection(document),
         *_cross_check(document),
+        "",
+        *_judged(document),
         *_mine(document),
         (
             "no passive linear rendering on this device exceeds "
@@ -106,6 +108,24 @@ def _cross_check(document: dict[str, Any]) -> list[str]:
             f"{check['distance']:.1e} (relative), {check['only_one']} frequencies solved by one alone"
         )
     ]
+
+
+def _judged(document: dict[str, Any]) -> list[str]:
+    """Certificate levels and realism of each method; passivity and stability are different claims."""
+    judged = {_SHORT.get(name, name): gains for name, gains in document["methods"].items()}
+    if document["mine"] is not None:
+        judged["mine"] = document["mine"]
+    rows = []
+    for name, gains in judged.items():
+        realism = gains["realism"]
+        marks = ["pass" if found["pass"] else "fail" for found in gains["certificate"]["levels"].values()]
+        shares = (realism["share_inside_bounds"], realism["share_inside_jnd"])
+        rows.append([name, *marks, *(number(100 * share, 3) for share in shares)])
+    optimum = document["methods"][document["optimum"]]
+    levels, jnd = optimum["certificate"]["levels"], 100 * optimum["realism"]["jnd"]
+    head = ("certificate", *levels, "between U, L\n% of f", f"within {jnd:.3g} %\n% of f")
+    names = [f"  {level}: {found['title']} ({found['model']} model)" for level, found in levels.items()]
+    return [table(head, rows, left=(0,)), *names]
 
 
 def _mine(document: dict[str, Any]) -> list[str]:

@@ -7,5 +7,7 @@ from avc_casadi.comparison._hand_tuned import HandTuned as HandTuned
 from avc_casadi.comparison._hand_tuned import judge_hand_tuned as judge_hand_tuned
 from avc_casadi.comparison._injection import DampingInjection as DampingInjection
 from avc_casadi.comparison._injection import damping_injection as damping_injection
+from avc_casadi.comparison._judged import Judged as Judged
+from avc_casadi.comparison._judged import judge_gains as judge_gains
 from avc_casadi.comparison._verdict import Verdict as Verdict
 from avc_casadi.comparison._verdict import judge as judge

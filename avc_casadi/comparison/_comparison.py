@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi.comparison._hand_tuned import HandTuned, judge_hand_tuned
+from avc_casadi.comparison._hand_tuned import HandTuned, constant_pair, judge_hand_tuned
 from avc_casadi.comparison._injection import DampingInjection, damping_injection
+from avc_casadi.comparison._judged import Judged, judge_gains
 from avc_casadi.comparison._verdict import AGREEMENT, Verdict, judge, largest_difference
 from avc_casadi.design import ComplexArray, FloatArray, GainSchedule, solve
 from avc_casadi.impedance import Loop, environment_impedance, loop_at, perceived_impedance
 from avc_casadi.passivity import passive_limit_n_per_m
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
     from avc_casadi.problem import Impedance, Problem
 
 OPTIMISERS = ("direct", "exact")
@@ -65,6 +67,7 @@ class Comparison:
         injection: what the closed form really is.
         cross_check: `direct` against `exact`, where both were asked for.
         mine: a hand-tuned pair, where one was given.
+        judged: certificate and realism of each method, and of the pair under the name "mine".
         passive_limit_n_per_m: largest DC stiffness of any passive linear time-invariant rendering, sampled-data:
             2 b_d/((1 + delay) T).
     """
@@ -86,6 +89,7 @@ class Comparison:
     injection: DampingInjection
     cross_check: CrossCheck | None
     mine: HandTuned | None
+    judged: Mapping[str, Judged]
     passive_limit_n_per_m: float
 
     def counts(self) -> dict[str, int]:
@@ -127,6 +131,7 @@ def compare(
     scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
     verdict, reason = judge(gains["closed-form"], gains[optimum], scale)
     both = all(method in gains for method in OPTIMISERS)
+    tables = dict(gains) if mine is None else {**gains, "mine": constant_pair(problem, mine)}
     device = problem.device
     return Comparison(
         problem=problem.name,
@@ -146,6 +151,7 @@ def compare(
         injection=damping_injection(problem, loop),
         cross_check=CrossCheck(*largest_difference(gains["direct"], gains["exact"], scale)) if both else None,
         mine=None if mine is None else judge_hand_tuned(problem, loop, mine, gains[optimum], AGREEMENT * scale),
+        judged={name: judge_gains(problem, table) for name, table in tables.items()},
         passive_limit_n_per_m=passive_limit_n_per_m(
             device.damping_ns_per_m, device.sample_time_s, device.delay_samples
         ),

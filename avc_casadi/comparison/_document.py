@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from avc_casadi.comparison._comparison import Comparison
 from avc_casadi.design import ComplexArray, gain_document, plain
+
+if TYPE_CHECKING:
+    from avc_casadi.comparison._comparison import Comparison
 
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
@@ -18,7 +20,10 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         "structure": comparison.structure,
         "margin_ns_per_m": comparison.margin_ns_per_m,
         "frequency_hz": plain(comparison.frequency_hz),
-        "methods": {name: gain_document(gains) for name, gains in comparison.methods.items()},
+        "methods": {
+            name: gain_document(gains) | comparison.judged[name].document()
+            for name, gains in comparison.methods.items()
+        },
         "optimum": comparison.optimum,
         "verdict": [verdict.value for verdict in comparison.verdict],
         "reason": list(comparison.reason),
@@ -48,4 +53,4 @@ def _mine(comparison: Comparison) -> dict[str, Any] | None:
     if mine is None:
         return None
     values = {name: value for name, value in vars(mine).items() if name != "impedance"}
-    return {**plain(values), **_parts("impedance", mine.impedance)}
+    return {**plain(values), **_parts("impedance", mine.impedance), **comparison.judged["mine"].document()}

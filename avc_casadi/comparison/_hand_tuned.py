@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.design import ComplexArray, FloatArray, GainSchedule
+from avc_casadi.design import ComplexArray, FloatArray, GainSchedule, Status, gain_schedule
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,6 +47,14 @@ class HandTuned:
     compared: str
     share_schedule_better: float
     share_pair_better: float
+
+
+def constant_pair(problem: Problem, pair: tuple[float, float]) -> GainSchedule:
+    """Return the pair (k in N/m, b in N.s/m) as a table of constant series gains."""
+    k, b = pair
+    n = len(problem.frequencies_hz())
+    gains = (np.full(n, b), np.full(n, k), np.zeros(n))
+    return gain_schedule(problem, "mine", gains, (Status.SOLVED,) * n)
 
 
 def judge_hand_tuned(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from avc_casadi.figures._style import (
@@ -21,9 +20,12 @@ from avc_casadi.figures._style import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from avc_casadi.comparison import Comparison
     from avc_casadi.design import ComplexArray, FloatArray, GainSchedule
     from avc_casadi.figures._style import Line
+    from avc_casadi.problem import Model
 
 # The enlarged part spans this factor in frequency.
 _ENLARGED = 3.0
@@ -49,13 +51,17 @@ def draw_perceived(comparison: Comparison) -> Figure:
         _gain(axes, comparison, shown, key, scale)
         axes.set_title(title)
         axes.set_ylabel(label)
+    limit = 1e-3 * comparison.passive_limit_n_per_m
+    panels["d"].axhline(
+        limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label="passive limit of DC stiffness"
+    )
     _real_part(panels["e"], comparison, shown)
     handles, labels = panels["a"].get_legend_handles_labels()
-    asked = panels["c"].get_legend_handles_labels()
-    for handle, label in zip(*asked, strict=True):
-        if label not in labels:
-            handles.append(handle)
-            labels.append(label)
+    for panel in ("c", "d", "e"):
+        for handle, label in zip(*panels[panel].get_legend_handles_labels(), strict=True):
+            if label not in labels:
+                handles.append(handle)
+                labels.append(label)
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
     return figure
 
@@ -134,6 +140,12 @@ def _real_part(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> No
     for line, impedance in _curves(comparison, shown):
         line.draw(axes, comparison.frequency_hz, impedance.real, markers=20)
         drawn.append(impedance.real)
+    other: Model = "sampled-data" if comparison.model == "paper" else "paper"
+    for name in shown:
+        values = comparison.judged[name].real_part[other]
+        label = f"{METHODS[name].label}, {other} model"
+        METHODS[name].draw(axes, comparison.frequency_hz, values, linewidth=0.9, marker="", alpha=0.6, label=label)
+        drawn.append(values[np.isfinite(values)])
     frequency_axis(axes, comparison.frequency_hz)
     value_axis(axes, *drawn)
     lowest, highest = axes.get_ylim()
@@ -142,5 +154,5 @@ def _real_part(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> No
         axes.axhspan(lowest, margin, facecolor="0.96", edgecolor="0.8", hatch="////", linewidth=0, zorder=0)
         axes.set_ylim(lowest, highest)
     axes.axhline(margin, color="0.5", linewidth=0.8, zorder=1)
-    axes.set_title("(e) real part; hatched: (12) violated")
+    axes.set_title(f"(e) real part, {comparison.model} model; thin: {other}")
     axes.set_ylabel(rf"Re $Z_\mathrm{{h}}$ ({IMPEDANCE_UNIT})")

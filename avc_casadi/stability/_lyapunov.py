@@ -113,7 +113,7 @@ def common_lyapunov(matrices: FloatArray) -> BoolArray:
         growth = _growth(np.einsum("gm,gmij->gij", weight, own), matrices[open_groups])
         proved = growth.max(axis=1) < -1e-12
         found[open_groups[proved]] = True
-        rest = ~proved
+        rest = ~proved & np.isfinite(growth).all(axis=1)
         open_groups, own, growth = open_groups[rest], own[rest], growth[rest]
         lag = growth - growth.min(axis=1, keepdims=True)
         weight = weight[rest] * (1 + lag / np.maximum(lag.max(axis=1, keepdims=True), np.finfo(np.float64).tiny))
