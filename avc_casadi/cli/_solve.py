@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +12,15 @@ from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._text import counts, number, sample_rows, table
 
 if TYPE_CHECKING:
+    import argparse
+
     from avc_casadi.design import GainSchedule
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
-    parser.add_argument("--method", help="closed-form, direct (default) or exact")
+    parser.add_argument("--method", help="closed-form, direct (default), exact, schedule or static")
     parser.add_argument("--solver", help="backend of direct, for example ipopt or sqpmethod")
     parser.add_argument("--tolerance", type=float, metavar="TOL", help="tolerance asked of the backend")
     parser.add_argument(
@@ -52,12 +53,14 @@ def json_text(document: dict[str, Any]) -> str:
 
 
 def solve_document(problem: avc.Problem, gains: GainSchedule) -> dict[str, Any]:
-    """Return the `solve` document with the limit that stands beside every result."""
+    """Return the `solve` document with certificate, realism and the limit that stands beside every result."""
     from avc_casadi.design import gain_document
+    from avc_casadi.realism import judge_realism
 
     certificate = avc.certify(problem, gains).document()
     limit = certificate["passive_limit_n_per_m"]
-    return gain_document(gains) | {"certificate": certificate, "passive_limit_n_per_m": limit}
+    realism = judge_realism(problem, gains.impedance, gains.usable).document()
+    return gain_document(gains) | {"certificate": certificate, "realism": realism, "passive_limit_n_per_m": limit}
 
 
 def paper_errors() -> list[dict[str, str]]:
@@ -105,6 +108,7 @@ def _text(document: dict[str, Any], out: str | None) -> str:
         f"{counts(document['counts'])}; built in {seconds['build']:.3g} s, solved in {seconds['solve']:.3g} s",
         *document["notes"],
         levels_text(document["certificate"]),
+        realism_text(document["realism"]),
         (
             "no passive linear rendering on this device exceeds "
             f"{number(document['passive_limit_n_per_m'])} N/m at DC (sampled-data)"
@@ -115,6 +119,14 @@ def _text(document: dict[str, Any], out: str | None) -> str:
     if out is not None:
         lines.append(f"written: {out}")
     return "\n".join(lines)
+
+
+def realism_text(realism: dict[str, Any]) -> str:
+    """Return how much of the frequency range feels real."""
+    return (
+        f"{100 * realism['share_inside_bounds']:.3g} % of the frequencies between the bounds U and L, "
+        f"{100 * realism['share_inside_jnd']:.3g} % within {100 * realism['jnd']:.3g} % of the desired impedance"
+    )
 
 
 def errors_text(document: dict[str, Any]) -> list[str]:

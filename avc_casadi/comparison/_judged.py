@@ -45,11 +45,10 @@ class Judged:
 
 def judge_gains(problem: Problem, gains: GainSchedule) -> Judged:
     """Judge a gain table at the problem's frequencies."""
-    rendered = np.where(gains.usable, gains.impedance, np.nan)
     models: tuple[Model, ...] = ("paper", "sampled-data")
     return Judged(
         certificate=certify(problem, gains),
-        realism=judge_realism(problem, rendered),
+        realism=judge_realism(problem, gains.impedance, gains.usable),
         real_part={model: _real_part(problem, gains, model) for model in models},
     )
 

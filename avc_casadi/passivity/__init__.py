@@ -4,6 +4,7 @@ from avc_casadi.passivity._llewellyn import largest_llewellyn_stiffness as large
 from avc_casadi.passivity._llewellyn import llewellyn_margin as llewellyn_margin
 from avc_casadi.passivity._regions import largest_lead_for_all_frequencies as largest_lead_for_all_frequencies
 from avc_casadi.passivity._regions import passive_limit_n_per_m as passive_limit_n_per_m
+from avc_casadi.passivity._sampled import RIGID as RIGID
 from avc_casadi.passivity._sampled import Fractions as Fractions
 from avc_casadi.passivity._sampled import SampledLoop as SampledLoop
 from avc_casadi.passivity._sampled import fractions as fractions

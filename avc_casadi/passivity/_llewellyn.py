@@ -8,6 +8,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from avc_casadi.passivity._roots import real_parts_of_roots, refine_minima
+from avc_casadi.passivity._sampled import RIGID
 
 if TYPE_CHECKING:
     from avc_casadi.passivity._sampled import BoolArray, FloatArray, SampledLoop, Values
@@ -44,6 +45,8 @@ def llewellyn_margin(
     b, k, contact, b_d = (
         np.ravel(column) for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))
     )
+    within = (np.abs(b) <= RIGID) & (np.abs(k) <= RIGID)
+    b, k = np.where(within, b, np.inf), np.where(within, k, 0.0)
     half = k * loop.sample_time_s / 2
     lead = b + half
     valid = np.isfinite(lead) & ((lead > 0) | ((b == 0) & (k == 0)))

@@ -24,6 +24,8 @@ Values = float | FloatArray
 
 # Stands for the limit of zero frequency: small enough for every term to have reached it, large enough to divide by.
 _ZERO_TURNS = 1e-150
+# Gains beyond this cannot be told from a rigid coupling in double precision, whatever the wall.
+RIGID = 1e40
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,8 @@ def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Va
 
     Args:
         loop: the sampled loop.
-        damping_ns_per_m: b of the coupling; infinite (or an infinite k) means a rigid coupling. Any sign.
+        damping_ns_per_m: b of the coupling; infinite (or an infinite k) means a rigid coupling, as does more than
+            `RIGID`. Any sign.
         stiffness_n_per_m: k of the coupling.
     """
     t = loop.sample_time_s
@@ -116,8 +119,8 @@ def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Va
             )
         )
     )
-    rigid = np.isinf(b) | np.isinf(k)
-    b, k = np.where(rigid, 0.0, b), np.where(rigid, 1.0, k)
+    rigid = (b > RIGID) | (k > RIGID)
+    b, k = (np.where(rigid, 1.0, np.maximum(gain, -RIGID)) for gain in (b, k))
     kt, ket = k * t, k_e * t
     lead_e = b_e + ket if loop.model == "sampled-data" else b_e + ket / 2
     cross = kt * b_e - b * ket - (kt * ket / 2 if loop.model == "paper" else 0.0)

@@ -57,13 +57,16 @@ class RealismResult:
         }
 
 
-def judge_realism(problem: Problem, impedance: ComplexArray) -> RealismResult:
+def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray | None = None) -> RealismResult:
     """Judge perceived impedances at the problem's frequencies.
 
     Args:
         problem: bounds and just-noticeable difference.
         impedance: Z_h at each frequency, shape (n,), N.s/m; not a number where there are no gains.
+        usable: which rows have gains; None takes all that are numbers.
     """
+    if usable is not None:
+        impedance = np.where(usable, impedance, np.nan)
     loop = loop_at(problem, problem.frequencies_hz())
     bounds = problem.boundaries
     ends = np.array([np.abs(_perceived(problem, loop, bound)) for bound in (bounds.upper, bounds.lower)])

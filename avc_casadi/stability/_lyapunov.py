@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.passivity import RIGID
 from avc_casadi.stability._transition import joint_rendering, transition
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def switching_proof(
     gains = np.stack([damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m])
     springs = stiffness_n_per_m + problem.environment.stiffness_n_per_m
     device = problem.device
-    offered = gains.shape[1] > 1 and np.isfinite(gains).all() and device.delay_samples <= _MAX_DELAY_SAMPLES
+    offered = gains.shape[1] > 1 and (np.abs(gains) <= RIGID).all() and device.delay_samples <= _MAX_DELAY_SAMPLES
     if not offered or (springs <= 0).any():
         return None
     matrices = transition(device, joint_rendering(problem, *gains), hands)
