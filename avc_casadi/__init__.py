@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from avc_casadi.problem import dump_problem as dump_problem
     from avc_casadi.problem import load_problem as load_problem
     from avc_casadi.problem import parse_problem as parse_problem
+    from avc_casadi.scene import Run as Run
+    from avc_casadi.scene import simulate as simulate
+    from avc_casadi.scene import simulate_batch as simulate_batch
 else:
     # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
     _LAZY = {
@@ -42,6 +45,9 @@ else:
         "dump_problem": "problem",
         "load_problem": "problem",
         "parse_problem": "problem",
+        "Run": "scene",
+        "simulate": "scene",
+        "simulate_batch": "scene",
     }
 
     def __getattr__(name):

@@ -12,6 +12,8 @@ VERBS: tuple[str, ...] = (
     "solve",
     "compare",
     "certify",
+    "simulate",
+    "screen",
     "zwidth",
     "push",
     "stream",

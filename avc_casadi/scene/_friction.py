@@ -24,8 +24,8 @@ FloatArray = NDArray[np.float64]
 
 # The first power left out, relative to the change of the state in a sample.
 _REST = 1e-17
-_HIGHEST_ORDER = 14
-_NEWTON_STEPS = 3
+_HIGHEST_ORDER = 22
+_NEWTON_STEPS = 4
 # Changes between sliding and sticking that are located in one series; a third one waits for its end.
 _EVENTS = 2
 
@@ -54,6 +54,7 @@ class TaylorSeries:
             friction_n: dry friction; 0 for none.
             substeps: at least that many.
         """
+        # Higher powers are cheaper than more substeps, as long as their sum does not cancel.
         order = _order(plant, sample_time_s / substeps)
         while order > _HIGHEST_ORDER:
             substeps *= 2
@@ -171,10 +172,15 @@ def _first_zero(powers: list[Expr], remaining: Expr) -> Expr:
     root = ca.sqrt(ca.fmax(slope * slope - 4 * value * curve, 0))
     guess = ca.if_else(slope > 0, -0.5 * (slope + root) / curve, 2 * value / (root - slope))
     slopes = [power * coefficient for power, coefficient in enumerate(powers)][1:]
+    low: Expr = 0
+    high = until
     for _ in range(_NEWTON_STEPS):
-        guess = ca.fmin(ca.fmax(guess, 0), until)
-        guess -= _horner(powers, guess) / _horner(slopes, guess)
-    return ca.if_else(_horner(powers, until) < 0, ca.fmin(ca.fmax(guess, 0), until), remaining)
+        inside = ca.logic_and(guess >= low, guess <= high)
+        guess = ca.if_else(inside, guess, 0.5 * (low + high))
+        value = _horner(powers, guess)
+        high, low = ca.if_else(value < 0, guess, high), ca.if_else(value < 0, low, guess)
+        guess -= value / _horner(slopes, guess)
+    return ca.if_else(_horner(powers, until) < 0, ca.fmin(ca.fmax(guess, low), high), remaining)
 
 
 def _horner(powers: list[Expr], at: Expr) -> Expr:

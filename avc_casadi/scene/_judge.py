@@ -15,6 +15,8 @@ AT_REST_M_PER_S = 5e-3
 RIPPLE_HZ = (20.0, 500.0)
 BUZZ_SHARE = 0.07
 IMPACT_S = 0.01
+# Less than what a finger feels of a fly.
+TOUCH_N = 1e-6
 # Nothing on a desk moves this far: the run has diverged.
 LOST_M = 10.0
 
@@ -67,7 +69,7 @@ def judge(position_m: FloatArray, velocity_m_per_s: FloatArray, force_n: FloatAr
         peak = np.abs(velocity_m_per_s[..., last]).max(axis=-1)
         force, depth = force_n[..., last].mean(axis=-1), position_m[..., last].mean(axis=-1)
         ripple = _ripple(force_n[..., last], sample_time_s)
-        touching = (force > 0) & (depth > 0) & ~diverged
+        touching = (force > TOUCH_N) & (depth > 0) & ~diverged
         apparent = np.where(touching, force / depth, np.nan)
         buzzing = diverged | (ripple > BUZZ_SHARE * np.abs(force))
     return Judgement(

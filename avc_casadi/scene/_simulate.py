@@ -53,7 +53,19 @@ def simulate(
         UnsupportedError: an effect that scenes do not simulate.
     """
     effects = _with_hand(problem, build_effects(problem), hand)
-    effects, chosen, name = settled(problem, effects, gains, interaction_hz)
+    return simulate_effects(problem, *settled(problem, effects, gains, interaction_hz), seed=seed, engine=engine)
+
+
+def simulate_effects(
+    problem: Problem,
+    effects: tuple[SceneEffect, ...],
+    chosen: Gains,
+    coupling: str,
+    *,
+    seed: int = 0,
+    engine: Engine = "auto",
+) -> Run:
+    """Simulate settled effects and gains, of `settled`, in place of those of the problem file."""
     scene = compile_for(problem, effects, chosen)
     started = time.perf_counter()
     traces = _traces(scene, chosen, seed, engine)
@@ -71,7 +83,7 @@ def simulate(
     anchor = traces.get("anchor_m", 0.0)
     return Run(
         problem=problem.name,
-        coupling=name,
+        coupling=coupling,
         effects=tuple(effect.kind for effect in effects),
         sample_time_s=scene.sample_time_s,
         position_m=traces["position_m"],

@@ -1,0 +1,123 @@
+"""Simulate the scene of a problem and say what the hand would feel."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi as avc
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._files import output_file
+from avc_casadi.cli._text import number, table
+
+if TYPE_CHECKING:
+    from avc_casadi.design import GainSchedule
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.description = (
+        "Simulate the scene of a problem file, with its listed effects only, and say what the hand would feel.\n"
+        "Exit code 1 if the device does not come to rest."
+    )
+    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
+    parser.add_argument("--gains", metavar="GAINS", help="gain file in place of the scene's own coupling")
+    parser.add_argument("--explain", action="store_true", help="show what each effect adds, and which are absent")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="other draws of all noises (default 0)")
+    parser.add_argument("--trace", metavar="FILE", help="write all traces (.npz) and a manifest beside them (.json)")
+    parser.add_argument("--plot", metavar="FILE", help="draw the run: .png, .svg or .pdf")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Simulate, measure the cost of each effect, write and show; 1 if the device does not come to rest."""
+    from avc_casadi.scene import explain
+
+    plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
+    trace = None if args.trace is None else output_file(args.trace, "--trace", (".npz",))
+    if args.seed < 0:
+        raise avc.InputError.of(f"is {args.seed}; allowed: 0 or more", key="--seed")
+    problem = avc.load_problem(args.problem)
+    gains = gains_of(args.gains, problem, console)
+    with console.step(f"{problem.scene.duration_s:g} s of the scene"):
+        found = avc.simulate(problem, gains, seed=args.seed)
+    with console.step("cost of each effect"):
+        parts = explain(problem, gains)
+    if trace is not None:
+        trace = found.save(trace)
+    if plot is not None:
+        from avc_casadi.figures import draw_scene, save_figure
+
+        with console.step("figure"):
+            save_figure(draw_scene([found]), plot)
+    document = found.document(trace) | parts.document()
+    complaint = "" if found.stable else f"avc: {problem.name}: the device does not come to rest ({found.claim})"
+    return Answer(document, _text(document, args), code=1 if complaint else 0, complaint=complaint)
+
+
+def gains_of(file: str | None, problem: avc.Problem, console: Console) -> GainSchedule | None:
+    """Return the gain table of a file, or that of the scene's coupling; None for a scene without a coupling."""
+    from avc_casadi.design import read_gains
+
+    if file is not None:
+        return read_gains(Path(file))
+    method = problem.scene.coupling
+    if method == "none":
+        return None
+    with console.step(f"coupling: {method}"):
+        return avc.solve(problem, method)
+
+
+def _text(document: dict[str, Any], args: argparse.Namespace) -> str:
+    outcomes = {
+        "asymptotic": "comes to rest, and does not need dry friction for it",
+        "held-by-friction": "held by dry friction only: without it the device does not come to rest",
+        "unstable": "does not come to rest",
+    }
+    gains = [document[key] for key in ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")]
+    coupling = document["coupling"]
+    if coupling != "none":
+        b, k, b_p = (number(gain) if gain is not None else "rigid" for gain in gains)
+        coupling += f" (b = {b} N.s/m, k = {k} N/m" + (f", b_p = {b_p} N.s/m)" if gains[2] else ")")
+    lines = [
+        f"{document['problem']}: {document['steps']} samples, coupling {coupling}",
+        f"  {outcomes[document['outcome']]}{'; buzzes' if document['buzzing'] else ''}",
+        f"  largest velocity at the end   {number(_times(document['peak_velocity_m_per_s'], 1e3))} mm/s",
+        f"  force at the end              {number(document['mean_force_n'])} N",
+        f"  force between 20 and 500 Hz   {number(document['force_ripple_n'])} N rms",
+        f"  apparent stiffness            {number(document['apparent_stiffness_n_per_m'])} N/m",
+        f"  rate-hardness at contact      {number(document['rate_hardness_n_per_m'])} N/m",
+        f"  energy given out beyond that taken in   {number(_times(document['energy_generated_j'], 1e3))} mJ",
+        f"  {document['criterion']}",
+    ]
+    if args.explain:
+        lines += ["", *_explanation(document)]
+    lines += [f"written: {path}" for path in (document["trace"],) if path is not None]
+    lines += [f"drawn: {args.plot}"] if args.plot is not None else []
+    return "\n".join(lines)
+
+
+def _times(value: float | None, factor: float) -> float | None:
+    return None if value is None else factor * value
+
+
+def _explanation(document: dict[str, Any]) -> list[str]:
+    rows = [
+        [
+            effect["kind"],
+            effect["station"],
+            str(effect["states"]),
+            "the only mass" if effect["instructions"] is None else str(effect["instructions"]),
+            "-" if effect["ns_per_step"] is None else f"{effect['ns_per_step']:.0f}",
+        ]
+        for effect in document["effects"]
+    ]
+    rows.append(
+        ["whole sample", "", str(document["states"]), str(document["instructions"]), f"{document['ns_per_step']:.0f}"]
+    )
+    head = ("effect", "station", "adds\nstates", "adds\ninstructions", "adds\nns a sample")
+    return [
+        table(head, rows, left=(0, 1)),
+        f"states: {', '.join(document['state_names'])}",
+        f"absent, at no cost: {', '.join(document['absent'])}",
+    ]
