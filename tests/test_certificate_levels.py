@@ -157,7 +157,39 @@ def test_scope_margin_is_asked_for():
 
 
 def test_long_delay_is_said_not_to_be_judged():
-    case = problem(delay=101, rows=2)
+    case = problem(delay=33, rows=2)
     result = certify(case, table(case, 0.1, 10.0)).levels["L5"]
     assert not result.passed
     assert "Not judged" in result.claim
+
+
+def test_catalogue_has_the_example_that_diverges():
+    case = load_problem("diverging")
+    levels = certify(case, solve(case, "exact")).levels
+    assert {level: result.passed for level, result in levels.items()} == {
+        "L0": True,
+        "L1": True,
+        "L2": True,
+        "L3": False,
+        "L4": True,
+        "L5": False,
+    }
+    assert levels["L5"].detail["spectral_radius"] == pytest.approx(1.0114, abs=1e-4)
+
+
+def test_device_known_to_a_range_is_judged_at_its_worst():
+    case = problem(b_d=3.0, rows=3)
+    lean = case.device.range.model_copy(update={"damping_ns_per_m": (1.0, 5.0), "mass_kg": (0.05, 0.2)})
+    vague = case.model_copy(update={"device": case.device.model_copy(update={"range": lean})})
+    worst = problem(b_d=1.0, rows=3)
+    exact, known = certify(worst, table(worst, 2.0, 5e3)), certify(vague, table(vague, 2.0, 5e3))
+    for level in ("L0", "L1", "L2", "L3", "L4"):
+        assert known.levels[level].margin_ns_per_m == exact.levels[level].margin_ns_per_m
+    assert known.passive_limit_n_per_m == exact.passive_limit_n_per_m == 2 * 1.0 / 1e-3
+    radii = []
+    for mass in (0.05, 0.2):
+        for damping in (1.0, 5.0):
+            device = case.device.model_copy(update={"mass_kg": mass, "damping_ns_per_m": damping})
+            corner = case.model_copy(update={"device": device})
+            radii.append(certify(corner, table(corner, 2.0, 5e3)).levels["L5"].detail["spectral_radius"])
+    assert known.levels["L5"].detail["spectral_radius"] == max(radii)

@@ -144,8 +144,8 @@ def test_hands_are_corners_and_seeded_draws():
 
 
 def test_long_delay_is_refused_by_name():
-    with pytest.raises(UnsupportedError, match="100 samples"):
-        linear_stability(problem(delay=101).device, frozen_parts(problem(), 1.0, 1.0), 0.0, no_hand())
+    with pytest.raises(UnsupportedError, match="32 samples"):
+        linear_stability(problem(delay=33).device, frozen_parts(problem(), 1.0, 1.0), 0.0, no_hand())
 
 
 def test_undefined_mechanics_is_not_called_stable():

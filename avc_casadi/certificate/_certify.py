@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi.certificate._certificate import Certificate, Level, LevelResult
+from avc_casadi.certificate._device_corners import least_damped
 from avc_casadi.certificate._hands_level import hands_level
 from avc_casadi.certificate._levels import Rows, llewellyn_level, passivity_level
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m
@@ -38,12 +40,14 @@ def certify(
     contact = np.where(np.isnan(contact), 0.0, contact)
     rows = Rows(problem, gains.frequency_hz, present, b[present], k[present], contact[present])
     model = problem.stability.model
+    # A range of the device's damping is judged at its lower end, a range of mass and damping at all corners in L5.
+    passive_rows = replace(rows, problem=least_damped(problem))
     levels: dict[Level, LevelResult] = {
-        "L0": passivity_level(rows, "L0", model),
-        "L1": passivity_level(rows, "L1", model),
-        "L2": passivity_level(rows, "L2", "paper"),
-        "L3": passivity_level(rows, "L3", "sampled-data"),
-        "L4": llewellyn_level(rows, model),
+        "L0": passivity_level(passive_rows, "L0", model),
+        "L1": passivity_level(passive_rows, "L1", model),
+        "L2": passivity_level(passive_rows, "L2", "paper"),
+        "L3": passivity_level(passive_rows, "L3", "sampled-data"),
+        "L4": llewellyn_level(passive_rows, model),
         "L5": hands_level(rows, draws=draws, seed=seed),
     }
     device = problem.device
@@ -55,7 +59,7 @@ def certify(
         rows_without_gains=int(np.count_nonzero(~present)),
         levels=levels,
         passive_limit_n_per_m=passive_limit_n_per_m(
-            device.damping_ns_per_m, device.sample_time_s, device.delay_samples
+            passive_rows.problem.device.damping_ns_per_m, device.sample_time_s, device.delay_samples
         ),
         dc_stiffness_n_per_m=rows.spread(parts.integral / device.sample_time_s),
     )

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi.certificate._device_corners import device_corners
 from avc_casadi.certificate._levels import Rows, level_result
 from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
     RADIUS_TOLERANCE,
-    HandSet,
     frozen_parts,
     hand_set,
     linear_stability,
@@ -22,6 +22,8 @@ from avc_casadi.stability import (
 if TYPE_CHECKING:
     from avc_casadi.certificate._certificate import FloatArray, LevelResult
     from avc_casadi.passivity import Fractions
+    from avc_casadi.problem import Device
+    from avc_casadi.stability import HandSet
 
 _LARGEST_SHIFT = 1e6
 
@@ -32,64 +34,52 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
     The margin of a row is the damping that its device can lose, with the worst hand, before the loop stands on the edge
     of stability (negative: that it lacks); it is found for the worst row alone.
     """
-    hands = hand_set(rows.problem.hands, draws=draws, seed=seed)
+    problem = rows.problem
+    hands = hand_set(problem.hands, draws=draws, seed=seed)
     name = f"{hands.corners} corners and {draws} draws (seed {seed}) of the hands"
     claim = f"each frozen row is linearly stable, with no friction, with {name}; this says nothing of switching"
-    if rows.problem.device.delay_samples > MAX_DELAY_SAMPLES:
+    if problem.device.delay_samples > MAX_DELAY_SAMPLES:
         nothing = np.full(len(rows.b), np.nan)
         result = level_result(rows, "L5", "sampled-data", claim, np.zeros(len(rows.b), bool), nothing, nothing, nothing)
         return replace(result, claim=f"Not judged: more than {MAX_DELAY_SAMPLES} samples of delay")
-    parts = frozen_parts(rows.problem, rows.b, rows.k)
-    stability = linear_stability(rows.problem.device, parts, rows.contact, hands)
-    worst_hand = np.argmax(stability.radius, axis=1)
-    radius = np.max(stability.radius, axis=1, initial=0.0)
-    frequency = np.take_along_axis(stability.frequency_hz, worst_hand[:, None], axis=1)[:, 0]
-    released = linear_stability(rows.problem.device, parts, rows.contact, no_hand())
-    detail: dict[str, Any] = {
-        "spectral_radius": float(np.max(radius)) if len(radius) else None,
-        "row_spectral_radius": rows.spread(radius),
-        "hands": len(hands),
-        "hands_seed": seed,
-        "released_spectral_radius": float(np.max(released.radius)) if len(radius) else None,
-        "released_pass": bool(len(radius) and released.stable.all()),
-    }
-    corners = hand_set(rows.problem.hands, draws=0)
-    switching = switching_proof(rows.problem, rows.b, rows.k, rows.contact, corners)
-    detail["common_lyapunov"] = (
-        None if switching is None else asdict(switching) | {"pass": switching.proved == switching.pairs}
-    )
+    parts = frozen_parts(problem, rows.b, rows.k)
+    devices = device_corners(problem)
+    found = [linear_stability(device, parts, rows.contact, hands) for device in devices]
+    radii = np.concatenate([one.radius for one in found], axis=1)
+    worst_case = np.argmax(radii, axis=1)[:, None]
+    radius = np.take_along_axis(radii, worst_case, axis=1)[:, 0]
+    frequency = np.take_along_axis(np.concatenate([one.frequency_hz for one in found], axis=1), worst_case, axis=1)[
+        :, 0
+    ]
+    stable = np.asarray(radius < 1 - RADIUS_TOLERANCE)
+    detail = _beside(rows, parts, devices, radius) | {"hands": len(hands), "hands_seed": seed}
     # Rows rank by spectral radius; the margin in N.s/m is that of the worst one.
-    result = level_result(
-        rows,
-        "L5",
-        "sampled-data",
-        claim,
-        stability.stable,
-        1.0 - radius,
-        frequency,
-        np.full(len(radius), RADIUS_TOLERANCE),
-    )
+    tolerance = np.full(len(radius), RADIUS_TOLERANCE)
+    result = level_result(rows, "L5", "sampled-data", claim, stable, 1.0 - radius, frequency, tolerance)
     if result.row is None:
         return replace(result, detail=detail)
     worst = int(np.count_nonzero(rows.present[: result.row]))
-    one = parts.pick(slice(worst, worst + 1))
-    pick = slice(int(worst_hand[worst]), int(worst_hand[worst]) + 1)
-    hand = HandSet(hands.mass_kg[pick], hands.damping_ns_per_m[pick], hands.stiffness_n_per_m[pick], 1, seed)
-    margin = damping_reserve(rows, one, rows.contact[worst : worst + 1], hand)
-    detail["worst_hand"] = {
+    corner, index = divmod(int(worst_case[worst, 0]), len(hands))
+    hand, device = hands.pick(index), devices[corner]
+    only = slice(worst, worst + 1)
+    margin = damping_reserve(device, parts.pick(only), rows.contact[only], hand)
+    held = {
         "mass_kg": float(hand.mass_kg[0]),
         "damping_ns_per_m": float(hand.damping_ns_per_m[0]),
         "stiffness_n_per_m": float(hand.stiffness_n_per_m[0]),
     }
-    if not result.row_passed[result.row]:
-        failed = int(np.count_nonzero(~stability.stable))
-        claim = (
-            f"Not met by {failed} of {len(radius)} rows: the row of {rows.frequency_hz[result.row]:.5g} Hz has a "
-            f"spectral radius of {radius[worst]:.6g} (at {frequency[worst]:.4g} Hz) with a hand of "
-            f"{hand.mass_kg[0]:.4g} kg, {hand.damping_ns_per_m[0]:.4g} N.s/m, {hand.stiffness_n_per_m[0]:.4g} N/m"
-        )
+    detail["worst_hand"] = held
+    detail["worst_device"] = {"mass_kg": device.mass_kg, "damping_ns_per_m": device.damping_ns_per_m}
+    if not stable[worst]:
         missing = len(rows.present) - len(radius)
-        result = replace(result, claim=f"{claim}; {missing} rows have no gains" if missing else claim)
+        claim = (
+            f"Not met by {np.count_nonzero(~stable)} of {len(radius)} rows: the row of "
+            f"{rows.frequency_hz[result.row]:.5g} Hz has a spectral radius of {radius[worst]:.6g} (at "
+            f"{frequency[worst]:.4g} Hz) with a hand of {held['mass_kg']:.4g} kg, "
+            f"{held['damping_ns_per_m']:.4g} N.s/m, {held['stiffness_n_per_m']:.4g} N/m"
+            + (f"; {missing} rows have no gains" if missing else "")
+        )
+        result = replace(result, claim=claim)
     return replace(
         result,
         margin_ns_per_m=margin,
@@ -98,17 +88,33 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
     )
 
 
-def damping_reserve(rows: Rows, parts: Fractions, contact: FloatArray, hand: HandSet) -> float:
+def _beside(rows: Rows, parts: Fractions, devices: list[Device], radius: FloatArray) -> dict[str, Any]:
+    """What stands beside the verdict: the device let go, and whether gains may switch between neighbouring rows."""
+    released = [linear_stability(device, parts, rows.contact, no_hand()) for device in devices]
+    corners = hand_set(rows.problem.hands, draws=0)
+    switching = switching_proof(rows.problem, rows.b, rows.k, rows.contact, corners)
+    return {
+        "spectral_radius": float(np.max(radius)) if len(radius) else None,
+        "row_spectral_radius": rows.spread(radius),
+        "released_spectral_radius": max(float(np.max(one.radius)) for one in released) if len(radius) else None,
+        "released_pass": bool(len(radius) and all(one.stable.all() for one in released)),
+        "common_lyapunov": None
+        if switching is None
+        else asdict(switching) | {"pass": switching.proved == switching.pairs},
+    }
+
+
+def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand: HandSet) -> float:
     """Device damping to spare before one row with one hand becomes unstable, N.s/m; negative where it lacks.
 
     Not a number where no damping up to 1e6 N.s/m stabilises the loop.
     """
 
     def stable(shift: float) -> bool:
-        return bool(linear_stability(rows.problem.device, parts, contact, hand, shift).stable[0])
+        return bool(linear_stability(device, parts, contact, hand, shift).stable[0])
 
     starts_stable = stable(0.0)
-    available = rows.problem.device.damping_ns_per_m + float(hand.damping_ns_per_m[0])
+    available = device.damping_ns_per_m + float(hand.damping_ns_per_m[0])
     near, far = 0.0, 1e-3 * (1.0 + available)
     sign = -1.0 if starts_stable else 1.0
     limit = available if starts_stable else _LARGEST_SHIFT

@@ -35,14 +35,31 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         certificate = avc.certify(problem, gains, requested=args.requested).document()
     claimed = claimed_level(problem)
     document = {"schema": "avc-certify/1", "claimed": claimed, "gains": args.gains} | certificate
+    claims = "\n".join(f"  {level}: {result['claim']}" for level, result in certificate["levels"].items())
     text = (
         f"{problem.name}: {gains.rows} rows of {args.gains}, {certificate['judged']}\n{levels_text(certificate)}\n"
+        f"{claims}\n{_beside_hands(certificate['levels']['L5'])}"
         f"claimed by the problem file: {claimed} (scope {problem.stability.scope}, model {problem.stability.model})\n"
         f"no passive linear rendering on this device exceeds {number(certificate['passive_limit_n_per_m'])} N/m at DC "
         "(sampled-data)"
     )
     complaint = not_met(problem, certificate)
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
+
+
+def _beside_hands(level: Mapping[str, Any]) -> str:
+    """What stands beside L5: the device let go, and switching between neighbouring rows; empty where not judged."""
+    radius, switching = level.get("released_spectral_radius"), level.get("common_lyapunov")
+    lines = []
+    if radius is not None:
+        word = "stable" if level["released_pass"] else "not stable"
+        lines.append(f"device let go: {word}, spectral radius {number(radius, 6)} at worst")
+    if switching is not None:
+        lines.append(
+            f"switching: a common Lyapunov function found for {switching['proved']} of {switching['pairs']} pairs of "
+            f"neighbouring rows, with each of {switching['hands']} hands; the others are open"
+        )
+    return "".join(f"{line}\n" for line in lines)
 
 
 def claimed_level(problem: avc.Problem) -> str:

@@ -36,6 +36,11 @@ class HandSet:
     def __len__(self) -> int:
         return len(self.mass_kg)
 
+    def pick(self, index: int) -> HandSet:
+        """Take one hand."""
+        one = slice(index, index + 1)
+        return HandSet(self.mass_kg[one], self.damping_ns_per_m[one], self.stiffness_n_per_m[one], 1, self.seed)
+
 
 def hand_set(hands: Hands, *, draws: int = 24, seed: int = 0) -> HandSet:
     """All corners of the ranges and uniform draws within them.

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Device, Problem
     from avc_casadi.stability._hands import FloatArray, HandSet
 
-MAX_DELAY_SAMPLES = 100
+# Some seconds for a table of 200 rows and 32 hands.
+MAX_DELAY_SAMPLES = 32
 # Eigenvalues of these matrices are right to about 1e-12; slower decay than this is not told from none.
 RADIUS_TOLERANCE = 1e-10
 _NUMBERS_AT_ONCE = 2_000_000
