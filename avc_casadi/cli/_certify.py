@@ -57,7 +57,7 @@ def _beside_hands(level: Mapping[str, Any]) -> str:
     if switching is not None:
         lines.append(
             f"switching: a common Lyapunov function found for {switching['proved']} of {switching['pairs']} pairs of "
-            f"neighbouring rows, with each of {switching['hands']} hands; the others are open"
+            f"neighbouring rows, with each of {switching['hands']} hands; the others are open or unstable themselves"
         )
     return "".join(f"{line}\n" for line in lines)
 
