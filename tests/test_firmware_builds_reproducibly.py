@@ -41,7 +41,7 @@ def test_every_board_builds_without_warnings(target: str, tmp_path: Path) -> Non
     image = read_elf(firmware_build.build_image(target, tmp_path))
     board = firmware_build.TARGETS[target]
     code = sum(len(segment.data) for segment in image.segments)
-    assert 0 < code < 16_000
+    assert 0 < code < 20_000
     assert image.segments[0].address == board.flash[0]
     memory = max(address + size for name, (address, size) in image.symbols.items() if name == "device")
     assert memory - board.ram[0] < 24_000
@@ -71,7 +71,7 @@ def test_unknown_board_is_refused(tmp_path: Path) -> None:
 
 def test_core_uses_no_library_but_memcpy_and_memset() -> None:
     allowed = {"stdint.h", "stddef.h", "stdbool.h", "string.h", "stdatomic.h"}
-    for path in (firmware_build.FIRMWARE / "core").iterdir():
+    for path in (firmware_build.FIRMWARE / "core").rglob("*.[ch]"):
         text = path.read_text()
         assert set(re.findall(r"#include <(.+)>", text)) <= allowed, path.name
         assert not re.search(r"\b(malloc|calloc|free|printf|memmove|strlen)\s*\(", text), path.name

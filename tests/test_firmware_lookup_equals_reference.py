@@ -34,12 +34,13 @@ def device_lookup(gains: GainSchedule, frequency: Float32Array) -> Float32Array:
     """Look up in the compiled core; its table has room for 256 rows behind a header of 32 bytes."""
     library = ctypes.CDLL(str(host_library()))
     library.avc_table_lookup.restype = Gains
-    library.avc_table_lookup.argtypes = [ctypes.c_void_p, ctypes.c_float]
+    library.avc_table_lookup.argtypes = [ctypes.c_void_p, ctypes.c_float, ctypes.POINTER(ctypes.c_uint32)]
     table = ctypes.create_string_buffer(32 + 256 * 16 + 256 * 4 + 8)
     image = gain_table(gains).image
     ctypes.memmove(table, image, len(image))
     library.avc_table_prepare(table)
-    found = [library.avc_table_lookup(table, float(f)) for f in frequency]
+    near = ctypes.c_uint32()
+    found = [library.avc_table_lookup(table, float(f), ctypes.byref(near)) for f in frequency]
     return np.array([(g.b, g.k, g.b_p) for g in found], dtype=np.float32)
 
 
@@ -95,7 +96,8 @@ int main(void)
         const avc_gains_t gains = avc_lookup(f);
         fwrite(&gains, sizeof gains, 1, stdout);
     }
-    avc_coupling_t coupling = {0.0f, 0.0f, 0.0f, 0.0f};
+    avc_couple_state_t coupling;
+    avc_couple_start(&coupling, 0.0f);
     const float force = avc_step(&coupling, 1e-3f, 10.0f, 10.0f, 1e4f);
     return force > 0.0f && avc_step(&coupling, -1e-3f, 10.0f, 10.0f, 1e4f) == 0.0f ? 0 : 1;
 }

@@ -14,7 +14,7 @@ from avc_hardware._host import HostCore, HostLink
 
 OLD = schedule(12, seed=1)
 NEW = schedule(70, seed=2)
-SETTINGS = TableSettings(wall=Wall(5.0, 2e4), safe_damping_ns_per_m=1.0, slew_per_s=20.0)
+SETTINGS = TableSettings(wall=Wall(5.0, 2e4), safe_damping_ns_per_m=1.0, guard=True)
 OLD_IMAGE = gain_table(OLD, settings=SETTINGS).image
 NEW_IMAGE = gain_table(NEW, settings=SETTINGS).image
 # With the wall of limits: 5 s and a last wait for an answer.

@@ -75,7 +75,7 @@ def test_repeated_frequency_is_refused_on_both_sides() -> None:
         (TableSettings(wall=Wall(1.0, np.nan)), Reason.NOT_FINITE),
         (TableSettings(safe_stiffness_n_per_m=1e9), Reason.LIMIT),
         (TableSettings(safe_damping_ns_per_m=np.inf), Reason.NOT_FINITE),
-        (TableSettings(slew_per_s=-1.0), Reason.LIMIT),
+        (TableSettings(wall=Wall(0.0, 0.0)), Reason.LIMIT),
     ],
 )
 def test_device_refuses_a_bad_header(settings: TableSettings, reason: Reason) -> None:

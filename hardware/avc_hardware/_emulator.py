@@ -32,6 +32,7 @@ class EmulatedBoard:
         motion_m: Callable[[float], float] = tapping_hand,
         on_force_code: Callable[[int], None] = lambda _: None,
         slice_cycles: int = CLOCK_HZ // 1000,
+        on_instruction: Callable[[int], None] | None = None,
     ) -> None:
         """Start the firmware.
 
@@ -40,12 +41,19 @@ class EmulatedBoard:
             motion_m: position of the encoder at a time, metres.
             on_force_code: takes the 12-bit code of the force output at every tick.
             slice_cycles: see `Machine`.
+            on_instruction: see `Machine`.
         """
 
         def counts(cycle: int) -> int:
             return round(motion_m(cycle / CLOCK_HZ) / METRES_PER_COUNT)
 
-        self.machine = Machine(read_elf(image), encoder=counts, actuator=on_force_code, slice_cycles=slice_cycles)
+        self.machine = Machine(
+            read_elf(image),
+            encoder=counts,
+            actuator=on_force_code,
+            slice_cycles=slice_cycles,
+            on_instruction=on_instruction,
+        )
         self.machine.run_until(round(_BOOT_S * CLOCK_HZ))
 
     @property

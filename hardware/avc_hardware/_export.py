@@ -14,10 +14,12 @@ _HEADER = """\
 /* Gains of an adaptive virtual coupling against interaction frequency: made by avc-casadi, do not edit.
  * {source}
  * {rows} rows, {low:.6g} to {high:.6g} Hz, sample time {sample_time:.6g} s; rounding changed gains by {rounding:.2g}.
- * Compile with -ffp-contract=off to get the same bits on every machine. Needs no library.
+ * Compile with -ffp-contract=off to get the same bits on every machine. Runs at {rate:.6g} Hz only; needs no library.
  */
 #ifndef AVC_GAINS_H
 #define AVC_GAINS_H
+
+#include <stdbool.h>
 
 #define AVC_ROWS {rows}
 #define AVC_SAMPLE_TIME_S {time_literal}
@@ -70,23 +72,25 @@ static inline avc_gains_t avc_lookup(float frequency_hz)
 }
 """
 
-_COUPLING = """
-/* State of the coupling; start with zeros. */
-typedef struct {
-    float coupling_deflection_before_m, environment_deflection_before_m, contact_depth_before_m, tool_m;
-} avc_coupling_t;
-
-"""
-
 _STEP = """
-/* One control tick: position (m, positive into a one-sided wall at 0) to force (N, positive out of the wall).
- * Limit the force and check it for NaN before it reaches the motor. */
-static inline float avc_step(avc_coupling_t *state, float position_m, float frequency_hz, float wall_damping_ns_per_m,
-                             float wall_stiffness_n_per_m)
+/* One control tick: position (m, positive into a one-sided wall at 0) to force (N, positive out of the wall). Call
+ * avc_couple_start once before. Limit the force and check it for NaN before it reaches the motor; where you limit it,
+ * write what is held to state->held_force_n. */
+static inline float avc_step(avc_couple_state_t *state, float position_m, float frequency_hz,
+                             float wall_damping_ns_per_m, float wall_stiffness_n_per_m)
 {
     const avc_gains_t gains = avc_lookup(frequency_hz);
-    return avc_coupling_step(state, position_m, &gains, wall_damping_ns_per_m, wall_stiffness_n_per_m,
-                             AVC_SAMPLE_TIME_S);
+    const avc_couple_in_t in = {
+        .position_m = position_m,
+        .wanted_damping_ns_per_m = gains.damping_ns_per_m,
+        .wanted_stiffness_n_per_m = gains.stiffness_n_per_m,
+        .wanted_contact_damping_ns_per_m = gains.contact_damping_ns_per_m,
+        .wall_damping_ns_per_m = wall_damping_ns_per_m,
+        .wall_stiffness_n_per_m = wall_stiffness_n_per_m,
+    };
+    avc_couple_out_t out;
+    avc_couple_step(state, &in, &out);
+    return out.force_n;
 }
 
 #endif
@@ -118,13 +122,16 @@ def export_c(gains: GainSchedule, *, sample_time_s: float | None = None) -> str:
         sample_time=table.sample_time_s,
         time_literal=literal(np.float32(table.sample_time_s)),
         rounding=table.rounding_max,
+        rate=1 / table.sample_time_s,
         table="\n".join(lines),
     )
-    return header + _LOOKUP + _COUPLING + _coupling_step() + _STEP
+    return header + _LOOKUP + _coupling_step() + _STEP
 
 
 def _coupling_step() -> str:
-    """The force law of the firmware, which is that of the scenes, as a function of a header."""
-    text = GENERATED.read_text(encoding="utf-8")
-    comment, _, function = text.partition('#include "avc_coupling.h"\n\n')
-    return comment + "static inline " + function
+    """The force law of the firmware, which is that of the scenes, as functions of a header."""
+    header = (GENERATED / "avc_couple.h").read_text(encoding="utf-8")
+    types = header[header.index("typedef") : header.index("/* The state of")]
+    source = (GENERATED / "avc_couple.c").read_text(encoding="utf-8")
+    functions = source[source.index("void ") :].replace("void avc_couple", "static inline void avc_couple")
+    return f"\n/* Coupling, adaptation and wall: the expressions of the scenes, generated. */\n{types}{functions}"

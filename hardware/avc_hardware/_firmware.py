@@ -6,8 +6,8 @@ import hashlib
 from pathlib import Path
 
 FIRMWARE = Path(__file__).resolve().parent / "firmware"
-# The coupling, written from the scene's CasADi expressions by `firmware_build generate`.
-GENERATED = FIRMWARE / "core" / "avc_coupling.c"
+# The control tick, written from the scene's CasADi expressions by `firmware_build generate`.
+GENERATED = FIRMWARE / "core" / "generated"
 IMAGE = FIRMWARE / "image" / "netduinoplus2.elf"
 ARM_INSTALL = "apt-get install -y --no-install-recommends gcc-arm-none-eabi"
 

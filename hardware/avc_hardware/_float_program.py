@@ -7,52 +7,75 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avc_casadi import UnsupportedError
 from avc_hardware._table import Float32Array
 
-_ONE, _ZERO = np.float32(1), np.float32(0)
-
-
-def _chosen(condition: Float32Array, one: Float32Array, other: Float32Array) -> Float32Array:
-    return np.where(condition, one, other)
+Value = Any  # a single-precision or truth array
 
 
 @dataclass(frozen=True)
 class _Operation:
-    """How an operation is written in C and done in numpy; neither may be fused or reordered."""
+    """How an operation is written in C and done in numpy; the compiler must neither fuse nor reorder.
+
+    Attributes:
+        c: with places for the arguments.
+        numpy: the same.
+        truth: whether the result is a truth value.
+        of_truth: which arguments are truth values.
+    """
 
     c: str
-    numpy: Callable[..., Float32Array]
+    numpy: Callable[..., Value]
+    truth: bool = False
+    of_truth: tuple[bool, ...] = (False, False)
+
+
+_SELECT = -1  # condition ? a : b, which CasADi writes as a sum of two halves
 
 
 def _operations(ca: Any) -> dict[int, _Operation]:
+    def arithmetic(c: str, numpy: Callable[..., Value]) -> _Operation:
+        return _Operation(c, numpy)
+
+    def comparison(c: str, numpy: Callable[..., Value]) -> _Operation:
+        return _Operation(c, numpy, truth=True)
+
+    zero = np.float32(0)
+    both = (True, True)
     return {
-        ca.OP_ASSIGN: _Operation("{0}", lambda a: a),
-        ca.OP_ADD: _Operation("{0} + {1}", lambda a, b: a + b),
-        ca.OP_SUB: _Operation("{0} - {1}", lambda a, b: a - b),
-        ca.OP_MUL: _Operation("{0} * {1}", lambda a, b: a * b),
-        ca.OP_DIV: _Operation("{0} / {1}", lambda a, b: a / b),
-        ca.OP_NEG: _Operation("-{0}", lambda a: -a),
-        ca.OP_INV: _Operation("1.0f / {0}", lambda a: _ONE / a),
-        ca.OP_SQ: _Operation("{0} * {0}", lambda a: a * a),
-        ca.OP_TWICE: _Operation("{0} + {0}", lambda a: a + a),
-        ca.OP_FABS: _Operation("{0} < 0.0f ? -{0} : {0}", lambda a: _chosen(a < 0, -a, a)),
-        ca.OP_FMAX: _Operation("{0} > {1} ? {0} : {1}", lambda a, b: _chosen(a > b, a, b)),
-        ca.OP_FMIN: _Operation("{0} < {1} ? {0} : {1}", lambda a, b: _chosen(a < b, a, b)),
-        ca.OP_LT: _Operation("{0} < {1} ? 1.0f : 0.0f", lambda a, b: _chosen(a < b, _ONE, _ZERO)),
-        ca.OP_LE: _Operation("{0} <= {1} ? 1.0f : 0.0f", lambda a, b: _chosen(a <= b, _ONE, _ZERO)),
-        ca.OP_NOT: _Operation("{0} > 0.0f ? 0.0f : 1.0f", lambda a: _chosen(a > 0, _ZERO, _ONE)),
-        ca.OP_IF_ELSE_ZERO: _Operation("{0} > 0.0f ? {1} : 0.0f", lambda a, b: _chosen(a > 0, b, _ZERO)),
+        ca.OP_ASSIGN: arithmetic("{0}", lambda a: a),
+        ca.OP_ADD: arithmetic("{0} + {1}", lambda a, b: a + b),
+        ca.OP_SUB: arithmetic("{0} - {1}", lambda a, b: a - b),
+        ca.OP_MUL: arithmetic("{0} * {1}", lambda a, b: a * b),
+        ca.OP_DIV: arithmetic("{0} / {1}", lambda a, b: a / b),
+        ca.OP_NEG: arithmetic("-{0}", lambda a: -a),
+        ca.OP_INV: arithmetic("1.0f / {0}", lambda a: np.float32(1) / a),
+        ca.OP_SQ: arithmetic("{0} * {0}", lambda a: a * a),
+        ca.OP_TWICE: arithmetic("{0} + {0}", lambda a: a + a),
+        ca.OP_FABS: arithmetic("{0} < 0.0f ? -{0} : {0}", lambda a: np.where(a < 0, -a, a)),
+        ca.OP_FMAX: arithmetic("{0} > {1} ? {0} : {1}", lambda a, b: np.where(a > b, a, b)),
+        ca.OP_FMIN: arithmetic("{0} < {1} ? {0} : {1}", lambda a, b: np.where(a < b, a, b)),
+        ca.OP_LT: comparison("{0} < {1}", lambda a, b: a < b),
+        ca.OP_LE: comparison("{0} <= {1}", lambda a, b: a <= b),
+        ca.OP_EQ: comparison("{0} == {1}", lambda a, b: a == b),
+        ca.OP_NE: comparison("{0} != {1}", lambda a, b: a != b),
+        ca.OP_NOT: _Operation("!{0}", lambda a: ~a, truth=True, of_truth=both),
+        ca.OP_AND: _Operation("{0} && {1}", lambda a, b: a & b, truth=True, of_truth=both),
+        ca.OP_OR: _Operation("{0} || {1}", lambda a, b: a | b, truth=True, of_truth=both),
+        ca.OP_IF_ELSE_ZERO: _Operation("{0} ? {1} : 0.0f", lambda a, b: np.where(a, b, zero), of_truth=(True, False)),
+        _SELECT: _Operation("{0} ? {1} : {2}", np.where, of_truth=(True, False, False)),
     }
 
 
 @dataclass(frozen=True)
-class _Step:
+class _Node:
+    """One value, computed once: an operation on earlier nodes, an input, or a constant."""
+
     operation: int
-    inputs: tuple[int, ...]
-    output: int
-    constant: float
+    arguments: tuple[int, ...] = ()
+    constant: float = 0.0
 
 
 class FloatProgram:
@@ -75,62 +98,117 @@ class FloatProgram:
         self._operations = _operations(ca)
         self.inputs = tuple(function.name_in())
         self.outputs = tuple(function.name_out())
-        self._steps = []
+        self._nodes: list[_Node] = []
+        self._results: dict[int, int] = {}
+        latest: dict[int, int] = {}
         for index in range(function.n_instructions()):
             operation = function.instruction_id(index)
-            if operation not in {ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, *self._operations}:
+            inputs = function.instruction_input(index)
+            output = function.instruction_output(index)[0]
+            if operation == ca.OP_OUTPUT:
+                self._results[output] = latest[inputs[0]]
+                continue
+            if operation == ca.OP_CONST:
+                node = _Node(operation, constant=function.instruction_constant(index))
+            elif operation == ca.OP_INPUT:
+                node = _Node(operation, (inputs[0],))
+            elif operation in self._operations:
+                node = self._joined(_Node(operation, tuple(latest[at] for at in inputs)))
+            else:
                 raise UnsupportedError(f"{function.name()}: CasADi operation {operation} has no single-precision form")
-            self._steps.append(
-                _Step(
-                    operation,
-                    tuple(function.instruction_input(index)),
-                    function.instruction_output(index)[0],
-                    function.instruction_constant(index) if operation == ca.OP_CONST else 0.0,
-                )
-            )
+            latest[output] = len(self._nodes)
+            self._nodes.append(node)
+        self._needed = self._reachable()
+
+    @property
+    def operations(self) -> int:
+        """Number of operations."""
+        return sum(self._nodes[at].operation in self._operations for at in self._needed)
+
+    def _joined(self, node: _Node) -> _Node:
+        """Make (c ? a : 0) + (!c ? b : 0) one choice."""
+        ca = self._ca
+        if node.operation != ca.OP_ADD:
+            return node
+        halves = [self._nodes[at] for at in node.arguments]
+        if any(half.operation != ca.OP_IF_ELSE_ZERO for half in halves):
+            return node
+        (first, a), (second, b) = (half.arguments for half in halves)
+        if self._nodes[second] == _Node(ca.OP_NOT, (first,)):
+            return _Node(_SELECT, (first, a, b))
+        if self._nodes[first] == _Node(ca.OP_NOT, (second,)):
+            return _Node(_SELECT, (second, b, a))
+        return node
+
+    def _reachable(self) -> list[int]:
+        wanted = set(self._results.values())
+        for at in range(len(self._nodes) - 1, -1, -1):
+            if at in wanted and self._nodes[at].operation in self._operations:
+                wanted |= set(self._nodes[at].arguments)
+        return sorted(wanted)
 
     def __call__(self, *values: Any) -> tuple[Float32Array, ...]:
         """Run in single precision on scalars or arrays, one value an input."""
         given = [np.asarray(value, dtype=np.float32) for value in values]
-        work: dict[int, Float32Array] = {}
-        results: dict[int, Float32Array] = {}
+        work: dict[int, Value] = {}
         with np.errstate(all="ignore"):
-            for step in self._steps:
-                if step.operation == self._ca.OP_CONST:
-                    work[step.output] = np.asarray(step.constant, dtype=np.float32)
-                elif step.operation == self._ca.OP_INPUT:
-                    work[step.output] = given[step.inputs[0]]
-                elif step.operation == self._ca.OP_OUTPUT:
-                    results[step.output] = work[step.inputs[0]]
+            for at in self._needed:
+                node = self._nodes[at]
+                if node.operation == self._ca.OP_CONST:
+                    work[at] = np.asarray(node.constant, dtype=np.float32)
+                elif node.operation == self._ca.OP_INPUT:
+                    work[at] = given[node.arguments[0]]
                 else:
-                    chosen = self._operations[step.operation]
-                    work[step.output] = np.asarray(chosen.numpy(*(work[at] for at in step.inputs)), dtype=np.float32)
-        return tuple(results[index] for index in range(len(self.outputs)))
+                    chosen = self._operations[node.operation]
+                    pairs = zip(node.arguments, chosen.of_truth, strict=False)
+                    work[at] = chosen.numpy(*(_as(work[argument], truth=truth) for argument, truth in pairs))
+        return tuple(_as(work[self._results[index]], truth=False) for index in range(len(self.outputs)))
 
-    def c_body(self, of_input: Callable[[str], str], of_output: Callable[[str], str]) -> list[str]:
-        """Return the lines of a C function body, without braces."""
+    def c_lines(self, of_input: Callable[[str], str], of_output: Callable[[str], str]) -> list[str]:
+        """Return the statements of a C function; an output may share its place with an input, as a state does."""
         lines: list[str] = []
         names: dict[int, str] = {}
-        stores: list[str] = []
-        for number, step in enumerate(self._steps):
-            if step.operation == self._ca.OP_CONST:
-                names[step.output] = literal(np.float32(step.constant))
-                continue
-            if step.operation == self._ca.OP_INPUT:
-                names[step.output] = of_input(self.inputs[step.inputs[0]])
-                continue
-            arguments = [names[at] for at in step.inputs]
-            if step.operation == self._ca.OP_OUTPUT:
-                # stored at the end: an output may share its place with an input
-                stores.append(f"{of_output(self.outputs[step.output])} = {arguments[0]};")
-                continue
-            name = f"v{number}"
-            lines.append(f"const float {name} = {self._operations[step.operation].c.format(*arguments)};")
-            names[step.output] = name
-        return lines + stores
+        truths: set[int] = set()
+
+        def argument(at: int, *, truth: bool) -> str:
+            if truth == (at in truths):
+                return names[at]
+            return f"({names[at]} != 0.0f)" if truth else f"({names[at]} ? 1.0f : 0.0f)"
+
+        for at in self._needed:
+            node = self._nodes[at]
+            if node.operation == self._ca.OP_CONST:
+                names[at] = literal(np.float32(node.constant))
+            elif node.operation == self._ca.OP_INPUT:
+                names[at] = of_input(self.inputs[node.arguments[0]])
+            else:
+                chosen = self._operations[node.operation]
+                pairs = zip(node.arguments, chosen.of_truth, strict=False)
+                text = chosen.c.format(*(argument(value, truth=truth) for value, truth in pairs))
+                names[at] = f"v{at}"
+                if chosen.truth:
+                    truths.add(at)
+                lines.append(f"const {'bool' if chosen.truth else 'float'} v{at} = {text};")
+        # States are read all over the body: none is written before all is computed.
+        kept, stores = [], []
+        for index, name in enumerate(self.outputs):
+            value = argument(self._results[index], truth=False)
+            if value.startswith(("state->", "in->")):
+                kept.append(f"const float r{index} = {value};")
+                value = f"r{index}"
+            stores.append(f"{of_output(name)} = {value};")
+        return lines + kept + stores
+
+
+def _as(value: Value, *, truth: bool) -> NDArray[Any]:
+    array = np.asarray(value)
+    if truth:
+        return array if array.dtype == np.bool_ else array != 0
+    return array.astype(np.float32, copy=False)
 
 
 def literal(value: np.float32) -> str:
     """Return a C literal that reads back as exactly this number."""
-    text = np.format_float_scientific(value, unique=True, trim="0")
+    text = np.format_float_positional(value, unique=True, trim="0") if 1e-3 <= abs(value) < 1e6 or value == 0 else ""
+    text = text or np.format_float_scientific(value, unique=True, trim="0")
     return f"({text}f)" if text.startswith("-") else f"{text}f"

@@ -41,7 +41,7 @@ class State(ctypes.Structure):
         ("heartbeats_missed", ctypes.c_uint32),
         ("swaps", ctypes.c_uint32),
         ("encoder_count", ctypes.c_int32),
-        *((name, ctypes.c_float) for name in ("position_m", "velocity_m_per_s", "frequency_hz")),
+        *((name, ctypes.c_float) for name in ("position_m", "velocity_m_per_s", "frequency_hz", "lookup_hz")),
         *((name, ctypes.c_float) for name in ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")),
         ("force_n", ctypes.c_float),
         ("energy_j", ctypes.c_float),

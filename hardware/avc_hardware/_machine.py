@@ -42,6 +42,7 @@ class Machine:
         encoder: Callable[[int], int],
         actuator: Callable[[int], None] = lambda _: None,
         slice_cycles: int = CLOCK_HZ // 1000,
+        on_instruction: Callable[[int], None] | None = None,
     ) -> None:
         """Load an image and reset the core.
 
@@ -50,6 +51,7 @@ class Machine:
             encoder: position in counts at a cycle; read once a tick.
             actuator: takes the 12-bit code of the force output, once a tick.
             slice_cycles: the main loop is interrupted at the latest after so many instructions (tests make it small).
+            on_instruction: takes the address of every instruction; slow.
 
         Raises:
             MissingExtraError: Unicorn is not installed.
@@ -74,6 +76,8 @@ class Machine:
         core.mem_map(_RETURN, _PAGE, unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC)
         for base in (_SYSTEM, _APB1, _TIMERS, _SERIAL):
             core.mmio_map(base, _PAGE, self._read_register, base, self._write_register, base)
+        if on_instruction is not None:
+            core.hook_add(unicorn.UC_HOOK_CODE, lambda _core, address, _size, _data: on_instruction(address))
         self._core: Any = core
         self._saved = core.context_save()
         self.cycle = 0

@@ -134,6 +134,7 @@ class DeviceStatus:
         ticks: control ticks since the start.
         overruns: ticks that came due before the one before had ended.
         frequency_hz: estimate of the interaction frequency.
+        lookup_hz: where the table is read: the estimate, held a while when it is lost, then falling to the lowest row.
         damping_ns_per_m: b in force.
         stiffness_n_per_m: k in force.
         contact_damping_ns_per_m: b_p in force.
@@ -164,6 +165,7 @@ class DeviceStatus:
     ticks: int
     overruns: int
     frequency_hz: float
+    lookup_hz: float
     damping_ns_per_m: float
     stiffness_n_per_m: float
     contact_damping_ns_per_m: float
@@ -193,13 +195,13 @@ class DeviceStatus:
 
 MODES = ("table", "ramp", "safe")
 _HELLO = struct.Struct("<HHHH8sII6fIIHH")
-_STATUS = struct.Struct("<II8fiIIIIIIIIIIIII4B")
+_STATUS = struct.Struct("<II9fi13I4B")
 _BEGIN = struct.Struct("<IIIHH")
 _CHUNK = struct.Struct("<III")
 _COMMIT = struct.Struct("<III")
 _READBACK = struct.Struct("<II")
 _SET_GAINS = struct.Struct("<II3f")
-_GAINS_TAKEN = struct.Struct("<IIff")
+_GAINS_TAKEN = struct.Struct("<II3f")
 _REFUSED = struct.Struct("<HHI")
 _TWO = struct.Struct("<II")
 _ONE = struct.Struct("<I")
@@ -245,6 +247,7 @@ class GainsTaken:
     number: int
     ticks: int
     frequency_hz: float
+    lookup_hz: float
     force_n: float
 
 

@@ -82,7 +82,7 @@ def push(
         gains: rows without usable gains are left out and counted.
         port: device path, pyserial URL, ``emulator``, or an open link.
         baud: rate of a serial port.
-        settings: wall, safe gains and slew that travel with the rows.
+        settings: wall, safe gains and guard that travel with the rows.
         deadline_s: longest duration on the link's clock.
         on_log: takes the firmware's lines of text.
 

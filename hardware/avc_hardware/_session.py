@@ -60,11 +60,19 @@ Answer = tuple[int, Message] | None
 
 @dataclass(frozen=True)
 class Upload:
-    """What a push came to: the device as HELLO described it, the table read back, and how often it was begun."""
+    """What a push came to.
+
+    Attributes:
+        device: as HELLO described it.
+        image: the table read back.
+        attempts: how often the transfer was begun.
+        ticks: that had run when the device told of the swap.
+    """
 
     device: m.Device
     image: bytes
     attempts: int
+    ticks: int
 
 
 class Session:
@@ -143,7 +151,7 @@ class Session:
             try:
                 if attempt > 1:
                     device = yield from self.hello()
-                yield from self._transfer(table, device)
+                committed = yield from self._transfer(table, device)
                 table_id, image = yield from self.read_table(len(table.image), device.chunk_bytes)
             except RefusedError as error:
                 if error.refusal.reason in _FINAL and error.refusal.reason is not Reason.NO_TABLE:
@@ -153,15 +161,15 @@ class Session:
                     yield from _wait(BUSY_WAIT_S)
             else:
                 if table_id == table.table_id and image == table.image:
-                    return Upload(device, image, attempt)
+                    return Upload(device, image, attempt, committed.ticks)
                 failure = LinkError("the table read back differs from the one sent; another host may have pushed")
         raise LinkError(f"the table was not taken after {ATTEMPTS} attempts: {failure}") from failure
 
-    def _transfer(self, table: GainTable, device: m.Device) -> Generator[Exchange, Answer, None]:
+    def _transfer(self, table: GainTable, device: m.Device) -> Generator[Exchange, Answer, m.Committed]:
         image, table_id, crc32 = table.image, table.table_id, table.crc32
         begun = yield from self.ask(Kind.BEGIN, m.begin(self.number, table_id, crc32, len(table.rows)), m.Acknowledged)
         yield from self._chunks(image, table_id, begun.received, device)
-        yield from self.ask(Kind.COMMIT, m.commit(self.number, table_id, crc32), m.Committed)
+        return (yield from self.ask(Kind.COMMIT, m.commit(self.number, table_id, crc32), m.Committed))
 
     def _chunks(
         self, image: bytes, table_id: int, received: int, device: m.Device

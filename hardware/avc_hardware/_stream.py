@@ -34,6 +34,7 @@ class StreamSample:
         number: of the message.
         time_s: since the start, link's clock.
         frequency_hz: the device's estimate in the answer; not a number at rest or without an answer.
+        lookup_hz: where the device would read its table; the next gains are chosen for it.
         damping_ns_per_m: b sent.
         stiffness_n_per_m: k sent.
         contact_damping_ns_per_m: b_p sent.
@@ -44,6 +45,7 @@ class StreamSample:
     number: int
     time_s: float
     frequency_hz: float
+    lookup_hz: float
     damping_ns_per_m: float
     stiffness_n_per_m: float
     contact_damping_ns_per_m: float
@@ -104,7 +106,7 @@ def stream(
         rate_hz: messages a second, at most 100.
         seconds: duration.
         baud: rate of a serial port.
-        settings: wall, safe gains and slew that travel with the table.
+        settings: wall, safe gains and guard that travel with the table.
         on_sample: called after each message.
 
     Raises:
@@ -129,12 +131,12 @@ def stream(
         start = link.now_s()
         samples: list[StreamSample] = []
         late = 0
-        frequency = before.frequency_hz
+        frequency = before.lookup_hz
         for number in range(max(1, round(seconds * rate_hz))):
             end = start + (number + 1) / rate_hz
             sample, answer = _sample(connection, number, hold_ticks, lookup(rows, np.float32(frequency)), end, start)
             if isinstance(answer, GainsTaken):
-                frequency = answer.frequency_hz
+                frequency = answer.lookup_hz
             elif isinstance(answer, Refusal):
                 if answer.reason is not Reason.STALE:
                     raise LinkError(f"{link.name}: the device refused streamed gains: {answer}")
@@ -172,10 +174,11 @@ def _sample(
     b, k, b_p = map(float, chosen)
     payload = m.set_gains(number, hold_ticks, b, k, b_p)
     answer = connection.run(_send(connection.session, payload, max(end_s - at, _LEAST_WAIT_S)))
-    frequency = force = round_trip = math.nan
+    frequency = lookup_hz = force = round_trip = math.nan
     if isinstance(answer, GainsTaken):
-        frequency, force, round_trip = answer.frequency_hz, answer.force_n, connection.link.now_s() - at
-    return StreamSample(number, at - start_s, frequency, b, k, b_p, force, round_trip), answer
+        frequency, lookup_hz, force = answer.frequency_hz, answer.lookup_hz, answer.force_n
+        round_trip = connection.link.now_s() - at
+    return StreamSample(number, at - start_s, frequency, lookup_hz, b, k, b_p, force, round_trip), answer
 
 
 def _send(session: Session, payload: bytes, wait_s: float) -> Generator[Exchange, Answer, m.Message | None]:

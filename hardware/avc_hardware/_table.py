@@ -17,7 +17,8 @@ Float32Array = NDArray[np.float32]
 
 FLAG_DAMPED = 1
 FLAG_WALL = 2
-HEADER = struct.Struct("<HH6fI")
+FLAG_GUARD = 4
+HEADER = struct.Struct("<HH5fII")
 ROW_BYTES = 16
 _COLUMNS = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 
@@ -38,13 +39,13 @@ class TableSettings:
         wall: None leaves the wall that the device has.
         safe_damping_ns_per_m: b after a lost heartbeat.
         safe_stiffness_n_per_m: k after a lost heartbeat; 0 means no force.
-        slew_per_s: largest relative change of a gain in contact, a second; 0 lets gains change at once.
+        guard: whether the firmware's passivity controller watches the energy.
     """
 
     wall: Wall | None = None
     safe_damping_ns_per_m: float = 0.0
     safe_stiffness_n_per_m: float = 0.0
-    slew_per_s: float = 0.0
+    guard: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class GainTable:
     Attributes:
         rows: single precision, shape (n, 4): frequency_hz, b, k, b_p; rising in frequency.
         sample_time_s: that the gains were designed for.
-        settings: wall, safe gains, slew.
+        settings: wall, safe gains, guard.
         damped: whether b_p is in use.
         left_out: rows of the schedule without usable gains.
         reduced_from: usable rows before the table was cut to the device's capacity.
@@ -76,7 +77,7 @@ class GainTable:
         """The bytes that travel, that are checked, and that are read back."""
         settings = self.settings
         wall = settings.wall or Wall(0.0, 0.0)
-        flags = (FLAG_DAMPED if self.damped else 0) | (FLAG_WALL if settings.wall else 0)
+        flags = FLAG_DAMPED * self.damped | FLAG_WALL * (settings.wall is not None) | FLAG_GUARD * settings.guard
         header = HEADER.pack(
             len(self.rows),
             flags,
@@ -85,7 +86,7 @@ class GainTable:
             wall.stiffness_n_per_m,
             settings.safe_damping_ns_per_m,
             settings.safe_stiffness_n_per_m,
-            settings.slew_per_s,
+            0,
             0,
         )
         return header + self.rows.astype("<f4").tobytes()
@@ -112,7 +113,7 @@ def gain_table(
 
     Args:
         gains: rows without gains are left out and counted.
-        settings: wall, safe gains and slew; default `TableSettings`.
+        settings: wall, safe gains and guard; default `TableSettings`.
         capacity_rows: of the device.
         sample_time_s: for schedules that do not know theirs (bare CSV files).
 

@@ -1,7 +1,8 @@
 """Build the firmware: ``python -m avc_hardware.firmware_build [TARGET ...] [--out DIR]``.
 
-Targets are the boards below and ``host``, the portable core as a shared library for tests, and ``generate``, which writes the coupling's C from CasADi. Builds are reproducible: the
-same sources and compiler give the same bytes, on any path.
+Targets are the boards below, ``host`` (the portable core as a shared library for tests), and ``generate``, which writes
+the control tick's C from the scene's CasADi expressions. Builds are reproducible: the same sources and compiler give
+the same bytes, on any path.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from avc_hardware._firmware import ARM_INSTALL, FIRMWARE, GENERATED, source_hash
 WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-pedantic")
 # One rounding an operation: without it a fused multiply-add would make boards disagree with each other and the host.
 EXACT_FLOAT = ("-ffp-contract=off", "-fno-fast-math")
-CORE = ("avc_crc32.c", "avc_frame.c", "avc_table.c", "avc_coupling.c", "avc_control.c", "avc_device.c")
+CORE = ("avc_crc32.c", "avc_frame.c", "avc_table.c", "avc_control.c", "avc_device.c")
+PARTS = ("avc_couple.c", "avc_guard.c")
 HOST_INSTALL = "apt-get install -y --no-install-recommends gcc"
 
 _M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
@@ -37,6 +39,8 @@ class Target:
         flash: origin and size, bytes.
         ram: origin and size, bytes.
         extra: further sources, relative to firmware/boards.
+        defines: compiler definitions.
+        estimator: method; the fused one is too slow for floats in software.
     """
 
     folder: str
@@ -44,13 +48,25 @@ class Target:
     flash: tuple[int, int]
     ram: tuple[int, int]
     extra: tuple[str, ...] = ()
+    defines: tuple[str, ...] = ()
+    estimator: str = "fused"
 
 
 TARGETS = {
     "netduinoplus2": Target("netduinoplus2", _M4F, (0x08000000, 0x100000), (0x20000000, 0x20000)),
     "stm32f405": Target("netduinoplus2", _M4F, (0x08000000, 0x100000), (0x20000000, 0x20000), ("stm32f405/clock.c",)),
     "mps2-an386": Target("mps2-an386", _M4F, (0x00000000, 0x400000), (0x20000000, 0x20000)),
-    "lm3s6965evb": Target("lm3s6965evb", _M3, (0x00000000, 0x40000), (0x20000000, 0x10000)),
+    "lm3s6965evb": Target("lm3s6965evb", _M3, (0x00000000, 0x40000), (0x20000000, 0x10000), estimator="zero-crossing"),
+    # for tests in lock step with a plant outside, on the machines mps2-an386 and lm3s6965evb
+    "bench-m4f": Target("bench", _M4F, (0x00000000, 0x400000), (0x20000000, 0x20000)),
+    "bench-m3": Target(
+        "bench",
+        _M3,
+        (0x00000000, 0x40000),
+        (0x20000000, 0x10000),
+        defines=("-DBOARD_CLOCK_HZ=12500000u",),
+        estimator="zero-crossing",
+    ),
 }
 
 
@@ -72,7 +88,7 @@ def _run(command: list[str]) -> None:
         raise UnsupportedError(f"{command[0]} failed:\n{done.stderr.strip()}")
 
 
-def _common() -> list[str]:
+def _common(estimator: str) -> list[str]:
     core = FIRMWARE / "core"
     return [
         "-std=c11",
@@ -82,7 +98,14 @@ def _common() -> list[str]:
         f"-ffile-prefix-map={FIRMWARE}=firmware",
         f'-DAVC_BUILD="{source_hash(FIRMWARE)}"',
         f"-I{core}",
+        f"-I{GENERATED}",
+        f"-I{GENERATED / estimator}",
     ]
+
+
+def _core_sources(estimator: str) -> list[Path]:
+    parts = [GENERATED / name for name in PARTS]
+    return [FIRMWARE / "core" / name for name in CORE] + parts + [GENERATED / estimator / "avc_estimate.c"]
 
 
 def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "arm-none-eabi-gcc") -> Path:
@@ -103,7 +126,7 @@ def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "
     board = TARGETS[target]
     boards = FIRMWARE / "boards"
     sources = [boards / "start.c", boards / "main.c", boards / board.folder / "board.c"]
-    sources += [boards / name for name in board.extra] + [FIRMWARE / "core" / name for name in CORE]
+    sources += [boards / name for name in board.extra] + _core_sources(board.estimator)
     image = out / f"{target}.elf"
     out.mkdir(parents=True, exist_ok=True)
     places = {
@@ -115,12 +138,12 @@ def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "
     _run(
         [
             compiler(gcc, ARM_INSTALL),
-            *_common(),
+            *_common(board.estimator),
             *board.cpu,
+            *board.defines,
             *([f"-DBOARD_BAUD={baud}u"] if baud else []),
             f"-I{boards}",
             f"-I{boards / board.folder}",
-            "-ffreestanding",
             "-fno-tree-loop-distribute-patterns",
             "-ffunction-sections",
             "-fdata-sections",
@@ -139,7 +162,7 @@ def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "
     return image
 
 
-def build_host(out: Path, *, cc: str = "gcc", flags: tuple[str, ...] = ()) -> Path:
+def build_host(out: Path, *, cc: str = "gcc", flags: tuple[str, ...] = (), estimator: str = "fused") -> Path:
     """Build the portable core as a shared library (``libavc.so``) for tests; further flags for sanitizers.
 
     Raises:
@@ -147,9 +170,41 @@ def build_host(out: Path, *, cc: str = "gcc", flags: tuple[str, ...] = ()) -> Pa
     """
     out.mkdir(parents=True, exist_ok=True)
     library = out / "libavc.so"
-    sources = [FIRMWARE / "core" / name for name in CORE] + [FIRMWARE / "boards" / "host" / "board.c"]
-    _run([compiler(cc, HOST_INSTALL), *_common(), *flags, "-fPIC", "-shared", *map(str, sources), "-o", str(library)])
+    sources = [*_core_sources(estimator), FIRMWARE / "boards" / "host" / "board.c"]
+    _run(
+        [
+            compiler(cc, HOST_INSTALL),
+            *_common(estimator),
+            *flags,
+            "-fPIC",
+            "-shared",
+            *map(str, sources),
+            "-o",
+            str(library),
+        ]
+    )
     return library
+
+
+def generated() -> dict[Path, str]:
+    """Return the generated sources by path: the coupling and the guard, and the estimator of every method."""
+    from avc_casadi.runtime import ESTIMATORS  # noqa: PLC0415 - needs CasADi, which a build does not
+    from avc_hardware._runtime_program import RuntimeFigures, c_sources, runtime_programs  # noqa: PLC0415
+
+    files: dict[Path, str] = {}
+    for method in ESTIMATORS:
+        figures = RuntimeFigures(estimator=method)
+        for part in runtime_programs(figures):
+            folder = GENERATED / method if part.name == "estimate" else GENERATED
+            files |= {folder / name: text for name, text in c_sources(part, figures).items()}
+    return files
+
+
+def generate() -> None:
+    """Write the generated sources."""
+    for path, text in generated().items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -159,15 +214,13 @@ def main(argv: list[str] | None = None) -> int:
         "targets",
         nargs="*",
         default=[],
-        help=f"host, generate (the coupling's C from CasADi), {', '.join(TARGETS)}; default: the packaged image",
+        help=f"host, generate (the tick's C from CasADi), {', '.join(TARGETS)}; default: the packaged image",
     )
     parser.add_argument("--out", type=Path, default=FIRMWARE / "image", help="folder of the images")
     arguments = parser.parse_args(argv)
     for target in arguments.targets or ["netduinoplus2"]:
         if target == "generate":
-            from avc_hardware._coupling_program import coupling_c  # noqa: PLC0415 - needs CasADi, a build does not
-
-            GENERATED.write_text(coupling_c(), encoding="utf-8")
+            generate()
             continue
         image = build_host(arguments.out) if target == "host" else build_image(target, arguments.out)
         digest = hashlib.sha256(image.read_bytes()).hexdigest()

@@ -42,5 +42,5 @@ class Estimator(SceneEffect):
         tick.follow("estimator_position_m", tick.position)
         velocity = (tick.position - before) / tick.sample_time_s
         step = estimator_step(self.method, tick.sample_time_s, self.settings)
-        tick.frequency_hz, tick.frequency_valid = insert(tick, "estimator", step, [velocity])
+        tick.frequency_hz, tick.frequency_valid = insert(tick, "estimator", step, [velocity])[:2]
         tick.trace("interaction_hz", tick.frequency_hz)

@@ -3,9 +3,6 @@
 #include <stdatomic.h>
 #include <string.h>
 
-static const float filter_cutoff_hz = 100.0f;
-static const float rest_s = 1.0f;
-static const float hysteresis_counts = 3.0f; /* a tick, as velocity: less is encoder noise */
 static const float ramp_s = 0.1f;
 
 static float not_a_number(void)
@@ -16,85 +13,15 @@ static float not_a_number(void)
     return x;
 }
 
-void avc_estimator_reset(avc_estimator_t *estimator)
-{
-    memset(estimator, 0, sizeof *estimator);
-    estimator->frequency_hz = not_a_number();
-}
-
 void avc_control_init(avc_control_t *control, const avc_limits_t *limits)
 {
     memset(control, 0, sizeof *control);
     control->limits = *limits;
     control->rate_hz = 1.0f / limits->sample_time_s;
-    const float omega_t = 6.28318548f * filter_cutoff_hz * limits->sample_time_s;
-    control->smoothing = omega_t / (1.0f + omega_t);
-    control->hysteresis_m_per_s = hysteresis_counts * limits->metres_per_count * control->rate_hz * control->smoothing;
-    control->rest_ticks = rest_s * control->rate_hz;
     control->scale = 1.0f;
     control->wall_damping_ns_per_m = limits->wall_damping_ns_per_m;
     control->wall_stiffness_n_per_m = limits->wall_stiffness_n_per_m;
-    avc_estimator_reset(&control->estimator);
     control->state.frequency_hz = not_a_number();
-}
-
-float avc_estimator_step(avc_estimator_t *estimator, float velocity, const avc_control_t *settings)
-{
-    const float before = estimator->velocity;
-    const float now = before + settings->smoothing * (velocity - before);
-    estimator->velocity = now;
-    estimator->age = estimator->age + 1.0f;
-    if ((before < 0.0f) != (now < 0.0f)) {
-        estimator->crossing = estimator->age - now / (now - before); /* between the two samples */
-    }
-    int32_t sign = 0;
-    if (now > settings->hysteresis_m_per_s) {
-        sign = 1;
-    } else if (now < -settings->hysteresis_m_per_s) {
-        sign = -1;
-    }
-    if (sign != 0 && sign != estimator->sign) {
-        const float half = estimator->crossing;
-        if (estimator->sign != 0) {
-            estimator->halves += estimator->halves < 3u ? 1u : 0u;
-        }
-        if (estimator->halves == 3u) { /* the first half wave began at rest and does not count */
-            estimator->frequency_hz = settings->rate_hz / (estimator->half + half);
-        }
-        estimator->sign = sign;
-        estimator->half = half;
-        estimator->age = estimator->age - half;
-        estimator->crossing = 0.0f;
-    }
-    if (estimator->age > settings->rest_ticks) {
-        avc_estimator_reset(estimator);
-        estimator->velocity = now;
-    }
-    return estimator->frequency_hz;
-}
-
-/* No memory of another position: nothing is stretched, nothing has moved. */
-static void coupling_rest(avc_coupling_t *coupling, float x)
-{
-    const float depth = x > 0.0f ? x : 0.0f;
-    *coupling = (avc_coupling_t){0.0f, depth, depth, x};
-}
-
-static bool in_contact(const avc_coupling_t *coupling)
-{
-    return coupling->tool_m > 0.0f;
-}
-
-static float approach(float now, float goal, float share)
-{
-    const float step = share * (now > goal ? now : goal);
-    if (goal > now + step) {
-        return now + step;
-    }
-    if (goal < now - step) {
-        return now - step;
-    }
-    return goal;
 }
 
 /* Heartbeat: missed, the force ramps to zero; then static safe gains, from the next time out of contact. */
@@ -121,7 +48,7 @@ static void supervise(avc_control_t *c)
             c->scale = 0.0f;
             c->state.mode = AVC_MODE_SAFE;
         }
-    } else if (!in_contact(&c->coupling)) {
+    } else if (c->state.contact == 0u) {
         c->scale = 1.0f;
         if (alive) {
             c->state.mode = AVC_MODE_TABLE;
@@ -147,7 +74,8 @@ static bool streamed(avc_control_t *c, avc_gains_t *goal)
     return true;
 }
 
-static void choose_gains(avc_control_t *c, const avc_table_t *table)
+/* The gains that are wanted: safe, streamed, or from the table. */
+static avc_gains_t choose_gains(avc_control_t *c, const avc_table_t *table)
 {
     const avc_table_header_t *header = &table->image.header;
     avc_gains_t goal;
@@ -157,65 +85,102 @@ static void choose_gains(avc_control_t *c, const avc_table_t *table)
     } else if (streamed(c, &goal)) {
         c->state.streaming = 1u;
     } else {
-        goal = avc_table_lookup(table, c->state.frequency_hz);
+        goal = avc_table_lookup(table, c->state.lookup_hz, &c->near);
     }
-    avc_gains_t *gains = &c->state.gains;
-    if (header->slew_per_s > 0.0f && in_contact(&c->coupling)) {
-        const float share = header->slew_per_s * c->limits.sample_time_s;
-        gains->damping_ns_per_m = approach(gains->damping_ns_per_m, goal.damping_ns_per_m, share);
-        gains->stiffness_n_per_m = approach(gains->stiffness_n_per_m, goal.stiffness_n_per_m, share);
-        gains->contact_damping_ns_per_m =
-            approach(gains->contact_damping_ns_per_m, goal.contact_damping_ns_per_m, share);
-    } else {
-        *gains = goal;
+    return goal;
+}
+
+static void rest(avc_control_t *c, float x)
+{
+    avc_couple_start(&c->couple, x);
+    avc_guard_start(&c->guard, x);
+}
+
+/* The coupling's force, guarded where the table asks for it, scaled by the supervision. */
+static float push(avc_control_t *c, const avc_table_t *table, float x)
+{
+    avc_state_t *s = &c->state;
+    const avc_gains_t goal = choose_gains(c, table);
+    const avc_couple_in_t in = {
+        .position_m = x,
+        .wanted_damping_ns_per_m = goal.damping_ns_per_m,
+        .wanted_stiffness_n_per_m = goal.stiffness_n_per_m,
+        .wanted_contact_damping_ns_per_m = goal.contact_damping_ns_per_m,
+        .wall_damping_ns_per_m = c->wall_damping_ns_per_m,
+        .wall_stiffness_n_per_m = c->wall_stiffness_n_per_m,
+    };
+    avc_couple_out_t out;
+    avc_couple_step(&c->couple, &in, &out);
+    s->gains = (avc_gains_t){out.damping_ns_per_m, out.stiffness_n_per_m, out.contact_damping_ns_per_m};
+    s->contact = out.tool_m > 0.0f ? 1u : 0u;
+    float force = out.force_n;
+    if ((table->image.header.flags & AVC_TABLE_GUARD) != 0u) {
+        const avc_guard_in_t watched = {.position_m = x, .force_n = force, .stored_j = out.stored_j};
+        avc_guard_out_t guarded;
+        avc_guard_step(&c->guard, &watched, &guarded);
+        force = guarded.guarded_n;
     }
+    force = force * c->scale;
+    if (!avc_is_finite(force) || !avc_is_finite(out.tool_m)) {
+        s->not_finite++;
+        s->contact = 0u;
+        rest(c, x);
+        return 0.0f;
+    }
+    const float most = c->limits.max_force_n;
+    if (force > most || force < -most) {
+        s->saturated++;
+        force = force > most ? most : -most;
+    }
+    c->couple.held_force_n = force; /* what the actuator holds, not what was wanted */
+    c->guard.held_force_n = force;
+    return force;
+}
+
+static void swap(avc_control_t *c)
+{
+    atomic_signal_fence(memory_order_acquire);
+    c->active = 1u - c->active;
+    const avc_table_header_t *fresh = &c->tables[c->active].image.header;
+    if ((fresh->flags & AVC_TABLE_WALL) != 0u) {
+        c->wall_damping_ns_per_m = fresh->wall_damping_ns_per_m;
+        c->wall_stiffness_n_per_m = fresh->wall_stiffness_n_per_m;
+    }
+    c->state.has_table = 1u;
+    c->state.swaps++;
+    c->swap_wanted = 0u;
 }
 
 float avc_control_tick(avc_control_t *c, int32_t encoder_count)
 {
     avc_state_t *s = &c->state;
-    if (c->swap_wanted != 0u) { /* the only place where the table changes */
-        atomic_signal_fence(memory_order_acquire);
-        c->active = 1u - c->active;
-        s->has_table = 1u;
-        const avc_table_header_t *fresh = &c->tables[c->active].image.header;
-        if ((fresh->flags & AVC_TABLE_WALL) != 0u) {
-            c->wall_damping_ns_per_m = fresh->wall_damping_ns_per_m;
-            c->wall_stiffness_n_per_m = fresh->wall_stiffness_n_per_m;
-        }
-        s->swaps++;
-        c->swap_wanted = 0u;
+    if (c->swap_wanted != 0u) {
+        swap(c); /* the only place where the table changes */
     }
+    const avc_table_t *table = &c->tables[c->active];
     const int32_t moved = (int32_t)((uint32_t)encoder_count - (uint32_t)s->encoder_count); /* wraps rightly */
-    const float step = c->started ? (float)moved * c->limits.metres_per_count : 0.0f;
     const float x = (float)encoder_count * c->limits.metres_per_count;
-    c->started = true;
+    const float step = c->started ? (float)moved * c->limits.metres_per_count : 0.0f;
+    if (!c->started) {
+        c->started = true;
+        avc_estimate_start(&c->estimate, x);
+    }
     s->encoder_count = encoder_count;
     s->position_m = x;
     s->velocity_m_per_s = step * c->rate_hz;
     s->energy_j = s->energy_j + c->previous_force * step;
-    s->frequency_hz = avc_estimator_step(&c->estimator, s->velocity_m_per_s, c);
+    const avc_estimate_in_t seen = {x, s->has_table != 0u ? table->image.row[0].frequency_hz : 1.0f};
+    avc_estimate_out_t estimate;
+    avc_estimate_step(&c->estimate, &seen, &estimate);
+    s->frequency_hz = estimate.valid != 0.0f ? estimate.estimate_hz : not_a_number();
+    s->lookup_hz = estimate.frequency_hz;
     supervise(c);
-
     float force = 0.0f;
     if (s->has_table != 0u) {
-        choose_gains(c, &c->tables[c->active]);
-        force = avc_coupling_step(&c->coupling, x, &s->gains, c->wall_damping_ns_per_m, c->wall_stiffness_n_per_m,
-                                  c->limits.sample_time_s) *
-                c->scale;
+        force = push(c, table, x);
     } else {
-        coupling_rest(&c->coupling, x);
+        rest(c, x);
     }
-    if (!avc_is_finite(force) || !avc_is_finite(c->coupling.tool_m)) {
-        force = 0.0f;
-        s->not_finite++;
-        coupling_rest(&c->coupling, x);
-    }
-    if (force > c->limits.max_force_n) { /* a wall pushes only: there is no other limit */
-        force = c->limits.max_force_n;
-        s->saturated++;
-    }
-    s->contact = in_contact(&c->coupling) ? 1u : 0u;
     s->force_n = force;
     c->previous_force = force;
     s->ticks++;

@@ -1,23 +1,17 @@
-/* The control tick: encoder to force, float32 only, the same operations in the same order on every machine. */
+/* The control tick: encoder to force, float32 only, the same operations in the same order on every machine.
+ *
+ * Estimator, adaptation, coupling and guard are generated from the scene's expressions; here are the table between them,
+ * the supervision of the host, and the limits. */
 #ifndef AVC_CONTROL_H
 #define AVC_CONTROL_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "avc_coupling.h"
+#include "avc_couple.h"
+#include "avc_estimate.h"
+#include "avc_guard.h"
 #include "avc_table.h"
-
-/* Interaction frequency from the zero crossings of the filtered velocity; NaN at rest. */
-typedef struct {
-    float velocity;  /* filtered, m/s */
-    float age;       /* ticks since the last counted crossing */
-    float crossing;  /* age at which the velocity last passed zero */
-    float half;      /* ticks of the half period before */
-    float frequency_hz;
-    int32_t sign;    /* of the half wave in progress; 0 before the first */
-    uint32_t halves; /* counted half periods since rest, at most 3 */
-} avc_estimator_t;
 
 typedef enum { AVC_MODE_TABLE = 0, AVC_MODE_RAMP = 1, AVC_MODE_SAFE = 2 } avc_mode_t;
 
@@ -39,8 +33,9 @@ typedef struct {
     int32_t encoder_count;
     float position_m;
     float velocity_m_per_s;
-    float frequency_hz;
-    avc_gains_t gains; /* in force */
+    float frequency_hz; /* estimate; NaN at rest */
+    float lookup_hz;    /* where the table is read: the estimate, held and then falling to the first row's */
+    avc_gains_t gains;  /* in force */
     float force_n;
     float energy_j; /* that the hand has given: sum of the held force times the next displacement */
     uint8_t mode;
@@ -51,13 +46,11 @@ typedef struct {
 
 typedef struct {
     avc_limits_t limits;
-    float rate_hz;     /* 1/T */
-    float smoothing;   /* of the estimator's velocity filter */
-    float hysteresis_m_per_s;
-    float rest_ticks;  /* no crossing for so long: at rest */
+    float rate_hz; /* 1/T */
 
     avc_table_t tables[2];
     volatile uint32_t active;      /* index of the running table */
+    uint32_t near;                 /* row of the last look-up */
     volatile uint32_t swap_wanted; /* set by the link, cleared by the tick */
 
     avc_stream_t stream[2];
@@ -73,8 +66,9 @@ typedef struct {
     float wall_damping_ns_per_m;
     float wall_stiffness_n_per_m;
 
-    avc_estimator_t estimator;
-    avc_coupling_t coupling;
+    avc_estimate_state_t estimate;
+    avc_couple_state_t couple;
+    avc_guard_state_t guard;
     bool started;
     float previous_force;
     avc_state_t state;
@@ -84,8 +78,5 @@ void avc_control_init(avc_control_t *control, const avc_limits_t *limits);
 
 /* One tick; returns the force in newtons that the device shall push back with (positive out of the wall). */
 float avc_control_tick(avc_control_t *control, int32_t encoder_count);
-
-void avc_estimator_reset(avc_estimator_t *estimator);
-float avc_estimator_step(avc_estimator_t *estimator, float velocity, const avc_control_t *settings);
 
 #endif

@@ -386,6 +386,7 @@ static void on_status(avc_device_t *device, const avc_request_t *request)
     put32(&a, s.ticks);
     put32(&a, s.overruns);
     put_float(&a, s.frequency_hz);
+    put_float(&a, s.lookup_hz);
     put_gains(&a, &s.gains);
     put_float(&a, s.force_n);
     put_float(&a, s.position_m);
@@ -458,6 +459,7 @@ static void on_set_gains(avc_device_t *device, const avc_request_t *request)
     put32(&a, number);
     put32(&a, s.ticks);
     put_float(&a, s.frequency_hz);
+    put_float(&a, s.lookup_hz);
     put_float(&a, s.force_n);
     send(&a);
 }

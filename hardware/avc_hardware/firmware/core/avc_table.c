@@ -1,7 +1,6 @@
 #include "avc_table.h"
 
 #include <stddef.h>
-#include <string.h>
 
 _Static_assert(sizeof(avc_table_header_t) == 32, "the table header travels as 32 bytes");
 _Static_assert(sizeof(avc_row_t) == 16, "a row travels as 16 bytes");
@@ -14,13 +13,6 @@ static const float frequency_max_hz = 1e6f;
 uint32_t avc_image_size(uint32_t rows)
 {
     return (uint32_t)sizeof(avc_table_header_t) + rows * (uint32_t)sizeof(avc_row_t);
-}
-
-int avc_is_finite(float x)
-{
-    uint32_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    return (bits & 0x7F800000u) != 0x7F800000u;
 }
 
 float avc_ln(float x)
@@ -76,12 +68,11 @@ static avc_reason_t header_check(const avc_table_header_t *header, const avc_lim
     if (reason != AVC_OK) {
         return reason;
     }
-    if (!avc_is_finite(header->wall_damping_ns_per_m) || !avc_is_finite(header->wall_stiffness_n_per_m) ||
-        !avc_is_finite(header->slew_per_s)) {
+    if (!avc_is_finite(header->wall_damping_ns_per_m) || !avc_is_finite(header->wall_stiffness_n_per_m)) {
         return AVC_REFUSED_NOT_FINITE;
     }
     if (!within(header->wall_damping_ns_per_m, limits->max_damping_ns_per_m) ||
-        !within(header->wall_stiffness_n_per_m, limits->max_stiffness_n_per_m) || header->slew_per_s < 0.0f) {
+        !within(header->wall_stiffness_n_per_m, limits->max_stiffness_n_per_m)) {
         return AVC_REFUSED_LIMIT;
     }
     if ((header->flags & AVC_TABLE_WALL) != 0u &&
@@ -138,25 +129,36 @@ static avc_gains_t gains_of(const avc_row_t *row)
     return gains;
 }
 
-avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz)
+avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near)
 {
     const avc_row_t *rows = table->image.row;
-    uint32_t low = 0;
-    uint32_t high = (uint32_t)table->image.header.rows - 1u;
-    if (!(frequency_hz > rows[low].frequency_hz)) { /* also when the frequency is undefined (NaN) */
-        return gains_of(&rows[low]);
+    const uint32_t last = (uint32_t)table->image.header.rows - 1u;
+    if (!(frequency_hz > rows[0].frequency_hz)) { /* also when the frequency is undefined (NaN) */
+        return gains_of(&rows[0]);
     }
-    if (frequency_hz >= rows[high].frequency_hz) {
-        return gains_of(&rows[high]);
+    if (frequency_hz >= rows[last].frequency_hz) {
+        return gains_of(&rows[last]);
     }
-    while (high - low > 1u) {
-        const uint32_t middle = (low + high) >> 1;
-        if (frequency_hz < rows[middle].frequency_hz) {
-            high = middle;
-        } else {
-            low = middle;
+    uint32_t low = *near;
+    if (low + 2u <= last && frequency_hz >= rows[low + 1u].frequency_hz) {
+        low++; /* frequencies change slowly: the next row, or the one before */
+    } else if (low > 0u && low <= last && frequency_hz < rows[low].frequency_hz) {
+        low--;
+    }
+    uint32_t high = low + 1u;
+    if (low >= last || frequency_hz < rows[low].frequency_hz || frequency_hz >= rows[high].frequency_hz) {
+        low = 0u;
+        high = last;
+        while (high - low > 1u) {
+            const uint32_t middle = (low + high) >> 1;
+            if (frequency_hz < rows[middle].frequency_hz) {
+                high = middle;
+            } else {
+                low = middle;
+            }
         }
     }
+    *near = low;
     const float base = table->ln_frequency[low];
     const float span = table->ln_frequency[high] - base;
     float share = (avc_ln(frequency_hz) - base) / span;

@@ -2,13 +2,16 @@
 #ifndef AVC_TABLE_H
 #define AVC_TABLE_H
 
+#include <stdbool.h>
 #include <stdint.h>
+#include <string.h>
 
 enum { AVC_ROWS_MAX = 256 };
 
 enum {
     AVC_TABLE_DAMPED = 1, /* b_p acts in contact */
-    AVC_TABLE_WALL = 2    /* the header carries the wall */
+    AVC_TABLE_WALL = 2,   /* the header carries the wall */
+    AVC_TABLE_GUARD = 4   /* the guard watches the energy */
 };
 
 /* The table as it travels and as it is read back: little-endian, no padding. */
@@ -20,8 +23,7 @@ typedef struct {
     float wall_stiffness_n_per_m;
     float safe_damping_ns_per_m; /* what runs after a lost heartbeat */
     float safe_stiffness_n_per_m;
-    float slew_per_s; /* largest relative change of a gain a second; 0: at once */
-    uint32_t reserved;
+    uint32_t reserved[2];
 } avc_table_header_t;
 
 typedef struct {
@@ -82,7 +84,12 @@ typedef enum {
 uint32_t avc_image_size(uint32_t rows);
 
 /* Whether x is neither infinite nor NaN. */
-int avc_is_finite(float x);
+static inline bool avc_is_finite(float x)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return (bits & 0x7F800000u) != 0x7F800000u;
+}
 
 /* Natural logarithm of a normal positive number: the same float32 operations on every machine. */
 float avc_ln(float x);
@@ -96,7 +103,8 @@ avc_reason_t avc_image_check(const avc_image_t *image, const avc_limits_t *limit
 /* Fill what the look-up needs beside the image. */
 void avc_table_prepare(avc_table_t *table);
 
-/* Gains at a frequency: linear in ln(frequency), the first and last row beyond the table's ends. */
-avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz);
+/* Gains at a frequency: linear in ln(frequency), the first and last row beyond the table's ends.
+ * near is where the search begins, and is set to where it ended: a frequency that changes slowly is found at once. */
+avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near);
 
 #endif

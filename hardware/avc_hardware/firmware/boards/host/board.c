@@ -1,4 +1,5 @@
 /* The host as a board: the device as an object that tests drive through plain functions. */
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -11,6 +12,8 @@ size_t avc_host_read(avc_device_t *device, uint8_t *out, size_t room);
 void avc_host_state(const avc_device_t *device, avc_state_t *state);
 size_t avc_host_image(const avc_device_t *device, uint8_t *out);
 void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, float *frequency, size_t size);
+size_t avc_host_size(void);
+size_t avc_host_state_offset(void);
 
 avc_device_t *avc_host_new(const avc_limits_t *limits, uint32_t serial, uint32_t boot_id)
 {
@@ -72,4 +75,15 @@ void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, f
         force[i] = avc_device_tick(device, counts[i]);
         frequency[i] = device->control.state.frequency_hz;
     }
+}
+
+/* The device has no pointers, so that its layout is the same on every machine: tests read a board's memory with these. */
+size_t avc_host_size(void)
+{
+    return sizeof(avc_device_t);
+}
+
+size_t avc_host_state_offset(void)
+{
+    return offsetof(avc_device_t, control) + offsetof(avc_control_t, state);
 }

@@ -1,0 +1,138 @@
+"""A board in QEMU in lock step: one record a tick over two named pipes, in QEMU's own virtual time."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import struct
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from avc_casadi import LinkError, MissingExtraError
+
+QEMU_INSTALL = "apt-get install -y --no-install-recommends qemu-system-arm"
+# Machine, nanoseconds an instruction as a power of two, clock of the timer: of each bench target.
+MACHINES = {"bench-m4f": ("mps2-an386", 6, 25e6), "bench-m3": ("lm3s6965evb", 5, 12.5e6)}
+_RECORD = struct.Struct("<fII")
+_LINE_MAX = 64
+
+
+class LockStepBoard:
+    """A `ByteLink` to firmware in QEMU that waits for a position at every tick; use as a context manager.
+
+    Attributes:
+        force_n: force of the last tick.
+        instructions: that the last tick took, by the emulator's instruction counter (to about one).
+        ticks: so far.
+        on_force: called with the force of every tick.
+    """
+
+    def __init__(self, image: Path, target: str, *, position: Callable[[int], int]) -> None:
+        """Start QEMU.
+
+        Args:
+            image: made by `firmware_build.build_image` for a bench target.
+            target: its name.
+            position: encoder counts at a tick; it may look at ``force_n`` of the tick before.
+
+        Raises:
+            MissingExtraError: QEMU is not installed.
+        """
+        program = shutil.which("qemu-system-arm")
+        if program is None:
+            raise MissingExtraError(f"qemu-system-arm is not installed; on Debian or Ubuntu: {QEMU_INSTALL}")
+        machine, shift, clock_hz = MACHINES[target]
+        self._instructions_per_cycle = 1e9 / clock_hz / 2**shift
+        self._position = position
+        self._folder = tempfile.TemporaryDirectory(prefix="avc-bench-")
+        pipes = [Path(self._folder.name) / name for name in ("from_plant", "to_plant")]
+        for pipe in pipes:
+            os.mkfifo(pipe)
+        self._process = subprocess.Popen(  # noqa: S603 - our own arguments
+            [
+                *(program, "-M", machine, "-kernel", str(image.resolve()), "-nodefaults", "-display", "none"),
+                *("-semihosting-config", "enable=on,target=native", "-icount", f"shift={shift},sleep=off"),
+            ],
+            cwd=self._folder.name,
+            stdin=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        self._from_board = pipes[1].open("rb", buffering=0)
+        self._to_board = pipes[0].open("wb", buffering=0)
+        self._line = bytearray()
+        self._received = bytearray()
+        self.force_n = 0.0
+        self.instructions = 0.0
+        self.ticks = 0
+        self.on_force: Callable[[float], None] = lambda _: None
+
+    def tick(self) -> None:
+        """Let one sample pass.
+
+        Raises:
+            LinkError: QEMU has ended.
+        """
+        part, self._line = self._line[:_LINE_MAX], self._line[_LINE_MAX:]
+        try:
+            self._to_board.write(struct.pack("<iI", self._position(self.ticks), len(part)) + part)
+        except BrokenPipeError as error:
+            raise LinkError("the emulated board has ended") from error
+        self.force_n, cycles, size = _RECORD.unpack(self._exactly(_RECORD.size))
+        self._received += self._exactly(size)
+        self.instructions = cycles * self._instructions_per_cycle
+        self.ticks += 1
+        self.on_force(self.force_n)
+
+    def _exactly(self, size: int) -> bytes:
+        data = b""
+        while len(data) < size:
+            piece = self._from_board.read(size - len(data))
+            if not piece:
+                raise LinkError("the emulated board has ended")
+            data += piece
+        return data
+
+    @property
+    def name(self) -> str:
+        """How the user calls it."""
+        return "qemu"
+
+    def now_s(self) -> float:
+        """Time of the samples, seconds."""
+        return self.ticks * 1e-3
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the line, at most 64 a tick."""
+        self._line += data
+
+    def read(self, timeout_s: float) -> bytes:
+        """Let time pass until the board has sent something."""
+        end = self.ticks + max(1, round(timeout_s * 1e3))
+        while not self._received and self.ticks < end:
+            self.tick()
+        data = bytes(self._received)
+        self._received.clear()
+        return data
+
+    def close(self) -> None:
+        """Nothing: the board goes on until `stop`, as a board does."""
+
+    def stop(self) -> None:
+        """End QEMU."""
+        self._to_board.close()
+        self._process.kill()
+        self._process.wait()
+        self._from_board.close()
+        self._folder.cleanup()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()

@@ -1,0 +1,286 @@
+"""The firmware's control tick: the scene's own effects with gains and wall as inputs, as single-precision programs.
+
+A scene reads its gains from a table that is part of the expression; a device receives table and wall by message. So the
+tick is cut where the table is: `estimate` gives the frequency of the look-up, `couple` takes the gains looked up, and
+`guard` acts on the force. All three come from the code that scenes run; nothing of them is written a second time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from avc_casadi.runtime import AdaptationSettings, EstimatorSettings, GuardSettings, HoldSettings
+from avc_casadi.scene._coupling import Environment, contact_damper, series_force
+from avc_casadi.scene._tick import Tick
+from avc_casadi.scene.effects._adaptation import Adaptation
+from avc_casadi.scene.effects._estimator import Estimator
+from avc_casadi.scene.effects._guard import Guard
+from avc_hardware._float_program import FloatProgram, literal
+from avc_hardware._table import Float32Array
+
+GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+
+
+@dataclass(frozen=True)
+class RuntimeFigures:
+    """What a firmware is generated for.
+
+    Attributes:
+        sample_time_s: T.
+        metres_per_count: of the encoder; sets the estimator's floor.
+        estimator: method.
+        hold_s: how long a lost estimate is kept.
+        slew_per_s: largest relative change of a gain, a second.
+        guard_damping_ns_per_m: most that the guard adds: the device's own damping.
+    """
+
+    sample_time_s: float = 1e-3
+    metres_per_count: float = 2e-6
+    estimator: str = "fused"
+    hold_s: float = 0.2
+    slew_per_s: float = 20.0
+    guard_damping_ns_per_m: float = 2.0
+
+
+@dataclass(frozen=True)
+class RuntimeProgram:
+    """One part of the tick: (states, inputs) -> (next states, outputs), all scalars.
+
+    Attributes:
+        name: of the part.
+        states: names.
+        inputs: names.
+        outputs: names.
+        initial: state before the first tick with the device at 0, at +1 and at -1: tells which states are positions.
+        program: inputs then states -> outputs then next states.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    initial: tuple[tuple[float, float, float], ...]
+    program: FloatProgram
+
+    def start(self, position_m: Float32Array) -> dict[str, Float32Array]:
+        """Return the states of a device that has always rested at a position, each of its shape."""
+        import numpy as np  # noqa: PLC0415
+
+        zero = np.zeros_like(position_m)
+        found = {}
+        for name, (middle, high, low) in zip(self.states, self.initial, strict=True):
+            value = zero + np.float32(middle)
+            if (high, low) == (middle + 1, middle - 1):
+                value = position_m
+            elif (high, low) == (middle + 1, middle):
+                value = np.where(position_m > 0, position_m, zero)
+            found[name] = value
+        return found
+
+    def __call__(
+        self, states: dict[str, Float32Array], inputs: dict[str, Any]
+    ) -> tuple[dict[str, Float32Array], dict[str, Float32Array]]:
+        """Run one tick in single precision; returns the next states and the outputs."""
+        results = self.program(*(inputs[name] for name in self.inputs), *(states[name] for name in self.states))
+        outputs = dict(zip(self.outputs, results, strict=False))
+        following = dict(zip(self.states, results[len(self.outputs) :], strict=True))
+        return following, outputs
+
+
+@dataclass(frozen=True)
+class _AnyWall(Environment):
+    """A wall whose numbers are symbols: it may have a damper."""
+
+    @property
+    def present(self) -> bool:
+        return True
+
+    @property
+    def damped(self) -> bool:
+        return True
+
+
+@dataclass
+class _AnyTable:
+    """A gain table that is not known: the look-up is an input."""
+
+    rest_hz: Any
+    wanted: list[Any]
+    frequency: list[Any] = field(default_factory=list)
+
+    def expressions(self, frequency_hz: Any) -> list[Any]:
+        """Note where the table would be read."""
+        self.frequency.append(frequency_hz)
+        return self.wanted
+
+
+def runtime_programs(figures: RuntimeFigures) -> tuple[RuntimeProgram, RuntimeProgram, RuntimeProgram]:
+    """Return the parts estimate, couple and guard."""
+    ticks = [_ticks(figures, start) for start in (0.0, 1.0, -1.0)]
+    parts = []
+    for name, (tick, inputs, outputs) in ticks[0].items():
+        starts = [[slot.initial for slot in other[name][0].states] for other in ticks]
+        parts.append(_program(name, tick, inputs, outputs, list(zip(*starts, strict=True))))
+    estimate, couple, guard = parts
+    return estimate, couple, guard
+
+
+_Part = tuple[Tick, dict[str, Any], dict[str, Any]]
+
+
+def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
+    """Build each part by the scene's effects; returns its tick, inputs and outputs."""
+    import casadi as ca  # noqa: PLC0415
+
+    def symbols(*names: str) -> dict[str, Any]:
+        return {name: ca.SX.sym(name) for name in names}
+
+    time = figures.sample_time_s
+    estimate = Tick(time, start_m)
+    seen = symbols("position_m", "rest_hz")
+    wanted = symbols(*(f"wanted_{name}" for name in GAINS))
+    table: Any = _AnyTable(seen["rest_hz"], list(wanted.values()))
+    estimate.position = seen["position_m"]
+    settings = EstimatorSettings.for_encoder(figures.metres_per_count, time)
+    with estimate.owned_by("estimate"):
+        Estimator(figures.estimator, settings).sample(estimate)
+        adaptation = Adaptation(HoldSettings(figures.hold_s), AdaptationSettings(figures.slew_per_s), table)
+        adaptation.sample(estimate)
+    found = {
+        "estimate_hz": estimate.frequency_hz,
+        "valid": estimate.frequency_valid,
+        "frequency_hz": table.frequency[0],
+    }
+
+    couple = Tick(time, start_m, adapt=estimate.adapt)
+    # The adaptation keeps its states in the tick that it was made for: it is made once more for this one.
+    couple.position = ca.SX.sym("position_m")
+    couple.frequency_hz = couple.frequency_valid = ca.SX(0)
+    hold_states = len(couple.states)
+    adaptation.sample(couple)
+    del couple.states[hold_states:]
+    wall = symbols("wall_damping_ns_per_m", "wall_stiffness_n_per_m")
+    given = {"position_m": couple.position} | wanted | wall
+    environment = _AnyWall(wall["wall_stiffness_n_per_m"], wall["wall_damping_ns_per_m"], one_sided=True)
+    series = series_force(couple, environment, rigid=False)
+    couple.command = contact_damper(couple, series, one_sided=True)
+    for settle in couple.at_end:
+        settle()
+    made = {"force_n": couple.command, "tool_m": couple.traces["tool_m"]}
+    made |= {name: couple.traces[name] for name in (*GAINS, "anchor_m")}
+    made["stored_j"] = couple.environment_energy_j + couple.coupling_energy_j
+
+    guard = Tick(time, start_m)
+    pushed = symbols("position_m", "force_n", "stored_j")
+    guard.position, guard.command, guard.environment_energy_j = pushed.values()
+    Guard("passivity-controller", GuardSettings(figures.guard_damping_ns_per_m)).sample(guard)
+    for settle in guard.at_end:
+        settle()
+    guarded = {"guarded_n": guard.command, "reserve_j": guard.traces["guard_reserve_j"]}
+    return {
+        "estimate": (estimate, seen, found),
+        "couple": (couple, given, made),
+        "guard": (guard, pushed, guarded),
+    }
+
+
+def _program(
+    name: str, tick: Tick, inputs: dict[str, Any], outputs: dict[str, Any], initial: list[tuple[float, ...]]
+) -> RuntimeProgram:
+    import casadi as ca  # noqa: PLC0415
+
+    states = [slot.name for slot in tick.states]
+    results = ca.cse([ca.SX(value) for value in (*outputs.values(), *tick.successors())])
+    function = ca.Function(
+        name,
+        [*inputs.values(), *(slot.symbol for slot in tick.states)],
+        results,
+        [*inputs, *(f"state_{state}" for state in states)],
+        [*(f"out_{output}" for output in outputs), *(f"next_{state}" for state in states)],
+    )
+    return RuntimeProgram(
+        name=name,
+        states=tuple(states),
+        inputs=tuple(inputs),
+        outputs=tuple(outputs),
+        initial=tuple((row[0], row[1], row[2]) for row in initial),
+        program=FloatProgram(function),
+    )
+
+
+_BANNER = """/* Generated from the scene's CasADi expressions, do not edit:
+ * python -m avc_hardware.firmware_build generate */"""
+
+
+def c_sources(part: RuntimeProgram, figures: RuntimeFigures) -> dict[str, str]:
+    """Return header and source of one part by file name."""
+    name = f"avc_{part.name}"
+
+    def struct(kind: str, members: tuple[str, ...]) -> str:
+        return "typedef struct {\n" + "".join(f"    float {member};\n" for member in members) + f"}} {name}_{kind}_t;\n"
+
+    def of_input(symbol: str) -> str:
+        return f"state->{symbol[6:]}" if symbol.startswith("state_") else f"in->{symbol}"
+
+    def of_output(symbol: str) -> str:
+        return f"state->{symbol[5:]}" if symbol.startswith("next_") else f"out->{symbol[4:]}"
+
+    start = f"void {name}_start({name}_state_t *state, float position_m)"
+    step = f"void {name}_step({name}_state_t *state, const {name}_in_t *in, {name}_out_t *out)"
+    guard = f"{name.upper()}_H"
+    header = "\n".join(
+        [
+            _BANNER,
+            f"/* {_figures(part, figures)} */",
+            f"#ifndef {guard}",
+            f"#define {guard}",
+            "",
+            struct("state", part.states),
+            struct("in", part.inputs),
+            struct("out", part.outputs),
+            "/* The state of a device that has always rested at a position. */",
+            f"{start};",
+            "",
+            "/* One tick. */",
+            f"{step};",
+            "",
+            "#endif",
+            "",
+        ]
+    )
+    body = part.program.c_lines(of_input, of_output)
+    source = [
+        _BANNER,
+        f'#include "{name}.h"',
+        "",
+        "#include <stdbool.h>",
+        "",
+        start,
+        "{",
+        *(f"    {line}" for line in _start_lines(part)),
+        "}",
+    ]
+    source += ["", step, "{", *(f"    {line}" for line in body), "}", ""]
+    return {f"{name}.h": header, f"{name}.c": "\n".join(source)}
+
+
+def _figures(part: RuntimeProgram, figures: RuntimeFigures) -> str:
+    named = vars(figures) | ({} if part.name == "estimate" else {"estimator": "any"})
+    return ", ".join(f"{name} {value}" for name, value in named.items())
+
+
+def _start_lines(part: RuntimeProgram) -> list[str]:
+    import numpy as np  # noqa: PLC0415
+
+    lines = []
+    for name, (middle, high, low) in zip(part.states, part.initial, strict=True):
+        value = literal(np.float32(middle))
+        if (high, low) == (middle + 1, middle - 1):
+            value = "position_m"
+        elif (high, low) == (middle + 1, middle):
+            value = "position_m > 0.0f ? position_m : 0.0f"
+        lines.append(f"state->{name} = {value};")
+    if not any("= position_m" in line for line in lines):
+        lines.append("(void)position_m;")
+    return lines

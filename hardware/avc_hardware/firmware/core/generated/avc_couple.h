@@ -1,0 +1,49 @@
+/* Generated from the scene's CasADi expressions, do not edit:
+ * python -m avc_hardware.firmware_build generate */
+/* sample_time_s 0.001, metres_per_count 2e-06, estimator any, hold_s 0.2, slew_per_s 20.0, guard_damping_ns_per_m 2.0 */
+#ifndef AVC_COUPLE_H
+#define AVC_COUPLE_H
+
+typedef struct {
+    float environment_deflection_before_m;
+    float coupling_deflection_before_m;
+    float environment_energy_j;
+    float held_force_n;
+    float adaptation_started;
+    float adaptation_damping_ns_per_m;
+    float adaptation_stiffness_n_per_m;
+    float adaptation_contact_damping_ns_per_m;
+    float adaptation_anchor_m;
+    float adaptation_tank_j;
+    float adaptation_position_m;
+    float adaptation_stored_j;
+    float adaptation_work_j;
+    float contact_position_before_m;
+} avc_couple_state_t;
+
+typedef struct {
+    float position_m;
+    float wanted_damping_ns_per_m;
+    float wanted_stiffness_n_per_m;
+    float wanted_contact_damping_ns_per_m;
+    float wall_damping_ns_per_m;
+    float wall_stiffness_n_per_m;
+} avc_couple_in_t;
+
+typedef struct {
+    float force_n;
+    float tool_m;
+    float damping_ns_per_m;
+    float stiffness_n_per_m;
+    float contact_damping_ns_per_m;
+    float anchor_m;
+    float stored_j;
+} avc_couple_out_t;
+
+/* The state of a device that has always rested at a position. */
+void avc_couple_start(avc_couple_state_t *state, float position_m);
+
+/* One tick. */
+void avc_couple_step(avc_couple_state_t *state, const avc_couple_in_t *in, avc_couple_out_t *out);
+
+#endif

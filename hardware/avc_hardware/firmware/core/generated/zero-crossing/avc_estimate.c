@@ -1,0 +1,116 @@
+/* Generated from the scene's CasADi expressions, do not edit:
+ * python -m avc_hardware.firmware_build generate */
+#include "avc_estimate.h"
+
+#include <stdbool.h>
+
+void avc_estimate_start(avc_estimate_state_t *state, float position_m)
+{
+    state->estimator_position_m = position_m;
+    state->estimator_mean_m_per_s = 0.0f;
+    state->estimator_smoothed_m_per_s = 0.0f;
+    state->estimator_twice_smoothed_m_per_s = 0.0f;
+    state->estimator_before_m_per_s = 0.0f;
+    state->estimator_side = 0.0f;
+    state->estimator_halves = 0.0f;
+    state->estimator_age_ticks = 0.0f;
+    state->estimator_crossing_ticks = 0.0f;
+    state->estimator_last_half_ticks = 0.0f;
+    state->estimator_earlier_half_ticks = 0.0f;
+    state->estimator_earliest_half_ticks = 0.0f;
+    state->hold_frequency_hz = 0.0f;
+    state->hold_age_s = 0.2f;
+}
+
+void avc_estimate_step(avc_estimate_state_t *state, const avc_estimate_in_t *in, avc_estimate_out_t *out)
+{
+    const float v7 = in->position_m - state->estimator_position_m;
+    const float v9 = v7 / 0.001f;
+    const float v11 = v9 > (-5.0f) ? v9 : (-5.0f);
+    const float v13 = v11 < 5.0f ? v11 : 5.0f;
+    const float v15 = v13 - state->estimator_mean_m_per_s;
+    const float v16 = v15 - state->estimator_smoothed_m_per_s;
+    const float v17 = 0.31407782f * v16;
+    const float v18 = state->estimator_smoothed_m_per_s + v17;
+    const float v19 = v18 - state->estimator_twice_smoothed_m_per_s;
+    const float v20 = 0.31407782f * v19;
+    const float v21 = state->estimator_twice_smoothed_m_per_s + v20;
+    const bool v22 = 0.003f < v21;
+    const bool v27 = v21 < (-0.003f);
+    const float v29 = v27 ? (-1.0f) : 0.0f;
+    const float v31 = v22 ? 1.0f : v29;
+    const bool v33 = v31 != 0.0f;
+    const bool v35 = v31 != state->estimator_side;
+    const bool v36 = v33 && v35;
+    const bool v38 = state->estimator_side != 0.0f;
+    const float v39 = state->estimator_halves + (v38 ? 1.0f : 0.0f);
+    const float v40 = v39 < 3.0f ? v39 : 3.0f;
+    const bool v42 = !v36;
+    const float v44 = v36 ? v40 : state->estimator_halves;
+    const bool v45 = 3.0f <= v44;
+    const float v48 = state->estimator_age_ticks + 1.0f;
+    const bool v49 = 625.0f < v48;
+    const bool v50 = v42 && v49;
+    const bool v51 = !v50;
+    const bool v52 = v45 && v51;
+    const bool v54 = state->estimator_before_m_per_s < 0.0f;
+    const bool v55 = v21 < 0.0f;
+    const bool v56 = (v54 ? 1.0f : 0.0f) != (v55 ? 1.0f : 0.0f);
+    const float v57 = v21 - state->estimator_before_m_per_s;
+    const float v61 = v56 ? v57 : 1.0f;
+    const float v62 = v21 / v61;
+    const float v63 = v48 - v62;
+    const float v67 = v56 ? v63 : state->estimator_crossing_ticks;
+    const float v71 = v36 ? v67 : state->estimator_last_half_ticks;
+    const float v72 = v48 - v67;
+    const float v75 = v36 ? v72 : v48;
+    const float v76 = v71 > v75 ? v71 : v75;
+    const float v80 = v36 ? state->estimator_last_half_ticks : state->estimator_earlier_half_ticks;
+    const float v81 = v75 < v71 ? v75 : v71;
+    const float v82 = v80 > v81 ? v80 : v81;
+    const float v83 = v76 + v82;
+    const bool v85 = !v52;
+    const float v87 = v52 ? v83 : 1.0f;
+    const float v88 = 0.001f * v87;
+    const float v89 = 1.0f / v88;
+    const float v90 = v52 ? v89 : 0.0f;
+    const bool v94 = state->hold_age_s < 0.2f;
+    const bool v96 = 0.0f < state->hold_frequency_hz;
+    const float v101 = v96 ? state->hold_frequency_hz : in->rest_hz;
+    const float v105 = in->rest_hz - v101;
+    const float v106 = 0.01f * v105;
+    const float v107 = v101 + v106;
+    const float v109 = v94 ? v101 : v107;
+    const float v111 = v52 ? v90 : v109;
+    const float v113 = 0.003136663f * v15;
+    const float v114 = state->estimator_mean_m_per_s + v113;
+    const float v117 = v36 ? v31 : state->estimator_side;
+    const float v118 = v51 ? v117 : 0.0f;
+    const float v119 = v51 ? v44 : 0.0f;
+    const float v120 = v51 ? v75 : 0.0f;
+    const bool v121 = v50 || v36;
+    const bool v122 = !v121;
+    const float v123 = v122 ? v67 : 0.0f;
+    const float v127 = v36 ? state->estimator_earlier_half_ticks : state->estimator_earliest_half_ticks;
+    const float v128 = state->hold_age_s + 0.001f;
+    const float v129 = v128 < 0.2f ? v128 : 0.2f;
+    const float v130 = v85 ? v129 : 0.0f;
+    const float r3 = in->position_m;
+    out->estimate_hz = v90;
+    out->valid = (v52 ? 1.0f : 0.0f);
+    out->frequency_hz = v111;
+    state->estimator_position_m = r3;
+    state->estimator_mean_m_per_s = v114;
+    state->estimator_smoothed_m_per_s = v18;
+    state->estimator_twice_smoothed_m_per_s = v21;
+    state->estimator_before_m_per_s = v21;
+    state->estimator_side = v118;
+    state->estimator_halves = v119;
+    state->estimator_age_ticks = v120;
+    state->estimator_crossing_ticks = v123;
+    state->estimator_last_half_ticks = v71;
+    state->estimator_earlier_half_ticks = v80;
+    state->estimator_earliest_half_ticks = v127;
+    state->hold_frequency_hz = v111;
+    state->hold_age_s = v130;
+}

@@ -1,0 +1,41 @@
+/* Generated from the scene's CasADi expressions, do not edit:
+ * python -m avc_hardware.firmware_build generate */
+/* sample_time_s 0.001, metres_per_count 2e-06, estimator zero-crossing, hold_s 0.2, slew_per_s 20.0, guard_damping_ns_per_m 2.0 */
+#ifndef AVC_ESTIMATE_H
+#define AVC_ESTIMATE_H
+
+typedef struct {
+    float estimator_position_m;
+    float estimator_mean_m_per_s;
+    float estimator_smoothed_m_per_s;
+    float estimator_twice_smoothed_m_per_s;
+    float estimator_before_m_per_s;
+    float estimator_side;
+    float estimator_halves;
+    float estimator_age_ticks;
+    float estimator_crossing_ticks;
+    float estimator_last_half_ticks;
+    float estimator_earlier_half_ticks;
+    float estimator_earliest_half_ticks;
+    float hold_frequency_hz;
+    float hold_age_s;
+} avc_estimate_state_t;
+
+typedef struct {
+    float position_m;
+    float rest_hz;
+} avc_estimate_in_t;
+
+typedef struct {
+    float estimate_hz;
+    float valid;
+    float frequency_hz;
+} avc_estimate_out_t;
+
+/* The state of a device that has always rested at a position. */
+void avc_estimate_start(avc_estimate_state_t *state, float position_m);
+
+/* One tick. */
+void avc_estimate_step(avc_estimate_state_t *state, const avc_estimate_in_t *in, avc_estimate_out_t *out);
+
+#endif
