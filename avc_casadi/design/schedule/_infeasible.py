@@ -51,20 +51,21 @@ def missing_rows(task: Task) -> Missing:
     that of gains that exist; a stage with a tiny admissible region can be called missing although it is not.
     """
     n = len(task.frequency_hz)
+    needed = task.tolerance * (1.0 if task.hands is not None else task.scale_ns_per_m) * np.ones(n)
     softest = np.repeat(task.states.low[:, None], n, axis=1)
-    if worst_slack(task.problem, task.frequency_hz, task.states.gains(softest)).met.all():
+    if (worst_slack(task.problem, task.frequency_hz, task.states.gains(softest)).slack >= needed).all():
         return Missing.none(task)
     slots = Slots.of(task.problem, task.frequency_hz)
     margin = task.problem.stability.margin_ns_per_m
     open_rows, gains = np.ones(n, dtype=bool), np.zeros((len(task.states.floors), n))
     missing = np.zeros(n, dtype=bool)
     for _ in range(_ROUNDS):
-        states, slack = _best_states(task, slots)
+        states, slack = _best_states(task, slots, needed)
         gains = np.where(open_rows, states, gains)
         best = task.states.gains(gains)
         worst = worst_slack(task.problem, task.frequency_hz, best)
-        missing |= open_rows & (slack < 0)
-        open_rows &= ~missing & ~worst.met
+        missing |= open_rows & (slack < needed)
+        open_rows &= ~missing & (worst.slack < needed)
         if not open_rows.any() or len(slots.frequency_hz) == slots.fixed:
             break
         slots.add(task.problem, best, worst, open_rows)
@@ -72,12 +73,14 @@ def missing_rows(task: Task) -> Missing:
     if not missing.any():
         return Missing.none(task)
     exact = worst_slack(task.problem, task.frequency_hz, task.states.gains(gains))
-    rows = zip(*task.states.gains(gains), exact.slack, exact.frequency_hz, missing, strict=True)
-    reasons = [_reason(task, margin, *row[:5]) if row[5] else "" for row in rows]
+    rows = zip(*task.states.gains(gains), exact.slack, exact.frequency_hz, needed, missing, strict=True)
+    reasons = [_reason(task, margin, *row[:6]) if row[6] else "" for row in rows]
     return Missing(missing, tuple(reasons))
 
 
-def _reason(task: Task, margin: float, b: float, k: float, p: float, slack: float, frequency_hz: float) -> str:
+def _reason(
+    task: Task, margin: float, b: float, k: float, p: float, slack: float, frequency_hz: float, needed: float
+) -> str:
     scope = task.problem.stability.scope
     at = f"b = {b:.6g} N.s/m, k = {k:.6g} N/m, b_p = {p:.6g} N.s/m"
     if scope == "hands":
@@ -85,10 +88,14 @@ def _reason(task: Task, margin: float, b: float, k: float, p: float, slack: floa
             f"scope hands cannot be met in the gain box: at best a spectral radius of {1 - slack:.6g}, at {at};"
             " narrow [hands], widen the box of [coupling] or add device damping"
         )
+    lower = "lower the margin by that, " if margin >= needed - slack else ""
+    miss = f"missed by {-slack:.6g} N.s/m"
+    if slack >= 0:
+        miss = f"{slack:.3g} N.s/m are left where a schedule needs {needed:.3g} N.s/m to spare,"
     return (
         f"Re Z_h >= {margin:g} N.s/m (stability.margin_ns_per_m) over scope {scope} cannot be met in the gain box:"
-        f" missed by {-slack:.6g} N.s/m at {frequency_hz:.6g} Hz with the best gains {at}; lower the margin by that,"
-        " add as much device damping, widen the box of [coupling], or narrow the scope"
+        f" {miss} at {frequency_hz:.6g} Hz with the best gains {at}; {lower}add as much device damping, widen the box"
+        " of [coupling], or narrow the scope"
     )
 
 
@@ -113,13 +120,13 @@ def steep_reason(task: Task, missing: Missing, message: str) -> str:
     )
 
 
-def _best_states(task: Task, slots: Slots) -> tuple[FloatArray, FloatArray]:
+def _best_states(task: Task, slots: Slots, needed: FloatArray) -> tuple[FloatArray, FloatArray]:
     """States (d, n) with the largest least slack over the slots, and that slack (n,)."""
     low, high = (np.repeat(end[:, None], len(task.frequency_hz), axis=1) for end in (task.states.low, task.states.high))
     best, slack = _best_of_grid(task, slots, low, high)
     width = high - low
     for _ in range(_ZOOMS):
-        if (slack >= 0).all():
+        if (slack >= needed).all():
             break
         width = width / 2
         ends = np.maximum(low, best - width / 2), np.minimum(high, best + width / 2)

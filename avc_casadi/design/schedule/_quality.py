@@ -13,6 +13,8 @@ def quality_notes(task: Task, outcome: Outcome) -> tuple[str, ...]:
     solution, costs = outcome.solution, outcome.costs
     if not solution.success:
         return (f"ipopt stopped with {solution.message}: no schedule",)
+    if outcome.missing.rows.all():
+        return ("no row can meet its scope: no schedule",)
     notes = [f"cost {solution.cost:.6g}: mean squared {task.objective} error and slope penalty"]
     if costs:
         notes.append(

@@ -18,6 +18,8 @@ LOOP_ROWS = 9
 
 _TINY = 1e-30
 """Keeps the gradient of a root finite at 0."""
+_TIE = 1e-3
+"""Share of the squared complex error that breaks ties, before the magnitude alone is minimised from there."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ def stage_functions(objective: str, states: int, slots: int) -> StageFunctions:
     """Build the functions of a stage.
 
     Args:
-        objective: magnitude, complex or perceptual.
+        objective: magnitude, complex, perceptual, or tied.
         states: 2 for the series structure, 3 for the damped one.
         slots: number of frequencies at which Re Z_h is kept above the margin; 0 for none.
     """
@@ -95,11 +97,17 @@ def _loop(values: list[Any]) -> Loop:
 
 
 def _error(objective: str, z: ComplexExpr, target: ComplexExpr, noticeable: Real) -> Real:
-    """Squared relative error of Z_h: of its magnitude, of itself, or of what of it can be noticed."""
+    """Squared relative error of Z_h: of its magnitude, of itself, or of what of it can be noticed.
+
+    "tied" is the magnitude with a small share of the rest, which breaks the ties of (11).
+    """
     goal2 = abs2(target)
-    if objective == "magnitude":
-        return (1 - ca.sqrt(abs2(z) / goal2 + _TINY)) ** 2
+    magnitude2 = (1 - ca.sqrt(abs2(z) / goal2 + _TINY)) ** 2
     error2 = abs2(z - target) / goal2
+    if objective == "magnitude":
+        return magnitude2
+    if objective == "tied":
+        return magnitude2 + _TIE * error2
     if objective == "complex":
         return error2
     return (ca.sqrt(ca.fmax(error2 / noticeable**2, 1.0)) - 1) ** 2

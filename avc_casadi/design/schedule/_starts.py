@@ -79,7 +79,7 @@ def _seeded(task: Task, missing: Missing, starts: list[FloatArray]) -> Slots:
 
 
 def _smoothed_optima(task: Task) -> FloatArray:
-    """States (d, n) of the separate optima, averaged over neighbouring frequencies."""
+    """States (d, n) of the separate optima, averaged over neighbouring frequencies where anything joins them."""
     gains = exact_gains(task.problem, task.loop)
     known = np.isfinite(gains[0])
     x = task.log_frequency
@@ -87,7 +87,8 @@ def _smoothed_optima(task: Task) -> FloatArray:
         return np.repeat((task.states.low + task.states.high)[:, None] / 2, len(x), axis=1)
     filled = [np.interp(x, x[known], gain[known]) for gain in gains]
     states = task.states.states((filled[0], filled[1], filled[2]))
-    if len(x) == 1:
+    settings = task.problem.schedule
+    if len(x) == 1 or (settings.slope_penalty == 0 and settings.slope_limit is None):
         return states
     # Gaussian weights, but only over the rows that are near enough to matter.
     reach = np.searchsorted(x, x + 3 * _SMOOTHING) - np.searchsorted(x, x - 3 * _SMOOTHING)

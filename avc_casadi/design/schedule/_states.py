@@ -13,21 +13,23 @@ from avc_casadi.problem import Problem
 
 _FLOOR_SHARE = 1e-4
 """Floors of b and k as a share of the smallest gain that weighs as much as the environment."""
+_AT_END = 1e-5
+"""States nearer than this to an end of the box stand on it: an interior point method only comes near."""
 
 
 @dataclass(frozen=True)
 class States:
-    """The map between gains and states, sigma = ln(gain + floor), and the box in states.
+    """The map between gains and states, sigma = ln(gain + floor), and the box of both; d = 2 (series) or 3 (damped).
 
     Attributes:
-        floors: b (N.s/m), k (N/m) and b_p (N.s/m) below which a gain counts as 0; shape (d,), d = 2 (series) or 3.
-        low: lower ends of the states, (d,).
-        high: upper ends, (d,).
+        floors: b (N.s/m), k (N/m) and b_p (N.s/m) below which a gain counts as 0; shape (d,).
+        least: lower ends of the gains, (d,).
+        most: upper ends of the gains, (d,).
     """
 
     floors: FloatArray
-    low: FloatArray
-    high: FloatArray
+    least: FloatArray
+    most: FloatArray
 
     @classmethod
     def of(cls, problem: Problem, loop: Loop) -> States:
@@ -41,17 +43,28 @@ class States:
         if box.structure == "damped":
             floors.append(max(problem.device.damping_ns_per_m, 10 * b))
             ends.append(box.contact_damping_ns_per_m)
-        low, high = np.log(np.array(ends) + np.array(floors)[:, None]).T
-        return cls(np.array(floors), low, high)
+        least, most = np.array(ends).T
+        return cls(np.array(floors), least, most)
+
+    @property
+    def low(self) -> FloatArray:
+        """Lower ends of the states, (d,)."""
+        return np.asarray(np.log(self.least + self.floors))
+
+    @property
+    def high(self) -> FloatArray:
+        """Upper ends of the states, (d,)."""
+        return np.asarray(np.log(self.most + self.floors))
 
     def gains(self, states: FloatArray) -> Gains:
         """(b, k, b_p) of states of shape (d, ...), inside the box to the last bit."""
-        shape = (-1, *([1] * (states.ndim - 1)))
-        low, high = self.low.reshape(shape), self.high.reshape(shape)
-        floors = self.floors.reshape(shape)
-        gains = np.exp(np.clip(states, low, high)) - floors
-        ends = np.exp(low) - floors, np.exp(high) - floors
-        gains = np.maximum(np.where(states <= low, ends[0], np.where(states >= high, ends[1], gains)), 0.0)
+
+        def spread(values: FloatArray) -> FloatArray:
+            return values.reshape(-1, *([1] * (states.ndim - 1)))
+
+        low, high, least, most = (spread(values) for values in (self.low, self.high, self.least, self.most))
+        gains = np.clip(np.exp(states) - spread(self.floors), least, most)
+        gains = np.where(states <= low + _AT_END, least, np.where(states >= high - _AT_END, most, gains))
         contact = gains[2] if len(gains) == 3 else np.zeros_like(gains[0])
         return gains[0], gains[1], contact
 

@@ -35,6 +35,7 @@ class Task:
         states: map between gains and states.
         scale_ns_per_m: scale of the constraints on Re Z_h at each stage, (n,).
         hands: sigma -> 1 - spectral radius, for scope hands; else None.
+        weight: of the whole goal; a large one makes the solver's tolerance finer.
     """
 
     problem: Problem
@@ -43,6 +44,7 @@ class Task:
     states: States
     scale_ns_per_m: FloatArray
     hands: Any
+    weight: float = 1.0
 
     @classmethod
     def of(cls, problem: Problem) -> Task:
@@ -58,7 +60,7 @@ class Task:
         frequency = Frequency(values_hz=tuple(frequency_hz.tolist()))
         problem = self.problem.model_copy(update={"frequency": frequency})
         loop = loop_at(problem, frequency_hz)
-        return Task(problem, frequency_hz, loop, self.states, _scale(problem, loop), self.hands)
+        return Task(problem, frequency_hz, loop, self.states, _scale(problem, loop), self.hands, self.weight)
 
     @property
     def log_frequency(self) -> FloatArray:
@@ -110,7 +112,7 @@ class Task:
         if interaction is not None:
             inside = (self.frequency_hz >= interaction[0]) & (self.frequency_hz <= interaction[1])
             weight = np.where(inside, weight, 0.1 * weight)
-        return np.asarray(weight / weight.sum())
+        return np.asarray(weight / weight.sum() * self.weight)
 
     def _cost_parameters(self) -> FloatArray:
         target = self.loop.target

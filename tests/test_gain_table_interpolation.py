@@ -1,0 +1,151 @@
+"""A gain table between its rows, in double and single precision, and the fewest rows that serve for all."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from schedule_problems import figure5
+
+from avc_casadi import InputError, solve
+from avc_casadi.design import gain_rows, interpolate, reduce_rows, row_slopes, single_ln
+from avc_casadi.impedance import loop_at
+from avc_casadi.problem import load_problem
+from avc_casadi.scene import gains_at
+from avc_hardware._reference import lookup
+
+
+@st.composite
+def tables(draw):
+    frequency = sorted(draw(st.sets(st.floats(2**-7, 2**14, width=32), min_size=1, max_size=12)))
+    gains = st.floats(0, 2**23, width=32)
+    return np.array([[f, draw(gains), draw(gains), draw(gains)] for f in frequency])
+
+
+@given(tables(), st.lists(st.floats(0.001, 2e4), min_size=1, max_size=20))
+def test_linear_in_ln_frequency_and_held_beyond_the_ends(rows, frequencies):
+    found = interpolate(rows, frequencies)
+    for column in range(3):
+        expected = np.interp(np.log(frequencies), np.log(rows[:, 0]), rows[:, 1 + column])
+        np.testing.assert_allclose(found[:, column], expected, rtol=1e-9, atol=1e-9 * (1 + rows[:, 1 + column].max()))
+
+
+@given(tables(), st.lists(st.floats(2**-10, 2**15, width=32), min_size=1, max_size=20))
+def test_single_precision_is_the_device_and_near_double(rows, frequencies):
+    single = interpolate(rows.astype(np.float32), frequencies, single_ln)
+    assert single.dtype == np.float32
+    np.testing.assert_array_equal(single, lookup(rows.astype(np.float32), frequencies))
+    # Between rows whose frequencies differ in the last bits alone, single precision knows no position.
+    if len(rows) == 1 or np.diff(np.log(rows[:, 0])).min() > 1e-2:
+        wide = interpolate(rows, frequencies)
+        assert (np.abs(single - wide) <= 1e-3 * (1 + rows[:, 1:].max(axis=0))).all()
+
+
+@given(st.floats(2**-100, 2**100, width=32))
+def test_single_logarithm(x):
+    assert float(single_ln(x)) == pytest.approx(np.log(np.float64(np.float32(x))), rel=1e-6, abs=2e-7)
+
+
+def test_undefined_frequency_takes_the_first_row():
+    rows = np.array([[1.0, 2.0, 3.0, 4.0], [2.0, 5.0, 6.0, 7.0]])
+    np.testing.assert_array_equal(interpolate(rows, np.nan), rows[0, 1:])
+
+
+def test_scene_takes_the_gains_of_the_device():
+    gains = solve(load_problem("soft"), "exact")
+    at = gains_at(gains, 7.3)
+    b, k, contact = interpolate(gain_rows(gains), 7.3)
+    assert (at.damping_ns_per_m, at.stiffness_n_per_m, at.contact_damping_ns_per_m) == (b, k, contact)
+
+
+def test_slopes():
+    frequency = np.array([1.0, 2.0, 8.0])
+    rows = np.stack([frequency, 3 * frequency**2, 5 / frequency, [0.0, 1.0, 1.0]], axis=1)
+    slopes = row_slopes(rows)
+    np.testing.assert_allclose(slopes[:, 0], 2)
+    np.testing.assert_allclose(slopes[:, 1], -1)
+    assert np.isnan(slopes[0, 2])
+    assert slopes[1, 2] == 0
+
+
+def deviation(problem, rows, kept):
+    """Largest relative deviation of Z_h at the dropped rows, and whether Re Z_h stays at the margin there."""
+    kept = list(kept)
+    loop = loop_at(problem, rows[:, 0])
+    gains = [np.interp(np.log(rows[:, 0]), np.log(rows[kept, 0]), rows[kept, column]) for column in (1, 2, 3)]
+    z, own = loop.perceived(*gains), loop.perceived(*rows.T[1:])
+    margin = np.minimum(own.real, problem.stability.margin_ns_per_m)
+    dropped = np.setdiff1d(np.arange(len(rows)), kept)
+    return (np.abs(z - own) / np.abs(own)).max(), bool((z.real >= margin)[dropped].all())
+
+
+@pytest.mark.parametrize("name", ["figure5", "soft", "damper"])
+def test_choice_is_the_best_of_all_subsets(name):
+    problem = (
+        figure5(points=10)
+        if name == "figure5"
+        else load_problem(name).model_copy(
+            update={"frequency": load_problem(name).frequency.model_copy(update={"points": 10})}
+        )
+    )
+    gains = solve(problem, "schedule")
+    rows = gain_rows(gains)
+    best = {}
+    for count in range(2, 11):
+        for middle in itertools.combinations(range(1, 9), count - 2):
+            error, passive = deviation(problem, rows, (0, *middle, 9))
+            if passive:
+                best[count] = min(error, best.get(count, np.inf))
+    for count in best:
+        found = reduce_rows(gains, problem, rows=count)
+        assert len(found.rows) <= count
+        assert found.error == pytest.approx(min(best[c] for c in best if c <= count), abs=1e-12)
+        assert found.error == pytest.approx(deviation(problem, rows, found.kept)[0], abs=1e-12)
+    tolerance = 0.02
+    fewest = min(count for count in best if best[count] <= tolerance)
+    found = reduce_rows(gains, problem, tolerance=tolerance)
+    assert len(found.rows) == fewest
+    assert found.error == pytest.approx(best[fewest], abs=1e-12)
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+def test_tolerance_holds_on_long_tables_too(tolerance):
+    gains = solve(figure5(points=900), "schedule")
+    found = reduce_rows(gains, figure5(points=900), tolerance=tolerance)
+    assert found.error <= tolerance
+    assert found.single_error <= tolerance + 1e-4
+    assert len(found.rows) < 200
+    assert found.kept[0] == 0
+    assert found.kept[-1] == 899
+
+
+def test_without_a_problem_the_gains_are_measured():
+    gains = solve(figure5(points=60), "schedule")
+    found = reduce_rows(gains, tolerance=0.05)
+    rows = gain_rows(gains)
+    guess = interpolate(found.rows, rows[:, 0])
+    size = np.where(rows[:, 1:] == 0, np.maximum(rows[:, 1:].max(axis=0), 1), rows[:, 1:])
+    assert (np.abs(guess - rows[:, 1:]) / size).max() == pytest.approx(found.error)
+    assert found.error <= 0.05
+    assert len(found.rows) < 60
+
+
+def test_all_rows_and_one_row():
+    gains = solve(figure5(points=12), "schedule")
+    assert len(reduce_rows(gains, tolerance=0.0).rows) <= 12
+    assert reduce_rows(gains, rows=40).error == 0
+    np.testing.assert_array_equal(reduce_rows(gains, rows=1).kept, [0])
+
+
+@pytest.mark.parametrize("options", [{}, {"rows": 3, "tolerance": 0.1}, {"rows": 0}, {"tolerance": -1.0}])
+def test_refusals(options):
+    gains = solve(figure5(points=5), "exact")
+    with pytest.raises(InputError):
+        reduce_rows(gains, **options)
+
+
+def test_table_without_gains_is_refused():
+    problem = load_problem("hard/infeasible-box")
+    with pytest.raises(InputError, match="no row with gains"):
+        gain_rows(solve(problem, "exact"))
