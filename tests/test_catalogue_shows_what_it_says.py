@@ -75,13 +75,13 @@ def test_the_reference_file_shows_the_defaults():
 def test_the_ladder_rises_and_crosses_what_a_hand_holds():
     walls = [avc.load_problem(name) for name in LADDER]
     stiffness = [wall.environment.stiffness_n_per_m for wall in walls]
-    assert all(2 < upper / lower < 3 for lower, upper in itertools.pairwise(stiffness))
+    assert all(1.2 < upper / lower < 5 for lower, upper in itertools.pairwise(stiffness))
     # Without delay a hand with damping b_h holds about 2 (b_d + b_h)/T.
     lowest, highest = (
         2 * (walls[0].device.damping_ns_per_m + damping) / walls[0].device.sample_time_s
         for damping in walls[0].hands.damping_ns_per_m
     )
-    assert stiffness[2] < lowest < stiffness[3] < highest < stiffness[5]
+    assert stiffness[1] < lowest < stiffness[2] < highest < stiffness[3]
 
 
 def test_plain_cases():

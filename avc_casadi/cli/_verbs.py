@@ -15,6 +15,7 @@ VERBS: tuple[str, ...] = (
     "simulate",
     "screen",
     "zwidth",
+    "table1",
     "push",
     "stream",
     "export",

@@ -1,0 +1,27 @@
+"""Fit the walls VE4, VE5 and VE6 to the paper's column without coupling.
+
+python tests/benchmarks/calibrate_walls.py [PEOPLE]
+
+prints the stiffness at which the training people of set A are stable without coupling in the share that the paper's
+count suggests; problems/ve4.toml to ve6.toml hold the values to two digits.
+"""
+
+import sys
+
+import avc_casadi as avc
+from avc_casadi.study import PAPER, calibrated_stiffness, expected_share
+
+FITTED = ("VE4", "VE5", "VE6")
+
+
+def main(people):
+    device = avc.load_problem("ve7")
+    for wall in FITTED:
+        count = PAPER[wall].stable_without_coupling
+        stiffness = calibrated_stiffness(device, count, people=people)
+        in_use = avc.load_problem(wall.lower()).environment.stiffness_n_per_m
+        print(f"{wall}: {count} of 10, share {expected_share(count):.3f}: {stiffness:.4g} N/m; in use {in_use:.4g} N/m")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 500)
