@@ -33,6 +33,7 @@ EFFECTS = {
     "encoder": {"resolution_m": 2e-5},
     "noise": {"rms_m": 1e-7, "seed": 4},
     "velocity-filter": {"cutoff_hz": 50.0},
+    "observer": {"mass_kg": 0.2},
     "delay": {"samples": 2},
     "jitter": {"rms_s": 1e-5, "dropped_share": 0.01},
     "amplifier": {"bandwidth_hz": 300.0},

@@ -37,6 +37,7 @@ from avc_casadi.problem._scene_file import Hold as Hold
 from avc_casadi.problem._scene_file import JitterEffect as JitterEffect
 from avc_casadi.problem._scene_file import Motion as Motion
 from avc_casadi.problem._scene_file import NoiseEffect as NoiseEffect
+from avc_casadi.problem._scene_file import ObserverEffect as ObserverEffect
 from avc_casadi.problem._scene_file import Press as Press
 from avc_casadi.problem._scene_file import ResonanceEffect as ResonanceEffect
 from avc_casadi.problem._scene_file import SaturationEffect as SaturationEffect

@@ -162,6 +162,13 @@ class VelocityFilterEffect(Table):
     cutoff_hz: Hertz
 
 
+class ObserverEffect(Table):
+    """An observer of the position between encoder steps; the mass is that of device and hand together."""
+
+    kind: Literal["observer"] = "observer"
+    mass_kg: Mass | None = None
+
+
 class DelayEffect(Table):
     """Whole samples between measurement and force."""
 
@@ -227,6 +234,7 @@ Effect = Annotated[
     | EncoderEffect
     | NoiseEffect
     | VelocityFilterEffect
+    | ObserverEffect
     | DelayEffect
     | JitterEffect
     | AmplifierEffect

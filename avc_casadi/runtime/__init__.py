@@ -10,6 +10,8 @@ from avc_casadi.runtime._guard import GuardSettings as GuardSettings
 from avc_casadi.runtime._guard import guard_step as guard_step
 from avc_casadi.runtime._hold import HoldSettings as HoldSettings
 from avc_casadi.runtime._hold import hold_step as hold_step
+from avc_casadi.runtime._observer import ObserverSettings as ObserverSettings
+from avc_casadi.runtime._observer import observer_step as observer_step
 from avc_casadi.runtime._signal import EstimatorSettings as EstimatorSettings
 from avc_casadi.runtime._step import Step as Step
 from avc_casadi.runtime._step import generate_c as generate_c

@@ -13,6 +13,7 @@ from avc_casadi.scene.effects._guard import Guard as Guard
 from avc_casadi.scene.effects._hand import Hand as Hand
 from avc_casadi.scene.effects._jitter import Jitter as Jitter
 from avc_casadi.scene.effects._noise import Noise as Noise
+from avc_casadi.scene.effects._observer import Observer as Observer
 from avc_casadi.scene.effects._registry import KINDS as KINDS
 from avc_casadi.scene.effects._registry import build_effects as build_effects
 from avc_casadi.scene.effects._resonance import Resonance as Resonance

@@ -19,6 +19,7 @@ from avc_casadi.scene.effects._guard import Guard
 from avc_casadi.scene.effects._hand import Hand
 from avc_casadi.scene.effects._jitter import Jitter
 from avc_casadi.scene.effects._noise import Noise
+from avc_casadi.scene.effects._observer import Observer
 from avc_casadi.scene.effects._resonance import Resonance
 from avc_casadi.scene.effects._saturation import Saturation
 from avc_casadi.scene.effects._stylus_hand import StylusHand
@@ -35,6 +36,7 @@ _EFFECTS: tuple[type[SceneEffect], ...] = (
     StylusHand,
     Noise,
     Encoder,
+    Observer,
     VelocityFilter,
     Estimator,
     Adaptation,

@@ -1,0 +1,48 @@
+"""An observer of the position between two encoder steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.problem import Problem
+from avc_casadi.runtime import ObserverSettings, observer_step
+from avc_casadi.scene._tick import Tick
+from avc_casadi.scene.effects._base import SceneEffect, Station, settled
+from avc_casadi.scene.effects._step import insert
+
+
+@dataclass(frozen=True)
+class Observer(SceneEffect):
+    """Replaces the counted position by one that the held force explains.
+
+    Attributes:
+        settings: what it knows.
+    """
+
+    kind: ClassVar[str] = "observer"
+    station: ClassVar[Station] = Station.SENSING
+
+    settings: ObserverSettings
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take the step from the encoder, and the mass from the device and the middle of the hands, if left out."""
+        encoder = next((effect for effect in problem.scene.effects if effect.kind == "encoder"), None)
+        if encoder is None:
+            message = "has no steps to look between; allowed: beside the effect encoder"
+            raise InputError([Fault(problem.name, None, place, message)])
+        source, default = "device.encoder_resolution_m", problem.device.encoder_resolution_m
+        resolution = settled(
+            encoder.resolution_m, default, key="resolution_m", place=place, problem=problem, source=source
+        )
+        middle = problem.device.mass_kg + math.sqrt(math.prod(problem.hands.mass_kg))
+        mass = settled(table.mass_kg, middle, key="mass_kg", place=place, problem=problem, source="device and hands")
+        return cls(ObserverSettings(resolution, mass))
+
+    def sample(self, tick: Tick) -> None:
+        """Replace the position."""
+        step = observer_step(tick.sample_time_s, self.settings)
+        tick.position = insert(tick, "observer", step, [tick.position, tick.held_force()])[0]
