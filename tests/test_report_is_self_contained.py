@@ -51,7 +51,7 @@ def contents():
         ("first <figure>", figure_svg(draw_boundaries(comparison))),
         ("second", figure_svg(draw_perceived(comparison))),
     ]
-    summary = summarise(problem, comparison, certificate, push)
+    summary = summarise(problem, comparison, comparison.methods["direct"], certificate, push)
     return ReportContents(problem, comparison, summary, certificate, figures, {"avc-casadi": avc.__version__})
 
 

@@ -44,6 +44,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     folder = output_folder(args.out or f"avc-{problem.name.replace('/', '-')}", "--out")
     comparison = compared(problem, None, console)
     gains = comparison.methods[comparison.optimum]
+    if problem.stability.scope != "pointwise":
+        with console.step(f"direct, scope {problem.stability.scope}"):
+            gains = avc.solve(problem)
     with console.step("certificate"):
         certificate = avc.certify(problem, gains).document()
     compare = comparison_document(comparison)
@@ -56,7 +59,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         figures = _draw(comparison, folder)
     with console.step("device"):
         push = _push(problem, gains)
-    summary = summarise(problem, comparison, certificate, push)
+    summary = summarise(problem, comparison, gains, certificate, push)
     contents = ReportContents(problem, comparison, summary, certificate, figures, package_versions())
     files["report.html"] = report_html(contents)
     for name, text in files.items():

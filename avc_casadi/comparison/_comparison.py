@@ -107,6 +107,8 @@ def compare(
 ) -> Comparison:
     """Solve by each method and compare.
 
+    The paper's (12) is pointwise, and so is the comparison, whatever the scope of the problem.
+
     Args:
         problem: the problem.
         methods: must hold "closed-form" and at least one of "direct" and "exact"; the first of these two is what the
@@ -126,6 +128,7 @@ def compare(
         )
     if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
         raise InputError.of(f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: finite numbers >= 0", key="--mine")
+    problem = problem.model_copy(update={"stability": problem.stability.model_copy(update={"scope": "pointwise"})})
     loop = loop_at(problem, problem.frequencies_hz())
     gains = {method: solver(problem, method) for method in dict.fromkeys(methods)}
     scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)

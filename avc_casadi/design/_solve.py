@@ -59,6 +59,10 @@ def solve(
         from avc_casadi.design.schedule import solve_schedule  # noqa: PLC0415
 
         return solve_schedule(problem)
+    if problem.stability.scope != "pointwise":
+        from avc_casadi.design._scoped import solve_scoped  # noqa: PLC0415
+
+        return solve_scoped(problem, solver=solver)
     from avc_casadi.design._direct import solve_direct  # noqa: PLC0415
 
     return solve_direct(problem, solver=solver, tolerance=tolerance)

@@ -15,17 +15,21 @@ if TYPE_CHECKING:
 
 
 def summarise(
-    problem: Problem, comparison: Comparison, certificate: Mapping[str, Any], push: Mapping[str, Any]
+    problem: Problem,
+    comparison: Comparison,
+    best: GainSchedule,
+    certificate: Mapping[str, Any],
+    push: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return the numbers of the summary as JSON values.
 
     Args:
         problem: the problem.
-        comparison: its comparison.
-        certificate: the `certify` document of the optimiser's gains.
+        comparison: its comparison, which is of the pointwise problem.
+        best: the gains that the device gets: those of the problem's own scope.
+        certificate: the `certify` document of these gains.
         push: the `push` document, or ``{"skipped": why}``, or ``{"refused": why}``.
     """
-    best = comparison.methods[comparison.optimum]
     injection = comparison.injection
     worst = int(np.argmax(injection.injected_damping_ns_per_m))
     with np.errstate(divide="ignore", invalid="ignore"):
