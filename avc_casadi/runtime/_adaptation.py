@@ -58,11 +58,9 @@ def adaptation_step(sample_time_s: float, settings: AdaptationSettings) -> Step:
     builder = StepBuilder()
     wanted = [builder.input(f"wanted_{name}") for name in GAINS]
     deflection = builder.input("deflection_m")
-    started, before = builder.state("started"), [builder.state(name) for name in GAINS]
-    gains = [
-        ca.if_else(started, _slewed(*pair, settings, sample_time_s), pair[1])
-        for pair in zip(before, wanted, strict=True)
-    ]
+    started = builder.state("started")
+    before = [ca.if_else(started, builder.state(name), goal) for name, goal in zip(GAINS, wanted, strict=True)]
+    gains = [_slewed(*pair, settings, sample_time_s) for pair in zip(before, wanted, strict=True)]
     builder.follow("started", 1)
     for name, gain in zip(GAINS, gains, strict=True):
         builder.follow(name, gain)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -12,6 +11,9 @@ from avc_casadi.runtime import ObserverSettings, observer_step
 from avc_casadi.scene._tick import Tick
 from avc_casadi.scene.effects._base import SceneEffect, Station, settled
 from avc_casadi.scene.effects._step import insert
+
+# A mass taken too small turns every force into too much motion; far above the lightest, light hands buzz.
+_ABOVE = 1.15
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Observer(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the step from the encoder, and the mass from the device and the middle of the hands, if left out."""
+        """Take the step from the encoder, and the mass from the device and the lightest hand, if left out."""
         encoder = next((effect for effect in problem.scene.effects if effect.kind == "encoder"), None)
         if encoder is None:
             message = "has no steps to look between; allowed: beside the effect encoder"
@@ -38,8 +40,9 @@ class Observer(SceneEffect):
         resolution = settled(
             encoder.resolution_m, default, key="resolution_m", place=place, problem=problem, source=source
         )
-        middle = problem.device.mass_kg + math.sqrt(math.prod(problem.hands.mass_kg))
-        mass = settled(table.mass_kg, middle, key="mass_kg", place=place, problem=problem, source="device and hands")
+        lightest = problem.device.mass_kg + problem.hands.mass_kg[0]
+        source = "that of device and lightest hand"
+        mass = settled(table.mass_kg, _ABOVE * lightest, key="mass_kg", place=place, problem=problem, source=source)
         return cls(ObserverSettings(resolution, mass))
 
     def sample(self, tick: Tick) -> None:
