@@ -137,7 +137,9 @@ class Reference:
 
                 moving.terminal, moving.direction = True, -1
                 events = moving if self.fc else None
-                found = solve_ivp(sliding, (t, end), y, events=events, **TOLERANCES)
+                # From rest the event is 0 at the beginning: the first step must not reach beyond its next zero.
+                step = self.T / 200 if y[1] == 0 else np.inf
+                found = solve_ivp(sliding, (t, end), y, events=events, max_step=step, **TOLERANCES)
                 y, t = found.y[:, -1].copy(), found.t[-1]
                 if found.status == 1:
                     y[1] = 0.0

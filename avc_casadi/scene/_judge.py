@@ -102,10 +102,10 @@ def _rate_hardness(velocity: FloatArray, force: FloatArray, sample_time_s: float
         return np.full(force.shape[:-1], np.nan)
     pushing = force > 0
     first = pushing.argmax(axis=-1)[..., None]
-    rate = np.diff(force, axis=-1, prepend=0.0) / sample_time_s
     samples = np.arange(force.shape[-1])
     window = (samples >= first) & (samples <= first + round(IMPACT_S / sample_time_s))
     speed = np.abs(np.take_along_axis(velocity, first, axis=-1)[..., 0])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        rate = np.diff(force, axis=-1, prepend=0.0) / sample_time_s
         steepest = np.where(window, rate, -np.inf).max(axis=-1)
         return np.where(pushing.any(axis=-1) & (speed > 0), steepest / speed, np.nan)

@@ -1,0 +1,88 @@
+"""`avc simulate` and `avc screen`: the documented keys, exit codes, files and text."""
+
+import json
+
+import numpy as np
+import pytest
+
+from avc_casadi.cli import main
+
+KEYS = {
+    "stable", "criterion", "steps", "states", "instructions", "effects", "absent", "apparent_stiffness_n_per_m",
+    "energy_generated_j", "seconds", "trace",
+}  # fmt: skip
+
+
+def call(capsys, *arguments):
+    code = main(list(arguments))
+    return code, capsys.readouterr()
+
+
+def test_simulate_gives_the_documented_keys(capsys):
+    code, out = call(capsys, "simulate", "scenes/soft-tissue", "--json")
+    document = json.loads(out.out)
+    assert code == 0
+    assert document.keys() >= KEYS
+    assert document["trace"] is None
+    assert [effect["kind"] for effect in document["effects"]] == ["stylus-hand", "encoder", "wall"]
+    assert all(effect.keys() >= {"kind", "states", "instructions", "ns_per_step"} for effect in document["effects"])
+    assert "hand" in document["absent"]
+    assert document["certificate"]["L6"]["pass"]
+
+
+def test_an_unstable_scene_ends_with_1(capsys):
+    code, out = call(capsys, "simulate", "scenes/stiff-wall-uncoupled")
+    assert code == 1
+    assert "does not come to rest" in out.err
+    assert "buzzes" in out.out
+
+
+def test_explain_trace_and_plot(capsys, tmp_path):
+    files = str(tmp_path / "a.npz"), str(tmp_path / "a.png")
+    code, out = call(capsys, "simulate", "scenes/free-motion", "--explain", "--trace", files[0], "--plot", files[1])
+    assert code == 0
+    for words in ("coulomb-friction", "mechanics", "absent, at no cost", "device_position_m", *files):
+        assert words in out.out
+    with np.load(files[0]) as traces:
+        assert len(traces["position_m"]) == 4000
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_two_scenes_that_differ_in_one_effect(capsys, tmp_path):
+    def explained(name, text):
+        path = tmp_path / f"{name}.toml"
+        path.write_text(text)
+        return json.loads(call(capsys, "simulate", str(path), "--json")[1].out)
+
+    head = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\n[environment]\ndamping_ns_per_m = 1.0\nstiffness_n_per_m = 1e3\n"
+    head += '[scene]\ncoupling = "none"\n' + '[[scene.effects]]\nkind = "hand"\n[[scene.effects]]\nkind = "wall"\n'
+    plain = explained("plain", head)
+    late = explained("late", head + '[[scene.effects]]\nkind = "delay"\nsamples = 2\n')
+    (delay,) = (effect for effect in late["effects"] if effect["kind"] == "delay")
+    assert late["states"] - plain["states"] == delay["states"] == 2
+    assert late["instructions"] - plain["instructions"] == delay["instructions"] > 0
+    assert set(plain["absent"]) - set(late["absent"]) == {"delay"}
+
+
+def test_screen(capsys):
+    code, out = call(capsys, "screen", "scenes/free-motion", "--json")
+    document = json.loads(out.out)
+    assert code == 0
+    assert {effect["kind"] for effect in document["effects"]} == {"hand", "coulomb-friction"}
+    code, out = call(capsys, "screen", "scenes/free-motion")
+    assert "needs all of them" in out.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        (("simulate", "scenes/soft-tissue", "--seed", "-1"), "--seed"),
+        (("simulate", "scenes/soft-tissue", "--trace", "run.csv"), "--trace"),
+        (("screen", "scenes/soft-tissue", "--tolerance", "2"), "--tolerance"),
+        (("simulate", "no-such-scene"), "no-such-scene"),
+    ],
+)
+def test_bad_arguments_end_with_2(capsys, arguments, key):
+    code, out = call(capsys, *arguments)
+    assert code == 2
+    assert key in out.err

@@ -1,0 +1,84 @@
+"""Dry friction against what mechanics says on paper: stopping distances, true rest, breaking away, any number of changes."""
+
+import numpy as np
+import pytest
+from scene_reference import scene_problem
+
+from avc_casadi.scene import NO_COUPLING, Gains, simulate
+
+HEAD = """
+[device]
+mass_kg = {mass}
+damping_ns_per_m = 0.0
+[environment]
+damping_ns_per_m = 0.0
+stiffness_n_per_m = 1.0
+"""
+SPRING = 'kind = "hand"\nmass_kg = 0.0\ndamping_ns_per_m = 0.0\nstiffness_n_per_m = {k}'
+FRICTION = 'kind = "coulomb-friction"\nforce_n = {force}'
+
+
+def released(k, force, *, mass=0.2, offset=-0.01, duration=2.0, substeps=1):
+    """A mass on a spring with dry friction, released away from the spring's rest (the target of the hand)."""
+    motion = f'kind = "press"\nstart_m = -0.02\nend_m = {-0.02 - offset}\nspeed_m_per_s = 100.0\n'
+    scene = f"duration_s = {duration}\nsubsteps = {substeps}\n"
+    effects = (SPRING.format(k=k), FRICTION.format(force=force))
+    return simulate(scene_problem(effects, scene=scene, motion=motion, head=HEAD.format(mass=mass)), NO_COUPLING)
+
+
+@pytest.mark.parametrize(("k", "force"), [(300.0, 0.4), (2000.0, 1.0), (80.0, 0.05), (300.0, 2.9)])
+def test_each_half_swing_loses_twice_the_friction_over_the_stiffness(k, force):
+    run = released(k, force)
+    deflection = run.position_m - run.target_m[-1]
+    expected, swings = [abs(run.position_m[0] - run.target_m[-1])], 0
+    while expected[-1] > force / k:
+        expected.append(abs(expected[-1] - 2 * force / k))
+        swings += 1
+    assert swings > 0
+    # The first sample moves the target over; what is left is exact.
+    assert abs(deflection[-1]) == pytest.approx(expected[-1], abs=2e-3 * expected[0])
+    tail = run.position_m[-50:]
+    assert np.ptp(tail) == 0
+    assert not run.velocity_m_per_s[-50:].any()
+
+
+def test_a_load_below_the_friction_moves_nothing_at_all():
+    run = released(100.0, 1.1)
+    assert np.ptp(run.position_m) == 0
+    assert not run.velocity_m_per_s.any()
+
+
+def test_it_breaks_away_when_the_load_exceeds_the_friction():
+    motion = 'kind = "press"\nstart_m = -0.02\nend_m = -0.01\nspeed_m_per_s = 0.01\n'
+    effects = (SPRING.format(k=200.0), FRICTION.format(force=0.8))
+    run = simulate(scene_problem(effects, motion=motion, head=HEAD.format(mass=0.2)), NO_COUPLING)
+    first = np.flatnonzero(run.velocity_m_per_s)[0]
+    # 200 N/m stretched at 0.01 m/s reaches 0.8 N after 0.4 s.
+    assert run.time_s[first] == pytest.approx(0.4, abs=2e-3)
+
+
+@pytest.mark.parametrize("substeps", [1, 3, 16])
+def test_a_swing_of_two_samples_sticks_and_slips_within_one(substeps):
+    # 250 Hz: two reversals in four samples, and friction strong enough to stop the mass between two samples.
+    k, mass = 0.001 * (2 * np.pi * 250) ** 2, 0.001
+    coarse = released(k, 2.0, mass=mass, duration=0.05, substeps=substeps)
+    fine = released(k, 2.0, mass=mass, duration=0.05, substeps=64)
+    np.testing.assert_allclose(coarse.position_m, fine.position_m, rtol=0, atol=1e-12)
+    assert np.ptp(coarse.position_m[:10]) > 1e-3
+    assert np.ptp(coarse.position_m[-5:]) == 0
+
+
+def test_friction_alone_can_hold_a_loop_at_rest_and_is_said_to():
+    wall = 'kind = "wall"'
+    hand = 'kind = "hand"\nmass_kg = 0.05\ndamping_ns_per_m = 3.0\nstiffness_n_per_m = 500.0'
+    gains = Gains(200.0, 1e5)
+    held = simulate(scene_problem((hand, wall, 'kind = "coulomb-friction"\nforce_n = 1.0')), gains)
+    free = simulate(scene_problem((hand, wall)), gains)
+    assert held.claim == "held-by-friction"
+    assert held.stable
+    assert free.claim == "unstable"
+    assert not held.certificate()["pass"]
+    assert "friction" in held.certificate()["claim"]
+    calm = simulate(scene_problem((hand, wall, 'kind = "coulomb-friction"')), Gains(5.0, 3e3))
+    assert calm.claim == "asymptotic"
+    assert calm.certificate()["pass"]

@@ -1,0 +1,130 @@
+"""Figures of a run: on signals whose figures are known, and on the loops whose behaviour is known."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from scene_reference import scene_problem
+
+import avc_casadi as avc
+from avc_casadi.design import static_coupling
+from avc_casadi.scene import NO_COUPLING, Gains, Hand, judge, screen, simulate, simulate_batch
+
+T = 1e-3
+TIME = np.arange(3000) * T
+PRESS = ('kind = "hand"', 'kind = "wall"')
+
+
+def test_ripple_is_the_rms_between_20_and_500_hz():
+    force = (
+        5.0 + 0.3 * np.sin(2 * np.pi * 60 * TIME) + 2.0 * np.sin(2 * np.pi * 10 * TIME) + 0.4 * np.cos(np.pi * TIME / T)
+    )
+    found = judge(np.full(3000, 1e-3), np.zeros(3000), force, T)
+    assert found.force_ripple_n == pytest.approx(math.sqrt(0.3**2 / 2 + 0.4**2), rel=1e-9)
+    assert found.buzzing
+    calm = judge(np.full(3000, 1e-3), np.zeros(3000), 5.0 + 0.48 * np.sin(2 * np.pi * 60 * TIME), T)
+    assert not calm.buzzing  # 0.48/sqrt(2) = 6.8 % of 5 N
+    assert calm.apparent_stiffness_n_per_m == pytest.approx(5000.0)
+
+
+def test_stable_is_below_5_mm_per_second_in_the_last_half_second():
+    velocity = np.where(TIME < 2.4995, 1.0, 0.0049)
+    assert judge(np.zeros(3000), velocity, np.zeros(3000), T).stable
+    velocity[2500] = -0.0051
+    assert not judge(np.zeros(3000), velocity, np.zeros(3000), T).stable
+
+
+def test_rate_hardness_is_the_first_rise_over_the_speed_of_contact():
+    force = np.where(TIME >= 1.0, 700.0 * (TIME - 1.0 + T), 0.0)
+    found = judge(np.zeros(3000), np.full(3000, 0.07), force, T)
+    assert found.rate_hardness_n_per_m == pytest.approx(1e4, rel=1e-6)
+    assert math.isnan(judge(np.zeros(3000), np.ones(3000), np.zeros(3000), T).rate_hardness_n_per_m)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e200])
+def test_a_run_whose_numbers_leave_is_neither_stable_nor_calm(bad):
+    position = np.where(TIME > 2.0, bad, 0.0)
+    found = judge(position, np.zeros(3000), position, T)
+    assert found.diverged
+    assert not found.stable
+    assert found.buzzing
+    assert np.isnan(found.apparent_stiffness_n_per_m)
+
+
+def test_without_coupling_the_stiff_wall_never_rests_and_the_certified_static_one_is_calm_and_soft():
+    problem = avc.load_problem("scenes/stiff-wall-pressed")
+    certified = static_coupling(problem)
+    bare = simulate(problem, NO_COUPLING)
+    calm = simulate(problem, Gains(certified.damping_ns_per_m, certified.stiffness_n_per_m))
+    assert bare.claim == "unstable"
+    assert bare.buzzing
+    assert bare.energy_generated_j > 0.1
+    assert calm.claim == "asymptotic"
+    assert not calm.buzzing
+    assert calm.apparent_stiffness_n_per_m < 0.2 * problem.environment.stiffness_n_per_m
+
+
+@pytest.mark.parametrize(
+    ("gains", "share"),
+    [
+        (Gains(10.0, 7e3), 0.065),
+        (Gains(2.0, 18.6e3), 0.157),
+        (Gains(200.0, 1e5), 0.5),
+        (Gains(math.inf, math.inf, 85.0), 1.0),
+    ],
+)
+def test_pressed_walls_feel_as_stiff_as_springs_in_series(gains, share):
+    run = simulate(scene_problem(PRESS), gains)
+    assert run.claim == "asymptotic"
+    assert run.apparent_stiffness_n_per_m / 1e5 == pytest.approx(share, abs=0.002)
+    k = gains.stiffness_n_per_m
+    series = 1e5 if gains.rigid else k * 1e5 / (k + 1e5)
+    assert run.apparent_stiffness_n_per_m == pytest.approx(series, rel=1e-6)
+
+
+def test_damping_injection_brings_every_drawn_hand_to_rest_at_full_stiffness_without_friction():
+    draw = np.random.default_rng(5).uniform
+    hands = Hand(draw(0.05, 0.3, 200), draw(3, 20, 200), draw(200, 800, 200))
+    found = simulate_batch(scene_problem(PRESS), hands, Gains(math.inf, math.inf, 85.0))
+    assert found.stable.all()
+    np.testing.assert_allclose(found.apparent_stiffness_n_per_m, 1e5, rtol=1e-3)
+    assert not simulate_batch(scene_problem(PRESS), hands, NO_COUPLING).stable.any()
+
+
+def test_traces_and_manifest_hold_the_run(tmp_path):
+    run = simulate(scene_problem(PRESS, scene="duration_s = 0.4\n"), Gains(10.0, 7e3))
+    path = run.save(tmp_path / "run.npz")
+    with np.load(path) as traces:
+        for name in ("time_s", "position_m", "velocity_m_per_s", "force_n", "tool_m", "target_m", "stiffness_n_per_m"):
+            np.testing.assert_array_equal(traces[name], getattr(run, name))
+        np.testing.assert_array_equal(traces["absorbed_j"], run.ledger.absorbed_j)
+    manifest = json.loads((tmp_path / "run.json").read_text())
+    assert manifest["trace"] == str(path)
+    assert manifest["effects"] == ["hand", "wall"]
+    assert manifest["steps"] == 400
+    assert manifest["certificate"]["L6"]["outcome"] == run.claim
+
+
+def test_screening_names_what_a_scene_does_not_need():
+    effects = (
+        *PRESS,
+        'kind = "coulomb-friction"',
+        'kind = "encoder"\nresolution_m = 1e-9',
+        'kind = "saturation"\nforce_n = 90.0',
+    )
+    found = screen(scene_problem(effects), Gains(10.0, 7e3))
+    assert set(found.unneeded) == {"encoder", "saturation"}
+    assert set(found.together.kinds) == {"encoder", "saturation"}
+    assert not found.together.needed
+    order = [one.kinds[0] for one, _ in found.effects]
+    assert set(order[:2]) == {"hand", "wall"}
+    assert all(one.needed for one, _ in found.effects[:3])
+    everything = screen(scene_problem(effects), Gains(10.0, 7e3), tolerance=0.0)
+    assert "encoder" not in everything.unneeded
+    json.dumps(found.document(), allow_nan=False)
+
+
+def test_screening_keeps_the_only_mass():
+    massless = "[device]\nmass_kg = 0.0\ndamping_ns_per_m = 2.0\n[environment]\ndamping_ns_per_m={b_e}\nstiffness_n_per_m={k_e}\n"
+    assert screen(scene_problem(PRESS, head=massless), Gains(10.0, 7e3)).essential == ("hand",)

@@ -1,0 +1,58 @@
+"""Refining the integration by 2, 4 and 8 does not move exact scenes, and moves the others at their order."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scene_reference import scene_problem
+from test_scene_agrees_with_solve_ivp import CASES, QUICK
+
+from avc_casadi import UnsupportedError
+from avc_casadi.scene import Gains, simulate
+
+FRICTION = ('kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"')
+
+
+def run(effects, gains, integrator="exact", substeps=1, duration=0.12):
+    scene = f'duration_s = {duration}\nintegrator = "{integrator}"\nsubsteps = {substeps}\n'
+    return simulate(scene_problem(effects, motion=QUICK, scene=scene), gains)
+
+
+@pytest.mark.parametrize("substeps", [2, 4, 8])
+@pytest.mark.parametrize("case", ["linear-series", "linear-damped", "amplifier", "dry-friction", "late", "resonance"])
+def test_exact_scenes_do_not_move(case, substeps):
+    effects, gains = CASES[case]
+    coarse, fine = run(effects, gains), run(effects, gains, substeps=substeps)
+    assert np.ptp(coarse.position_m) > 1e-3
+    np.testing.assert_allclose(fine.position_m, coarse.position_m, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(fine.force_n, coarse.force_n, rtol=0, atol=1e-9)
+
+
+def errors(integrator, effects, gains, substeps):
+    exact = run(effects, gains).position_m
+    return [np.abs(run(effects, gains, integrator, n).position_m - exact).max() for n in substeps]
+
+
+def test_projected_friction_converges_to_the_located_events():
+    found = errors("projected", FRICTION, Gains(10.0, 7e3), (1, 4, 16, 64))
+    assert found[0] > 1e-9
+    assert all(fine < coarse / 3 for coarse, fine in pairwise(found))
+
+
+def test_runge_kutta_has_order_four_without_friction():
+    found = errors("rk4", FRICTION[:2], Gains(10.0, 7e3), (1, 2, 4))
+    assert found[0] > 1e-12
+    assert all(10 < coarse / fine < 22 for coarse, fine in pairwise(found))
+
+
+def test_runge_kutta_does_not_stick():
+    stuck = run(FRICTION, Gains(10.0, 7e3), duration=0.4).position_m[-20:]
+    creeping = run(FRICTION, Gains(10.0, 7e3), "rk4", 4, duration=0.4).position_m[-20:]
+    assert np.ptp(stuck) == 0
+    assert np.ptp(creeping) > 0
+
+
+def test_projection_refuses_late_forces():
+    effects = (*FRICTION, 'kind = "jitter"\nrms_s = 1e-4')
+    with pytest.raises(UnsupportedError, match="jitter"):
+        run(effects, Gains(10.0, 7e3), "projected")
