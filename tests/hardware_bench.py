@@ -39,13 +39,13 @@ def require(*tools: str) -> None:
             pytest.skip(reason)
 
 
-def run(tool: str, *arguments: str, given: bytes = b"") -> bytes:
-    """Run a program to its end and return what it printed; it must succeed."""
+def run(tool: str, *arguments: str, given: bytes = b"", errors: bool = False) -> bytes:
+    """Run a program to its end and return what it printed (or wrote as errors); it must succeed."""
     program = shutil.which(tool)
     assert program is not None
     done = subprocess.run([program, *arguments], input=given, capture_output=True, check=False)  # noqa: S603 - ours
     assert done.returncode == 0, done.stderr.decode()
-    return done.stdout
+    return done.stderr if errors else done.stdout
 
 
 @functools.cache

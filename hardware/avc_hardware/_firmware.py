@@ -15,7 +15,8 @@ ARM_INSTALL = "apt-get install -y --no-install-recommends gcc-arm-none-eabi"
 def source_hash(folder: Path = FIRMWARE) -> str:
     """Return the first 8 hexadecimal digits of the SHA-256 over all firmware sources: the build's name in HELLO."""
     digest = hashlib.sha256()
-    for path in sorted(path for path in folder.rglob("*") if path.suffix in {".c", ".h", ".ld"}):
+    parts = [*(folder / "core").rglob("*"), *(folder / "boards").rglob("*")]
+    for path in sorted(path for path in parts if path.suffix in {".c", ".h", ".ld"}):
         digest.update(path.relative_to(folder).as_posix().encode())
         digest.update(path.read_bytes().replace(b"\r\n", b"\n"))
     return digest.hexdigest()[:8]

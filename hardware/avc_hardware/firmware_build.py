@@ -1,8 +1,8 @@
 """Build the firmware: ``python -m avc_hardware.firmware_build [TARGET ...] [--out DIR]``.
 
-Targets are the boards below, ``host`` (the portable core as a shared library for tests), and ``generate``, which writes
-the control tick's C from the scene's CasADi expressions. Builds are reproducible: the same sources and compiler give
-the same bytes, on any path.
+Targets are the boards below, ``host`` (the portable core as a shared library for tests), ``fuzz`` (with sanitizers) and
+``generate``, which writes the control tick's C from the scene's CasADi expressions. Builds are reproducible: the same
+sources and compiler give the same bytes, on any path.
 """
 
 from __future__ import annotations
@@ -186,6 +186,32 @@ def build_host(out: Path, *, cc: str = "gcc", flags: tuple[str, ...] = (), estim
     return library
 
 
+def build_fuzzer(out: Path, *, cc: str = "clang", replay: bool = False) -> Path:
+    """Build the fuzzer of the link with address and undefined-behaviour sanitizers.
+
+    Args:
+        out: folder of the program.
+        cc: clang; for ``replay`` gcc will do.
+        replay: a program that runs the files named as arguments instead of searching.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    program = out / ("replay" if replay else "fuzz")
+    sanitize = "-fsanitize=address,undefined" if replay else "-fsanitize=fuzzer,address,undefined"
+    extra = ["-DAVC_FUZZ_REPLAY"] if replay else []
+    sources = [*_core_sources("zero-crossing"), FIRMWARE / "fuzz" / "fuzz.c"]
+    _run(
+        [
+            compiler(cc, HOST_INSTALL),
+            *_common("zero-crossing"),
+            *("-g", sanitize, "-fno-sanitize-recover=all"),
+            *extra,
+            *map(str, sources),
+            *("-o", str(program)),
+        ]
+    )
+    return program
+
+
 def generated() -> dict[Path, str]:
     """Return the generated sources by path: the coupling and the guard, and the estimator of every method."""
     from avc_casadi.runtime import ESTIMATORS  # noqa: PLC0415 - needs CasADi, which a build does not
@@ -214,7 +240,7 @@ def main(argv: list[str] | None = None) -> int:
         "targets",
         nargs="*",
         default=[],
-        help=f"host, generate (the tick's C from CasADi), {', '.join(TARGETS)}; default: the packaged image",
+        help=f"host, fuzz, generate (the tick's C from CasADi), {', '.join(TARGETS)}; default: the packaged image",
     )
     parser.add_argument("--out", type=Path, default=FIRMWARE / "image", help="folder of the images")
     arguments = parser.parse_args(argv)
@@ -222,7 +248,12 @@ def main(argv: list[str] | None = None) -> int:
         if target == "generate":
             generate()
             continue
-        image = build_host(arguments.out) if target == "host" else build_image(target, arguments.out)
+        if target == "host":
+            image = build_host(arguments.out)
+        elif target == "fuzz":
+            image = build_fuzzer(arguments.out)
+        else:
+            image = build_image(target, arguments.out)
         digest = hashlib.sha256(image.read_bytes()).hexdigest()
         sys.stdout.write(f"{image} {image.stat().st_size} bytes sha256 {digest}\n")
     return 0

@@ -1,0 +1,202 @@
+/* Fuzzing the device from the wire. Two ways in, chosen by the first byte of the input: raw bytes, which meet the framing;
+ * and messages, which the harness frames with a right checksum, because random bytes never pass one. Between them ticks
+ * run. After each, what must always hold is checked.
+ *
+ * clang -fsanitize=fuzzer,address,undefined; with -DAVC_FUZZ_REPLAY a program that runs the files named as arguments. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "avc_crc32.h"
+#include "avc_device.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+static const avc_limits_t limits = {1e-3f, 2e-6f, 50.0f, 1e5f, 1e8f, 1e4f, 10.0f, 1e5f};
+
+static const uint32_t canary = 0xA5A5A5A5u; /* stands behind the buffers, as the serial number */
+
+static avc_device_t device;
+
+static void must(bool holds, const char *what)
+{
+    if (!holds) {
+        (void)fprintf(stderr, "violated: %s\n", what);
+        abort();
+    }
+}
+
+static void check(void)
+{
+    const avc_control_t *control = &device.control;
+    const avc_transfer_t *transfer = &device.transfer;
+    must(device.boot_id == 1u && device.serial == canary, "nothing is written beyond the buffer of an answer");
+    must(device.decoder.size <= AVC_CONTENT_MAX, "a frame fits its buffer");
+    must(transfer->received <= transfer->size && transfer->size <= sizeof(avc_image_t), "a transfer fits its table");
+    must(device.rx.written - device.rx.read <= AVC_RING_SIZE, "the receive ring holds what it can");
+    must(device.tx.written - device.tx.read <= AVC_RING_SIZE, "the transmit ring holds what it can");
+    must(control->active < 2u && control->stream_slot < 2u, "one of two is active");
+    must(avc_is_finite(control->state.force_n), "the force is a number");
+    must(control->state.force_n <= limits.max_force_n && control->state.force_n >= -limits.max_force_n,
+         "the force keeps its limit");
+    if (control->state.has_table != 0u) {
+        const avc_table_t *table = &control->tables[control->active];
+        uint16_t row;
+        must(avc_image_check(&table->image, &limits, &row) == AVC_OK, "the running table is valid");
+        must(avc_crc32(0, (const uint8_t *)&table->image, avc_image_size(table->image.header.rows)) == table->crc32,
+             "the running table is whole");
+    }
+}
+
+static void drain(void)
+{
+    uint8_t byte;
+    do {
+        while (avc_device_transmit(&device, &byte)) {
+        }
+    } while (avc_device_poll(&device));
+}
+
+static void feed(const uint8_t *data, size_t size)
+{
+    for (size_t i = 0; i < size; i++) {
+        avc_device_receive(&device, data[i]);
+        if (data[i] == 0u || i % 256u == 255u) {
+            drain();
+        }
+    }
+    drain();
+}
+
+static void message(uint8_t type, const uint8_t *payload, size_t size)
+{
+    static uint8_t content[AVC_CONTENT_MAX];
+    static uint8_t encoded[AVC_FRAME_MAX];
+    content[0] = AVC_PROTOCOL_VERSION;
+    content[1] = type;
+    content[2] = 7u;
+    content[3] = 0u;
+    memcpy(&content[AVC_HEADER_SIZE], payload, size);
+    feed(encoded, avc_frame_encode(content, AVC_HEADER_SIZE + size, encoded));
+}
+
+static void tick(int32_t count)
+{
+    (void)avc_device_tick(&device, count);
+    drain();
+}
+
+/* A valid upload of a table whose rows come from the input, so that deep states are reached quickly. */
+static void upload(const uint8_t *data, size_t size)
+{
+    static uint8_t payload[12 + AVC_CHUNK_MAX];
+    avc_image_t image;
+    memset(&image, 0, sizeof image);
+    const uint32_t rows = size > 3u ? 1u + data[3] : 1u;
+    image.header.rows = (uint16_t)rows;
+    image.header.sample_time_s = limits.sample_time_s;
+    image.header.flags = size > 0u ? data[0] & 7u : 0u;
+    image.header.wall_stiffness_n_per_m = 1e4f;
+    for (uint32_t i = 0; i < rows; i++) {
+        const float value = size > 0u ? (float)data[i % size] : 1.0f;
+        image.row[i] = (avc_row_t){1.0f + (float)i, value, 1000.0f * value, value};
+    }
+    if (size > 2u) {
+        const size_t at = data[1] % avc_image_size(rows);
+        ((uint8_t *)&image)[at] = (uint8_t)(((uint8_t *)&image)[at] ^ data[2]);
+    }
+    const uint32_t total = avc_image_size(rows);
+    const uint32_t crc = avc_crc32(0, (const uint8_t *)&image, total);
+    const uint32_t begin[4] = {1u, crc, crc, rows | 1u << 16};
+    message(AVC_MESSAGE_BEGIN, (const uint8_t *)begin, sizeof begin);
+    for (uint32_t sent = 0; sent < total;) {
+        const uint32_t part = total - sent < AVC_CHUNK_MAX ? total - sent : AVC_CHUNK_MAX;
+        const uint32_t head[3] = {1u, crc, sent};
+        memcpy(payload, head, sizeof head);
+        memcpy(&payload[12], (const uint8_t *)&image + sent, part);
+        message(AVC_MESSAGE_CHUNK, payload, 12u + part);
+        sent += part;
+    }
+    const uint32_t commit[3] = {1u, crc, crc};
+    message(AVC_MESSAGE_COMMIT, (const uint8_t *)commit, sizeof commit);
+}
+
+/* A chunk of the transfer that is open, at any offset and of any length. */
+static void wild_chunk(const uint8_t *data, size_t size)
+{
+    static uint8_t payload[12 + AVC_CHUNK_MAX];
+    uint32_t offset = device.transfer.received;
+    size_t length = size;
+    if (size >= 4u) {
+        memcpy(&offset, data, sizeof offset);
+        length = (size_t)data[0] * 2u + data[1] % 3u;
+    }
+    const uint32_t head[3] = {device.transfer.session, device.transfer.table_id, offset};
+    memcpy(payload, head, sizeof head);
+    memset(&payload[12], 0x5A, AVC_CHUNK_MAX);
+    message(AVC_MESSAGE_CHUNK, payload, 12u + length);
+}
+
+/* A part of the running table, anywhere near its size. */
+static void wild_readback(const uint8_t *data, size_t size)
+{
+    uint16_t asked[2] = {0u, 0u};
+    memcpy(asked, data, size < sizeof asked ? size : sizeof asked);
+    const uint32_t payload[2] = {asked[0] % 5000u, asked[1] % 5000u};
+    message(AVC_MESSAGE_READBACK, (const uint8_t *)payload, sizeof payload);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    avc_device_init(&device, &limits, canary, 1u);
+    drain();
+    if (size == 0u) {
+        return 0;
+    }
+    if ((data[0] & 1u) == 0u) {
+        feed(&data[1], size - 1u);
+        check();
+        return 0;
+    }
+    size_t at = 1;
+    while (at + 2u <= size) { /* records: kind, length, bytes */
+        const uint8_t kind = data[at];
+        size_t length = data[at + 1u];
+        at += 2u;
+        length = length < size - at ? length : size - at;
+        if (kind < 0xC0u) {
+            message(kind % 12u, &data[at], length);
+        } else if (kind < 0xC8u) {
+            wild_chunk(&data[at], length);
+        } else if (kind < 0xD0u) {
+            wild_readback(&data[at], length);
+        } else if (kind < 0xE0u) {
+            upload(&data[at], length);
+        } else {
+            for (size_t i = 0; i + 1u < length; i += 2u) {
+                tick((int32_t)(int16_t)((uint16_t)data[at + i] | (uint16_t)((uint16_t)data[at + i + 1u] << 8)));
+            }
+            tick(0);
+        }
+        at += length;
+        check();
+    }
+    return 0;
+}
+
+#ifdef AVC_FUZZ_REPLAY
+int main(int count, char **names)
+{
+    for (int i = 1; i < count; i++) {
+        static uint8_t data[65536];
+        FILE *file = fopen(names[i], "rb");
+        if (file == NULL) {
+            return 2;
+        }
+        const size_t size = fread(data, 1, sizeof data, file);
+        (void)fclose(file);
+        (void)LLVMFuzzerTestOneInput(data, size);
+    }
+    return 0;
+}
+#endif
