@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from avc_casadi.passivity._roots import real_parts_of_roots, refine_minima
+from avc_casadi.passivity._roots import has_roots, real_parts_of_roots, refine_minima, seeds_hz
 from avc_casadi.passivity._sampled import RIGID
 
 if TYPE_CHECKING:
@@ -56,10 +56,11 @@ def llewellyn_margin(
     def value(frequency_hz: FloatArray) -> FloatArray:
         return _margin_at(loop, b_d[:, None], lead[:, None], spring[:, None], contact[:, None], frequency_hz)
 
-    seeds = np.linspace(0, loop.nyquist_hz, 4 * (loop.delay_samples + 2) + 1)
-    roots = _stationary_hz(loop, lead, spring, contact)
-    points = np.sort(np.concatenate([roots, np.broadcast_to(seeds, (len(b), len(seeds)))], axis=1), axis=1)
-    frequency = refine_minima(value, points) if refine else points
+    seeds = seeds_hz(loop.delay_samples + 2, loop.nyquist_hz)
+    points = np.broadcast_to(seeds, (len(b), len(seeds)))
+    if has_roots(loop.delay_samples + 2):
+        points = np.sort(np.concatenate([points, _stationary_hz(loop, lead, spring, contact)], axis=1), axis=1)
+    frequency = refine_minima(value, points, loop.delay_samples + 2) if refine else points
     values = value(frequency)
     lowest = np.argmin(values, axis=1)[:, None]
     margin = np.take_along_axis(values, lowest, axis=1)[:, 0]

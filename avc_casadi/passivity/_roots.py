@@ -15,6 +15,9 @@ _EPS = float(np.finfo(np.float64).eps)
 _GOLDEN = (5**0.5 - 1) / 2
 # Leaves 2e-7 of the bracket, so that the value, flat there, is right to 4e-14 of its change over the bracket.
 _STEPS = 32
+_MINIMA = 6
+# Eigenvalues cost the cube of the degree.
+_MOST_ROOTS = 64
 
 
 def real_parts_of_roots(rows: FloatArray) -> FloatArray:
@@ -46,12 +49,31 @@ def _colleague(rows: FloatArray) -> FloatArray:
     return matrices
 
 
-def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray) -> FloatArray:
-    """Golden-section search about the lowest local minima of sorted ``points``, shape (n, m); keeps the points."""
+def seeds_hz(oscillations: int, nyquist_hz: float) -> FloatArray:
+    """Frequencies, shape (m,), that resolve so many half-waves up to Nyquist; many more where no roots are computed."""
+    return np.linspace(0.0, nyquist_hz, (4 if has_roots(oscillations) else 24) * oscillations + 1)
+
+
+def has_roots(degree: int) -> bool:
+    """Whether stationary points of this degree are computed as roots; beyond, a fine scan takes their place."""
+    return degree <= _MOST_ROOTS
+
+
+def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray, oscillations: int) -> FloatArray:
+    """Golden-section search about the lowest local minima of sorted points; about all that a scan may have left open.
+
+    Args:
+        value: frequencies of shape (n, k) to values of the same shape.
+        points: shape (n, m), ascending in each row.
+        oscillations: half-waves of the value up to Nyquist.
+
+    Returns:
+        The points and what the search found, shape (n, m + some).
+    """
     values = value(points)
     around = np.pad(values, ((0, 0), (1, 1)), constant_values=np.inf)
     local = np.where((values <= around[:, :-2]) & (values <= around[:, 2:]), values, np.inf)
-    count = min(4, points.shape[1])
+    count = min(_MINIMA if has_roots(oscillations) else oscillations // 2 + _MINIMA, points.shape[1])
     chosen = np.argsort(local, axis=1)[:, :count]
     left = np.take_along_axis(points, np.maximum(chosen - 1, 0), axis=1)
     right = np.take_along_axis(points, np.minimum(chosen + 1, points.shape[1] - 1), axis=1)

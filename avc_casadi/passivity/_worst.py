@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.passivity._roots import refine_minima
+from avc_casadi.passivity._roots import has_roots, refine_minima, seeds_hz
 from avc_casadi.passivity._sampled import (
     BoolArray,
     FloatArray,
@@ -23,9 +23,10 @@ from avc_casadi.passivity._stationary import stationary_cosines
 if TYPE_CHECKING:
     from avc_casadi.problem import Model
 
-_ROWS_AT_ONCE = 4096
+_NUMBERS_AT_ONCE = 400_000
 # Relative to the terms of the sum: rounding of gains given in double precision and of the evaluation.
 RELATIVE_TOLERANCE = 1e-12
+_EQUAL = 1e-15
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,8 @@ def worst_margin(
 
     Re Z_h is rational in c = cos(omega T). Every stationary point and both ends are evaluated, together with points
     that resolve the slowest pole of the coupling, and the lowest ones are refined on Re Z_h itself: the margin is
-    right to about 1e-12 of the terms that it is the sum of.
+    right to about 1e-12 of the terms that it is the sum of. Beyond 62 samples of delay, where roots cost too much, a
+    scan with 24 points to each half-wave of the delay takes the place of the stationary points.
 
     Args:
         loop: device, environment, hold.
@@ -94,9 +96,10 @@ def worst_margin(
     )
     columns = [np.ravel(column) for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))]
     rows = len(columns[0])
+    at_once = max(1, _NUMBERS_AT_ONCE // (len(seeds_hz(loop.delay_samples + 2, 1.0)) + loop.delay_samples + 30))
     pieces = [
-        _worst(loop, [column[start : start + _ROWS_AT_ONCE] for column in columns], refine=refine)
-        for start in range(0, max(rows, 1), _ROWS_AT_ONCE)
+        _worst(loop, [column[start : start + at_once] for column in columns], refine=refine)
+        for start in range(0, max(rows, 1), at_once)
     ]
     return WorstMargin(
         np.concatenate([piece.margin_ns_per_m for piece in pieces]),
@@ -120,13 +123,18 @@ def _worst(loop: SampledLoop, columns: list[FloatArray], *, refine: bool) -> Wor
     def value(frequency_hz: FloatArray) -> FloatArray:
         return real_part(columned, spread, contact[:, None], frequency_hz)
 
-    roots_hz = np.arccos(stationary_cosines(loop, parts, contact)) / np.pi * nyquist
-    candidates = np.concatenate([roots_hz, _resolving_points(loop, parts), low[:, None], high[:, None]], axis=1)
+    candidates = np.concatenate([_resolving_points(loop, parts), low[:, None], high[:, None]], axis=1)
+    if has_roots(loop.delay_samples + 2):
+        roots_hz = np.arccos(stationary_cosines(loop, parts, contact)) / np.pi * nyquist
+        candidates = np.concatenate([candidates, roots_hz], axis=1)
     candidates = np.sort(np.clip(candidates, low[:, None], high[:, None]), axis=1)
-    frequency = refine_minima(value, candidates) if refine else candidates
-    lowest = np.argmin(value(frequency), axis=1)[:, None]
+    frequency = refine_minima(value, candidates, loop.delay_samples + 2) if refine else candidates
+    size = size_of_terms(loop, parts, contact)
+    values = value(frequency)
+    # Among equal values the first: an end or a stationary point, rather than what rounding made of it.
+    lowest = np.argmax(values <= values.min(axis=1, keepdims=True) + _EQUAL * size[:, None], axis=1)[:, None]
     at = np.take_along_axis(frequency, lowest, axis=1)
-    tolerance = RELATIVE_TOLERANCE * size_of_terms(loop, parts, contact)
+    tolerance = RELATIVE_TOLERANCE * size
     margin = value(at)[:, 0]
     return WorstMargin(margin, at[:, 0], parts.stable, parts.integral / loop.sample_time_s, tolerance)
 
@@ -137,7 +145,7 @@ def _rest(loop: SampledLoop) -> tuple[float, int, Model]:
 
 def _resolving_points(loop: SampledLoop, parts: Fractions) -> FloatArray:
     """Frequencies, shape (n, m), that resolve the hold's oscillation and the slowest pole: seeds for refinement."""
-    even = np.linspace(0, loop.nyquist_hz, 3 * (loop.delay_samples + 2) + 1)
+    even = seeds_hz(loop.delay_samples + 2, loop.nyquist_hz)
     corner = np.clip(np.abs(parts.pole_gap), 1e-16, 1.0)[:, None]
     decades = corner ** np.linspace(1.2, 0, 25)[None, :]
     return np.concatenate([np.broadcast_to(even, (len(corner), len(even))), decades / np.pi * loop.nyquist_hz], axis=1)
