@@ -56,7 +56,7 @@ def report_html(contents: ReportContents) -> str:
         verdicts=_verdicts(comparison),
         injection=escape(f"The closed form: {injection_line(contents.summary)}."),
         comparison=_comparison(comparison),
-        certificate=_certificate(contents.certificate),
+        certificate=f"{_certificate(contents.certificate)}\n{_methods(comparison)}",
         rows=len(best["frequency_hz"]),
         method=escape(best["method"]),
         gains=_gains(best),
@@ -171,3 +171,24 @@ def _certificate(certificate: Mapping[str, Any]) -> str:
         for level, found in certificate["levels"].items()
     ]
     return _table(("level", "result", "margin, N·s/m", "at, Hz", "model", "claim"), rows, numbers=(2, 3))
+
+
+def _methods(comparison: Mapping[str, Any]) -> str:
+    """Levels met and share of frequencies that feel real, method by method."""
+    jnd = 100 * comparison["methods"][comparison["optimum"]]["realism"]["jnd"]
+    rows = [
+        (
+            name,
+            ", ".join(level for level, found in gains["certificate"]["levels"].items() if found["pass"]) or "none",
+            _number(100 * gains["realism"]["share_inside_bounds"]),
+            _number(100 * gains["realism"]["share_inside_jnd"]),
+        )
+        for name, gains in comparison["methods"].items()
+    ]
+    head = (
+        "method",
+        "levels met",
+        "between U and L, % of frequencies",
+        f"within {jnd:.3g} % of desired, % of frequencies",
+    )
+    return _table(head, rows, numbers=(2, 3))
