@@ -11,7 +11,13 @@ from avc_casadi import load_problem, parse_problem
 from avc_casadi.certificate import TITLES, certify
 from avc_casadi.design import Status, gain_schedule, solve
 from avc_casadi.passivity import SampledLoop, llewellyn_margin, worst_margin
-from avc_casadi.stability import frozen_parts, hand_set, linear_stability, scope_slack
+from avc_casadi.stability import (
+    deciding_frequencies_hz,
+    frozen_parts,
+    hand_set,
+    linear_stability,
+    scope_slack,
+)
 
 
 def problem(b_d=1.0, delay=0, rows=5, **stability):
@@ -193,3 +199,28 @@ def test_device_known_to_a_range_is_judged_at_its_worst():
             corner = case.model_copy(update={"device": device})
             radii.append(certify(corner, table(corner, 2.0, 5e3)).levels["L5"].detail["spectral_radius"])
     assert known.levels["L5"].detail["spectral_radius"] == max(radii)
+
+
+@settings(max_examples=40)
+@given(
+    st.sampled_from(["pointwise", "band", "all"]),
+    st.floats(0.1, 20),
+    st.floats(0, 200),
+    st.floats(0, 2e5),
+    st.floats(0, 9),
+)
+def test_deciding_frequencies_decide(scope, b_d, b, k, contact):
+    case = problem(b_d, model="sampled-data", scope=scope, margin_ns_per_m=0.1)
+    own = case.frequencies_hz()
+    whole = scope_slack(case, own, b, k, contact)
+    deciding = deciding_frequencies_hz(case, own)
+    pointwise = problem(b_d, model="sampled-data", margin_ns_per_m=0.1)
+    alone = [scope_slack(pointwise, column, b, k, contact).slack for column in deciding.T]
+    np.testing.assert_allclose(np.min(alone, axis=0), whole.slack, atol=1e-9 * (b_d + b + k + 100))
+
+
+def test_no_deciding_frequencies_are_named_where_none_are_known():
+    own = problem().frequencies_hz()
+    for unknown in ({"model": "paper", "scope": "band"}, {"model": "paper", "scope": "all"}, {"scope": "hands"}):
+        assert deciding_frequencies_hz(problem(**unknown), own) is None
+    assert deciding_frequencies_hz(problem(delay=1, model="sampled-data", scope="all"), own) is None
