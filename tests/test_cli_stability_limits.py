@@ -1,0 +1,86 @@
+"""The known limits of the field, reached from the command line."""
+
+import json
+
+import numpy as np
+import pytest
+
+from avc_casadi.cli import main
+
+
+def answer(capsys, *arguments):
+    code = main([*arguments, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_zwidth_gives_the_known_values(capsys, tmp_path):
+    plot = tmp_path / "z.png"
+    code, document = answer(capsys, "zwidth", "figure5", "--method", "exact", "--plot", str(plot))
+    assert code == 0
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    table = document["llewellyn"]
+    printed = dict(zip(table["damping_ratio"], table["paper_kc_t_over_b_d"], strict=True))
+    assert printed[0.0] == pytest.approx(8.0, rel=1e-9)
+    assert [printed[ratio] for ratio in (1.0, 1.175, 4.0, 7.0)] == pytest.approx(
+        [9.330, 9.3505, 6.804, 1.922], abs=6e-4
+    )
+    assert printed[8.0] == pytest.approx(0.0, abs=1e-6)
+    device = dict(zip(table["damping_ratio"], table["sampled_data_kc_t_over_b_d"], strict=True))
+    assert [device[ratio] for ratio in (0.0, 0.5, 1.0)] == pytest.approx([2.0, 1.0, 0.0], abs=1e-9)
+    assert device[1.5] is None
+    assert document["passive_limit_n_per_m"] == pytest.approx(4000.0)
+    assert document["encoder_limit_n_per_m"] == pytest.approx(2e5)
+    assert document["curves"]["passive-sampled-data"]["stiffness_n_per_m"][0] == pytest.approx(4000.0)
+    rows = {(row["condition"], row["model"]): row for row in document["static"]}
+    assert rows["llewellyn", "sampled-data"]["stiffness_n_per_m"] == pytest.approx(4000.0)
+    assert len(document["gains"]["wall_stiffness_n_per_m"]) == len(document["gains"]["frequency_hz"]) == 200
+
+
+def test_zwidth_of_a_device_without_damping(capsys):
+    code, document = answer(capsys, "zwidth", "hard/undamped-device", "--method", "exact")
+    assert code == 0
+    assert document["llewellyn"] is None
+    assert document["static"] == []
+    assert document["passive_limit_n_per_m"] == 0.0
+
+
+def test_zwidth_text_tells_what_is_below_each_curve(capsys):
+    assert main(["zwidth", "soft", "--method", "exact"]) == 0
+    text = capsys.readouterr().out
+    assert "linearly stable with every hand" in text
+    assert "9.3505" in text
+
+
+def test_certificate_of_requested_closed_form_gains(capsys, tmp_path):
+    gains = str(tmp_path / "gains.json")
+    assert main(["solve", "figure5", "--method", "closed-form", "--out", gains]) == 1
+    capsys.readouterr()
+    code, document = answer(capsys, "certify", "figure5", gains, "--requested")
+    levels = document["levels"]
+    assert code == 0  # the problem claims L0 alone
+    assert levels["L0"]["pass"]
+    assert abs(levels["L0"]["margin_ns_per_m"]) <= levels["L0"]["tolerance_ns_per_m"]
+    assert not levels["L2"]["pass"]
+    assert not levels["L3"]["pass"]
+    assert levels["L3"]["frequency_hz"] == 500.0
+    code, document = answer(capsys, "certify", "figure5", gains)
+    assert code == 1
+    assert document["rows_without_gains"] == 105
+    row_pass = document["levels"]["L0"]["row_pass"]
+    assert np.count_nonzero(row_pass) == 95
+
+
+def test_static_and_the_example_that_diverges(capsys, tmp_path):
+    gains = str(tmp_path / "gains.json")
+    assert main(["solve", "diverging", "--method", "static", "--out", gains]) == 0
+    capsys.readouterr()
+    assert main(["certify", "diverging", gains]) == 0  # what the file claims is (12), and (12) is met
+    text = capsys.readouterr().out
+    assert "spectral radius of 1.01141" in text
+    assert "device let go: not stable" in text
+
+
+def test_static_without_device_damping_is_refused(capsys):
+    code, document = answer(capsys, "solve", "hard/undamped-device", "--method", "static")
+    assert code == 2
+    assert "device.damping_ns_per_m > 0" in document["errors"][0]["message"]
