@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
 _STATIONARY = {"tolerance": 1e-9, "rounding": 1e-13}
-"""Stationary points: the square of their last bracket's width is below the rounding of Z; so is what |Z|^2 gains between
-an end of a piece and a stationary point so near that the slope has almost vanished there."""
+"""Stationary points: the square of their last bracket's width is below the rounding of Z, and so is what |Z|^2 gains
+between an end of a piece and a stationary point so near that the slope has almost vanished there."""
 
 
 def edge_search_gains(problem: Problem, loop: Loop) -> Gains:

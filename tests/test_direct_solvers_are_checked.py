@@ -1,0 +1,203 @@
+"""Every solver of the registry solves, stays quiet, and is believed only after its answer has been recomputed."""
+
+import os
+import re
+import signal
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.design import _nlp_solver, solve
+from avc_casadi.design._backends import BACKENDS, SOLVERS, backend
+from avc_casadi.design._direct import EXCESS_TOLERANCE, excess_error
+from avc_casadi.design._edge_search import edge_search_gains
+from avc_casadi.design._nlp_solver import nlp_gains
+from avc_casadi.design._optimality import optimality
+from avc_casadi.impedance import loop_at
+from tests.drawn_problems import drawn_problem
+
+# The others may stop short now and then, and then say so.
+SURE = {"ipopt", "sqpmethod"}
+
+
+def some_frequencies(name, *values):
+    problem = avc.load_problem(name)
+    return problem.model_copy(update={"frequency": type(problem.frequency)(values_hz=values)})
+
+
+STIFF = some_frequencies("figure5", 1.0, 18.0, 60.0, 300.0)
+MANY = avc.load_problem("figure5")
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+def test_it_solves_a_stiff_wall_without_a_word(name, capfd):
+    schedule = solve(STIFF, "direct", solver=name)
+    written = capfd.readouterr()
+    assert written.out == ""
+    assert written.err == ""
+    assert schedule.solver == name
+    exact = solve(STIFF, "exact")
+    for row, status in enumerate(schedule.status):
+        if status == "failed":
+            assert name not in SURE
+            assert "short of the global optimum" in schedule.reason[row] or "KKT" in schedule.reason[row]
+        else:
+            excess = schedule.magnitude_error[row] - exact.magnitude_error[row]
+            assert excess <= EXCESS_TOLERANCE * abs(exact.target[row])
+            assert schedule.real_part[row] >= 0
+    assert sum(status != "failed" for status in schedule.status) >= 3
+    assert any("distance to the global optimum" in note for note in schedule.notes)
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+def test_each_has_a_citation_and_maps_the_tolerance_to_its_own_options(name):
+    assert re.search(r"\d{4}|CasADi", backend(name).citation)
+    tight, loose = (str(backend(name).options(tolerance)) for tolerance in (1e-9, 1e-3))
+    assert "1e-09" in tight
+    assert "0.001" in loose
+
+
+def test_a_tighter_tolerance_gives_a_smaller_error():
+    problem = some_frequencies("figure5", 30.0, 60.0)
+    loop = loop_at(problem, problem.frequencies_hz())
+    optimum = edge_search_gains(problem, loop)
+
+    def excess(tolerance):
+        return np.nanmax(excess_error(loop, nlp_gains(problem, loop, "ipopt", tolerance).gains, optimum))
+
+    assert excess(1e-10) < 1e-8
+    assert excess(1e-10) < excess(1e-2)
+
+
+def test_unknown_names_are_refused_with_those_that_are_known():
+    with pytest.raises(avc.InputError) as refused:
+        solve(STIFF, "direct", solver="gurobi")
+    assert all(name in str(refused.value) for name in SOLVERS)
+
+
+def test_a_plugin_that_this_casadi_lacks_is_named(monkeypatch):
+    monkeypatch.setitem(BACKENDS, "absent", replace(BACKENDS["ipopt"], name="absent", plugin="nosuchsolver"))
+    with pytest.raises(avc.UnsupportedError, match="absent"):
+        solve(STIFF, "direct", solver="absent")
+
+
+class Liar:
+    """A solver that returns a given point and calls it solved."""
+
+    def __init__(self, share):
+        self.share = share
+
+    def __call__(self, *, x0, p, lbx, ubx, lbg, ubg):
+        del p, lbg, ubg
+        return {"x": np.asarray(lbx) + self.share * (np.asarray(ubx) - np.asarray(lbx)) + 0 * np.asarray(x0)}
+
+    def stats(self):
+        return {"success": True}
+
+
+def lying(monkeypatch, share):
+    # Bounds are reached to rounding: sqpmethod varies shares.
+    liar = _nlp_solver._Solvers(BACKENDS["sqpmethod"], Liar(share), Liar(share))
+    monkeypatch.setattr(_nlp_solver, "nlp_solvers", lambda _name, _tolerance: liar)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_false_solved_is_reported_as_failed(monkeypatch, share):
+    lying(monkeypatch, share)
+    schedule = solve(STIFF, "direct", solver="sqpmethod")
+    assert set(schedule.status) == {"failed"}
+    assert np.isnan(schedule.damping_ns_per_m).all()
+    assert all("use --solver edges" in reason for reason in schedule.reason)
+
+
+def test_a_success_with_a_violated_constraint_is_counted(monkeypatch):
+    lying(monkeypatch, 1.0)
+    found = nlp_gains(STIFF, loop_at(STIFF, STIFF.frequencies_hz()), "sqpmethod", 1e-10)
+    assert 0 < found.false_success <= found.calls
+    lying(monkeypatch, 0.0)
+    schedule = solve(STIFF, "direct", solver="sqpmethod")
+    assert not any("violates (12)" in note for note in schedule.notes), "no gains, no stiffness: passive"
+
+
+def test_infeasible_problems_are_told_apart_from_failures():
+    problem = avc.load_problem("hard/infeasible-box")
+    problem = problem.model_copy(update={"frequency": type(problem.frequency)(values_hz=(1.0, 100.0))})
+    for name in ("ipopt", "sqpmethod"):
+        schedule = solve(problem, "direct", solver=name)
+        assert set(schedule.status) == {"infeasible"}
+        assert all("missed by" in reason for reason in schedule.reason)
+
+
+@pytest.mark.parametrize("name", ["ipopt", "sqpmethod", "fatrop"])
+@pytest.mark.parametrize("where", ["worst corner", "origin", "on the constraint"])
+def test_a_bad_start_is_survived_or_reported(name, where):
+    loop = loop_at(STIFF, STIFF.frequencies_hz())
+    optimum = edge_search_gains(STIFF, loop)
+    scales = np.abs(loop.environment)
+    on_constraint = optimum[0][1] / (scales[1] + optimum[0][1])
+    start = {"worst corner": (1.0, 1.0, 1.0), "origin": (0.0, 0.0, 0.0), "on the constraint": (on_constraint, 0.9, 0.0)}
+    found = nlp_gains(STIFF, loop, name, 1e-10, np.array([start[where]]))
+    feasible = np.isfinite(found.gains[0])
+    z = loop.perceived(*found.gains)
+    assert np.all(z.real[feasible] >= 0)
+    good = optimality(STIFF, loop, found.gains).acceptable() & (excess_error(loop, found.gains, optimum) <= 1e-6)
+    assert good.any() or not feasible.all()
+
+
+@pytest.mark.parametrize("name", ["ipopt", "sqpmethod", "fatrop"])
+def test_random_problems_end_solved_or_failed_and_never_wrong(name):
+    rng = np.random.default_rng(8)
+    solved = 0
+    for _ in range(12):
+        problem = drawn_problem(rng, frequencies=2)
+        schedule, exact = solve(problem, "direct", solver=name), solve(problem, "exact")
+        for row, status in enumerate(schedule.status):
+            assert (status == "infeasible") == (exact.status[row] == "infeasible")
+            if schedule.status[row].has_gains:
+                solved += 1
+                excess = schedule.magnitude_error[row] - exact.magnitude_error[row]
+                assert excess <= 2 * EXCESS_TOLERANCE * abs(exact.target[row])
+                assert schedule.real_part[row] >= problem.stability.margin_ns_per_m
+    assert solved >= 8
+
+
+@pytest.mark.parametrize("name", [*BACKENDS, "edges"])
+def test_ctrl_c_ends_a_solve(name):
+    """IPOPT turns Ctrl-C into a return status, sqpmethod into a RuntimeError."""
+
+    def solve_for_long():
+        for _ in range(600 if name == "edges" else 5):
+            solve(MANY, "direct", solver=name)
+
+    solve(STIFF, "direct", solver=name)
+    handler = signal.getsignal(signal.SIGINT)
+    timer = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        solve_for_long()
+    timer.join()
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_ctrl_c_is_left_to_a_handler_that_stands_already():
+    came = []
+    before = signal.signal(signal.SIGINT, lambda *_: came.append(1))
+    try:
+        timer = threading.Timer(0.02, os.kill, (os.getpid(), signal.SIGINT))
+        timer.start()
+        assert "failed" not in solve(some_frequencies("figure5", 1.0, 18.0), "direct", solver="fatrop").status
+        timer.join()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert came == [1]
+
+
+def test_solving_works_outside_the_main_thread():
+    kept = []
+    worker = threading.Thread(target=lambda: kept.append(solve(STIFF, "direct", solver="sqpmethod")))
+    worker.start()
+    worker.join()
+    assert set(kept[0].status) <= {"solved", "active-bound"}
