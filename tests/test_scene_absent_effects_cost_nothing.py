@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from scene_reference import scene_problem
+from scene_reference import MASSLESS, scene_problem
 
 from avc_casadi.scene import KINDS, NO_COUPLING, Gains, compile_scene, explain
 
@@ -109,8 +109,7 @@ def test_explain_counts_what_each_effect_adds():
 
 
 def test_explain_says_which_effect_is_the_only_mass():
-    massless = "[device]\nmass_kg = 0.0\ndamping_ns_per_m = 2.0\n[environment]\ndamping_ns_per_m={b_e}\nstiffness_n_per_m={k_e}\n"
-    costs = {cost.kind: cost for cost in explain(scene_problem(BASE, head=massless), NO_COUPLING).effects}
+    costs = {cost.kind: cost for cost in explain(scene_problem(BASE, head=MASSLESS), NO_COUPLING).effects}
     assert costs["hand"].instructions is None
     assert costs["wall"].instructions > 0
     assert np.isfinite(costs["wall"].ns_per_step)

@@ -54,7 +54,8 @@ def test_two_scenes_that_differ_in_one_effect(capsys, tmp_path):
         path.write_text(text)
         return json.loads(call(capsys, "simulate", str(path), "--json")[1].out)
 
-    head = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\n[environment]\ndamping_ns_per_m = 1.0\nstiffness_n_per_m = 1e3\n"
+    head = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\n"
+    head += "[environment]\ndamping_ns_per_m = 1.0\nstiffness_n_per_m = 1e3\n"
     head += '[scene]\ncoupling = "none"\n' + '[[scene.effects]]\nkind = "hand"\n[[scene.effects]]\nkind = "wall"\n'
     plain = explained("plain", head)
     late = explained("late", head + '[[scene.effects]]\nkind = "delay"\nsamples = 2\n')

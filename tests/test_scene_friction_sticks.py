@@ -1,4 +1,4 @@
-"""Dry friction against what mechanics says on paper: stopping distances, true rest, breaking away, any number of changes."""
+"""Dry friction against what mechanics says on paper: stopping distances, true rest, breaking away, many changes."""
 
 import numpy as np
 import pytest

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scene_reference import scene_problem
+from scene_reference import HEAD, scene_problem
 
 import avc_casadi as avc
 from avc_casadi.scene import NO_COUPLING, Gains, Hand, compile_scene, gains_at, simulate, simulate_batch
@@ -124,10 +124,8 @@ def test_oscillating_motions_come_to_rest_or_run_out():
 
 @pytest.mark.parametrize("sample_time", [1e-5, 1e-2])
 def test_sample_times(sample_time):
-    head = f"[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\nsample_time_s = {sample_time}\n" + (
-        "[environment]\ndamping_ns_per_m = {b_e}\nstiffness_n_per_m = {k_e}\n"
-        "[frequency]\nstart_hz = 0.1\nstop_hz = 20.0\n"
-    )
+    head = HEAD.replace("[environment]", f"sample_time_s = {sample_time}\n[environment]")
+    head += "[frequency]\nstart_hz = 0.1\nstop_hz = 20.0\n"
     k_e = 1e5 if sample_time < 1e-3 else 150.0
     run = simulate(scene_problem((HAND, WALL), head=head, b_e=0.0, k_e=k_e, scene="duration_s = 1.5\n"), NO_COUPLING)
     assert run.claim == "asymptotic"

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scene_reference import scene_problem
+from scene_reference import MASSLESS, scene_problem
 
 import avc_casadi as avc
 from avc_casadi.design import static_coupling
@@ -126,5 +126,4 @@ def test_screening_names_what_a_scene_does_not_need():
 
 
 def test_screening_keeps_the_only_mass():
-    massless = "[device]\nmass_kg = 0.0\ndamping_ns_per_m = 2.0\n[environment]\ndamping_ns_per_m={b_e}\nstiffness_n_per_m={k_e}\n"
-    assert screen(scene_problem(PRESS, head=massless), Gains(10.0, 7e3)).essential == ("hand",)
+    assert screen(scene_problem(PRESS, head=MASSLESS), Gains(10.0, 7e3)).essential == ("hand",)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
-    parser.add_argument("--method", help="closed-form, direct (default), exact, schedule or static")
+    parser.add_argument("--method", help="closed-form, direct (default), exact, schedule, static or static-tuned")
     parser.add_argument("--solver", help="backend of direct, for example ipopt or sqpmethod")
     parser.add_argument("--tolerance", type=float, metavar="TOL", help="tolerance asked of the backend")
     parser.add_argument(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Literal, get_args
 
 from avc_casadi._errors import InputError
@@ -10,8 +11,16 @@ if TYPE_CHECKING:
     from avc_casadi.design._gains import GainSchedule
     from avc_casadi.problem import Problem
 
-Method = Literal["closed-form", "direct", "exact", "schedule", "static"]
+Method = Literal["closed-form", "direct", "exact", "schedule", "static", "static-tuned"]
 METHODS: tuple[Method, ...] = get_args(Method)
+
+# Imported on demand: some need CasADi, which takes a while to load, and tuning stands above this package.
+_WITHOUT_OPTIONS = {
+    "exact": ("avc_casadi.design._exact", "solve_exact"),
+    "schedule": ("avc_casadi.design.schedule", "solve_schedule"),
+    "static": ("avc_casadi.design._static", "solve_static"),
+    "static-tuned": ("avc_casadi.tuning", "solve_static_tuned"),
+}
 
 
 def solve(
@@ -42,23 +51,14 @@ def solve(
         raise InputError.of(f"{method} has no solver to choose; allowed with: direct", key="--solver")
     if tolerance is not None and not 1e-14 <= tolerance <= 1:
         raise InputError.of(f"{tolerance:g} is no tolerance; allowed: 1e-14 to 1", key="--tolerance")
-    # Each method is imported on demand: only direct needs CasADi, which takes a while to load.
+    if method in _WITHOUT_OPTIONS:
+        module, name = _WITHOUT_OPTIONS[method]
+        found: GainSchedule = getattr(import_module(module), name)(problem)
+        return found
     if method == "closed-form":
         from avc_casadi.design._closed_form import solve_closed_form  # noqa: PLC0415
 
         return solve_closed_form(problem, as_printed=as_printed)
-    if method == "exact":
-        from avc_casadi.design._exact import solve_exact  # noqa: PLC0415
-
-        return solve_exact(problem)
-    if method == "static":
-        from avc_casadi.design._static import solve_static  # noqa: PLC0415
-
-        return solve_static(problem)
-    if method == "schedule":
-        from avc_casadi.design.schedule import solve_schedule  # noqa: PLC0415
-
-        return solve_schedule(problem)
     if problem.stability.scope != "pointwise":
         from avc_casadi.design._scoped import solve_scoped  # noqa: PLC0415
 
