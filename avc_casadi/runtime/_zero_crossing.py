@@ -8,7 +8,7 @@ from avc_casadi.runtime._step import Step, StepBuilder
 # Three half periods from rest on: the first began at rest and does not count.
 _HALVES = 3
 # Half periods that differ by less than this share are regular.
-_REGULAR = 0.2
+_REGULAR = 0.12
 # Share of the lowest frequency at which the device is at rest.
 _SLOWEST = 0.8
 
@@ -50,7 +50,7 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     half_before = ca.if_else(turned, last, earlier)
     half_long_before = builder.state("earliest_half_ticks")
     half_third = ca.if_else(turned, earlier, half_long_before)
-    passed = ca.if_else(turned, older - at, older)
+    passed = ca.if_else(turned, ca.if_else(started, older - at, 0), older)
 
     valid = ca.logic_and(count >= _HALVES, ca.logic_not(rests))
     halves = ca.fmax(half, passed) + ca.fmax(half_before, ca.fmin(passed, half))
@@ -72,5 +72,8 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     builder.output("valid", valid)
     builder.output("even", even)
     builder.output("regular", regular)
-    builder.output("longest_half_s", sample_time_s * ca.fmax(half, passed))
+    moves = ca.logic_and(started, ca.logic_not(rests))
+    builder.output(
+        "longest_half_s", sample_time_s * ca.if_else(moves, ca.fmax(ca.if_else(count > 0, half, 0), passed), 0)
+    )
     return builder.done("zero_crossing")

@@ -1,0 +1,52 @@
+"""The estimators of the interaction frequency over time: a gap is where an estimate is undefined."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from avc_casadi.figures._style import WIDTH_INCHES, Line, styled
+
+if TYPE_CHECKING:
+    from avc_casadi.runtime import EstimatorTraces
+
+_TRUTH = Line("true frequency", "0.72", "-", "", 4.5, 2, 0.0)
+_LINES = (
+    Line("zero crossing", "#d1600a", "-", "", 1.3, 5, 0.0),
+    Line("spectral peak", "#00517a", "-", "", 1.3, 5, 0.0),
+    Line("adaptive notch", "#5a5a00", "-", "", 1.3, 5, 0.0),
+    Line("fused", "#08306b", "-", "", 1.3, 5, 0.0),
+)
+_LIMITS_HZ = (0.9, 40.0)
+
+
+@styled
+def draw_estimators(traces: EstimatorTraces) -> Figure:
+    """Draw each estimate below the other, with the truth behind it."""
+    figure = Figure(figsize=(WIDTH_INCHES, 6.4), layout="constrained")
+    panels = figure.subplots(len(traces.estimates_hz), 1, sharex=True, sharey=True)
+    for axes, line, estimate in zip(panels, _LINES, traces.estimates_hz.values(), strict=True):
+        _TRUTH.draw(axes, traces.time_s, traces.truth_hz)
+        line.draw(axes, traces.time_s, np.clip(estimate, *_LIMITS_HZ))
+        axes.set_yscale("log")
+        axes.set_ylim(*_LIMITS_HZ)
+        axes.set_yticks([1, 3, 12, 30], ["1", "3", "12", "30"])
+        axes.minorticks_off()
+        axes.set_title(line.label)
+        axes.set_ylabel("Hz")
+    for at, text in (
+        (0.02, "rest"),
+        (0.52, "3 Hz"),
+        (2.02, "12 Hz"),
+        (3.02, "3 Hz with 30 % third harmonic"),
+        (5.52, "rest"),
+    ):
+        panels[0].text(at, 21.0, text, fontsize=8, color="0.25")
+    for axes in panels:
+        for at in (0.5, 2.0, 3.0, 5.5):
+            axes.axvline(at, color="0.6", linewidth=0.7, zorder=1)
+    panels[-1].set_xlim(traces.time_s[0], traces.time_s[-1])
+    panels[-1].set_xlabel("Time (s)")
+    return figure
