@@ -30,6 +30,7 @@ class EmulatedBoard:
         image: Path = IMAGE,
         *,
         motion_m: Callable[[float], float] = tapping_hand,
+        encoder: Callable[[int], int] | None = None,
         on_force_code: Callable[[int], None] = lambda _: None,
         slice_cycles: int = CLOCK_HZ // 1000,
         on_instruction: Callable[[int], None] | None = None,
@@ -39,6 +40,7 @@ class EmulatedBoard:
         Args:
             image: ELF file of the netduinoplus2 board.
             motion_m: position of the encoder at a time, metres.
+            encoder: in place of that, position in counts at a cycle; called once a tick.
             on_force_code: takes the 12-bit code of the force output at every tick.
             slice_cycles: see `Machine`.
             on_instruction: see `Machine`.
@@ -49,7 +51,7 @@ class EmulatedBoard:
 
         self.machine = Machine(
             read_elf(image),
-            encoder=counts,
+            encoder=encoder or counts,
             actuator=on_force_code,
             slice_cycles=slice_cycles,
             on_instruction=on_instruction,

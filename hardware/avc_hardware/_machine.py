@@ -121,6 +121,10 @@ class Machine:
             self._next_byte = max(self._next_byte, self.cycle + self.byte_cycles)
         self.received.extend(data)
 
+    def code(self, address: int, size: int) -> bytes:
+        """Return bytes of the program."""
+        return bytes(self._core.mem_read(address, size))
+
     def memory(self, symbol: str) -> bytes:
         """Return the memory of a symbol."""
         address, size = self._image.symbols[symbol]

@@ -14,10 +14,25 @@ from avc_hardware._elf import read_elf
 from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._firmware import IMAGE
 from avc_hardware._machine import CLOCK_HZ
+from avc_hardware._monitor import pause
 from avc_hardware._table import TableSettings, gain_table
 
 _ENTRY = "avc_device_tick"
 _OUTSIDE = "systick_handler"
+
+
+def _conditional(code: Callable[[int, int], bytes], address: int) -> tuple[int, ...]:
+    """Return the addresses of the instructions in the if-then block that begins here; empty where none does."""
+    first, second = code(address, 2)
+    mask = first & 15
+    if second != 0xBF or mask == 0:
+        return ()
+    found = []
+    at = address + 2
+    for _ in range(4 - ((mask & -mask).bit_length() - 1)):
+        found.append(at)
+        at += 4 if code(at, 2)[1] >> 3 in {0b11101, 0b11110, 0b11111} else 2
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -36,42 +51,61 @@ class TickCount:
 def tick_instructions(
     gains: GainSchedule,
     *,
+    counts: Callable[[int], int],
     settings: TableSettings | None = None,
-    motion_m: Callable[[float], float],
     ticks: int = 500,
     image: Path = IMAGE,
 ) -> tuple[TickCount, ...]:
-    """Push a table to an emulated board and count every tick after that.
+    """Push a table to an emulated board at rest, then move and count every tick.
 
     Args:
         gains: the table.
-        settings: what travels with it.
-        motion_m: position of the encoder at a time.
+        counts: position of the encoder at a tick of the motion.
+        settings: what travels with the table.
         ticks: how many.
         image: of the netduinoplus2 board.
     """
     symbols = read_elf(image).symbols
     functions = sorted((address, address + size, name) for name, (address, size) in symbols.items() if size)
     starts = [address for address, _, _ in functions]
-    counts: list[Counter[str]] = []
-    counting = False
+    found: list[Counter[str]] = []
+    counting = moving = False
+    tick = -1
+    blocks: dict[int, tuple[int, ...]] = {}
+    in_block: set[int] = set()
 
     def seen(address: int) -> None:
         nonlocal counting
         _, end, name = functions[bisect.bisect_right(starts, address) - 1]
         if address >= end:
             return
-        if name == _ENTRY and address == symbols[_ENTRY][0]:
-            counting = True
-            counts.append(Counter())
+        if address == symbols[_ENTRY][0]:
+            counting = moving
+            found.append(Counter())
         elif name == _OUTSIDE:
             counting = False
-        if counting:
-            counts[-1][name] += 1
+        if not counting:
+            return
+        # Unicorn does not call for an instruction whose condition fails; the core spends its time on it all the same.
+        if address not in blocks:
+            blocks[address] = _conditional(board.machine.code, address)
+        if address not in in_block:
+            found[-1][name] += 1 + len(blocks[address])
+        in_block.discard(address)
+        if blocks[address]:
+            in_block.clear()
+            in_block.update(blocks[address])
 
-    board = EmulatedBoard(image, motion_m=motion_m, on_instruction=seen)
+    def encoder(_cycle: int) -> int:
+        nonlocal tick
+        tick += moving
+        return counts(tick) if moving else 0
+
+    board = EmulatedBoard(image, encoder=encoder, on_instruction=seen)
     with Connection(board, session=1) as connection:
         connection.run(connection.session.push(gain_table(gains, settings=settings), connection.device))
-    counts.clear()
-    board.machine.run_until(board.machine.cycle + ticks * CLOCK_HZ // 1000)
-    return tuple(TickCount(dict(count), sum(count.values())) for count in counts[:ticks])
+        connection.run(pause(0.3))
+    found.clear()
+    moving = True
+    board.machine.run_until(board.machine.cycle + (ticks + 1) * CLOCK_HZ // 1000)
+    return tuple(TickCount(dict(count), sum(count.values())) for count in found[:ticks])

@@ -31,13 +31,16 @@ class LockStepBoard:
         on_force: called with the force of every tick.
     """
 
-    def __init__(self, image: Path, target: str, *, position: Callable[[int], int]) -> None:
+    def __init__(
+        self, image: Path, target: str, *, position: Callable[[int], int], options: tuple[str, ...] = ()
+    ) -> None:
         """Start QEMU.
 
         Args:
             image: made by `firmware_build.build_image` for a bench target.
             target: its name.
             position: encoder counts at a tick; it may look at ``force_n`` of the tick before.
+            options: further ones of QEMU.
 
         Raises:
             MissingExtraError: QEMU is not installed.
@@ -56,6 +59,7 @@ class LockStepBoard:
             [
                 *(program, "-M", machine, "-kernel", str(image.resolve()), "-nodefaults", "-display", "none"),
                 *("-semihosting-config", "enable=on,target=native", "-icount", f"shift={shift},sleep=off"),
+                *options,
             ],
             cwd=self._folder.name,
             stdin=subprocess.DEVNULL,

@@ -1,0 +1,94 @@
+"""Instructions of a control tick: counted one by one, the same in two emulators, and within the budget."""
+
+import functools
+import math
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from hardware_bench import require, schedule, scratch
+
+from avc_hardware import Connection, TableSettings, Wall, gain_table
+from avc_hardware._elf import read_elf
+from avc_hardware._monitor import pause
+from avc_hardware._profile import TickCount, tick_instructions
+from avc_hardware._qemu import LockStepBoard
+from avc_hardware.firmware_build import build_image
+
+GAINS = schedule(200, seed=3, largest=(300.0, 1e5, 50.0))
+SETTINGS = TableSettings(wall=Wall(10.0, 1e5), guard=True)
+TICKS = 60
+# Look-up, interpolation and coupling force; then everything but the estimator; then everything.
+FORCE_BUDGET, REST_BUDGET, TICK_BUDGET = 450, 700, 2500
+
+
+def motion(tick: int) -> int:
+    """Counts: taps that grow faster, from the rest in which the table was pushed."""
+    time = tick * 1e-3
+    return round(200 * math.sin(2 * math.pi * (10 + 40 * time) * time))
+
+
+@functools.cache
+def in_unicorn() -> list[TickCount]:
+    return list(tick_instructions(GAINS, settings=SETTINGS, counts=motion, ticks=TICKS))
+
+
+def in_qemu(folder: Path) -> list[int]:
+    """Count by the log of a QEMU that executes one instruction at a time."""
+    image = build_image("bench-m4f", scratch())
+    symbols = read_elf(image).symbols
+    entry = symbols["avc_device_tick"][0]
+    handler = range(symbols["systick_handler"][0], sum(symbols["systick_handler"]))
+    log = folder / "trace.log"
+    start = -1
+
+    def position(tick: int) -> int:
+        return motion(tick - start) if start >= 0 else 0
+
+    options = ("-singlestep", "-d", "exec,nochain", "-D", str(log))
+    with LockStepBoard(image, "bench-m4f", position=position, options=options) as board:
+        with Connection(board, session=1) as connection:
+            connection.run(connection.session.push(gain_table(GAINS, settings=SETTINGS), connection.device))
+            connection.run(pause(0.22))
+        start = board.ticks
+        for _ in range(TICKS + 1):
+            board.tick()
+    totals: list[int] = []
+    counting = False
+    with log.open(encoding="ascii", errors="replace") as lines:
+        for line in lines:
+            place = line.find("/")  # Trace 0: 0x7f... [flags/address/...
+            if not line.startswith("Trace") or place < 0:
+                continue
+            address = int(line[place + 1 : place + 9], 16)
+            if address == entry:
+                counting = True
+                totals.append(0)
+            elif address in handler:
+                counting = False
+            if counting:
+                totals[-1] += 1
+    return totals[start : start + TICKS]
+
+
+def test_both_emulators_count_the_same(tmp_path: Path) -> None:
+    require("unicorn", "qemu-system-arm", "arm-none-eabi-gcc")
+    assert in_qemu(tmp_path) == [tick.total for tick in in_unicorn()]
+
+
+def test_tick_keeps_its_budget() -> None:
+    require("unicorn")
+    ticks = in_unicorn()
+    worst: Counter[str] = Counter()
+    for tick in ticks:
+        for name, count in tick.functions.items():
+            worst[name] = max(worst[name], count)
+    assert worst["avc_table_lookup"] + worst["avc_ln"] + worst["avc_couple_step"] <= FORCE_BUDGET
+    assert max(tick.total - tick.functions["avc_estimate_step"] for tick in ticks) <= REST_BUDGET
+    assert max(tick.total for tick in ticks) <= TICK_BUDGET
+
+
+@pytest.mark.parametrize("name", ["avc_estimate_step", "avc_couple_step", "avc_guard_step", "avc_table_lookup"])
+def test_every_part_of_the_tick_is_counted(name: str) -> None:
+    require("unicorn")
+    assert all(tick.functions.get(name, 0) > 0 for tick in in_unicorn()[5:])
