@@ -102,3 +102,12 @@ def test_negative_dc_stiffness_and_unstable_pole_are_refused():
     unstable = worst_margin(loop, 1.0, -1.2e5)  # k + k_e < 0: the joint runs away
     assert not unstable.poles_stable[0]
     assert not unstable.passive[0]
+
+
+@pytest.mark.parametrize("b", [1e6, 1e12, 1e18])
+def test_tolerance_stays_small_where_low_frequencies_are_huge(b):
+    wall = 10.0 + 1e5 * T / 2
+    loop = SampledLoop(wall - 1e-3, 10.0, 1e5, T, 0, "sampled-data")
+    found = worst_margin(loop, b, 1e-3)  # 1e-3 N.s/m short of passive at Nyquist, with enormous damping at DC
+    assert found.tolerance_ns_per_m[0] < 1e-9
+    assert not found.passive[0]

@@ -153,17 +153,49 @@ def real_part(
     With H = h exp(-j psi): Re Z_h = b_d + h {(g + b_p) cos psi - r sin(psi + phi)/(2 sin phi)
     + c [(1 - rho) cos psi - 2 sin phi sin(psi + phi)]/[(1 - rho)^2 + 4 rho sin^2 phi]}.
     """
+    amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)
+    return np.asarray(loop.device_damping_ns_per_m + amplitude * sum(terms))
+
+
+def size_of_terms(
+    loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: Values, frequency_hz: Values | None = None
+) -> FloatArray:
+    """Sum of the magnitudes of the terms of Re Z_h, N.s/m: rounding errors are a multiple of it.
+
+    Args:
+        loop: the sampled loop.
+        parts: partial fractions.
+        contact_damping_ns_per_m: b_p.
+        frequency_hz: where; None takes the largest magnitude of each term at any frequency.
+    """
+    if frequency_hz is not None:
+        amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)
+        return np.asarray(loop.device_damping_ns_per_m + amplitude * sum(np.abs(term) for term in terms))
+    reach = loop.delay_samples + 1.5
+    decay = np.abs(parts.decaying) / np.maximum(np.abs(parts.pole_gap), np.finfo(np.float64).tiny)
+    steady = np.abs(parts.direct) + np.abs(contact_damping_ns_per_m) + reach * np.abs(parts.integral)
+    return np.asarray(loop.device_damping_ns_per_m + steady + decay)
+
+
+def _terms(
+    loop: SampledLoop, parts: Fractions, contact: Values, frequency_hz: Values
+) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    """Return h and the terms of Re Z_h in the braces of `real_part`, those of opposite sign apart."""
     turns = np.maximum(np.asarray(frequency_hz, dtype=np.float64) * loop.sample_time_s, _ZERO_TURNS)
     sine, cosine = np.sin(np.pi * turns), np.sin(np.pi * (0.5 - turns))
     half_turns = 2 * loop.delay_samples + (1 if loop.model == "paper" else 2)
     amplitude = cosine if loop.model == "paper" else np.ones_like(cosine)
     cos_psi = _cos_half_turns(half_turns, turns)
     sin_next = np.sin(np.pi * (half_turns + 1) * turns)
-    decay = parts.pole_gap * cos_psi - 2 * sine * sin_next
     distance2 = parts.pole_gap**2 + 4 * parts.pole * sine**2
-    decay = decay / np.where(distance2 == 0, np.finfo(np.float64).tiny, distance2)
-    inner = (parts.direct + contact_damping_ns_per_m) * cos_psi - parts.integral * (sin_next / (2 * sine))
-    return np.asarray(loop.device_damping_ns_per_m + amplitude * (inner + parts.decaying * decay))
+    decaying = parts.decaying / np.where(distance2 == 0, np.finfo(np.float64).tiny, distance2)
+    return amplitude, (
+        parts.direct * cos_psi,
+        contact * cos_psi,
+        -parts.integral * (sin_next / (2 * sine)),
+        decaying * parts.pole_gap * cos_psi,
+        -decaying * (2 * sine * sin_next),
+    )
 
 
 def _cos_half_turns(count: int, turns: FloatArray) -> FloatArray:
@@ -172,11 +204,3 @@ def _cos_half_turns(count: int, turns: FloatArray) -> FloatArray:
         sign = 1.0 if count % 4 == 1 else -1.0
         return np.asarray(sign * np.sin(np.pi * count * (0.5 - turns)))
     return np.asarray(np.cos(np.pi * count * turns))
-
-
-def size_of_terms(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: Values) -> FloatArray:
-    """Sum of the largest magnitudes of the terms of Re Z_h, N.s/m: rounding errors are a multiple of it."""
-    reach = loop.delay_samples + 1.5
-    decay = np.abs(parts.decaying) / np.maximum(np.abs(parts.pole_gap), np.finfo(np.float64).tiny)
-    terms = np.abs(parts.direct) + np.abs(contact_damping_ns_per_m) + reach * np.abs(parts.integral)
-    return np.asarray(loop.device_damping_ns_per_m + terms + np.where(parts.decaying == 0, 0.0, decay))

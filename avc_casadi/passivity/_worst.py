@@ -129,12 +129,13 @@ def _worst(loop: SampledLoop, columns: list[FloatArray], *, refine: bool) -> Wor
         candidates = np.concatenate([candidates, roots_hz], axis=1)
     candidates = np.sort(np.clip(candidates, low[:, None], high[:, None]), axis=1)
     frequency = refine_minima(value, candidates, loop.delay_samples + 2) if refine else candidates
-    size = size_of_terms(loop, parts, contact)
     values = value(frequency)
+    lowest = np.take_along_axis(frequency, np.argmin(values, axis=1)[:, None], axis=1)
+    size = size_of_terms(columned, spread, contact[:, None], lowest)
     # Among equal values the first: an end or a stationary point, rather than what rounding made of it.
-    lowest = np.argmax(values <= values.min(axis=1, keepdims=True) + _EQUAL * size[:, None], axis=1)[:, None]
-    at = np.take_along_axis(frequency, lowest, axis=1)
-    tolerance = RELATIVE_TOLERANCE * size
+    first = np.argmax(values <= values.min(axis=1, keepdims=True) + _EQUAL * size, axis=1)[:, None]
+    at = np.take_along_axis(frequency, first, axis=1)
+    tolerance = RELATIVE_TOLERANCE * size[:, 0]
     margin = value(at)[:, 0]
     return WorstMargin(margin, at[:, 0], parts.stable, parts.integral / loop.sample_time_s, tolerance)
 
