@@ -104,7 +104,7 @@ def test_negative_dc_stiffness_and_unstable_pole_are_refused():
     assert not unstable.passive[0]
 
 
-@pytest.mark.parametrize("b", [1e6, 1e12, 1e18])
+@pytest.mark.parametrize("b", [1e8, 1e12, 1e18])
 def test_tolerance_stays_small_where_low_frequencies_are_huge(b):
     wall = 10.0 + 1e5 * T / 2
     loop = SampledLoop(wall - 1e-3, 10.0, 1e5, T, 0, "sampled-data")
