@@ -15,6 +15,8 @@ VERBS: tuple[str, ...] = (
     "simulate",
     "screen",
     "zwidth",
+    "pareto",
+    "accuracy",
     "table1",
     "push",
     "stream",

@@ -26,6 +26,7 @@ class Size:
         slots: m, frequencies at which Re Z_h is bounded in each stage.
         stages: n.
         limited: whether the slopes are bounded.
+        constant: whether all stages share one state.
     """
 
     objective: str
@@ -33,6 +34,7 @@ class Size:
     slots: int
     stages: int
     limited: bool
+    constant: bool = False
 
 
 @lru_cache(maxsize=16)
@@ -44,17 +46,19 @@ def schedule_nlp(size: Size, extra: Any) -> tuple[dict[str, Any], dict[str, Any]
         extra: a CasADi function sigma -> value that is bounded below in every stage, or None.
 
     Returns:
-        x = vec(sigma (d, n)); g = the slots and extra of each stage, then vec(slopes) if they are limited;
+        x = vec(sigma (d, n)), or sigma (d,) where it is constant; g = the slots and extra of each stage, then
+        vec(slopes) if they are limited;
         p = vec(cost parameters), vec(slot parameters), weight, step, slope penalty.
     """
     d, m, n = size.states, size.slots, size.stages
     functions = stage_functions(size.objective, d, m)
     bounded = m + (extra is not None)
-    x = ca.MX.sym("x", d * n)
+    x = ca.MX.sym("x", d if size.constant else d * n)
     lengths = [COST_ROWS * n, LOOP_ROWS * m * n, n, max(n - 1, 1), 1]
     p = ca.MX.sym("p", sum(lengths))
     cost_p, slot_p, weight, step, penalty = ca.vertsplit(p, np.cumsum([0, *lengths]).tolist())
-    sigma, weight, step = ca.reshape(x, d, n), weight.T, step.T
+    sigma = ca.repmat(x, 1, n) if size.constant else ca.reshape(x, d, n)
+    weight, step = weight.T, step.T
     own = (sigma, ca.reshape(cost_p, COST_ROWS, n))
     given = (*own, ca.reshape(slot_p, LOOP_ROWS * m, n))
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", bounded * n + (d * (n - 1) if size.limited else 0))
@@ -76,7 +80,7 @@ def schedule_nlp(size: Size, extra: Any) -> tuple[dict[str, Any], dict[str, Any]
         diagonal += bend.map(n)(sigma) * ca.repmat(lam[m, :], d * (d + 1) // 2, 1)
     coupling = ca.MX(1, 0)
     slopes = []
-    if n > 1:
+    if n > 1 and not size.constant:
         move = sigma[:, 1:] - sigma[:, :-1]
         curve = penalty / ca.sum2(step) / step
         steep = ca.repmat(curve, d, 1) * move
@@ -88,7 +92,9 @@ def schedule_nlp(size: Size, extra: Any) -> tuple[dict[str, Any], dict[str, Any]
         if size.limited:
             slopes.append(ca.vec(move / ca.repmat(step, d, 1)))
     jacobian = _jacobian(size, ca.vertcat(*blocks), step)
-    hessian = _hessian(d, n, diagonal, coupling)
+    if size.constant:
+        gradient, diagonal = ca.sum2(gradient), ca.sum2(diagonal)
+    hessian = _hessian(d, 1 if size.constant else n, diagonal, coupling)
 
     def constraints(rows: list[Any]) -> Any:
         return ca.vertcat(ca.vec(ca.vertcat(*rows)), *slopes)
@@ -127,6 +133,8 @@ def _jacobian(size: Size, blocks: Any, step: Any) -> Any:
     stage, row, column = (v.ravel() for v in np.meshgrid(np.arange(n), np.arange(r), np.arange(d), indexing="ij"))
     rows, columns, source = stage * r + row, stage * d + column, (stage * d + column) * r + row
     values, total = ca.vec(blocks), r * n
+    if size.constant:
+        return _sparse((total, d), rows, column, source, values)
     if size.limited and n > 1:
         stage, state = (v.ravel() for v in np.meshgrid(np.arange(n - 1), np.arange(d), indexing="ij"))
         below, own = stage * d + state, (stage + 1) * d + state

@@ -15,7 +15,7 @@ from avc_casadi.design.schedule._states import States
 from avc_casadi.problem import Problem
 from avc_casadi.stability import frozen_parts, hand_set, linear_stability
 
-_POINTS = {2: (32, 32), 3: (18, 18, 8)}
+_POINTS = {2: (32, 32), 3: (18, 18, 12)}
 _CLIP = 0.1
 """Slack below which a table value says no more than "unstable": a spline would ring at the cliff behind it."""
 

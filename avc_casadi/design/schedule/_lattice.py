@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from avc_casadi.design._gains import FloatArray
 
 _STAGES = 40
+_CONSTANTS = 4
 _POINTS = {2: (24, 24), 3: (14, 14, 7)}
 
 StageCost = Callable[[FloatArray, int], FloatArray]
@@ -19,7 +20,12 @@ StageCost = Callable[[FloatArray, int], FloatArray]
 
 @dataclass(frozen=True)
 class LatticePath:
-    """States along the cheapest path, (d, n), and those of the cheapest constant gains, (d, n)."""
+    """What a lattice knows.
+
+    Attributes:
+        path: states along the cheapest path, (d, n).
+        constant: states of the cheapest constant gains, then of others that no neighbour betters; (d, 1 to 4).
+    """
 
     path: FloatArray
     constant: FloatArray
@@ -68,9 +74,19 @@ def lattice_path(
         value = value + (here * share).reshape(shape)
         back.append(moves)
     path = _trace(value, back, axes)
-    constant = nodes[:, int(np.argmin(everywhere))]
     along = [np.interp(log_frequency, log_frequency[chosen], row) for row in path]
-    return LatticePath(np.array(along), np.repeat(constant[:, None], n, axis=1))
+    return LatticePath(np.array(along), nodes[:, _local_minima(everywhere.reshape(shape))])
+
+
+def _local_minima(value: FloatArray) -> NDArray[np.intp]:
+    """Positions in the flattened array that no neighbour along an axis betters, the best first."""
+    lowest = np.ones(value.shape, dtype=bool)
+    for axis in range(value.ndim):
+        along, kept = np.moveaxis(value, axis, 0), np.moveaxis(lowest, axis, 0)
+        kept[1:] &= along[1:] <= along[:-1]
+        kept[:-1] &= along[:-1] <= along[1:]
+    found = np.flatnonzero(lowest)
+    return found[np.argsort(value.ravel()[found], kind="stable")][:_CONSTANTS]
 
 
 def _share(log_frequency: FloatArray, position: int, span: float) -> float:

@@ -63,6 +63,7 @@ class Data:
         least: lower bounds of the bounded values, (r, n); -inf drops one.
         low: lower ends of the states, (d,).
         high: upper ends, (d,).
+        constant: whether all stages share one state; slopes then cost and limit nothing.
     """
 
     cost: FloatArray
@@ -74,11 +75,12 @@ class Data:
     least: FloatArray
     low: FloatArray
     high: FloatArray
+    constant: bool = False
 
     def size(self, objective: str) -> Size:
         """Return what decides the structure of the NLP."""
-        limited = bool(np.isfinite(self.slope_limit))
-        return Size(objective, len(self.low), len(self.slots) // LOOP_ROWS, len(self.weight), limited)
+        limited = bool(np.isfinite(self.slope_limit)) and not self.constant
+        return Size(objective, len(self.low), len(self.slots) // LOOP_ROWS, len(self.weight), limited, self.constant)
 
 
 @dataclass(frozen=True)
@@ -132,14 +134,16 @@ def solve_program(
     """
     d, n = start.shape
     kind = "warm" if warm is not None else "cold" if patient else "start"
-    solver = _solver(data.size(objective), extra, kind)
+    size = data.size(objective)
+    solver = _solver(size, extra, kind)
     step = data.step if n > 1 else np.ones(1)
-    steepest = np.full(d * (n - 1) if np.isfinite(data.slope_limit) else 0, data.slope_limit)
+    steepest = np.full(d * (n - 1) if size.limited else 0, data.slope_limit)
+    free = 1 if data.constant else n
     arguments = {
-        "x0": np.clip(start, data.low[:, None], data.high[:, None]).ravel("F"),
+        "x0": np.clip(start[:, :free], data.low[:, None], data.high[:, None]).ravel("F"),
         "p": np.concatenate((data.cost.ravel("F"), data.slots.ravel("F"), data.weight, step, [data.slope_penalty])),
-        "lbx": np.tile(data.low, n),
-        "ubx": np.tile(data.high, n),
+        "lbx": np.tile(data.low, free),
+        "ubx": np.tile(data.high, free),
         "lbg": np.concatenate((data.least.ravel("F"), -steepest)),
         "ubg": np.concatenate((np.full(data.least.size, np.inf), steepest)),
     }
@@ -149,8 +153,9 @@ def solve_program(
     stats = solver.stats()
     if stats["return_status"] == "NonIpopt_Exception_Thrown":
         raise KeyboardInterrupt
+    states = np.asarray(result["x"], dtype=np.float64).reshape((d, free), order="F")
     return Solution(
-        states=np.asarray(result["x"], dtype=np.float64).reshape((d, n), order="F"),
+        states=np.repeat(states, n, axis=1) if data.constant else states,
         cost=float(result["f"]),
         success=bool(stats["success"]),
         message=str(stats["return_status"]),

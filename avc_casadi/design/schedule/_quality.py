@@ -16,10 +16,10 @@ def quality_notes(task: Task, outcome: Outcome) -> tuple[str, ...]:
     if outcome.missing.rows.all():
         return ("no row can meet its scope: no schedule",)
     notes = [f"cost {solution.cost:.6g}: mean squared {task.objective} error and slope penalty"]
+    starts = "best cells of a lattice" if task.constant else "lattice programme, constant gains, separate optima"
     if costs:
         notes.append(
-            f"best of {len(costs)} starts that converged, of 3 (lattice programme, best constant gains, smoothed"
-            " separate optima);"
+            f"best of {len(costs)} starts that converged ({starts});"
             f" their costs spread by {max(costs) - min(costs):.3g}; not proved to be the global optimum"
         )
     else:

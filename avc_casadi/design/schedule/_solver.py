@@ -28,9 +28,13 @@ class ScheduleSolver:
     """Solves schedules; a second call with a changed environment, device or goal starts from the first one's solution.
 
     The NLP is built once for each size and objective and shared by all solvers of the process.
+
+    Args:
+        constant: look for the best gains that do not vary with frequency.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, constant: bool = False) -> None:
+        self._constant = constant
         self._memory: tuple[tuple[object, ...], Outcome] | None = None
 
     def solve(self, problem: Problem) -> GainSchedule:
@@ -45,7 +49,7 @@ class ScheduleSolver:
             KeyboardInterrupt: Ctrl-C.
         """
         started = time.perf_counter()
-        task = Task.of(problem)
+        task = Task.of(problem, constant=self._constant)
         built = time.perf_counter()
         kind = _kind(problem, task)
         outcome = None
@@ -58,9 +62,14 @@ class ScheduleSolver:
         return replace(_schedule(task, outcome), build_seconds=built - started, solve_seconds=solved - built)
 
 
-def solve_schedule(problem: Problem) -> GainSchedule:
-    """Solve the joint schedule of a problem once; see `ScheduleSolver` for repeated solves."""
-    return ScheduleSolver().solve(problem)
+def solve_schedule(problem: Problem, *, constant: bool = False) -> GainSchedule:
+    """Solve the joint schedule of a problem once; see `ScheduleSolver` for repeated solves.
+
+    Args:
+        problem: the problem.
+        constant: look for the best gains that do not vary with frequency: same goal, scope and box.
+    """
+    return ScheduleSolver(constant=constant).solve(problem)
 
 
 def _kind(problem: Problem, task: Task) -> tuple[object, ...]:

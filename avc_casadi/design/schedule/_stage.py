@@ -55,7 +55,7 @@ def stage_functions(objective: str, states: int, slots: int) -> StageFunctions:
 
     Args:
         objective: magnitude, complex, perceptual, or tied.
-        states: 2 for the series structure, 3 for the damped one.
+        states: 3 with contact damping, otherwise 2.
         slots: number of frequencies at which Re Z_h is kept above the margin; 0 for none.
     """
     sigma, cost_p, slot_p = ca.SX.sym("sigma", states), ca.SX.sym("c", COST_ROWS), ca.SX.sym("s", LOOP_ROWS * slots)

@@ -59,7 +59,8 @@ def _over_all_stages(task: Task, missing: Missing) -> Found:
         data.slope_penalty,
         data.slope_limit,
     )
-    starts = [lattice.path, lattice.constant, _smoothed_optima(task)]
+    constants = [np.repeat(state[:, None], len(task.frequency_hz), axis=1) for state in lattice.constant.T]
+    starts = constants if task.constant else [lattice.path, constants[0], _smoothed_optima(task)]
     slots = _seeded(task, missing, starts[:2])
     data = task.data(slots, backoff)
     solutions = [solve_program(data, task.objective, start, extra=task.hands, patient=False) for start in starts]

@@ -19,7 +19,9 @@ _AT_END = 1e-5
 
 @dataclass(frozen=True)
 class States:
-    """The map between gains and states, sigma = ln(gain + floor), and the box of both; d = 2 (series) or 3 (damped).
+    """The map between gains and states, sigma = ln(gain + floor), and the box of both.
+
+    d = 3 states where the box admits contact damping, otherwise 2.
 
     Attributes:
         floors: b (N.s/m), k (N/m) and b_p (N.s/m) below which a gain counts as 0; shape (d,).
@@ -40,7 +42,7 @@ class States:
         k = _FLOOR_SHARE * float((weight / np.abs(coupling_impedance(loop.angle, 0.0, 1.0))).min())
         floors, box = [b, k], problem.coupling
         ends = [box.damping_ns_per_m, box.stiffness_n_per_m]
-        if box.structure == "damped":
+        if box.contact_damping_ns_per_m[1] > 0:
             floors.append(max(problem.device.damping_ns_per_m, 10 * b))
             ends.append(box.contact_damping_ns_per_m)
         least, most = np.array(ends).T

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ class Task:
         scale_ns_per_m: scale of the constraints on Re Z_h at each stage, (n,).
         hands: sigma -> 1 - spectral radius, for scope hands; else None.
         weight: of the whole goal; a large one makes the solver's tolerance finer.
+        constant: whether the gains may not vary with frequency.
     """
 
     problem: Problem
@@ -45,22 +46,25 @@ class Task:
     scale_ns_per_m: FloatArray
     hands: Any
     weight: float = 1.0
+    constant: bool = False
 
     @classmethod
-    def of(cls, problem: Problem) -> Task:
+    def of(cls, problem: Problem, *, constant: bool = False) -> Task:
         """Evaluate everything that does not depend on the gains."""
         frequency = problem.frequencies_hz()
         loop = loop_at(problem, frequency)
         states = States.of(problem, loop)
         hands = hands_spline(problem, states) if problem.stability.scope == "hands" else None
-        return cls(problem, frequency, loop, states, _scale(problem, loop), hands)
+        return cls(problem, frequency, loop, states, _scale(problem, loop), hands, constant=constant)
 
     def at(self, frequency_hz: FloatArray) -> Task:
         """Return the same problem with other stages, (m,), but these states and hands."""
         frequency = Frequency(values_hz=tuple(frequency_hz.tolist()))
         problem = self.problem.model_copy(update={"frequency": frequency})
         loop = loop_at(problem, frequency_hz)
-        return Task(problem, frequency_hz, loop, self.states, _scale(problem, loop), self.hands, self.weight)
+        return replace(
+            self, problem=problem, frequency_hz=frequency_hz, loop=loop, scale_ns_per_m=_scale(problem, loop)
+        )
 
     @property
     def log_frequency(self) -> FloatArray:
@@ -102,6 +106,7 @@ class Task:
             least=least,
             low=self.states.low,
             high=self.states.high,
+            constant=self.constant,
         )
 
     def _weight(self) -> FloatArray:
