@@ -148,8 +148,8 @@ class Reference:
                     y[1] = 0.0
         return y
 
-    def run(self, samples, noise=None, late=None, dropped=None):
-        """Return position, velocity and held force at each sample."""
+    def run(self, samples, noise=None, late=None, dropped=None, commands=None):
+        """Return position, velocity and held force at each sample; `commands` replay the forces of another computer."""
         effects, period = self.effects, self.T
         lag = (effects["delay"].samples or self.problem.device.delay_samples) if "delay" in effects else 0
         limit = math.inf
@@ -163,7 +163,9 @@ class Reference:
         out = []
         for k in range(samples):
             command = before
-            if dropped is None or not dropped[k]:
+            if commands is not None:
+                command = commands[k]
+            elif dropped is None or not dropped[k]:
                 x = y[0] + (0.0 if noise is None else noise[k])
                 line.append(computer.force(resolution * math.floor(x / resolution + 0.5) if resolution else x))
                 command = min(max(line.pop(0), -limit), limit)

@@ -3,12 +3,26 @@
 import numpy as np
 import pytest
 from scene_reference import scene_problem
-from test_scene_agrees_with_solve_ivp import CASES, QUICK
+from test_scene_agrees_with_solve_ivp import CASES, FRICTION, HAND, QUICK, WALL
 
+import avc_casadi as avc
 from avc_casadi.scene import Gains, Hand, compile_scene, execute, simulate_batch
 from avc_casadi.scene._native import NativeScene, compiler
+from avc_casadi.scene._simulate import compile_for, settled
+from avc_casadi.scene.effects import build_effects
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+
+MORE = {
+    "stiff-amplifier-with-friction": (
+        (HAND, WALL, FRICTION, 'kind = "amplifier"\nbandwidth_hz = 900.0'),
+        Gains(10.0, 7e3),
+    ),
+    "friction-in-free-space": ((HAND, FRICTION), Gains(10.0, 7e3)),
+    "friction-without-a-hand": ((WALL, FRICTION), Gains(10.0, 7e3)),
+    "adapted-gains": ((HAND, WALL, 'kind = "estimator"', 'kind = "adaptation"', FRICTION), None),
+}
 
 
 def bits(traces):
@@ -16,15 +30,23 @@ def bits(traces):
 
 
 @pytest.mark.parametrize(
-    "case", ["linear-series", "no-wall", "much-friction", "late-dropped-friction", "velocity-filter"]
+    "case",
+    [
+        "linear-series",
+        "no-wall",
+        "much-friction",
+        "late-dropped-friction",
+        "velocity-filter",
+        "everything",
+        *MORE,
+    ],
 )
 def test_bits(case):
-    effects, gains = CASES[case]
-    scene = compile_scene(
-        scene_problem(effects, motion=QUICK, scene="duration_s = 0.3\n"),
-        coupled=not gains.rigid,
-        damped=gains.contact_damping_ns_per_m > 0,
-    )
+    effects, gains = (CASES | MORE)[case]
+    problem = scene_problem(effects, motion=QUICK, scene="duration_s = 0.3\n")
+    settled_effects, gains, _ = settled(problem, build_effects(problem), gains or avc.solve(problem, "exact"))
+    scene = compile_for(problem, settled_effects, gains)
+    assert scene.branches == ("coulomb-friction" in str(effects))
     arguments = scene, scene.parameter_values(gains), scene.input_values()
     ours, native = bits(execute(*arguments, engine="casadi")), bits(execute(*arguments, engine="native"))
     assert ours.keys() == native.keys()
@@ -39,7 +61,7 @@ def test_threads_and_chunks_do_not_change_a_bit():
     effects = tuple(hands if effect.kind == "hand" else effect for effect in compile_scene(problem).effects)
     scene = compile_scene(problem, effects)
     parameters = scene.parameter_values(Gains(200.0, 1e5))
-    native = NativeScene(scene.function)
+    native = NativeScene(scene)
     one, many = (native(scene.initial, scene.input_values().T, parameters, workers) for workers in (1, 3))
     np.testing.assert_array_equal(one.view(np.int64), many.view(np.int64))
     by_chunks = simulate_batch(problem, hands, Gains(200.0, 1e5))

@@ -34,6 +34,7 @@ from avc_casadi.problem._scene_file import Free as Free
 from avc_casadi.problem._scene_file import GuardEffect as GuardEffect
 from avc_casadi.problem._scene_file import HandEffect as HandEffect
 from avc_casadi.problem._scene_file import Hold as Hold
+from avc_casadi.problem._scene_file import Integrator as Integrator
 from avc_casadi.problem._scene_file import JitterEffect as JitterEffect
 from avc_casadi.problem._scene_file import Motion as Motion
 from avc_casadi.problem._scene_file import NoiseEffect as NoiseEffect

@@ -20,6 +20,7 @@ from avc_casadi.scene._motion import Target, target_of
 from avc_casadi.scene._plant import DEVICE, GROUND, LinearPlant, Plant
 from avc_casadi.scene._projected import Projected
 from avc_casadi.scene._runge_kutta import RungeKutta
+from avc_casadi.scene._split import Split, column
 from avc_casadi.scene._tick import Tick
 from avc_casadi.scene.effects import SceneEffect, Station, build_effects
 
@@ -78,6 +79,15 @@ class CompiledScene:
     def instructions(self) -> int:
         """Number of instructions of one sample."""
         return int(self.function.n_instructions())
+
+    @property
+    def branches(self) -> bool:
+        """Whether compiled code can skip pieces of a sample."""
+        return self._tick.split is not None
+
+    def split(self) -> Split | None:
+        """Return the sample in pieces, of which compiled code skips those that do not happen; None without any."""
+        return None if self._tick.split is None else self._tick.split()
 
     def states_of(self, kind: str) -> int:
         """Number of states that an effect owns."""
@@ -251,12 +261,9 @@ def _continue(tick: Tick, plant: LinearPlant, target: Target, advance: Advance) 
 def _function(tick: Tick) -> Any:
     import casadi as ca  # noqa: PLC0415
 
-    def column(symbols: list[Any]) -> Any:
-        return ca.vertcat(*(ca.vec(symbol) for symbol in symbols)) if symbols else ca.SX(0, 1)
-
     return ca.Function(
         "sample",
-        [column([slot.symbol for slot in slots]) for slots in (tick.states, tick.inputs, tick.parameters)],
+        [column(*(slot.symbol for slot in slots)) for slots in (tick.states, tick.inputs, tick.parameters)],
         [ca.vertcat(*tick.successors()), ca.vertcat(*tick.traces.values())],
         ["states", "inputs", "parameters"],
         ["next", "traces"],

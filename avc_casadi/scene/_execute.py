@@ -17,6 +17,8 @@ Engine = Literal["auto", "casadi", "native"]
 
 # Compiling takes about 0.1 s and 0.25 ms an instruction, and saves some 1.5 ns each time an instruction is evaluated.
 _COMPILE_S, _COMPILE_S_PER_INSTRUCTION, _SAVED_S = 0.1, 2.5e-4, 1.5e-9
+# In pieces, a sample with dry friction is no longer than this.
+_SPLIT_INSTRUCTIONS = 3000
 
 
 def execute(
@@ -34,10 +36,11 @@ def execute(
         Every trace, shape (runs, samples).
     """
     saved = len(parameters) * scene.samples * scene.instructions * _SAVED_S
-    pays = saved > _COMPILE_S + scene.instructions * _COMPILE_S_PER_INSTRUCTION
+    size = min(scene.instructions, _SPLIT_INSTRUCTIONS) if scene.branches else scene.instructions
+    pays = saved > _COMPILE_S + size * _COMPILE_S_PER_INSTRUCTION
     if engine == "native" or (engine == "auto" and pays and compiler() is not None):
         try:
-            native = NativeScene(scene.function)
+            native = NativeScene(scene)
         except (OSError, subprocess.CalledProcessError):
             if engine == "native":
                 raise

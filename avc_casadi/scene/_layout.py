@@ -19,12 +19,14 @@ class Layout:
     """Where a plant has numbers that differ from 0 for any hand.
 
     Attributes:
+        states: number of states.
         entries: rows and columns of A.
         force_row: the state on which the actuator acts.
         target_row: the velocity on which the hand's target acts; None without a hand.
         friction_n: dry friction; 0 for none.
     """
 
+    states: int
     entries: tuple[tuple[int, int], ...]
     force_row: int
     target_row: int | None
@@ -36,6 +38,7 @@ class Layout:
         hands = tuple(range(plant.matrix.ndim - 2))
         rows = np.flatnonzero(np.any(plant.target != 0, axis=(*hands, plant.target.ndim - 1)))
         return cls(
+            states=plant.states,
             entries=tuple((int(i), int(j)) for i, j in np.argwhere(np.any(plant.matrix != 0, axis=hands))),
             force_row=int(np.flatnonzero(np.any(plant.force != 0, axis=hands))[0]),
             target_row=int(rows[0]) if len(rows) else None,

@@ -13,35 +13,85 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from avc_casadi.scene._compile import CompiledScene
 
 FloatArray = NDArray[np.float64]
 
 _FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared")
 
-_DRIVER = """
+_LOOP = """
 int avc_run(long long runs, long long samples, const double* initial, const double* inputs, const double* parameters,
             double* traces) {{
-  const double* arg[{arguments}];
-  double* res[{results}];
-  double now[{states}], next[{states}], w[{work}];
-  long long int iw[{integers}];
+  double now[{states}], next[{states}];
   for (long long run = 0; run < runs; ++run) {{
+    const double* p = parameters + run * {n_parameters};
     for (int i = 0; i < {n_states}; ++i) now[i] = initial[i];
     for (long long tick = 0; tick < samples; ++tick) {{
-      arg[0] = now;
-      arg[1] = inputs + tick * {n_inputs};
-      arg[2] = parameters + run * {n_parameters};
-      res[0] = next;
-      res[1] = traces + (run * samples + tick) * {n_traces};
-      if ({name}(arg, res, iw, w, 0)) return 1;
+      if (avc_sample(now, inputs + tick * {n_inputs}, p, next, traces + (run * samples + tick) * {n_traces})) return 1;
       for (int i = 0; i < {n_states}; ++i) now[i] = next[i];
     }}
   }}
   return 0;
+}}
+"""
+
+_CALL = """
+static int call_{name}(const double* a, const double* b, const double* c, double* r, double* s, double* t) {{
+  const double* arg[{arguments}];
+  double* res[{results}];
+  double w[{work}];
+  long long int iw[{integers}];
+  arg[0] = a; arg[1] = b; arg[2] = c;
+  res[0] = r; {second}{third}
+  (void)s; (void)t;
+  return {name}(arg, res, iw, w, 0);
+}}
+"""
+
+_WHOLE = """
+static int avc_sample(const double* now, const double* u, const double* p, double* next, double* traces) {
+  return call_sample(now, u, p, next, traces, 0);
+}
+"""
+
+_SPLIT = """
+static int through(double* x, double force, double* target, double velocity, double duration, const double* p) {{
+  const double part = duration / {substeps};
+  for (int substep = 0; substep < {substeps}; ++substep) {{
+    double moment[5] = {{force, *target, velocity, part, 0.0}}, out[{n_plant}], used[2];
+    for (int event = 0; event < {events} && moment[3] != 0.0; ++event) {{
+      if (call_until_event(x, moment, p, out, used, 0)) return 1;
+      for (int i = 0; i < {n_plant}; ++i) x[i] = out[i];
+      moment[3] -= used[0];
+      moment[1] += velocity * ({sample_time!r} * used[0]);
+      moment[4] = used[1];
+    }}
+    if (moment[3] != 0.0) {{
+      if (call_to_the_end(x, moment, p, out, 0, 0)) return 1;
+      for (int i = 0; i < {n_plant}; ++i) x[i] = out[i];
+    }}
+    *target = moment[1] + velocity * ({sample_time!r} * moment[3]);
+  }}
+  return 0;
+}}
+
+static int avc_sample(const double* now, const double* u, const double* p, double* next, double* traces) {{
+  double drive[5];
+  if (call_computer(now, u, p, next + {n_plant}, traces, drive)) return 1;
+  for (int i = 0; i < {n_plant}; ++i) next[i] = now[i];
+  if (!{late}) return through(next, drive[0], drive + 3, drive[4], 1.0, p);
+  {{
+    double target = drive[3];
+    if (through(next, drive[1], &target, drive[4], drive[2], p)) return 1;
+    target = drive[3] + drive[4] * ({sample_time!r} * drive[2]);
+    return through(next, drive[0], &target, drive[4], 1.0 - drive[2], p);
+  }}
 }}
 """
 
@@ -54,9 +104,9 @@ def compiler() -> str | None:
 class NativeScene:
     """The compiled loop over samples; calls release the interpreter, so that threads run side by side."""
 
-    def __init__(self, function: Any) -> None:
-        self._traces = int(function.numel_out(1))
-        self._run = _library(_source(function)).avc_run
+    def __init__(self, scene: CompiledScene) -> None:
+        self._traces = int(scene.function.numel_out(1))
+        self._run = _library(_source(scene)).avc_run
         self._run.restype = ctypes.c_int
         self._run.argtypes = [ctypes.c_longlong, ctypes.c_longlong] + [ctypes.c_void_p] * 4
 
@@ -97,24 +147,46 @@ class NativeScene:
         return traces
 
 
-def _source(function: Any) -> str:
+def _source(scene: CompiledScene) -> str:
     import casadi as ca  # noqa: PLC0415
 
-    generator = ca.CodeGenerator("sample", {"with_header": False, "main": False, "mex": False})
-    generator.add(function)
-    driver = _DRIVER.format(
+    whole, split = scene.function, scene.split()
+    functions = [whole] if split is None else [split.computer, split.until_event, split.to_the_end]
+    generator = ca.CodeGenerator("scene", {"with_header": False, "main": False, "mex": False})
+    for function in functions:
+        generator.add(function)
+    if split is None:
+        sample = _WHOLE
+    else:
+        sample = _SPLIT.format(
+            substeps=split.substeps,
+            events=split.events,
+            late=int(split.late),
+            sample_time=split.sample_time_s,
+            n_plant=split.to_the_end.numel_out(0),
+        )
+    loop = _LOOP.format(
+        states=max(1, whole.numel_in(0)),
+        n_states=whole.numel_in(0),
+        n_inputs=whole.numel_in(1),
+        n_parameters=whole.numel_in(2),
+        n_traces=whole.numel_out(1),
+    )
+    return "".join([str(generator.dump()), *map(_call, functions), sample, loop])
+
+
+def _call(function: Any) -> str:
+    """Return a C function that gives a generated one its work space."""
+    count = function.n_out()
+    return _CALL.format(
         name=function.name(),
-        arguments=function.sz_arg(),
-        results=function.sz_res(),
-        states=max(1, function.numel_in(0)),
+        arguments=max(3, function.sz_arg()),
+        results=max(3, function.sz_res()),
         work=max(1, function.sz_w()),
         integers=max(1, function.sz_iw()),
-        n_states=function.numel_in(0),
-        n_inputs=function.numel_in(1),
-        n_parameters=function.numel_in(2),
-        n_traces=function.numel_out(1),
+        second="res[1] = s; " if count > 1 else "",
+        third="res[2] = t;" if count > 2 else "",
     )
-    return str(generator.dump()) + driver
 
 
 @lru_cache(maxsize=64)
