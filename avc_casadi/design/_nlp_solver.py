@@ -183,7 +183,8 @@ class _Run:
         inner = np.minimum(share, _LAST_SHARE)
         gains = self._scales * inner / (1 - inner)
         gains = np.where(share <= self._shares[0], self._low, np.where(share >= self._shares[1], self._high, gains))
-        return np.clip(gains, self._low, self._high)
+        clipped: FloatArray = np.clip(gains, self._low, self._high)
+        return clipped
 
     def _to_share(self, gains: FloatArray) -> FloatArray:
         return np.minimum(gains / (self._scales + gains), _LAST_SHARE)

@@ -3,21 +3,24 @@
 The feasible part of the gain box falls into pieces, each bounded by stretches of the box's edges and by arcs of
 Re Z = margin. On a connected piece |Z| takes every value between its smallest and its largest, so that the error is 0
 where |Z_h_ds| lies between them for some piece, and otherwise the distance to the nearest end. Where |Z| = |Z_h_ds| is
-never asked. Crossings and stationary points come from polynomials interpolated on the impedances themselves.
+never asked. Crossings and stationary points come from polynomials interpolated on the impedances themselves. Needs
+mpmath, the extra ``accuracy``.
 """
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from avc_casadi.impedance import Loop, abs2, loop_at, mpmath_numbers
-from avc_casadi.problem import Problem
+from avc_casadi.impedance import Complex, Loop, Real, abs2, loop_at, mpmath_numbers
 
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem
+
+# Ten digits more than are claimed.
 NUMBERS = mpmath_numbers(60)
 MP = NUMBERS.complex(0, 0).context
-Real = Any
 Gains = tuple[Real, Real]
 
 
@@ -47,7 +50,7 @@ class Reference:
         self.corners = [(b0, k0), (b1, k0), (b1, k1), (b0, k1)]
         self.error = self._error()
 
-    def impedance(self, gains: Gains) -> Any:
+    def impedance(self, gains: Gains) -> Complex:
         """Z_h_avc of (b, k)."""
         return self.loop.perceived(*gains, self.contact)
 
