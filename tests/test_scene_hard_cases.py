@@ -127,7 +127,7 @@ def test_sample_times(sample_time):
     head = HEAD.replace("[environment]", f"sample_time_s = {sample_time}\n[environment]")
     head += "[frequency]\nstart_hz = 0.1\nstop_hz = 20.0\n"
     k_e = 1e5 if sample_time < 1e-3 else 150.0
-    scene = f"duration_s = {0.8 if sample_time < 1e-3 else 1.5}\n"
+    scene = f"duration_s = {1.1 if sample_time < 1e-3 else 1.5}\n"
     run = simulate(scene_problem((HAND, WALL), head=head, b_e=0.0, k_e=k_e, scene=scene), NO_COUPLING)
     assert run.claim == "asymptotic"
     assert run.apparent_stiffness_n_per_m == pytest.approx(k_e, rel=1e-3)
