@@ -110,7 +110,15 @@ def problems(draw):
         ),
         stability=draw(st.builds(Stability, band_factor=st.floats(1, 1e6), margin_ns_per_m=damping)),
         realism=draw(st.builds(Realism, jnd=st.floats(1e-3, 0.999))),
-        schedule=draw(st.builds(ScheduleSettings, slope_limit=st.one_of(st.none(), st.floats(1e-6, 1e6)))),
+        schedule=draw(
+            st.builds(
+                ScheduleSettings,
+                slope_limit=st.one_of(st.none(), st.floats(1e-6, 1e6)),
+                interaction_hz=st.one_of(st.none(), interval(st.floats(1e-3, 1e3))),
+                contact_damping_penalty=st.floats(1e-12, 1e6),
+                hand_damping_ns_per_m=damping,
+            )
+        ),
         hands=draw(st.builds(Hands, mass_kg=interval(mass))),
         frequency=draw(frequencies(sample_time)),
         scene=Scene(motion=draw(motions()), effects=[{"kind": kind, **EFFECTS[kind]} for kind in kinds]),
