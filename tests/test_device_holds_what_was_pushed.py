@@ -5,6 +5,7 @@ import hashlib
 import json
 import math
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hardware_bench import require, schedule
 
 import avc_hardware
 from avc_casadi import InputError, LinkError, MissingExtraError
-from avc_hardware import Connection, EmulatedBoard, TableSettings, Wall, gain_table, monitor, push, stream
+from avc_hardware import Connection, EmulatedBoard, TableSettings, Wall, gain_table, monitor, push, save_log, stream
 from avc_hardware import _messages as m
 from avc_hardware._faults import Fault, FaultKind, FaultyLink
 from avc_hardware._firmware import IMAGE, image_sha256
@@ -73,6 +74,17 @@ def test_gains_in_force_follow_the_table_at_the_estimated_frequency() -> None:
     near = lookup(rows, np.float32(status.frequency_hz) * np.array([0.97, 1.03], dtype=np.float32))
     for index, value in enumerate((status.damping_ns_per_m, status.stiffness_n_per_m)):
         assert near[:, index].min() * 0.97 <= value <= near[:, index].max() * 1.03
+
+
+def test_log_holds_every_sample(tmp_path: Path) -> None:
+    samples = list(monitor("emulator", seconds=1.5, rate_hz=10))
+    assert save_log(samples, tmp_path / "log.npz") == len(samples)
+    with np.load(tmp_path / "log.npz") as log:
+        assert list(log["ticks"]) == [sample.ticks for sample in samples]
+        assert log["force_n"].dtype == np.float64
+        assert set(log["mode"]) == {0}
+    with pytest.raises(InputError, match=r"\.npz"):
+        save_log(samples, tmp_path / "log.csv")
 
 
 def test_at_rest_the_frequency_is_undefined_and_the_lowest_row_runs() -> None:

@@ -19,7 +19,7 @@ GAINS = schedule(200, seed=3, largest=(300.0, 1e5, 50.0))
 SETTINGS = TableSettings(wall=Wall(10.0, 1e5), guard=True)
 TICKS = 60
 # Look-up, interpolation and coupling force; then everything but the estimator; then everything.
-FORCE_BUDGET, REST_BUDGET, TICK_BUDGET = 450, 700, 2500
+FORCE_BUDGET, REST_BUDGET, TICK_BUDGET = 450, 650, 2400
 
 
 def motion(tick: int) -> int:

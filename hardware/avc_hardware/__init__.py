@@ -14,6 +14,9 @@ from avc_hardware._diagnose import Diagnosis as Diagnosis
 from avc_hardware._diagnose import diagnose as diagnose
 from avc_hardware._emulator import EmulatedBoard as EmulatedBoard
 from avc_hardware._export import export_c as export_c
+from avc_hardware._in_the_loop import FirmwareInTheLoop as FirmwareInTheLoop
+from avc_hardware._in_the_loop import LoopTrace as LoopTrace
+from avc_hardware._log import save_log as save_log
 from avc_hardware._messages import Device as Device
 from avc_hardware._messages import DeviceStatus as DeviceStatus
 from avc_hardware._monitor import monitor as monitor

@@ -31,7 +31,8 @@ class RuntimeFigures:
         metres_per_count: of the encoder; sets the estimator's floor.
         estimator: method.
         hold_s: how long a lost estimate is kept.
-        slew_per_s: largest relative change of a gain, a second.
+        slew_per_s: largest relative change of a gain, a second; None for no limit.
+        passive: whether gains change without creating energy, with anchor and tank.
         guard_damping_ns_per_m: most that the guard adds: the device's own damping.
     """
 
@@ -39,7 +40,8 @@ class RuntimeFigures:
     metres_per_count: float = 2e-6
     estimator: str = "fused"
     hold_s: float = 0.2
-    slew_per_s: float = 20.0
+    slew_per_s: float | None = 20.0
+    passive: bool = True
     guard_damping_ns_per_m: float = 2.0
 
 
@@ -145,7 +147,8 @@ def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
     settings = EstimatorSettings.for_encoder(figures.metres_per_count, time)
     with estimate.owned_by("estimate"):
         Estimator(figures.estimator, settings).sample(estimate)
-        adaptation = Adaptation(HoldSettings(figures.hold_s), AdaptationSettings(figures.slew_per_s), table)
+        changing = AdaptationSettings(figures.slew_per_s, figures.passive)
+        adaptation = Adaptation(HoldSettings(figures.hold_s), changing, table)
         adaptation.sample(estimate)
     found = {
         "estimate_hz": estimate.frequency_hz,

@@ -139,25 +139,18 @@ avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz, uint3
     if (frequency_hz >= rows[last].frequency_hz) {
         return gains_of(&rows[last]);
     }
-    uint32_t low = *near;
-    if (low + 2u <= last && frequency_hz >= rows[low + 1u].frequency_hz) {
-        low++; /* frequencies change slowly: the next row, or the one before */
-    } else if (low > 0u && low <= last && frequency_hz < rows[low].frequency_hz) {
-        low--;
-    }
-    uint32_t high = low + 1u;
-    if (low >= last || frequency_hz < rows[low].frequency_hz || frequency_hz >= rows[high].frequency_hz) {
-        low = 0u;
-        high = last;
-        while (high - low > 1u) {
-            const uint32_t middle = (low + high) >> 1;
-            if (frequency_hz < rows[middle].frequency_hz) {
-                high = middle;
-            } else {
-                low = middle;
-            }
+    uint32_t low = *near; /* frequencies change slowly: mostly the same row */
+    if (low >= last || frequency_hz < rows[low].frequency_hz || frequency_hz >= rows[low + 1u].frequency_hz) {
+        const avc_row_t *base = rows;
+        uint32_t length = last;
+        while (length > 1u) { /* the row sought is in [base, base + length) */
+            const uint32_t half = length >> 1;
+            base += frequency_hz >= base[half].frequency_hz ? half : 0u;
+            length -= half;
         }
+        low = (uint32_t)(base - rows);
     }
+    const uint32_t high = low + 1u;
     *near = low;
     const float base = table->ln_frequency[low];
     const float span = table->ln_frequency[high] - base;

@@ -1,0 +1,119 @@
+"""The figures of hardware/README.md, measured: ``PYTHONPATH=tests python tests/benchmarks/hardware_figures.py``.
+
+Needs the emulator, the cross compiler and its binutils. Times on the wire are virtual: they depend on no computer.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+import statistics
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+from hardware_bench import run, schedule
+
+from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableSettings, Wall, firmware_build, push, stream
+from avc_hardware._messages import Kind
+from avc_hardware._profile import tick_instructions
+from avc_hardware._runtime_program import RuntimeFigures, c_sources, runtime_programs
+from avc_hardware.firmware_build import TARGETS, build_image
+
+SETTINGS = TableSettings(wall=Wall(10.0, 1e5))
+GAINS = schedule(200, largest=(300.0, 1e5, 50.0))
+
+
+def motion(tick: int) -> int:
+    """A tap of 0.4 mm from 3 to 21 Hz, in counts."""
+    time = tick * 1e-3
+    return round(200 * math.sin(2 * math.pi * (3 + 6 * time) * time))
+
+
+def wire(folder: Path, baud: int) -> None:
+    """Push, round trip and stream at one rate of the virtual wire."""
+    image = build_image("netduinoplus2", folder, baud=baud)
+    board = EmulatedBoard(image)
+    result = push(GAINS, board, baud=baud, settings=SETTINGS)
+    trips = []
+    with Connection(board, baud=baud) as connection:
+        for _ in range(50):
+            start = board.now_s()
+            connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
+            trips.append(board.now_s() - start)
+    print(f"{baud} baud: 200 rows pushed, verified and read back in {result.seconds:.3f} s ({result.attempts} attempt)")
+    print(f"  STATUS round trip {1e3 * statistics.median(trips):.2f} ms (median of {len(trips)})")
+    for rate in (50, 100):
+        streamed = stream(GAINS, EmulatedBoard(image), baud=baud, rate_hz=rate, seconds=5, settings=SETTINGS)
+        print(
+            f"  SET_GAINS at {rate} Hz: {streamed.taken} of {streamed.sent} taken, {streamed.lost} lost, "
+            f"round trip {1e3 * streamed.round_trip_s:.2f} ms, largest {1e3 * streamed.round_trip_max_s:.2f} ms"
+        )
+
+
+def instructions() -> None:
+    """Instructions of a tick on the Cortex-M4F."""
+    ticks = tick_instructions(GAINS, settings=SETTINGS, counts=motion, ticks=1500)
+    guarded = tick_instructions(GAINS, settings=TableSettings(wall=SETTINGS.wall, guard=True), counts=motion, ticks=300)
+    most: Counter[str] = Counter()
+    for tick in (*ticks, *guarded):
+        for name, count in tick.functions.items():
+            most[name] = max(most[name], count)
+    print("instructions of a tick, Cortex-M4F, 1500 ticks of a tap of 3 to 21 Hz:")
+    for name, count in most.most_common():
+        typical = statistics.median(tick.functions.get(name, 0) for tick in (*ticks[500:], *guarded[-1:]))
+        print(f"  {name:20} {typical:6.0f} typical {count:6} at most")
+    rows = {
+        "look-up, interpolation, force": ("avc_table_lookup", "avc_ln", "avc_couple_step"),
+        "everything but the estimator": tuple(name for name in most if name != "avc_estimate_step"),
+        "everything": tuple(most),
+    }
+    for title, names in rows.items():
+        totals = [sum(tick.functions.get(name, 0) for name in names) for tick in ticks]
+        print(f"  {title:30} {statistics.median(totals[500:]):6.0f} typical {max(totals):6} at most")
+
+
+def bare_force(folder: Path) -> None:
+    """The same without what makes a change of gains passive: look-up, interpolation and coupling force alone."""
+    copy = folder / "bare"
+    shutil.copytree(firmware_build.FIRMWARE, copy)
+    figures = RuntimeFigures(slew_per_s=None, passive=False)
+    couple = runtime_programs(figures)[1]
+    for name, text in c_sources(couple, figures).items():
+        (copy / "core" / "generated" / name).write_text(text, encoding="utf-8")
+    control = copy / "core" / "avc_control.c"  # a coupling without anchor has no use for the held force
+    control.write_text(
+        re.sub(r".*couple\.held_force_n = .*", "", control.read_text(encoding="utf-8")), encoding="utf-8"
+    )
+    kept = firmware_build.FIRMWARE, firmware_build.GENERATED
+    firmware_build.FIRMWARE, firmware_build.GENERATED = copy, copy / "core" / "generated"
+    image = build_image("netduinoplus2", folder / "bare-image")
+    firmware_build.FIRMWARE, firmware_build.GENERATED = kept
+    ticks = tick_instructions(GAINS, settings=SETTINGS, counts=motion, ticks=1500, image=image)
+    names = ("avc_table_lookup", "avc_ln", "avc_couple_step")
+    totals = [sum(tick.functions.get(name, 0) for name in names) for tick in ticks]
+    print(f"  the force without adaptation   {statistics.median(totals[500:]):6.0f} typical {max(totals):6} at most")
+
+
+def sizes(folder: Path) -> None:
+    """Flash and memory of every board."""
+    for target in TARGETS:
+        image = build_image(target, folder)
+        report = run("arm-none-eabi-size", str(image)).decode()
+        text, data, bss = report.splitlines()[1].split()[:3]
+        print(f"{target:14} {int(text) + int(data):6} bytes of flash, {int(data) + int(bss):6} bytes of memory")
+    report = run("arm-none-eabi-nm", "--size-sort", "-S", str(build_image("netduinoplus2", folder))).decode()
+    for line in reversed(report.splitlines()):
+        _, size, kind, name = line.split()
+        if int(size, 16) >= 64:
+            print(f"  {name:24} {int(size, 16):6} bytes {'of flash' if kind in 'tTrR' else 'of memory'}")
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as name:
+        for rate in (115200, 921600):
+            wire(Path(name), rate)
+        instructions()
+        bare_force(Path(name))
+        sizes(Path(name))

@@ -1,0 +1,63 @@
+"""The firmware of three boards in QEMU, in real time behind a pseudo-terminal, over pyserial; no rate is asserted."""
+
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hardware_bench import require, schedule, scratch
+
+from avc_hardware import Wall, gain_table, monitor, push, stream
+from avc_hardware._table import TableSettings
+from avc_hardware.firmware_build import build_image
+
+SETTINGS = TableSettings(wall=Wall(10.0, 1e5))
+
+
+@pytest.fixture(params=["netduinoplus2", "mps2-an386", "lm3s6965evb"])
+def port(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
+    require("qemu-system-arm", "arm-none-eabi-gcc")
+    image = build_image(request.param, scratch())
+    program = shutil.which("qemu-system-arm")
+    assert program is not None
+    log = tmp_path / "qemu.log"
+    with log.open("wb") as output:
+        process = subprocess.Popen(  # noqa: S603 - our own arguments
+            [program, "-M", request.param, "-kernel", str(image), "-nodefaults", "-display", "none", "-serial", "pty"],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        )
+    try:
+        named = None
+        while named is None:
+            assert process.poll() is None, log.read_text()
+            named = re.search(r"redirected to (/dev/pts/\d+)", log.read_text())
+        # QEMU looks for a reader once a second; a spare one keeps it sending while ports are opened and closed.
+        spare = os.open(named.group(1), os.O_RDWR | os.O_NOCTTY)
+        yield named.group(1)
+        os.close(spare)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_push_stream_and_monitor(port: str) -> None:
+    gains = schedule(200, seed=1)
+    result = push(gains, port, settings=SETTINGS)
+    assert result.readback_equal
+    assert result.crc32 == gain_table(gains, settings=SETTINGS).crc32
+    again = push(gains, port, settings=SETTINGS)
+    assert again.table_id == result.table_id
+    streamed = stream(gains, port, rate_hz=50, seconds=0.5, settings=SETTINGS)
+    assert streamed.sent == 25
+    assert streamed.taken > 0
+    assert not streamed.status.streaming
+    first, *_, last = monitor(port, rate_hz=20, seconds=0.2)
+    assert last.ticks > first.ticks
+    assert last.table_crc32 == result.crc32
+    assert last.swaps == 1
+    assert last.bytes_lost == 0
