@@ -14,7 +14,7 @@ ENCODER_M = 61.4e-6
 
 
 def _run(method):
-    problem = load_problem("teaching-plant")
+    problem = load_problem("scenes/teaching-limit-cycle")
     effects = [effect for effect in problem.scene.effects if effect.kind != "guard"]
     if method is not None:
         guard = next(effect for effect in problem.scene.effects if effect.kind == "guard")

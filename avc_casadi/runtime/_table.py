@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 # Largest deviation from a full table, as a share of each gain's largest value.
-TOLERANCE = 1e-3
+TOLERANCE = 5e-3
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,56 @@
+"""Runs of one scene side by side: what the hand does, what the wall answers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from avc_casadi.figures._style import WIDTH_INCHES, styled
+
+if TYPE_CHECKING:
+    from avc_casadi.scene import Run
+
+_COLOURS = ("#d1600a", "#5a5a00", "#08306b")
+
+
+@styled
+def draw_traces(runs: Mapping[str, Run], *, from_s: float = 0.0, deepest_mm: float = 1.6) -> Figure:
+    """Draw penetration and force of each run, with its verdict and its stiffness.
+
+    Args:
+        runs: at most three runs by name.
+        from_s: where the time axis begins.
+        deepest_mm: extent of the axis of penetration either way; what leaves it is cut.
+    """
+    figure = Figure(figsize=(WIDTH_INCHES, 4.2), layout="constrained")
+    panels = figure.subplots(2, len(runs), sharex=True, sharey="row", squeeze=False)
+    strongest = 0.0
+    for column, (name, run) in enumerate(runs.items()):
+        above, below = panels[:, column]
+        shown = run.time_s >= from_s
+        time, depth, force = run.time_s[shown], 1e3 * run.position_m[shown], run.force_n[shown]
+        colour = _COLOURS[column % len(_COLOURS)]
+        above.axhspan(0, deepest_mm, color="0.93", zorder=0)
+        above.axhline(0, color="0.5", linewidth=0.8, zorder=1)
+        above.plot(time, np.clip(depth, -2 * deepest_mm, 2 * deepest_mm), color=colour, linewidth=1.0)
+        below.plot(time, force, color=colour, linewidth=1.0)
+        below.axhline(0, color="0.5", linewidth=0.8, zorder=1)
+        above.set_title(f"({'abc'[column]}) {name}\n{_verdict(run)}")
+        below.set_xlabel("Time (s)")
+        if run.stable:
+            strongest = max(strongest, float(np.abs(force).max()))
+    panels[0, 0].set_ylim(deepest_mm, -deepest_mm)
+    panels[0, 0].set_ylabel("Position (mm),\ngrey: wall")
+    panels[1, 0].set_ylabel("Force (N)")
+    panels[1, 0].set_ylim(-0.15 * strongest, 1.6 * strongest)
+    panels[0, 0].set_xlim(from_s, next(iter(runs.values())).time_s[-1])
+    return figure
+
+
+def _verdict(run: Run) -> str:
+    if not run.stable:
+        return "unstable"
+    return f"stable, {run.apparent_stiffness_n_per_m / 1e3:.1f} kN/m"
