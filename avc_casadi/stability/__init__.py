@@ -1,5 +1,6 @@
 """Linear stability of the frozen loop with a set of hands: a claim of its own beside passivity."""
 
+from avc_casadi.stability._expm import expm as expm
 from avc_casadi.stability._hands import HandSet as HandSet
 from avc_casadi.stability._hands import hand_set as hand_set
 from avc_casadi.stability._hands import no_hand as no_hand

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.stability._expm import expm
+
 if TYPE_CHECKING:
     from avc_casadi.passivity import Fractions
     from avc_casadi.passivity._sampled import Values
     from avc_casadi.problem import Device, Problem
     from avc_casadi.stability._hands import FloatArray, HandSet
-
-_TAYLOR_TERMS = 14
 
 
 def mechanics(mass_kg: Values, damping_ns_per_m: Values, stiffness_n_per_m: Values, sample_time_s: float) -> FloatArray:
@@ -63,21 +63,12 @@ def _first_order(b: FloatArray, k: FloatArray, t: float) -> FloatArray:
 
 
 def _exponential(rate: FloatArray) -> FloatArray:
-    """Matrix exponential of each (3, 3) matrix: Taylor series of a scaled matrix, squared back."""
+    """Matrix exponential of each (3, 3) matrix."""
     # The force column is scaled to the others; it only enters linearly.
     scale = np.maximum(np.abs(rate[:, 1, 2]), np.finfo(np.float64).tiny)
     scaled = rate.copy()
     scaled[:, 1, 2] = np.sign(rate[:, 1, 2])
-    norm = np.max(np.sum(np.abs(scaled), axis=2))
-    halvings = int(np.clip(np.ceil(np.log2(max(norm, 1e-300))) + 3, 0, 200))
-    small = scaled / 2.0**halvings
-    term = np.broadcast_to(np.eye(3), rate.shape).copy()
-    total = term.copy()
-    for order in range(1, _TAYLOR_TERMS):
-        term = term @ small / order
-        total = total + term
-    for _ in range(halvings):
-        total = total @ total
+    total = expm(scaled)
     total[:, :2, 2] *= scale[:, None]
     return np.asarray(total)
 
