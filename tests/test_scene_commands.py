@@ -37,6 +37,20 @@ def test_an_unstable_scene_ends_with_1(capsys):
     assert "buzzes" in out.out
 
 
+def test_against_others(capsys, tmp_path):
+    plot = str(tmp_path / "a.png")
+    arguments = "simulate", "scenes/stiff-wall-pressed", "--against", "none", "--plot", plot
+    code, out = call(capsys, *arguments, "--json")
+    document = json.loads(out.out)
+    assert code == 0
+    (bare,) = document["against"]
+    assert (bare["coupling"], bare["outcome"], bare["buzzing"]) == ("none", "unstable", True)
+    assert (document["coupling"], document["outcome"], document["buzzing"]) == ("static", "asymptotic", False)
+    code, out = call(capsys, *arguments)
+    assert "none" in out.out
+    assert "rate-" in out.out
+
+
 def test_explain_trace_and_plot(capsys, tmp_path):
     files = str(tmp_path / "a.npz"), str(tmp_path / "a.png")
     code, out = call(capsys, "simulate", "scenes/free-motion", "--explain", "--trace", files[0], "--plot", files[1])
@@ -80,6 +94,8 @@ def test_screen(capsys):
         (("simulate", "scenes/soft-tissue", "--seed", "-1"), "--seed"),
         (("simulate", "scenes/soft-tissue", "--trace", "run.csv"), "--trace"),
         (("screen", "scenes/soft-tissue", "--tolerance", "2"), "--tolerance"),
+        (("simulate", "scenes/soft-tissue", "--against", "magic"), "--against"),
+        (("simulate", "scenes/soft-tissue", "--against", "none,none,none,none"), "--against"),
         (("simulate", "no-such-scene"), "no-such-scene"),
     ],
 )

@@ -13,6 +13,22 @@ from avc_casadi.cli._text import number, table
 
 if TYPE_CHECKING:
     from avc_casadi.design import GainSchedule
+    from avc_casadi.scene import Gains
+
+# A figure holds four runs that can be told apart.
+_MOST_OTHERS = 3
+_COMPARED = (
+    "coupling",
+    "damping_ns_per_m",
+    "stiffness_n_per_m",
+    "contact_damping_ns_per_m",
+    "outcome",
+    "stable",
+    "buzzing",
+    "apparent_stiffness_n_per_m",
+    "rate_hardness_n_per_m",
+    "energy_generated_j",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,6 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
     parser.add_argument("--gains", metavar="GAINS", help="gain file in place of the scene's own coupling")
+    parser.add_argument(
+        "--against", metavar="C1,C2", help="simulate and draw other couplings too: up to 3 of none and the methods"
+    )
     parser.add_argument("--explain", action="store_true", help="show what each effect adds, and which are absent")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="other draws of all noises (default 0)")
     parser.add_argument("--trace", metavar="FILE", help="write all traces (.npz) and a manifest beside them (.json)")
@@ -38,9 +57,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if args.seed < 0:
         raise avc.InputError.of(f"is {args.seed}; allowed: 0 or more", key="--seed")
     problem = avc.load_problem(args.problem)
+    others = _others(args.against)
     gains = gains_of(args.gains, problem, console)
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
         found = avc.simulate(problem, gains, seed=args.seed)
+        beside = [avc.simulate(problem, _gains_by(name, problem), seed=args.seed) for name in others]
     with console.step("cost of each effect"):
         parts = explain(problem, gains)
     if trace is not None:
@@ -49,10 +70,31 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         from avc_casadi.figures import draw_scene, save_figure
 
         with console.step("figure"):
-            save_figure(draw_scene([found]), plot)
+            save_figure(draw_scene([found, *beside]), plot)
     document = found.document(trace) | parts.document()
+    if beside:
+        document["against"] = [{name: run.document()[name] for name in _COMPARED} for run in beside]
     complaint = "" if found.stable else f"avc: {problem.name}: the device does not come to rest ({found.claim})"
     return Answer(document, _text(document, args), code=1 if complaint else 0, complaint=complaint)
+
+
+def _others(text: str | None) -> list[str]:
+    """Split the couplings of --against and check them."""
+    from avc_casadi.design import METHODS
+
+    names = [] if text is None else [name.strip() for name in text.split(",")]
+    wrong = [name for name in names if name not in ("none", *METHODS)]
+    if wrong or len(names) > _MOST_OTHERS:
+        what = f"{', '.join(wrong)}: no coupling" if wrong else f"{len(names)} couplings"
+        allowed = f"none, {', '.join(METHODS)}; at most {_MOST_OTHERS}, separated by commas"
+        raise avc.InputError.of(f"{what}; allowed: {allowed}", key="--against")
+    return names
+
+
+def _gains_by(name: str, problem: avc.Problem) -> Gains | GainSchedule:
+    from avc_casadi.scene import NO_COUPLING
+
+    return NO_COUPLING if name == "none" else avc.solve(problem, name)
 
 
 def gains_of(file: str | None, problem: avc.Problem, console: Console) -> GainSchedule | None:
@@ -90,11 +132,28 @@ def _text(document: dict[str, Any], args: argparse.Namespace) -> str:
         f"  energy given out beyond that taken in   {number(_times(document['energy_generated_j'], 1e3))} mJ",
         f"  {document['criterion']}",
     ]
+    if "against" in document:
+        lines += ["", *_against(document)]
     if args.explain:
         lines += ["", *_explanation(document)]
     lines += [f"written: {path}" for path in (document["trace"],) if path is not None]
     lines += [f"drawn: {args.plot}"] if args.plot is not None else []
     return "\n".join(lines)
+
+
+def _against(document: dict[str, Any]) -> list[str]:
+    rows = [
+        [
+            run["coupling"],
+            run["outcome"] + (", buzzes" if run["buzzing"] else ""),
+            number(run["apparent_stiffness_n_per_m"]),
+            number(run["rate_hardness_n_per_m"]),
+            number(_times(run["energy_generated_j"], 1e3)),
+        ]
+        for run in (document, *document["against"])
+    ]
+    head = ("coupling", "outcome", "apparent\nstiffness\nN/m", "rate-\nhardness\nN/m", "energy\ngiven out\nmJ")
+    return [table(head, rows, left=(0, 1))]
 
 
 def _times(value: float | None, factor: float) -> float | None:
