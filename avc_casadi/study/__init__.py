@@ -1,16 +1,29 @@
 """The paper's experiment with simulated people, and how real a wall can feel while it stays stable."""
 
+from avc_casadi.study._adversary import WIDER_BOUNDS as WIDER_BOUNDS
+from avc_casadi.study._adversary import WorstCase as WorstCase
+from avc_casadi.study._adversary import worst_case as worst_case
 from avc_casadi.study._binomial import exact_interval as exact_interval
 from avc_casadi.study._calibration import calibrated_stiffness as calibrated_stiffness
 from avc_casadi.study._calibration import expected_share as expected_share
 from avc_casadi.study._calibration import with_wall as with_wall
+from avc_casadi.study._campaign import run_campaign as run_campaign
 from avc_casadi.study._designs import COUPLINGS as COUPLINGS
 from avc_casadi.study._designs import Coupling as Coupling
 from avc_casadi.study._designs import Design as Design
+from avc_casadi.study._designs import constant as constant
 from avc_casadi.study._designs import design as design
 from avc_casadi.study._designs import physical_wall as physical_wall
 from avc_casadi.study._designs import tuning_problem as tuning_problem
+from avc_casadi.study._limits import DampingRange as DampingRange
+from avc_casadi.study._limits import corner_subjects as corner_subjects
+from avc_casadi.study._limits import damping_range as damping_range
+from avc_casadi.study._limits import stiffest_wall as stiffest_wall
 from avc_casadi.study._paper import PAPER as PAPER
+from avc_casadi.study._reach import reach as reach
+from avc_casadi.study._reach import tuned as tuned
+from avc_casadi.study._reach import with_observer as with_observer
+from avc_casadi.study._realism import error_curve as error_curve
 from avc_casadi.study._subjects import Subjects as Subjects
 from avc_casadi.study._subjects import draw_subjects as draw_subjects
 from avc_casadi.study._table import DEFAULT_HANDS as DEFAULT_HANDS
@@ -18,3 +31,4 @@ from avc_casadi.study._table import DEFAULT_SEED as DEFAULT_SEED
 from avc_casadi.study._table import table1 as table1
 from avc_casadi.study._trial import MOTIONS as MOTIONS
 from avc_casadi.study._trial import Conditions as Conditions
+from avc_casadi.study._trial import all_motions as all_motions

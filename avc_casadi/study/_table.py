@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi.study._binomial import CONFIDENCE
-from avc_casadi.study._designs import COUPLINGS, TUNED_MARGIN_NS_PER_M, Coupling, Design
+from avc_casadi.study._designs import COUPLINGS, TUNED_MARGIN_SHARE, Coupling, Design
 from avc_casadi.study._matching import WEBER, WEBER_SWEEP
 from avc_casadi.study._paper import PAPER, PEOPLE
 from avc_casadi.study._subjects import Population, draw_subjects
@@ -94,7 +94,9 @@ def _method() -> dict[str, Any]:
         "interval": f"exact binomial (Clopper-Pearson), {CONFIDENCE:.0%}",
         "calibrated": "stiffness of VE4 to VE6, from the paper's column without coupling alone",
         "predicted": "every other count",
-        "training": f"corners and 24 draws of set A; frozen loop stable with {TUNED_MARGIN_NS_PER_M:g} N.s/m to spare",
+        "training": (
+            f"corners and 24 draws of set A; the frozen loop is stable without {TUNED_MARGIN_SHARE:g} k_e T/2 of damping"
+        ),
         "matching": (
             "rms difference of force or position from the reference wall in contact, whichever is larger; unable "
             "where neither coupling, or not one from the other, differs by more than the Weber fraction"

@@ -16,10 +16,12 @@ from avc_casadi.problem import (
     Effect,
     EncoderEffect,
     EstimatorEffect,
+    GuardEffect,
     HandEffect,
     Hold,
     JitterEffect,
     Motion,
+    ObserverEffect,
     Press,
     Scene,
     Stroke,
@@ -61,6 +63,8 @@ class Conditions:
         encoder_m: resolution of the encoder; 0 is none.
         delay_samples: whole samples of delay.
         dropped_share: share of the samples that the computer misses.
+        observer_mass_kg: mass that the observer behind the encoder reckons with; None is no observer.
+        guarded: with the passivity controller in the time domain.
         runtime: what follows a gain table.
     """
 
@@ -68,6 +72,8 @@ class Conditions:
     encoder_m: float = 0.0
     delay_samples: int = 0
     dropped_share: float = 0.0
+    observer_mass_kg: float | None = None
+    guarded: bool = False
     runtime: tuple[Effect, ...] = (EstimatorEffect(), AdaptationEffect())
 
     @classmethod
@@ -87,6 +93,10 @@ class Conditions:
             listed.append(CoulombFrictionEffect(force_n=self.friction_n))
         if self.encoder_m > 0:
             listed.append(EncoderEffect(resolution_m=self.encoder_m))
+            if self.observer_mass_kg is not None:
+                listed.append(ObserverEffect(mass_kg=self.observer_mass_kg))
+        if self.guarded:
+            listed.append(GuardEffect())
         if self.delay_samples > 0:
             listed.append(DelayEffect(samples=self.delay_samples))
         if self.dropped_share > 0:

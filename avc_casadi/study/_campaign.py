@@ -1,0 +1,47 @@
+"""Long studies: cells of work, each written to a file as soon as it is done, so that a stopped study goes on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+
+def run_campaign(
+    cells: Mapping[str, Callable[[], dict[str, Any]]],
+    path: Path,
+    about: dict[str, Any],
+    done: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Compute the cells that a file does not hold yet.
+
+    Args:
+        cells: name of each cell and what computes it, JSON values.
+        path: JSON document; written anew after each cell.
+        about: command, seed and whatever else the cells depend on. A file with another one is not continued.
+        done: called with the name of each cell that is finished.
+
+    Returns:
+        The document {about, cells}.
+
+    Raises:
+        ValueError: the file belongs to another study.
+    """
+    document: dict[str, Any] = {"about": about, "cells": {}}
+    if path.exists():
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found["about"] != about:
+            raise ValueError(f"{path} holds another study: {found['about']}; move it away or repeat that one")
+        document = found
+    for name, compute in cells.items():
+        if name in document["cells"]:
+            continue
+        document["cells"][name] = compute()
+        text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+        partial = path.with_suffix(".partial")
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+        if done is not None:
+            done(name)
+    return document

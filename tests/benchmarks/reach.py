@@ -1,0 +1,71 @@
+"""The wall of figure 5 before many simulated people: how many come to rest, and how real it feels.
+
+nice -n 10 python tests/benchmarks/reach.py [PEOPLE] [OUT]
+
+Writes OUT (default tests/benchmarks/results/reach.json) after every cell and goes on where it stopped.
+"""
+
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+import avc_casadi as avc
+from avc_casadi.study import Conditions, draw_subjects, reach, run_campaign, tuned, with_observer
+
+SEED = 2026
+WALL = "ve7"
+# Damping in reserve, N.s/m: enough for these people; and enough for a coarse encoder and a search for the worst.
+LEAST_MARGIN, MARGIN = 2.0, 6.0
+
+
+def cells(people):
+    problem = avc.load_problem(WALL)
+    coarse = with_observer(problem, Conditions(encoder_m=20e-6))
+    cases = {
+        "no friction": (Conditions(), LEAST_MARGIN),
+        "as declared (0.2 N, 2 um)": (Conditions.declared(problem), LEAST_MARGIN),
+        "no friction, 20 um, observer": (coarse, MARGIN),
+        "0.2 N, 20 um, observer": (with_observer(problem, Conditions(0.2, 20e-6)), MARGIN),
+        "no friction, 20 um, no observer": (Conditions(encoder_m=20e-6), MARGIN),
+        "no friction, margin 6": (Conditions(), MARGIN),
+        "as declared, margin 6": (Conditions.declared(problem), MARGIN),
+    }
+    for case, (conditions, margin) in cases.items():
+        for scheduled in (False, True):
+            name = f"{'schedule' if scheduled else 'static-tuned'}, set A, {case}"
+            yield name, partial(_cell, problem, scheduled, margin, "A", people, conditions)
+    for population, many in (("B", people // 10), ("arm", 1)):
+        for case in ("no friction", "as declared (0.2 N, 2 um)"):
+            conditions, margin = cases[case]
+            name = f"static-tuned, set {population}, {case}"
+            yield name, partial(_cell, problem, False, margin, population, many, conditions)
+
+
+def _cell(problem, scheduled, margin, population, people, conditions):
+    started = time.perf_counter()
+    gains = tuned(problem, scheduled=scheduled, margin_ns_per_m=margin)
+    found = reach(problem, gains, draw_subjects(population, people, SEED), conditions)
+    return found | {"margin_ns_per_m": margin, "seconds": round(time.perf_counter() - started, 1)}
+
+
+def main(people, out):
+    about = {
+        "command": f"python tests/benchmarks/reach.py {people}",
+        "wall": WALL,
+        "seed": SEED,
+        "avc_casadi": avc.__version__,
+    }
+    document = run_campaign(dict(cells(people)), out, about, done=lambda name: print(name, flush=True))
+    for name, cell in document["cells"].items():
+        low = cell["stable_low"]
+        print(f"{name}: {cell['stable']} of {cell['people']} (at least {100 * low:.2f} %)", cell["stiffness_share"])
+
+
+if __name__ == "__main__":
+    results = Path(__file__).parent / "results"
+    results.mkdir(exist_ok=True)
+    main(
+        int(sys.argv[1]) if len(sys.argv) > 1 else 10_000,
+        Path(sys.argv[2]) if len(sys.argv) > 2 else results / "reach.json",
+    )
