@@ -76,11 +76,14 @@ class Reference:
         for start, end in itertools.pairwise([*self.corners, self.corners[0]]):
             if start != end:
                 walked += self._edge(start, end)
-        if not walked:
-            point = self.corners[0]
-            return ([Stretch((point, point), [abs(self.impedance(point))])] if self._excess(point) >= 0 else []), []
-        changes = [two[1].ends[0] for one, two in itertools.pairwise([walked[-1], *walked]) if one[0] != two[0]]
-        return [stretch for feasible, stretch in walked if feasible], changes
+        changes = [two[1].ends[0] for one, two in itertools.pairwise([*walked[-1:], *walked]) if one[0] != two[0]]
+        stretches = [stretch for feasible, stretch in walked if feasible]
+        # A corner may be feasible alone: no coupling on a device without damping, or a box without extent.
+        reached = {end for stretch in stretches for end in stretch.ends}
+        alone = [
+            corner for corner in dict.fromkeys(self.corners) if corner not in reached and self._excess(corner) >= 0
+        ]
+        return [*stretches, *(Stretch((corner, corner), [abs(self.impedance(corner))]) for corner in alone)], changes
 
     def _edge(self, start: Gains, end: Gains) -> list[tuple[bool, Stretch]]:
         def at(share: Real) -> Gains:

@@ -1,0 +1,279 @@
+"""Every hard case ends in a right answer, checked against 50 digits, or in a refusal that names cause and key."""
+
+import math
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.accuracy._reference import MP, NUMBERS, series_error
+from avc_casadi.design import project, solve
+from avc_casadi.impedance import coupling_gains, loop_at
+from avc_casadi.problem import Problem
+
+WITHIN = 1e-10
+
+
+def problem_of(text_or_tables):
+    return Problem.model_validate(text_or_tables)
+
+
+def wall(*, frequencies=(0.01, 1.0, 17.0, 120.0, 499.5), **changes):
+    """A stiff wall with bounds about 0.9 of it; ``changes`` are dotted keys with __ for the dot."""
+    tables = {
+        "device": {"mass_kg": 0.1, "damping_ns_per_m": 2.0},
+        "environment": {"damping_ns_per_m": 10.0, "stiffness_n_per_m": 1e5},
+        "boundaries": {
+            "upper": {"damping_ns_per_m": 11.0, "stiffness_n_per_m": 1.1e5},
+            "lower": {"damping_ns_per_m": 7.0, "stiffness_n_per_m": 0.7e5},
+        },
+        "coupling": {},
+        "stability": {},
+        "frequency": {"values_hz": list(frequencies)},
+    }
+    for key, value in changes.items():
+        table, name = key.split("__")
+        tables[table][name] = value
+    return problem_of(tables)
+
+
+def bounded(share, **changes):
+    """The wall with both bounds at a share of it."""
+    environment = {
+        "damping_ns_per_m": changes.get("environment__damping_ns_per_m", 10.0),
+        "stiffness_n_per_m": changes.get("environment__stiffness_n_per_m", 1e5),
+    }
+    bound = {key: value * share for key, value in environment.items()}
+    return wall(boundaries__upper=bound, boundaries__lower=bound, **changes)
+
+
+def assert_right(problem):
+    """`exact` and `direct` stand on the optimum to 1e-10, or agree with the reference that there are no gains."""
+    methods = {method: solve(problem, method) for method in ("exact", "direct")}
+    for row, frequency in enumerate(problem.frequencies_hz()):
+        truth = series_error(problem, float(frequency))
+        loop = loop_at(problem, MP.mpf(float(frequency)), NUMBERS)
+        for schedule in methods.values():
+            if truth is None:
+                assert schedule.status[row] == "infeasible"
+                assert "missed by" in schedule.reason[row]
+                continue
+            assert schedule.usable[row], (schedule.method, frequency, schedule.reason[row])
+            b, k = (MP.mpf(gain[row]) for gain in (schedule.damping_ns_per_m, schedule.stiffness_n_per_m))
+            z, radius = loop.perceived(b, k), abs(loop.target)
+            terms = abs(loop.device) + abs(loop.hold * loop.desired)
+            assert abs(abs(abs(z) - radius) - truth) <= WITHIN * max(radius, 1e-6 * terms), (schedule.method, frequency)
+            assert z.real - problem.stability.margin_ns_per_m >= -1e-14 * terms
+    assert_closed_form_right(problem)
+
+
+def assert_closed_form_right(problem):
+    """Projection and gains of the closed form against 50 digits; every row is realisable or says why not."""
+    schedule, projection = solve(problem, "closed-form"), project(problem)
+    for row, frequency in enumerate(problem.frequencies_hz()):
+        loop = loop_at(problem, MP.mpf(float(frequency)), NUMBERS)
+        margin = MP.mpf(problem.stability.margin_ns_per_m)
+        delta = max(MP.mpf(0), margin - loop.target.real)
+        terms = abs(loop.device) + abs(loop.hold * loop.desired)
+        # Z_d grows without bound towards Nyquist, and the rounding of f T with it.
+        rounding = 1e-13 + 1e-16 / (0.5 - float(frequency) * problem.device.sample_time_s)
+        assert abs(MP.mpc(complex(projection.impedance[row])) - loop.target - delta) <= rounding * terms
+        assert abs(MP.mpf(float(projection.injected_damping_ns_per_m[row])) - delta) <= rounding * terms
+        if schedule.status[row] == "not-realisable":
+            assert "asks for" in schedule.reason[row]
+            continue
+        rendered = loop.desired + delta / loop.hold
+        b, k = coupling_gains(loop.angle, loop.environment * rendered / (loop.desired_gap - delta / loop.hold))
+        size = abs(b) + abs(k) * loop.angle.sample_time_s
+        gap = abs(loop.desired_gap) + delta / abs(loop.hold)
+        allowed = 1e-12 * size * (1 + abs(rendered) / gap * 1e-3)
+        assert abs(MP.mpf(float(schedule.damping_ns_per_m[row])) - b) <= allowed
+        assert math.isfinite(schedule.stiffness_n_per_m[row])
+
+
+# Frequency
+
+
+def test_a_hundredth_of_a_hertz_at_ten_kilohertz():
+    assert_right(wall(device__sample_time_s=1e-4, frequencies=(0.01, 0.02, 0.1)))
+
+
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+def test_a_thousandth_below_nyquist(model):
+    assert_right(wall(stability__model=model, frequencies=(490.0, 499.0, 499.5, 499.9999)))
+
+
+def test_nyquist_itself_is_refused_by_name():
+    with pytest.raises(ValueError, match=r"Nyquist.*allowed: below 500 Hz"):
+        wall(frequencies=(1.0, 500.0))
+
+
+@pytest.mark.parametrize("values", [(5.0, 1.0), (1.0, 1.0), (1.0, 2.0, 2.0, 3.0)])
+def test_unsorted_and_repeated_frequencies_are_refused(values):
+    with pytest.raises(ValueError, match="allowed: increasing values"):
+        wall(frequencies=values)
+
+
+def test_one_frequency_only():
+    assert_right(wall(frequencies=(33.0,)))
+
+
+# Environment
+
+
+@pytest.mark.parametrize("share", [1.0, 1 - 1e-12, 1 + 1e-12, 0.5, 2.0])
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+def test_desired_wall_equal_near_softer_and_stiffer(share, model):
+    assert_right(bounded(share, stability__model=model))
+    assert_right(bounded(share, stability__model=model, device__damping_ns_per_m=200.0))
+
+
+def test_rigid_coupling_is_named_and_not_infinite():
+    schedule = solve(bounded(1.0, device__damping_ns_per_m=200.0), "closed-form")
+    assert all("rigid coupling" in reason for reason in schedule.reason)
+    assert np.isnan(schedule.damping_ns_per_m).all()
+
+
+@pytest.mark.parametrize(("b_e", "k_e"), [(0.0, 1e5), (10.0, 0.0), (0.0, 0.0), (10.0, 1e9), (0.0, 1e-8), (1e9, 1e12)])
+@pytest.mark.parametrize("share", [0.9, 1.0])
+def test_pure_spring_pure_damper_free_space_and_very_stiff(b_e, k_e, share):
+    environment = {"environment__damping_ns_per_m": b_e, "environment__stiffness_n_per_m": k_e}
+    assert_right(bounded(share, **environment))
+    assert_right(bounded(share, stability__model="sampled-data", **environment))
+
+
+# Device
+
+
+def test_no_device_damping_is_refused_by_the_static_method_only():
+    problem = wall(device__damping_ns_per_m=0.0)
+    assert_right(problem)
+    assert_right(wall(device__damping_ns_per_m=0.0, stability__model="sampled-data"))
+    with pytest.raises(avc.UnsupportedError, match="damping_ns_per_m"):
+        solve(problem, "static")
+
+
+def test_no_device_mass():
+    assert_right(wall(device__mass_kg=0.0))
+    assert_right(wall(device__mass_kg=0.0, device__damping_ns_per_m=0.0))
+
+
+@pytest.mark.parametrize(("sample_time", "frequencies"), [(1e-5, (0.01, 1.0, 4.9e4)), (0.1, (0.001, 1.0, 4.99))])
+def test_very_short_and_very_long_samples(sample_time, frequencies):
+    assert_right(wall(device__sample_time_s=sample_time, frequencies=frequencies))
+
+
+@pytest.mark.parametrize("delay", [1, 2, 20])
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+def test_delay(delay, model):
+    assert_right(wall(device__delay_samples=delay, stability__model=model))
+    assert_right(wall(device__delay_samples=delay, stability__model=model, device__damping_ns_per_m=60.0))
+
+
+# Real part
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-15, -1e-15, 4e-16, -4e-16, 1e-12, -1e-12])
+def test_case_boundary_of_the_projection(offset):
+    """Re Z_h_ds = b_d + cos^2(phi)(b_ds - k_ds T/2) is 0, and hardly so: with b_d = 0 exactly where b_ds = k_ds T/2."""
+    bound = {"damping_ns_per_m": 50.0 * (1 + offset), "stiffness_n_per_m": 1e5}
+    problem = wall(device__damping_ns_per_m=0.0, boundaries__upper=bound, boundaries__lower=bound)
+    real = loop_at(problem, problem.frequencies_hz()).target.real
+    assert np.all(np.abs(real) <= 1e-10)
+    assert_right(problem)
+
+
+def test_resonance_where_the_goal_nearly_vanishes():
+    problem = avc.load_problem("hard/resonance")
+    frequency = problem.frequencies_hz()
+    loop = loop_at(problem, frequency)
+    nearest = np.argsort(np.abs(loop.target))[:3]
+    assert np.abs(loop.target[nearest[0]]) < 0.05 * np.abs(loop.device[nearest[0]])
+    values = tuple(sorted(float(frequency[row]) for row in nearest))
+    assert_right(problem.model_copy(update={"frequency": type(problem.frequency)(values_hz=values)}))
+
+
+# Gain box
+
+
+@pytest.mark.parametrize(
+    ("b", "k"),
+    [
+        ((20.0, 20.0), (0.0, 1e6)),
+        ((0.0, 1e3), (5e4, 5e4)),
+        ((20.0, 20.0), (5e4, 5e4)),
+        ((0.0, 0.0), (0.0, 0.0)),
+        ((0.0, 1e-9), (0.0, 1e-9)),
+        ((1e-6, 1e6), (1e-3, 1e9)),
+        ((1e-9, 1e9), (1e-9, 1e12)),
+    ],
+)
+def test_flat_tiny_and_twelve_decades_wide_boxes(b, k):
+    for model in ("paper", "sampled-data"):
+        assert_right(wall(coupling__damping_ns_per_m=b, coupling__stiffness_n_per_m=k, stability__model=model))
+
+
+def test_a_box_without_passive_gains_says_by_how_much():
+    problem = wall(
+        coupling__damping_ns_per_m=(0.0, 1.0), coupling__stiffness_n_per_m=(1e6, 1e7), stability__model="sampled-data"
+    )
+    schedule = solve(problem, "direct")
+    assert "infeasible" in schedule.status
+    assert_right(problem)
+
+
+def test_a_reversed_box_is_refused():
+    with pytest.raises(ValueError, match="reversed"):
+        wall(coupling__damping_ns_per_m=(5.0, 1.0))
+
+
+# Numbers
+
+BAD_NUMBERS = [
+    ("mass_kg = inf", "mass_kg"),
+    ("mass_kg = nan", "mass_kg"),
+    ("mass_kg = -0.1", "mass_kg"),
+    ('mass_kg = "0.1"', "mass_kg"),
+    ("mass_kg = 1e308", "mass_kg"),
+    ("mass_kg = 5e-324", "mass_kg"),
+    ("mass_kg = 0.1\nmass_lb = 3", "mass_lb"),
+]
+
+
+@pytest.mark.parametrize(("line", "key"), BAD_NUMBERS)
+def test_bad_numbers_are_refused_with_their_line(tmp_path, line, key):
+    path = tmp_path / "bad.toml"
+    path.write_text(
+        f"[device]\n{line}\ndamping_ns_per_m = 2.0\n[environment]\ndamping_ns_per_m = 1.0\nstiffness_n_per_m = 1.0\n"
+    )
+    with pytest.raises(avc.InputError) as refused:
+        avc.load_problem(path)
+    (fault,) = refused.value.faults
+    assert fault.key == f"device.{key}"
+    assert fault.line == 2 + line.count("\n")
+
+
+def test_integers_stand_for_floats():
+    assert wall(device__mass_kg=1).device.mass_kg == 1.0
+    assert_right(wall(device__mass_kg=1, device__damping_ns_per_m=2))
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00d", b"[device\n", b"\x00" * 100])
+def test_empty_and_foreign_files_are_refused(tmp_path, content):
+    path = tmp_path / "bad.toml"
+    path.write_bytes(content)
+    with pytest.raises(avc.InputError) as refused:
+        avc.load_problem(path)
+    assert str(path) in str(refused.value) or "bad.toml" in str(refused.value)
+
+
+# Catalogue
+
+
+@pytest.mark.parametrize("name", [entry.name for entry in avc.catalogue() if entry.name.startswith("hard/")])
+def test_every_hard_problem_of_the_catalogue(name):
+    problem = avc.load_problem(name)
+    frequency = problem.frequencies_hz()
+    rows = np.unique(np.linspace(0, len(frequency) - 1, 8).round().astype(int))
+    values = tuple(float(frequency[row]) for row in rows)
+    assert_right(problem.model_copy(update={"frequency": type(problem.frequency)(values_hz=values)}))
