@@ -95,7 +95,9 @@ def test_firmware_feels_like_the_scene() -> None:
     trace = loop.run(wall().scene.duration_s)
     scene = avc.simulate(wall(), schedule_gains())
     difference = np.abs(np.array(trace.position_m) - scene.position_m)
-    assert difference.max() < 1e-5  # five steps of the encoder
+    # A step of the encoder or of the output that falls the other way is felt for some samples, and dies out.
+    assert np.sqrt(np.mean(difference**2)) < 5e-6
+    assert difference.max() < 5e-5
     assert difference[scene.position_m < 0][:100].max() < 1e-9  # before the wall, the same plant
     assert np.mean(trace.force_n[-500:]) == pytest.approx(scene.force_n[-500:].mean(), rel=0.01)
 
