@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 Expr = Any
 FloatArray = NDArray[np.float64]
 Real = Literal["float", "double"]
+_BLOCK = 200
 
 
 @dataclass(frozen=True)
@@ -62,13 +64,23 @@ class Step:
         Returns:
             Every output, shape (ticks,).
         """
-        import casadi as ca  # noqa: PLC0415
-
         columns = np.atleast_2d(np.asarray(inputs, dtype=np.float64))
         ticks = columns.shape[1]
-        held = ca.repmat(ca.DM(np.asarray(parameters, dtype=np.float64).reshape(-1, 1)), 1, ticks)
-        results = self.function.mapaccum("run", ticks)(list(self.initial), columns, held)[1].full()
+        held = np.tile(np.asarray(parameters, dtype=np.float64).reshape(-1, 1), _BLOCK)
+        results = np.empty((len(self.outputs), ticks))
+        state = np.array(self.initial)
+        for first in range(0, ticks, _BLOCK):
+            block = columns[:, first : first + _BLOCK]
+            whole = np.pad(block, ((0, 0), (0, _BLOCK - block.shape[1])))
+            states, outputs = self._block(state, whole, held)
+            state = states.full()[:, -1]
+            results[:, first : first + _BLOCK] = outputs.full()[:, : block.shape[1]]
         return dict(zip(self.outputs, results, strict=True))
+
+    @cached_property
+    def _block(self) -> Any:
+        """`_BLOCK` ticks in one call: building it for all ticks of a run would take longer than the run."""
+        return self.function.mapaccum("block", _BLOCK)
 
 
 @dataclass
