@@ -25,8 +25,8 @@ DISTANCE = 1e-7
 
 
 def faults(problem: Problem, direct: GainSchedule, exact: GainSchedule) -> collections.Counter[str]:
-    """Count faults over the rows of one problem; tolerances are relative to |Z_h_ds|."""
-    radius = np.abs(exact.target)
+    """Count faults over the rows of one problem; tolerances are relative to |Z_h_ds| or |Z_h|, the larger."""
+    radius = np.fmax(np.abs(exact.target), np.abs(exact.impedance))
     use = direct.usable & exact.usable
     excess = (direct.magnitude_error - exact.magnitude_error)[use] / radius[use]
     distance = np.abs(direct.impedance - direct.target) - np.abs(exact.impedance - exact.target)
