@@ -15,7 +15,7 @@ from avc_hardware.firmware_build import build_fuzzer
 
 CORPUS = (Path(__file__).parent / "hardware_corpus.txt").read_text(encoding="utf-8").split()
 SECONDS = int(os.environ.get("AVC_FUZZ_SECONDS", "4"))
-INSTALL = "apt-get install -y --no-install-recommends clang libclang-rt-14-dev"
+INSTALL = "apt-get install -y --no-install-recommends clang libclang-rt-dev"
 
 
 def corpus_folder() -> Path:
