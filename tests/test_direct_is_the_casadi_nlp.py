@@ -7,6 +7,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.design import solve
 from avc_casadi.design._nlp import coupling_nlp, nlp_parameters
+from avc_casadi.design._nlp_solver import nlp_solvers
 from avc_casadi.design._optimality import KKT_TOLERANCE, optimality
 from avc_casadi.design._rows import best_candidate
 from avc_casadi.impedance import abs2, coupling_impedance, loop_at
@@ -62,6 +63,19 @@ def test_objective_depends_on_b_and_k_and_nothing_stands_between():
     by_k = (goal(b, k * (1 + step)) - goal(b, k * (1 - step))) / (2 * step * k)
     np.testing.assert_allclose(slope_b, by_b, rtol=1e-4, atol=1e-6 * np.abs(slope_b).max())
     np.testing.assert_allclose(slope_k, by_k, rtol=1e-4, atol=1e-6 * np.abs(slope_k).max())
+
+
+def test_ipopt_minimises_literally_11_in_b_and_k():
+    """What nlpsol was given, taken out of it again, is (|Z_h_ds| - |Z_h_avc|)^2 of (b, k, b_p), unscaled."""
+    oracle = nlp_solvers("ipopt", 1e-10).direct.oracle()
+    for problem, gains in cases(10):
+        loop = loop_at(problem, problem.frequencies_hz())
+        parameters = nlp_parameters(problem, loop)
+        z = loop.perceived(*gains)
+        for row, expected in enumerate((np.abs(loop.target) - np.abs(z)) ** 2):
+            values = oracle(x=np.array(gains)[:, row], p=parameters[:, row])
+            scale = abs(loop.target[row]) + abs(z[row])
+            assert abs(float(values["f"]) - expected) <= 1e-12 * scale**2
 
 
 def test_division_free_constraint_is_12_times_a_square():

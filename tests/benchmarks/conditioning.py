@@ -143,9 +143,10 @@ def main() -> int:
     print("|---|---|---|--:|---|--:|")
     for make in FORMS:
         form = make()
+        plain_form, our_form = (text.replace("|", "\\|") for text in (form.plain_form, form.our_form))
         print(
-            f"| {form.what} | {form.case} | `{form.plain_form}` | {form.digits(form.plain):.1f} |"
-            f" `{form.our_form}` | {form.digits(form.ours):.1f} |"
+            f"| {form.what} | {form.case} | `{plain_form}` | {form.digits(form.plain):.1f} |"
+            f" `{our_form}` | {form.digits(form.ours):.1f} |"
         )
     return 0
 
