@@ -1,0 +1,187 @@
+"""Estimator, adaptation and observer inside a scene: what they leave alone, never create, and cure."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from avc_casadi import InputError
+from avc_casadi.design import solve
+from avc_casadi.problem import load_problem, parse_problem
+from avc_casadi.runtime import GainTable, HoldSettings, hold_step
+from avc_casadi.scene import Hand, compile_scene, execute, simulate, simulate_batch
+from avc_casadi.scene._ledger import energy_ledger
+from avc_casadi.scene.effects import Adaptation, build_effects
+from avc_hardware._reference import lookup
+
+T = 1e-3
+
+SOFT = """
+[device]
+mass_kg = 0.1
+damping_ns_per_m = 2.0
+[environment]
+damping_ns_per_m = 0.0
+stiffness_n_per_m = 2000.0
+[coupling]
+stiffness_n_per_m = [0.0, 1e7]
+[frequency]
+start_hz = 1.0
+stop_hz = 50.0
+points = 40
+[scene]
+duration_s = 3.5
+coupling = "static"
+[scene.motion]
+kind = "stroke"
+frequency_hz = 4.0
+amplitude_m = 0.004
+"""
+
+
+def scene(effects, text=SOFT):
+    tables = "\n".join(f"[[scene.effects]]\n{effect}" for effect in ('kind = "hand"', 'kind = "wall"', *effects))
+    return parse_problem(text + tables)
+
+
+ADAPTIVE = ('kind = "estimator"', 'kind = "adaptation"\nhold_s = 0.1\nslew_per_s = 50.0')
+
+
+def with_table(problem, table):
+    """Run a scene with a table of one's own; returns traces and ledger."""
+    effects = build_effects(problem)
+    bound = tuple(
+        effect if not isinstance(effect, Adaptation) else type(effect)(effect.hold, effect.settings, table)
+        for effect in effects
+    )
+    compiled = compile_scene(problem, bound)
+    gains = type("NoGains", (), {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 0.0, "contact_damping_ns_per_m": 0.0})
+    traces = execute(compiled, compiled.parameter_values(gains), compiled.input_values())
+    found = {name: values[0] for name, values in traces.items()}
+    ledger = energy_ledger(
+        found["position_m"],
+        found["force_n"],
+        found["tool_m"],
+        found["stiffness_n_per_m"],
+        compiled.environment,
+        found["anchor_m"],
+    )
+    return found, ledger
+
+
+@pytest.mark.parametrize("passive", ["true", "false"])
+def test_adapting_between_equal_rows_is_no_adaptation(passive):
+    gains = solve(scene(()), "static")
+    constant = simulate(scene(()), gains)
+    adaptive = simulate(scene(('kind = "estimator"', f'kind = "adaptation"\npassive = {passive}')), gains)
+    np.testing.assert_allclose(adaptive.position_m, constant.position_m, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(adaptive.force_n, constant.force_n, rtol=0, atol=1e-9)
+    assert np.nanmedian(adaptive.interaction_hz[1000:2400]) == pytest.approx(4.0, rel=0.05)
+    assert np.isnan(adaptive.interaction_hz[-1])
+
+
+JUMPING = GainTable(np.array([1.0, 3.9, 3.901, 50.0]), np.array([[5.0] * 4, [1e3, 1e3, 1e7, 1e7], [0.0] * 4]))
+
+
+def test_gain_switch_at_full_deflection_creates_energy_only_without_the_anchor():
+    # The device goes in with a soft coupling, which stiffens at full deflection and softens on the way out.
+    least = {}
+    for passive in ("true", "false"):
+        problem = scene(('kind = "estimator"', f'kind = "adaptation"\npassive = {passive}'))
+        found, ledger = with_table(problem, JUMPING)
+        rises = np.diff(found["stiffness_n_per_m"]) > 1e6
+        assert (rises & (found["force_n"][:-1] > 1)).sum() >= 3
+        # What sampling itself creates: the steps of a spring that is held for T, at most the wall's.
+        sampled = np.concatenate([[0.0], np.cumsum(0.5 * 2000.0 * np.diff(found["position_m"]) ** 2)])
+        least[passive] = (ledger.dissipated_j + sampled).min()
+    assert least["true"] > -1e-9
+    assert least["false"] < -0.01
+
+
+def test_a_table_that_jumps_by_ten_thousand_stays_at_rest_when_nobody_moves():
+    problem = scene(ADAPTIVE, SOFT.replace('kind = "stroke"', 'kind = "hold"').split("frequency_hz = 4.0")[0])
+    found, _ = with_table(problem, JUMPING)
+    assert not found["interaction_hz"][-500:].any()
+    assert np.abs(found["velocity_m_per_s"][-500:]).max() < 1e-6
+    assert np.all(found["stiffness_n_per_m"][-500:] == 1e3)
+
+
+def test_anchor_is_forgotten_outside_the_wall_and_the_wall_does_not_melt():
+    found, _ = with_table(scene(ADAPTIVE, SOFT.replace("amplitude_m = 0.004", "amplitude_m = 0.015")), JUMPING)
+    assert np.abs(found["anchor_m"]).max() > 1e-6
+    assert np.all(found["anchor_m"][found["position_m"] <= 0] == 0)
+    stiff = (found["force_n"] > 1) & (found["stiffness_n_per_m"] > 1e6)
+    # The wall of 2000 N/m behind a coupling of 1e7 N/m, to the last stroke.
+    strokes = found["force_n"][stiff] / found["position_m"][stiff]
+    assert len(strokes) > 300
+    assert np.median(strokes[-200:]) > 0.95 * 2000
+
+
+def test_table_look_up_is_the_device_s():
+    problem = load_problem("figure5")
+    schedule = solve(problem, "exact")
+    table = GainTable.of(schedule, tolerance=0.0)
+    assert table.rows == schedule.usable.sum()
+    at = np.geomspace(0.1, 2000, 500)
+    rows = np.column_stack([table.frequency_hz, table.gains.T]).astype(np.float32)
+    np.testing.assert_allclose(table(at), lookup(rows, at).T, rtol=2e-3, atol=1e-3)
+    np.testing.assert_array_equal(table(np.array([1e-6]))[:, 0], table.gains[:, 0])
+    np.testing.assert_array_equal(table(np.array([1e6]))[:, 0], table.gains[:, -1])
+
+
+def test_table_keeps_its_tolerance_and_its_expressions_agree():
+    schedule = solve(load_problem("scenes/adaptive-press-series"), "schedule")
+    full, thin = GainTable.of(schedule, 0.0), GainTable.of(schedule, 1e-2)
+    assert thin.rows < full.rows / 2
+    at = np.geomspace(0.5, 600, 300)
+    # A gain below a thousandth of its largest is held to that thousandth.
+    scale = np.maximum(full(at), 1e-3 * full.gains.max(axis=1, keepdims=True))
+    assert np.abs(thin(at) - full(at)).max(axis=1) == pytest.approx(0, abs=1.1e-2 * scale.max())
+    assert np.all(np.abs(thin(at) - full(at)) <= 1.1e-2 * scale)
+    f = ca.SX.sym("f")
+    evaluated = ca.Function("look_up", [f], [ca.vertcat(*thin.expressions(f))])(at[None]).full()
+    np.testing.assert_allclose(evaluated, thin(at), rtol=1e-9, atol=1e-9)
+
+
+def test_lost_estimate_is_held_then_falls_through_the_table_to_rest():
+    step = hold_step(T, HoldSettings(hold_s=0.2, decay_s=0.1))
+    valid = np.zeros(3000)
+    valid[100:1000] = 1
+    frequency = step.run(np.array([valid * 12.0, valid]), [1.0])["frequency_hz"]
+    assert np.all(frequency[:100] == 1.0)
+    assert np.all(frequency[100:1190] == 12.0)
+    assert np.all(np.diff(frequency[1210:]) < 0)
+    assert frequency[1210 + 100] == pytest.approx(1 + 11 * np.exp(-1), rel=0.1)
+    assert frequency[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_twenty_micrometre_encoder_without_friction_needs_the_observer():
+    problem = load_problem("scenes/adaptive-press")
+    gains = solve(problem, "schedule")
+    rng = np.random.default_rng(4)
+    hands = Hand(rng.uniform(0.05, 0.3, 24), rng.uniform(3, 20, 24), rng.uniform(200, 800, 24))
+    found = simulate_batch(problem, hands, gains)
+    assert found.stable.all()
+    assert not found.buzzing.any()
+    assert np.median(found.apparent_stiffness_n_per_m) > 0.9e5
+    blind = problem.scene.model_copy(
+        update={"effects": tuple(effect for effect in problem.scene.effects if effect.kind != "observer")}
+    )
+    assert simulate_batch(problem.model_copy(update={"scene": blind}), hands, gains).stable.sum() < 6
+
+
+def test_dropped_ticks_and_a_desk_lost_by_noise_leave_numbers_finite():
+    extra = ('kind = "jitter"\nrms_s = 1e-4\ndropped_share = 0.05', 'kind = "noise"\nrms_m = 1e-4')
+    run = simulate(scene((*ADAPTIVE, *extra)), solve(scene(()), "static"))
+    for trace in (run.position_m, run.force_n, run.stiffness_n_per_m):
+        assert np.all(np.isfinite(trace))
+    assert run.certificate()["outcome"] == run.claim
+
+
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [('kind = "adaptation"', "no estimate to follow"), ('kind = "observer"', "no steps to look between")],
+)
+def test_effects_without_what_they_need_are_refused_by_name(effect, message):
+    with pytest.raises(InputError, match=message) as refused:
+        simulate(scene((effect,)))
+    assert "scene.effects[2]" in str(refused.value)
