@@ -153,7 +153,7 @@ def solve_program(
     stats = solver.stats()
     if stats["return_status"] == "NonIpopt_Exception_Thrown":
         raise KeyboardInterrupt
-    states = np.asarray(result["x"], dtype=np.float64).reshape((d, free), order="F")
+    states = result["x"].full().reshape((d, free), order="F")
     return Solution(
         states=np.repeat(states, n, axis=1) if data.constant else states,
         cost=float(result["f"]),

@@ -15,7 +15,7 @@ from avc_casadi.design.schedule._task import Task
 from avc_casadi.stability import ScopeSlack
 
 _ROUNDS = 20
-_NEARLY = 1e-5
+_NEARLY = 1e-4
 """Misses below this share of the scale are made good by asking for more; larger ones need their frequency first."""
 
 
@@ -87,7 +87,7 @@ def refined(
 def _tightened(task: Task, solution: Solution, worst: ScopeSlack, backoff: FloatArray, missed: BoolArray) -> FloatArray:
     """Ask missed rows for more: by their miss where the NLP's tolerance or the table of the hands is to blame."""
     if task.hands is not None:
-        table = np.array(task.hands(solution.states))[0]
+        table = task.hands(solution.states).full()[0]
         return np.where(missed, np.maximum(table, backoff) - 1.1 * worst.slack + task.tolerance, backoff)
     short = -worst.slack / task.scale_ns_per_m
     return np.where(missed, backoff + np.where(short < _NEARLY, 2 * short, 0.0) + task.tolerance, backoff)

@@ -19,7 +19,7 @@ from avc_casadi.design.schedule._infeasible import missing_rows, steep_reason
 from avc_casadi.design.schedule._quality import quality_notes
 from avc_casadi.design.schedule._refine import Outcome, refined
 from avc_casadi.design.schedule._scope import Slots
-from avc_casadi.design.schedule._starts import best_of_starts
+from avc_casadi.design.schedule._starts import from_starts
 from avc_casadi.design.schedule._task import Task
 from avc_casadi.problem import Problem
 
@@ -87,14 +87,17 @@ def _from_before(task: Task, before: Outcome) -> Outcome | None:
 
 
 def _from_scratch(task: Task) -> Outcome:
-    """Solve from several starts, keep the cheapest, then add what violates the scope."""
+    """Solve from several starts; add what violates the scope to the cheapest solution, or else to the next."""
     missing = missing_rows(task)
-    found = best_of_starts(task, missing)
-    outcome = refined(task, found.best, found.slots, missing, found.costs, solved=found.best.success)
-    if outcome is None:
-        failed = replace(found.best, success=False)
-        return Outcome(failed, found.slots, task.states.gains(failed.states), missing, found.costs)
-    return outcome
+    found = from_starts(task, missing)
+    for solution in found.solutions:
+        outcome = refined(task, solution, found.slots, missing, found.costs, solved=solution.success)
+        if outcome is not None:
+            return outcome
+    best = found.solutions[0]
+    message = "rows that keep violating their scope" if best.success else best.message
+    failed = replace(best, success=False, message=message)
+    return Outcome(failed, found.slots, task.states.gains(failed.states), missing, found.costs)
 
 
 def _schedule(task: Task, outcome: Outcome) -> GainSchedule:

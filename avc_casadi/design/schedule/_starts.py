@@ -16,22 +16,26 @@ from avc_casadi.design.schedule._task import Task
 
 _SMOOTHING = 0.1
 """Width in ln(omega) over which the separate optima are averaged: they jump, and the NLP would follow each jump."""
-
-
 _STAGES = 200
 """Stages on which the starts of a schedule of more than twice as many are compared."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """The cheapest solution over the starts, the frequencies it bounded, and the costs that were reached."""
+    """What the starts led to.
 
-    best: Solution
+    Attributes:
+        solutions: of the NLP, the cheapest that converged first.
+        slots: the frequencies that they bounded.
+        costs: of those that converged.
+    """
+
+    solutions: tuple[Solution, ...]
     slots: Slots
     costs: tuple[float, ...]
 
 
-def best_of_starts(task: Task, missing: Missing) -> Found:
+def from_starts(task: Task, missing: Missing) -> Found:
     """Solve from each start, and long schedules on some of their stages first.
 
     Frequencies at which a start has its worst Re Z_h are bounded from the beginning.
@@ -43,10 +47,10 @@ def best_of_starts(task: Task, missing: Missing) -> Found:
     few = task.at(task.frequency_hz[some])
     found = _over_all_stages(few, missing.at(some))
     x, y = task.log_frequency, few.log_frequency
-    start = np.array([np.interp(x, y, state) for state in found.best.states])
+    start = np.array([np.interp(x, y, state) for state in found.solutions[0].states])
     slots = _seeded(task, missing, [start])
     best = solve_program(task.data(slots, task.backoff(missing.rows)), task.objective, start, extra=task.hands)
-    return Found(best, slots, found.costs)
+    return Found((best,), slots, found.costs)
 
 
 def _over_all_stages(task: Task, missing: Missing) -> Found:
@@ -66,9 +70,8 @@ def _over_all_stages(task: Task, missing: Missing) -> Found:
     solutions = [solve_program(data, task.objective, start, extra=task.hands, patient=False) for start in starts]
     if not any(solution.success for solution in solutions):
         solutions = [solve_program(data, task.objective, start, extra=task.hands) for start in starts[:2]]
-    reached = [solution for solution in solutions if solution.success]
-    best = min(reached or solutions, key=lambda solution: solution.cost)
-    return Found(best, slots, tuple(solution.cost for solution in reached))
+    ranked = sorted(solutions, key=lambda solution: (not solution.success, solution.cost))
+    return Found(tuple(ranked), slots, tuple(solution.cost for solution in ranked if solution.success))
 
 
 def _seeded(task: Task, missing: Missing, starts: list[FloatArray]) -> Slots:

@@ -135,11 +135,11 @@ class Task:
         """Cost of states (d, m) at a stage with a penalty for missed constraints, (m,)."""
         size = data.size(self.problem.realism.objective)
         functions = stage_functions(size.objective, size.states, size.slots)
-        cost = np.array(functions.cost(nodes, data.cost[:, stage]))[0]
+        cost = functions.cost(nodes, data.cost[:, stage]).full()[0]
         if self.hands is None:
-            margins = np.array(functions.margins(nodes, data.cost[:, stage], data.slots[:, stage]))
+            margins = functions.margins(nodes, data.cost[:, stage], data.slots[:, stage]).full()
         else:
-            margins = np.array(self.hands(nodes))
+            margins = self.hands(nodes).full()
         total: FloatArray = cost + _MISS * np.maximum(0.0, data.least[:, stage, None] - margins).sum(axis=0)
         return total
 
