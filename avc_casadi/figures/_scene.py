@@ -48,20 +48,22 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None) -> Figur
             # Thousands of turns: a thin grey veil behind the others.
             line |= {"color": "0.55", "linestyle": "-", "linewidth": 0.35, "zorder": 2}
         label = f"{name}: {_OUTCOMES[run.claim]}{', buzzes' if run.buzzing else ''}"
-        position.plot(run.time_s, 1e3 * run.position_m, label=label, **line)
-        force.plot(run.time_s, run.force_n, **line)
-        loop.plot(1e3 * run.position_m, run.force_n, **line)
-        energy.plot(run.time_s, 1e3 * run.ledger.absorbed_j, **line)
+        kept = slice(0, run.samples_in_reach)
+        time, x = run.time_s[kept], 1e3 * run.position_m[kept]
+        position.plot(time, x, label=label, **line)
+        force.plot(time, run.force_n[kept], **line)
+        loop.plot(x, run.force_n[kept], **line)
+        energy.plot(time, 1e3 * run.ledger.absorbed_j[kept], **line)
     _limits(position, force, loop, energy, runs)
-    for axes, title, x, y in (
+    for axes, title, x_label, y_label in (
         (position, "(a) position", "time (s)", "position (mm)"),
         (force, "(b) force on the device", "time (s)", "force (N)"),
         (loop, "(c) force against penetration", "position (mm)", "force (N)"),
         (energy, "(d) energy taken in by the virtual side", "time (s)", "energy (mJ)"),
     ):
         axes.set_title(title)
-        axes.set_xlabel(x)
-        axes.set_ylabel(y)
+        axes.set_xlabel(x_label)
+        axes.set_ylabel(y_label)
     for axes in (position, energy):
         axes.axhline(0, color="0.4", linewidth=0.7, zorder=0)
     loop.axvline(0, color="0.4", linewidth=0.7, zorder=0)
@@ -71,35 +73,32 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None) -> Figur
 
 
 def _limits(position: Axes, force: Axes, loop: Axes, energy: Axes, runs: Sequence[Run]) -> None:
-    """Keep a diverging run from flattening the others."""
+    """Keep a run that does not rest from flattening the others."""
     calm = [run for run in runs if run.stable] or list(runs)
-    travel = max(float(np.ptp(runs[0].target_m)), 1e-6)
-    depth = [_finite(run.position_m) for run in runs]
-    low = max(min(float(values.min()) for values in depth), runs[0].target_m.min() - _SHOWN_TRAVEL * travel)
-    high = min(max(float(values.max()) for values in depth), runs[0].target_m.max() + _SHOWN_TRAVEL * travel)
-    _span(position, 1e3 * low, 1e3 * max(high, float(runs[0].target_m.max())))
-    pushing = [_finite(run.force_n) for run in calm]
-    largest = 1.6 * max(float(np.abs(values).max(initial=0.0)) for values in pushing)
-    lowest = min(float(values.min(initial=0.0)) for values in pushing)
-    if largest > 0:
-        _span(force, 1.6 * min(lowest, 0.0), largest)
-        _span(loop, 1.6 * min(lowest, 0.0), largest)
-    contact = [_finite(run.position_m[run.force_n != 0]) for run in calm]
-    shown = [values for values in contact if values.size]
-    if shown:
-        near, far = min(float(v.min()) for v in shown), max(float(v.max()) for v in shown)
-        room = max(far - near, 1e-9)
-        loop.set_xlim(1e3 * (near - 0.3 * room), 1e3 * (far + 0.2 * room))
-    taken = [_finite(run.ledger.absorbed_j) for run in calm]
-    least, most = min(float(v.min()) for v in taken), max(float(v.max()) for v in taken)
-    if most > least:
-        _span(energy, 1e3 * min(least, -0.3 * most), 1e3 * 1.4 * most)
+    aim = runs[0].target_m
+    travel = _SHOWN_TRAVEL * max(float(np.ptp(aim)), 1e-6)
+    depth = np.concatenate([run.position_m[: run.samples_in_reach] for run in runs] + [aim])
+    shown = depth[np.abs(depth - np.clip(depth, aim.min(), aim.max())) <= travel]
+    _span(position, 1e3 * shown.min(), 1e3 * shown.max())
+    pushing = np.concatenate([run.force_n[: run.samples_in_reach] for run in calm])
+    lowest, largest = min(1.6 * pushing.min(), 0.0), max(1.6 * pushing.max(), 0.0)
+    for axes in (force, loop):
+        _span(axes, lowest, largest)
+    contact = np.concatenate([_contact(run) for run in calm])
+    if contact.size:
+        room = max(float(np.ptp(contact)), 1e-9)
+        loop.set_xlim(1e3 * (contact.min() - 0.3 * room), 1e3 * (contact.max() + 0.2 * room))
+    taken = np.concatenate([run.ledger.absorbed_j[: run.samples_in_reach] for run in calm])
+    _span(energy, 1e3 * min(taken.min(), -0.3 * taken.max()), 1.4e3 * taken.max())
 
 
-def _finite(values: Any) -> Any:
-    return values[np.isfinite(values)]
+def _contact(run: Run) -> Any:
+    reached = slice(0, run.samples_in_reach)
+    return run.position_m[reached][run.force_n[reached] != 0]
 
 
 def _span(axes: Axes, low: float, high: float) -> None:
-    room = 0.05 * (high - low)
-    axes.set_ylim(low - room, high + room)
+    """Show a range with some room; an axis without any range keeps matplotlib's."""
+    if high > low:
+        room = 0.05 * (high - low)
+        axes.set_ylim(low - room, high + room)

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from avc_casadi.scene._judge import CRITERION, Judgement
+from avc_casadi.scene._judge import CRITERION, LOST_M, Judgement
 from avc_casadi.scene._ledger import Ledger
 
 FloatArray = NDArray[np.float64]
@@ -81,6 +81,12 @@ class Run:
     def time_s(self) -> FloatArray:
         """Times of the samples."""
         return np.arange(self.samples, dtype=np.float64) * np.float64(self.sample_time_s)
+
+    @property
+    def samples_in_reach(self) -> int:
+        """Number of samples before the run leaves the workspace for good; all of them, unless it diverged."""
+        beyond = ~(np.abs(self.position_m) < LOST_M)
+        return int(beyond.argmax()) if beyond.any() else self.samples
 
     @property
     def stable(self) -> bool:
