@@ -18,9 +18,7 @@ from avc_casadi.problem._scene_file import (
     HandEffect,
     WallEffect,
 )
-from avc_hardware import _messages as m
 from avc_hardware._in_the_loop import FirmwareInTheLoop
-from avc_hardware._messages import Kind
 from avc_hardware._runtime_program import RuntimeFigures
 
 # Stable as the scenes say it: no faster than this in the last half second.
@@ -141,10 +139,9 @@ def test_loop_is_the_same_in_every_run() -> None:
 def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:
     loop = FirmwareInTheLoop(wall())
     loop.push(schedule_gains())
-    session = loop.connection.session
     loop.run(1.5)
     assert loop.status().contact
-    loop.connection.run(session.ask(Kind.HEARTBEAT, m.heartbeat(200), m.HeartbeatSeen))
+    loop.connection.heartbeat(0.2)
     before = len(loop.trace.force_n)
     loop.run(0.15)
     assert loop.status().mode == "table"
@@ -155,7 +152,7 @@ def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:
     ramp = np.array(loop.trace.force_n[before:])
     assert ramp[-50:].max() <= OUTPUT_STEP_N
     assert np.abs(np.diff(ramp)).max() < 2 * COUNT_N  # no jump on the way to nothing
-    loop.connection.run(session.ask(Kind.HEARTBEAT, m.heartbeat(0), m.HeartbeatSeen))
+    loop.connection.heartbeat(0.0)
     loop.run(0.05)
     assert loop.status().mode == "safe"  # still inside the wall: no force comes back there
 

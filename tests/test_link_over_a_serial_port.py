@@ -97,6 +97,25 @@ def test_unplugging_in_mid_session_is_reported(bench: Bench) -> None:
             pass
 
 
+def test_monitor_finds_a_device_again_by_its_serial_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    benches = [Bench(host_core()), Bench(host_core())]
+    found = [(benches[0].port, "A1")]
+    monkeypatch.setattr(ports_module.tools, "comports", lambda: [usb(*port) for port in found])
+    samples = monitor("usb:A1", rate_hz=100, seconds=1.0, reconnect_s=20.0)
+    next(samples)
+    benches[1].core.tick(np.zeros(5000, dtype=np.int32))
+    found[0] = (benches[1].port, "A1")
+    benches[0].unplug()
+    assert next(sample for sample in samples if sample.ticks >= 5000)
+    benches[1].unplug()
+
+
+def test_monitor_gives_up_a_device_that_stays_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ports_module.tools, "comports", list)
+    with pytest.raises(LinkError, match="no serial port has the USB serial number A1"):
+        next(monitor("usb:A1", reconnect_s=0.3))
+
+
 def test_a_port_without_a_device_is_reported() -> None:
     master, slave = pty.openpty()
     tty.setraw(slave)
@@ -117,22 +136,23 @@ def test_a_port_of_another_user_is_reported(monkeypatch: pytest.MonkeyPatch) -> 
         push(schedule(5), "/dev/ttyACM0")
 
 
-def test_ports_are_found_by_usb_serial_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    def info(device: str, number: str | None) -> SimpleNamespace:
-        return SimpleNamespace(
-            device=device,
-            description="board",
-            manufacturer="maker" if number else None,
-            vid=0x0483 if number else None,
-            pid=0x5740 if number else None,
-            serial_number=number,
-        )
+def usb(device: str, number: str | None) -> SimpleNamespace:
+    return SimpleNamespace(
+        device=device,
+        description="board",
+        manufacturer="maker" if number else None,
+        vid=0x0483 if number else None,
+        pid=0x5740 if number else None,
+        serial_number=number,
+    )
 
-    found = [info("/dev/ttyS0", None), info("/dev/ttyACM1", "A1"), info("/dev/ttyACM0", "B2")]
+
+def test_ports_are_found_by_usb_serial_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [usb("/dev/ttyS0", None), usb("/dev/ttyACM1", "A1"), usb("/dev/ttyACM0", "B2")]
     monkeypatch.setattr(ports_module.tools, "comports", lambda: found)
     assert [port.device for port in list_ports()] == ["/dev/ttyACM0", "/dev/ttyACM1", "/dev/ttyS0"]
     assert find_port("A1") == "/dev/ttyACM1"
-    found[1] = info("/dev/ttyACM7", "A1")  # plugged in anew
+    found[1] = usb("/dev/ttyACM7", "A1")  # plugged in anew
     assert find_port("A1") == "/dev/ttyACM7"
     with pytest.raises(LinkError, match="present: B2, A1"):
         find_port("C3")

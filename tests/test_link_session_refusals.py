@@ -84,6 +84,59 @@ def test_device_refuses_a_bad_header(settings: TableSettings, reason: Reason) ->
     assert "header" in str(refusal)
 
 
+def test_table_larger_than_the_device_is_refused_by_it() -> None:
+    table = gain_table(schedule(300))
+    assert len(table.rows) == 300
+    assert refused(table) == Refusal(Reason.ROWS, 256)
+
+
+def test_header_that_names_other_rows_is_refused() -> None:
+    core = host_core()
+    connection = Connection(HostLink(core), session=1)
+    table = gain_table(schedule(8))
+    image = struct.pack("<H", 7) + table.image[2:]
+    crc32 = zlib.crc32(image)
+    ask = connection.session.ask
+    connection.run(ask(Kind.BEGIN, m.begin(1, 5, crc32, 8), m.Acknowledged))
+    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, image), m.Acknowledged))
+    with pytest.raises(RefusedError, match="wrong size"):
+        connection.run(ask(Kind.COMMIT, m.commit(1, 5, crc32), m.Committed))
+    assert core.image() is None
+
+
+def test_spoilt_table_with_right_frames_is_refused_by_its_checksum() -> None:
+    core = host_core()
+    connection = Connection(HostLink(core), session=1)
+    table = gain_table(schedule(8))
+    ask = connection.session.ask
+    connection.run(ask(Kind.BEGIN, m.begin(1, 5, table.crc32, 8), m.Acknowledged))
+    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, bytes(len(table.image))), m.Acknowledged))
+    with pytest.raises(RefusedError, match="wrong size"):
+        connection.run(ask(Kind.COMMIT, m.commit(1, 5, table.crc32), m.Committed))
+    spoilt = bytearray(table.image)
+    spoilt[40] ^= 1
+    connection.run(ask(Kind.BEGIN, m.begin(1, 6, table.crc32, 8), m.Acknowledged))
+    connection.run(ask(Kind.CHUNK, m.chunk(1, 6, 0, bytes(spoilt)), m.Acknowledged))
+    with pytest.raises(RefusedError, match="checksum of the table"):
+        connection.run(ask(Kind.COMMIT, m.commit(1, 6, table.crc32), m.Committed))
+    assert core.image() is None
+
+
+def test_heartbeat_reports_the_mode() -> None:
+    core = host_core()
+    connection = Connection(HostLink(core))
+    connection.run(connection.session.push(gain_table(schedule(8)), connection.device))
+    assert connection.heartbeat(0.05) == "table"
+    core.tick(np.zeros(40, dtype=np.int32))
+    assert connection.heartbeat(0.05) == "table"
+    core.tick(np.zeros(60, dtype=np.int32))
+    assert connection.heartbeat(0.05) != "table"
+    core.tick(np.zeros(101, dtype=np.int32))
+    assert connection.heartbeat(0.0) == "safe"
+    core.tick(np.zeros(2, dtype=np.int32))
+    assert connection.heartbeat(0.0) == "table"
+
+
 def test_wrong_sample_time_is_refused_on_both_sides() -> None:
     gains = schedule(3, sample_time_s=2e-3)
     assert refused(gain_table(gains)).reason is Reason.SAMPLE_TIME

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 from collections import deque
 from collections.abc import Callable, Generator
@@ -11,12 +12,14 @@ from avc_casadi import LinkError
 from avc_hardware._bytes import ByteLink, SerialLink
 from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._frames import DELIMITER, Decoder
-from avc_hardware._messages import Device, Log, Message, parse
+from avc_hardware._messages import Device, HeartbeatSeen, Kind, Log, Message, heartbeat, parse
+from avc_hardware._ports import find_port
 from avc_hardware._session import Answer, Exchange, NoAnswerError, Session
 
 T = TypeVar("T")
 
 EMULATOR = "emulator"
+USB = "usb:"
 DEFAULT_BAUD = 115200
 # A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
 _BYTES_ON_THE_WAY = 1536 + 1024
@@ -93,6 +96,21 @@ class Connection:
             result: T = stop.value
             return result
 
+    def heartbeat(self, within_s: float) -> str:
+        """Say that this host is alive, and that it will say so again in time; without that the device fades its force.
+
+        Args:
+            within_s: longest time to the next heartbeat; 0 ends the supervision.
+
+        Returns:
+            Mode of the device: table, ramp or safe.
+
+        Raises:
+            LinkError: no answer.
+        """
+        ticks = math.ceil(within_s / self.device.sample_time_s)
+        return self.run(self.session.ask(Kind.HEARTBEAT, heartbeat(ticks), HeartbeatSeen)).mode
+
     def _exchange(self, exchange: Exchange, end: float) -> Answer:
         if exchange.data:
             self.link.write(exchange.data)
@@ -122,12 +140,18 @@ class Connection:
 
 
 def open_link(port: str, *, baud: int = DEFAULT_BAUD) -> ByteLink:
-    """Open a port: a device path, a pyserial URL, or ``emulator`` for the firmware image on an emulated board.
+    """Open a port.
+
+    Args:
+        port: a device path, a pyserial URL, ``usb:`` and the serial number of a USB device wherever it is plugged in,
+            or ``emulator`` for the firmware image on an emulated board.
+        baud: rate of a serial port.
 
     Raises:
-        LinkError: the port cannot be opened.
+        LinkError: the port is not there or cannot be opened.
         MissingExtraError: the emulator is asked for and not installed.
     """
     if port == EMULATOR:
         return EmulatedBoard()
-    return SerialLink(port, baud)
+    number = port.removeprefix(USB)
+    return SerialLink(find_port(number) if number != port else port, baud)

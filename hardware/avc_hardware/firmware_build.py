@@ -21,7 +21,15 @@ from avc_hardware._firmware import ARM_INSTALL, FIRMWARE, GENERATED, source_hash
 WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-pedantic")
 # One rounding an operation: without it a fused multiply-add would make boards disagree with each other and the host.
 EXACT_FLOAT = ("-ffp-contract=off", "-fno-fast-math")
-CORE = ("avc_crc32.c", "avc_frame.c", "avc_table.c", "avc_control.c", "avc_device.c")
+CORE = (
+    "avc_crc32.c",
+    "avc_frame.c",
+    "avc_table.c",
+    "avc_control.c",
+    "avc_answer.c",
+    "avc_transfer.c",
+    "avc_device.c",
+)
 PARTS = ("avc_couple.c", "avc_guard.c")
 HOST_INSTALL = "apt-get install -y --no-install-recommends gcc"
 

@@ -12,11 +12,11 @@
 
 #include "avc_control.h"
 #include "avc_frame.h"
+#include "avc_ring.h"
 
 enum {
     AVC_PROTOCOL_VERSION = 1,
     AVC_INTERFACE_VERSION = 1,
-    AVC_RING_SIZE = 2048,  /* a power of two */
     AVC_WINDOW = 1536,     /* bytes that the host may have on the way */
     AVC_CHUNK_MAX = 512,   /* table bytes in one message */
     AVC_STALE_TICKS = 2000 /* a transfer without a message for so long may be taken over */
@@ -36,13 +36,6 @@ typedef enum {
     AVC_MESSAGE_LOG = 0xFE,
     AVC_MESSAGE_REFUSED = 0xFF
 } avc_message_t;
-
-/* One writer, one reader; indices run freely and wrap. */
-typedef struct {
-    uint8_t bytes[AVC_RING_SIZE];
-    volatile uint32_t written;
-    volatile uint32_t read;
-} avc_ring_t;
 
 typedef struct {
     bool open;

@@ -1,0 +1,185 @@
+#include <stdatomic.h>
+
+#include "avc_crc32.h"
+#include "avc_link.h"
+
+static avc_table_t *shadow(avc_device_t *device)
+{
+    return &device->control.tables[1u - device->control.active];
+}
+
+static bool avc_runs(const avc_device_t *device, uint32_t table_id, uint32_t crc32)
+{
+    return device->control.state.has_table != 0u && device->control.swap_wanted == 0u &&
+           avc_running(device)->id == table_id && avc_running(device)->crc32 == crc32;
+}
+
+static void acknowledge(avc_device_t *device, uint8_t type, uint16_t sequence)
+{
+    avc_answer_t a = avc_answer(device, (uint8_t)(type | AVC_MESSAGE_REPLY), sequence);
+    avc_put32(&a, device->transfer.table_id);
+    avc_put32(&a, device->transfer.received);
+    avc_send(&a);
+}
+
+static bool transfer_stale(const avc_device_t *device)
+{
+    return device->control.state.ticks - device->transfer.last_tick > AVC_STALE_TICKS;
+}
+
+void avc_on_begin(avc_device_t *device, const avc_request_t *request)
+{
+    avc_transfer_t *transfer = &device->transfer;
+    const uint32_t session = avc_get32(&request->payload[0]);
+    const uint32_t table_id = avc_get32(&request->payload[4]);
+    const uint32_t crc32 = avc_get32(&request->payload[8]);
+    const uint16_t rows = avc_get16(&request->payload[12]);
+    const uint16_t units = avc_get16(&request->payload[14]);
+    if (units != 1u) { /* 1: Hz, N.s/m, N/m, N.s/m */
+        avc_refuse(device, request->sequence, AVC_REFUSED_MESSAGE, units);
+        return;
+    }
+    if (rows == 0 || rows > AVC_ROWS_MAX) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_ROWS, AVC_ROWS_MAX);
+        return;
+    }
+    if (transfer->committing || (transfer->open && transfer->session != session && !transfer_stale(device))) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_BUSY, transfer->session);
+        return;
+    }
+    const uint32_t size = avc_image_size(rows);
+    transfer->open = true;
+    transfer->session = session;
+    transfer->table_id = table_id;
+    transfer->crc32 = crc32;
+    transfer->size = size;
+    transfer->received = avc_runs(device, table_id, crc32) ? size : 0u; /* nothing to do for a table that runs already */
+    transfer->last_tick = device->control.state.ticks;
+    acknowledge(device, AVC_MESSAGE_BEGIN, request->sequence);
+}
+
+static bool in_transfer(avc_device_t *device, const avc_request_t *request)
+{
+    const avc_transfer_t *transfer = &device->transfer;
+    if (!transfer->open) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_NO_TRANSFER, 0u);
+        return false;
+    }
+    if (transfer->session != avc_get32(&request->payload[0]) || transfer->table_id != avc_get32(&request->payload[4])) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_BUSY, transfer->session);
+        return false;
+    }
+    return true;
+}
+
+void avc_on_chunk(avc_device_t *device, const avc_request_t *request)
+{
+    avc_transfer_t *transfer = &device->transfer;
+    if (!in_transfer(device, request)) {
+        return;
+    }
+    const uint32_t offset = avc_get32(&request->payload[8]);
+    const uint32_t count = (uint32_t)(request->size - 12u);
+    if (count == 0u || count > AVC_CHUNK_MAX || offset > transfer->size || count > transfer->size - offset) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, transfer->size);
+        return;
+    }
+    if (offset > transfer->received) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_OFFSET, transfer->received); /* one before it was lost */
+        return;
+    }
+    if (offset + count > transfer->received && !transfer->committing) {
+        memcpy((uint8_t *)&shadow(device)->image + offset, &request->payload[12], count);
+        transfer->received = offset + count;
+    }
+    transfer->last_tick = device->control.state.ticks;
+    acknowledge(device, AVC_MESSAGE_CHUNK, request->sequence);
+}
+
+void avc_on_commit(avc_device_t *device, const avc_request_t *request)
+{
+    avc_transfer_t *transfer = &device->transfer;
+    const uint32_t table_id = avc_get32(&request->payload[4]);
+    const uint32_t crc32 = avc_get32(&request->payload[8]);
+    if (avc_runs(device, table_id, crc32) && !transfer->committing) { /* its answer was lost, or it ran before */
+        transfer->open = false;
+        avc_answer_t a = avc_answer(device, AVC_MESSAGE_COMMIT | AVC_MESSAGE_REPLY, request->sequence);
+        avc_put32(&a, table_id);
+        avc_put32(&a, device->control.state.ticks);
+        avc_send(&a);
+        return;
+    }
+    if (!in_transfer(device, request)) {
+        return;
+    }
+    if (transfer->committing) {
+        transfer->commit_sequence = request->sequence;
+        return;
+    }
+    avc_table_t *table = shadow(device);
+    if (transfer->received != transfer->size || avc_image_size(table->image.header.rows) != transfer->size) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, transfer->received);
+        return;
+    }
+    if (crc32 != transfer->crc32 || avc_crc32(0, (const uint8_t *)&table->image, transfer->size) != crc32) {
+        transfer->received = 0u;
+        avc_refuse(device, request->sequence, AVC_REFUSED_CRC, crc32);
+        return;
+    }
+    uint16_t row;
+    const avc_reason_t reason = avc_image_check(&table->image, &device->control.limits, &row);
+    if (reason != AVC_OK) {
+        transfer->open = false;
+        avc_refuse(device, request->sequence, reason, row);
+        return;
+    }
+    table->id = table_id;
+    table->crc32 = crc32;
+    avc_table_prepare(table);
+    transfer->committing = true;
+    transfer->commit_sequence = request->sequence;
+    atomic_signal_fence(memory_order_release);
+    device->control.swap_wanted = 1u;
+}
+
+/* The tick has swapped: now the commit is answered. */
+void avc_finish_commit(avc_device_t *device)
+{
+    avc_transfer_t *transfer = &device->transfer;
+    transfer->committing = false;
+    transfer->open = false;
+    avc_answer_t a = avc_answer(device, AVC_MESSAGE_COMMIT | AVC_MESSAGE_REPLY, transfer->commit_sequence);
+    avc_put32(&a, transfer->table_id);
+    avc_put32(&a, device->control.state.ticks);
+    avc_send(&a);
+}
+
+void avc_on_abort(avc_device_t *device, const avc_request_t *request)
+{
+    if (device->transfer.open && !device->transfer.committing &&
+        device->transfer.session == avc_get32(&request->payload[0])) {
+        device->transfer.open = false;
+    }
+    acknowledge(device, AVC_MESSAGE_ABORT, request->sequence);
+}
+
+void avc_on_readback(avc_device_t *device, const avc_request_t *request)
+{
+    if (device->control.state.has_table == 0u) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_NO_TABLE, 0u);
+        return;
+    }
+    const avc_table_t *table = avc_running(device);
+    const uint32_t offset = avc_get32(&request->payload[0]);
+    const uint32_t count = avc_get32(&request->payload[4]);
+    const uint32_t size = avc_image_size(table->image.header.rows);
+    if (count == 0u || count > AVC_CHUNK_MAX || offset > size || count > size - offset) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, size);
+        return;
+    }
+    avc_answer_t a = avc_answer(device, AVC_MESSAGE_READBACK | AVC_MESSAGE_REPLY, request->sequence);
+    avc_put32(&a, table->id);
+    avc_put32(&a, offset);
+    avc_put(&a, (const uint8_t *)&table->image + offset, count);
+    avc_send(&a);
+}
