@@ -138,7 +138,7 @@ class Tick:
         for slot in self.states:
             if slot.name == name:
                 return slot.symbol
-        self.at_end.append(lambda: self.follow(name, self.command))
+        self.at_end.append(lambda: self.follow(name, 0.0 if self.command is None else self.command))
         return self.state(name, computed=False)
 
     def trace(self, name: str, value: Expr) -> None:

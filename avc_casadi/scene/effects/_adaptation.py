@@ -49,7 +49,8 @@ class Adaptation(SceneEffect):
             return
         rows = self.table
         step = hold_step(tick.sample_time_s, self.hold)
-        estimate = [tick.frequency_hz, tick.frequency_valid]
+        # Without an estimator, as when its worth is being weighed, the gains are those of rest.
+        estimate = [0.0, 0.0] if tick.frequency_hz is None else [tick.frequency_hz, tick.frequency_valid]
         frequency, _ = insert(tick, "hold", step, estimate, (rows.rest_hz,))
         wanted = rows.expressions(frequency)
         tick.adapt = lambda deflection, one_sided: self._change(tick, wanted, deflection, one_sided=one_sided)
