@@ -78,6 +78,19 @@ def test_document_is_json_and_figure_is_drawn(study, tmp_path):
     assert "<svg" in drawn
 
 
+@pytest.mark.parametrize("name", ["hard/infeasible-box", "hard/free-space"])
+def test_nothing_to_draw_or_nothing_to_gain(name, tmp_path):
+    found = pareto(changed(load_problem(name), frequency={"points": 3}))
+    save_figure(draw_pareto(found), tmp_path / "pareto.png")
+    scopes = found.of("scope", constant=False)
+    document = found.document()["points"]
+    if name == "hard/free-space":
+        assert max(point.complex_error for point in scopes) < 1e-9
+    else:
+        assert {point.rows_without_gains for point in scopes} == {3}
+        assert {point["complex_error"] for point in document if point["study"] == "scope"} == {None}
+
+
 def test_verb(tmp_path, capsys):
     (tmp_path / "p.toml").write_text(dump_problem(changed(load_problem("soft"), frequency={"points": 4})))
     assert main(["pareto", str(tmp_path / "p.toml"), "--plot", str(tmp_path / "p.png"), "--json"]) == 0

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 _ADAPTIVE: dict[str, Any] = {"color": "#08306b", "linestyle": "-", "marker": "o", "label": "adaptive"}
 _CONSTANT: dict[str, Any] = {"color": "#d1600a", "linestyle": (0, (5, 1.6)), "marker": "s", "label": "constant"}
 _PHASE = {"markerfacecolor": "white", "linewidth": 0.9}
+_UNNOTICED = 1e-2
+"""Errors below this, in per cent, are drawn on this line."""
 _COMPLEX, _MAGNITUDE = "complex error", "magnitude error"
 _SHORT = {"own frequency": "own\nfreq.", "all frequencies": "all\nfreq.", "no limit": "none", "constant": "const."}
 # Levels that tell guarantees apart; L4 is about other walls.
@@ -55,13 +57,18 @@ def draw_pareto(study: Pareto) -> Figure:
 
 
 def _errors(axes: Axes, study: Pareto, name: Study) -> None:
-    _curves(axes, study, name, lambda point: 100 * point.complex_error, f", {_COMPLEX}", _PHASE)
-    _curves(axes, study, name, lambda point: 100 * point.magnitude_error, f", {_MAGNITUDE}", {})
-    axes.set_yscale("log")
+    _curves(axes, study, name, lambda point: _per_cent(point.complex_error), f", {_COMPLEX}", _PHASE)
+    _curves(axes, study, name, lambda point: _per_cent(point.magnitude_error), f", {_MAGNITUDE}", {})
+    if any(np.isfinite(point.complex_error) for point in study.of(name)):
+        axes.set_yscale("log")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(FuncFormatter(_some))
     low, high = study.band_hz
     axes.set_ylabel(f"error, {low:.3g} to {high:.3g} Hz (%)")
+
+
+def _per_cent(error: float) -> float:
+    return float(np.maximum(100 * error, _UNNOTICED))
 
 
 def _some(value: float, _position: int) -> str:
@@ -74,7 +81,7 @@ def _stiffness(axes: Axes, study: Pareto, name: Study) -> None:
     desired, limit = study.desired_stiffness_n_per_m / 1e3, study.passive_limit_n_per_m / 1e3
     axes.axhline(desired, color="0.6", linewidth=2.5, zorder=1, label="desired stiffness")
     axes.axhline(limit, color="0.35", linestyle=(0, (1, 1.4)), zorder=1, label="limit of passive linear rendering")
-    axes.set_ylim(0, 1.12 * desired)
+    axes.set_ylim(0, 1.12 * (desired or limit or 1.0))
     axes.set_ylabel(f"at {study.dc_frequency_hz:.3g} Hz (kN/m)")
 
 
@@ -116,7 +123,7 @@ def _certificates(axes: Axes, points: list[Point]) -> None:
             fontsize=7,
             color="0.3",
         )
-    finite = [100 * p.magnitude_error for p in points if np.isfinite(p.magnitude_error)]
+    finite = [_per_cent(p.magnitude_error) for p in points if np.isfinite(p.magnitude_error)]
     if finite:
         low, high = axes.get_ylim()
         axes.set_ylim(min(low, 0.1 * min(finite)), high)
