@@ -16,6 +16,7 @@ import pytest
 from hardware_bench import host_library, require, schedule, scratch
 from numpy.typing import NDArray
 
+from avc_casadi import LinkError
 from avc_hardware import Connection, EmulatedBoard, GainTable, TableSettings, Wall, gain_table
 from avc_hardware._frames import Decoder, Frame
 from avc_hardware._host import BoardLimits, HostCore, State
@@ -179,6 +180,12 @@ def test_qemu_gives_the_same_bits(target: str) -> None:
         force, _ = on_host(HostCore(library), way, swaps)
         assert np.array(forces[:TICKS], dtype=np.float32).tobytes() == force.tobytes()
         assert force.max() > 0
+
+
+def test_a_board_that_does_not_start_is_reported() -> None:
+    require("qemu-system-arm")
+    with pytest.raises(LinkError, match="QEMU ended"):
+        LockStepBoard(scratch() / "absent.elf", "bench-m4f", position=lambda _: 0)
 
 
 def test_generated_sources_are_those_of_the_scene() -> None:

@@ -57,6 +57,8 @@ class SerialLink:
                 exclusive=True,
                 do_not_open=True,
             )
+            # Some USB devices send only to a reader that shows itself; others are reset by that, and HELLO asks again.
+            self._port.dtr, self._port.rts = True, False
             self._port.open()
             self._port.reset_input_buffer()
         except (OSError, ValueError) as error:

@@ -7,6 +7,7 @@ import shutil
 import struct
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -63,16 +64,32 @@ class LockStepBoard:
             ],
             cwd=self._folder.name,
             stdin=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
         )
-        self._from_board = pipes[1].open("rb", buffering=0)
-        self._to_board = pipes[0].open("wb", buffering=0)
+        # Opening a pipe waits for the other end, which may never come: open without waiting, then watch QEMU.
+        self._from_board = os.open(pipes[1], os.O_RDONLY | os.O_NONBLOCK)
+        self._to_board = self._open_when_read(pipes[0])
+        for handle in (self._from_board, self._to_board):
+            os.set_blocking(handle, True)
         self._line = bytearray()
         self._received = bytearray()
         self.force_n = 0.0
         self.instructions = 0.0
         self.ticks = 0
         self.on_force: Callable[[float], None] = lambda _: None
+
+    def _open_when_read(self, pipe: Path) -> int:
+        """Return the pipe's writing end once the firmware has opened the other; it opens that to the plant before."""
+        while True:
+            try:
+                return os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
+            except OSError as error:
+                if self._process.poll() is not None:
+                    os.close(self._from_board)
+                    said = self._process.communicate()[1].decode(errors="replace").strip()
+                    self._folder.cleanup()
+                    raise LinkError(f"QEMU ended before the firmware ran: {said}") from error
+                time.sleep(1e-3)
 
     def tick(self) -> None:
         """Let one sample pass.
@@ -82,7 +99,7 @@ class LockStepBoard:
         """
         part, self._line = self._line[:_LINE_MAX], self._line[_LINE_MAX:]
         try:
-            self._to_board.write(struct.pack("<iI", self._position(self.ticks), len(part)) + part)
+            os.write(self._to_board, struct.pack("<iI", self._position(self.ticks), len(part)) + part)
         except BrokenPipeError as error:
             raise LinkError("the emulated board has ended") from error
         self.force_n, cycles, size = _RECORD.unpack(self._exactly(_RECORD.size))
@@ -94,7 +111,7 @@ class LockStepBoard:
     def _exactly(self, size: int) -> bytes:
         data = b""
         while len(data) < size:
-            piece = self._from_board.read(size - len(data))
+            piece = os.read(self._from_board, size - len(data))
             if not piece:
                 raise LinkError("the emulated board has ended")
             data += piece
@@ -127,10 +144,12 @@ class LockStepBoard:
 
     def stop(self) -> None:
         """End QEMU."""
-        self._to_board.close()
+        os.close(self._to_board)
         self._process.kill()
         self._process.wait()
-        self._from_board.close()
+        os.close(self._from_board)
+        if self._process.stderr is not None:
+            self._process.stderr.close()
         self._folder.cleanup()
 
     def __enter__(self) -> Self:
