@@ -22,7 +22,8 @@ def wanted_points(loop: Loop, radius: FloatArray, margin: float) -> tuple[Comple
     """Z_eavc and Z_e - Z_eavc, (4, n): at the goal, where |Z| = R crosses Re Z = margin (2), at Z = margin."""
     target = loop.target
     at_goal = np.where(target.real >= margin, 0, np.nan)
-    sizes = np.abs(loop.desired) + np.abs(target / loop.hold) + 0j
+    # Both parts of Z_eavc may be as large as this; on the circle a larger guard moves no error.
+    sizes = (1 + 1j) * (np.abs(loop.desired) + np.abs(target / loop.hold))
     guarded = guarded_margin(loop.device, loop.hold, sizes, margin)
     with np.errstate(invalid="ignore", divide="ignore"):
         height = np.sqrt(radius * radius - guarded * guarded)
