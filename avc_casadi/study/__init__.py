@@ -24,6 +24,8 @@ from avc_casadi.study._reach import reach as reach
 from avc_casadi.study._reach import tuned as tuned
 from avc_casadi.study._reach import with_observer as with_observer
 from avc_casadi.study._realism import error_curve as error_curve
+from avc_casadi.study._recommend import Recommendation as Recommendation
+from avc_casadi.study._recommend import recommend as recommend
 from avc_casadi.study._subjects import Subjects as Subjects
 from avc_casadi.study._subjects import draw_subjects as draw_subjects
 from avc_casadi.study._table import DEFAULT_HANDS as DEFAULT_HANDS

@@ -95,7 +95,7 @@ def _method() -> dict[str, Any]:
         "calibrated": "stiffness of VE4 to VE6, from the paper's column without coupling alone",
         "predicted": "every other count",
         "training": (
-            f"corners and 24 draws of set A; the frozen loop is stable without {TUNED_MARGIN_SHARE:g} k_e T/2 of damping"
+            f"corners and 24 draws of set A; frozen loops stable without {TUNED_MARGIN_SHARE:g} k_e T/2 of damping"
         ),
         "matching": (
             "rms difference of force or position from the reference wall in contact, whichever is larger; unable "

@@ -49,9 +49,9 @@ DURATION_S = 3.0
 # same share of stable hands (58.8 against 59.8 % of 500 where it is most divided).
 _FRICTION_SUBSTEPS = 4
 # Up to so many people, the scene's own choice of what runs it is left alone.
-_FEW = 20
+_FEW = 3
 # People whose traces are held at a time.
-_CHUNK = 250
+PEOPLE_AT_ONCE = 250
 
 
 @dataclass(frozen=True)
@@ -148,8 +148,8 @@ def traces(
     compiled = compile_for(staged, effects, chosen)
     parameters, inputs = compiled.parameter_values(chosen), compiled.input_values()
     engine: Engine = "native" if compiler() is not None and len(parameters) > _FEW else "auto"
-    for first in range(0, len(parameters), _CHUNK):
-        found = execute(compiled, parameters[first : first + _CHUNK], inputs, engine=engine)
+    for first in range(0, len(parameters), PEOPLE_AT_ONCE):
+        found = execute(compiled, parameters[first : first + PEOPLE_AT_ONCE], inputs, engine=engine)
         force = found.get("force_n", np.zeros_like(found["position_m"]))
         yield Traces(found["position_m"], found["velocity_m_per_s"], force, problem.device.sample_time_s)
 

@@ -12,7 +12,7 @@ from avc_casadi.study._binomial import exact_interval
 from avc_casadi.study._designs import COUPLINGS, Coupling, Design, design
 from avc_casadi.study._matching import WEBER, WEBER_SWEEP, choose, distance, reference_traces
 from avc_casadi.study._paper import PAPER
-from avc_casadi.study._trial import MOTIONS, Conditions, judged, traces
+from avc_casadi.study._trial import MOTIONS, PEOPLE_AT_ONCE, Conditions, judged, traces
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -54,7 +54,7 @@ def try_wall(
     designs: tuple[Design, ...],
     *,
     matching: bool = True,
-    people_at_once: int = 250,
+    people_at_once: int = PEOPLE_AT_ONCE,
 ) -> dict[Coupling, Outcome]:
     """Put every coupling before everybody.
 

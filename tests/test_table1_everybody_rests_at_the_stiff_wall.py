@@ -1,0 +1,53 @@
+"""The wall of figure 5 without friction: what the tuned designs reach, and what they need for it."""
+
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.scene import NO_COUPLING
+from avc_casadi.study import Conditions, draw_subjects, reach, tuned, with_observer, worst_case
+
+PROBLEM = avc.load_problem("ve7")
+PEOPLE = draw_subjects("A", 48, 11)
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["static-tuned", "schedule"])
+def gains(request):
+    return tuned(PROBLEM, scheduled=request.param, margin_ns_per_m=6.0)
+
+
+def test_everybody_rests_without_friction(gains):
+    found = reach(PROBLEM, gains, PEOPLE, Conditions())
+    assert found["stable"] == found["people"] == 48
+    assert found["stable_by_motion"] == {"press": 48, "tap": 48, "hold": 48}
+    assert found["stiffness_share"]["within_8_percent"] == 48
+    assert found["buzzing"] == 0
+    assert found["error_within_hz"]["physical"] > 40
+    assert found["error_at_hz"]["physical"]["10"] < found["error_at_hz"]["sampled"]["10"] < 0.1
+
+
+def test_a_coarse_encoder_needs_the_observer(gains):
+    coarse = Conditions(encoder_m=20e-6)
+    assert reach(PROBLEM, gains, PEOPLE, with_observer(PROBLEM, coarse))["stable"] == 48
+    assert reach(PROBLEM, gains, PEOPLE, coarse)["stable"] < 5
+
+
+def test_series_gains_give_half_of_the_wall():
+    series = tuned(PROBLEM, scheduled=False, margin_ns_per_m=6.0, structure="series")
+    found = reach(PROBLEM, series, PEOPLE, Conditions())
+    assert found["stable"] == 48
+    assert 0.4 < found["stiffness_share"]["median"] < 0.5
+    assert found["error_within_hz"]["physical"] == 0
+
+
+def test_nothing_is_tuned_beyond_reach():
+    assert tuned(PROBLEM, scheduled=False, margin_ns_per_m=300.0) is None
+
+
+def test_the_search_for_the_worst_finds_what_is_there():
+    bad = worst_case(PROBLEM, NO_COUPLING, Conditions(), seed=1)
+    assert not bad.stable
+    assert 0 < bad.broken <= bad.tried
+    good = worst_case(PROBLEM, tuned(PROBLEM, scheduled=False, margin_ns_per_m=6.0), Conditions(), seed=1)
+    assert good.stable
+    assert good.broken == 0
+    assert 0.05 <= good.hand["mass_kg"] <= 0.3

@@ -1,0 +1,72 @@
+"""The stiffest wall is where the simulated loop turns from decay to growth, whatever computes it."""
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.problem import Hold
+from avc_casadi.scene import NO_COUPLING, Gains
+from avc_casadi.stability import HandSet, frozen_parts, linear_stability
+from avc_casadi.study import Conditions, corner_subjects, damping_range, stiffest_wall
+from avc_casadi.study._limits import loop_radius
+from avc_casadi.study._trial import judged
+
+DEVICE = avc.load_problem("ve7").device
+# Contact is never left: the wall acts as on both sides.
+DEEP = Hold(end_m=0.02)
+
+
+def walled(stiffness, damping):
+    problem = avc.load_problem("ve7")
+    wall = problem.environment.model_copy(update={"stiffness_n_per_m": stiffness, "damping_ns_per_m": damping})
+    return problem.model_copy(update={"environment": wall})
+
+
+def test_radius_equals_that_of_the_certificate():
+    people = corner_subjects("A")
+    hands = HandSet(*(np.asarray(value) for value in vars(people.effect).values()), corners=8, seed=0)
+    walls = np.array([2e4, 9e4, 1e5, 2e5])
+    damping = np.array([0.0, 70.0, 90.0, 120.0])
+    radius = loop_radius(DEVICE, people, walls, damping)
+    for row, (k, d) in enumerate(zip(walls, damping, strict=True)):
+        problem = walled(k, d)
+        certified = linear_stability(DEVICE, frozen_parts(problem, 0.0, 1e14), 0.0, hands).radius[0]
+        assert radius[row] == pytest.approx(certified, abs=1e-8)
+
+
+@pytest.mark.parametrize("population", ["A", "B"])
+def test_edges_of_the_damping_stand_on_the_unit_circle(population):
+    people = corner_subjects(population)
+    found = damping_range(DEVICE, people, 6e4)
+    assert 0 < found.lowest_ns_per_m < found.highest_ns_per_m
+    edges = np.array([found.lowest_ns_per_m, found.highest_ns_per_m])
+    assert loop_radius(DEVICE, people, np.full(2, 6e4), edges).max(axis=1) == pytest.approx(1, abs=1e-9)
+    inside = np.linspace(found.lowest_ns_per_m, found.highest_ns_per_m, 9)[1:-1]
+    assert np.all(loop_radius(DEVICE, people, np.full(7, 6e4), inside).max(axis=1) < 1)
+
+
+@pytest.mark.parametrize(("population", "multiple"), [("A", 27.3), ("B", 17.8)])
+def test_stiffest_wall_holds_and_a_stiffer_one_does_not(population, multiple):
+    people = corner_subjects(population)
+    found = stiffest_wall(DEVICE, people)
+    assert found.stiffness_n_per_m == pytest.approx(multiple * 2 * DEVICE.damping_ns_per_m / 1e-3, rel=5e-3)
+    middle = (found.lowest_ns_per_m + found.highest_ns_per_m) / 2
+    stable = judged(walled(0.98 * found.stiffness_n_per_m, middle), NO_COUPLING, people, DEEP, Conditions()).stable
+    assert stable.all()
+    for damping in np.linspace(0.8, 1.2, 5) * middle:
+        beyond = judged(walled(1.03 * found.stiffness_n_per_m, damping), NO_COUPLING, people, DEEP, Conditions()).stable
+        assert not beyond.all()
+
+
+def test_no_damping_saves_a_wall_beyond():
+    assert np.isnan(damping_range(DEVICE, corner_subjects("A"), 1.2e5).lowest_ns_per_m)
+
+
+def test_a_contact_damper_is_damping_of_the_wall():
+    people = corner_subjects("A")
+    rigid = Gains(np.inf, np.inf, 80.0)
+    a = judged(walled(1e5, 10.0), rigid, people, DEEP, Conditions())
+    b = judged(walled(1e5, 90.0), NO_COUPLING, people, DEEP, Conditions())
+    assert a.apparent_stiffness_n_per_m == pytest.approx(b.apparent_stiffness_n_per_m, rel=1e-9)
+    assert a.stable.all()
+    assert b.stable.all()

@@ -1,0 +1,48 @@
+"""The same seed gives the same people; training people are never test people."""
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.study import draw_subjects
+from avc_casadi.study._subjects import STYLUS_RANGES
+
+
+def numbers(subjects):
+    return np.array([list(subjects.values(row).values()) for row in range(len(subjects))])
+
+
+@pytest.mark.parametrize("population", ["A", "B"])
+def test_a_few_are_the_first_of_many(population):
+    few, many = (numbers(draw_subjects(population, count, 7)) for count in (5, 50))
+    assert np.array_equal(few, many[:5])
+    assert not np.any(np.isin(many, numbers(draw_subjects(population, 50, 8))))
+
+
+@pytest.mark.parametrize("population", ["A", "B"])
+def test_training_and_test_share_nobody(population):
+    test, training = (numbers(draw_subjects(population, 200, 7, split)) for split in ("test", "training"))
+    assert not np.any(np.isin(test, training))
+
+
+def test_people_stay_in_their_ranges_and_fill_them():
+    hands = avc.load_problem("figure5").hands
+    for population, ranges in (
+        ("A", {name: getattr(hands, name) for name in ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")}),
+        ("B", STYLUS_RANGES),
+    ):
+        drawn = numbers(draw_subjects(population, 2000, 1))
+        for column, (low, high) in zip(drawn.T, ranges.values(), strict=True):
+            assert low <= column.min() <= low + 0.02 * (high - low)
+            assert high - 0.05 * (high - low) <= column.max() <= high
+
+
+def test_stylus_means_are_near_the_measured_ones():
+    means = numbers(draw_subjects("B", 4000, 1)).mean(axis=0)
+    assert means == pytest.approx([0.21, 1.3, 575, 11, 170], rel=0.31)
+
+
+def test_picking_keeps_the_people():
+    everybody = draw_subjects("B", 6, 3)
+    assert np.array_equal(numbers(everybody.pick(slice(2, 4))), numbers(everybody)[2:4])
+    assert len(draw_subjects("arm", 10, 0)) == 1

@@ -1,0 +1,108 @@
+"""The table: only its column without coupling was fitted, everything else follows, the same for the same seed."""
+
+import json
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.cli._table1 import table_text
+from avc_casadi.scene import NO_COUPLING
+from avc_casadi.study import PAPER, Conditions, draw_subjects, exact_interval, expected_share, table1, with_wall
+from avc_casadi.study._calibration import share_without_coupling
+from avc_casadi.study._trial import MOTIONS, judged
+
+COUPLINGS = ("none", "static", "closed-form", "static-tuned", "schedule")
+ROW_KEYS = {
+    "ve",
+    "stiffness_n_per_m",
+    "coupling",
+    "stable",
+    "stable_low",
+    "stable_high",
+    "matched",
+    "unable",
+    "apparent_stiffness_n_per_m",
+    "paper",
+}
+
+
+@pytest.fixture(scope="module")
+def document():
+    return table1(12, 5, walls=("VE7",), couplings=COUPLINGS, workers=1)
+
+
+def test_every_cell_is_there(document):
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+    assert (document["hands"], document["seed"]) == (12, 5)
+    assert [(row["ve"], row["coupling"]) for row in document["rows"]] == [("VE7", coupling) for coupling in COUPLINGS]
+    for row in document["rows"]:
+        assert row.keys() >= ROW_KEYS
+        assert (row["stable_low"], row["stable_high"]) == exact_interval(row["stable"], 12)
+        assert row["matched"] + row["unable"] <= 12
+        assert row["stable"] <= min(row["stable_by_motion"].values())
+
+
+def test_counts_are_those_of_the_runs(document):
+    problem = avc.load_problem("ve7")
+    people = draw_subjects("A", 12, 5)
+    runs = [judged(problem, NO_COUPLING, people, motion, Conditions.declared(problem)) for motion in MOTIONS.values()]
+    row = document["rows"][0]
+    assert row["coupling"] == "none"
+    assert row["stable"] == np.all([run.stable for run in runs], axis=0).sum()
+
+
+def test_prediction_at_the_stiff_wall(document):
+    rows = {row["coupling"]: row for row in document["rows"]}
+    assert rows["none"]["stable"] == 0
+    for tuned in ("static-tuned", "schedule"):
+        assert rows[tuned]["stable"] == rows[tuned]["asymptotic"] == 12
+        assert rows[tuned]["apparent_stiffness_n_per_m"] == pytest.approx(1e5, rel=0.08)
+    assert rows["static"]["stable"] == 12
+    assert rows["static"]["apparent_stiffness_n_per_m"] < 2e4
+    assert rows["schedule"]["matched"] == 12
+    assert rows["schedule"]["matched_against"] == "static"
+    # Nobody can tell constant gains from scheduled ones.
+    assert rows["static-tuned"]["unable"] == 12
+
+
+def test_wider_weber_fractions_leave_more_people_unable(document):
+    for row in document["rows"]:
+        unable = [found["unable"] for found in row["matched_by_weber"].values()]
+        assert unable == sorted(unable)
+
+
+def test_another_seed_is_another_draw_and_the_same_seed_the_same(document):
+    found = [table1(12, seed, walls=("VE3",), couplings=("none",), workers=1) for seed in (5, 5, 6)]
+    first, again, other = (one["rows"][0]["apparent_stiffness_n_per_m"] for one in found)
+    assert first == again != other
+    assert document["method"] == found[0]["method"]
+
+
+def test_text_holds_the_same_counts(document):
+    text = table_text(document)
+    for row in document["rows"]:
+        assert row["coupling"] in text
+        assert f"{100 * row['stable_low']:.1f}" in text
+    assert "calibrated: stiffness of VE4 to VE6" in text
+
+
+def test_paper_adds_up():
+    assert [row.stable_without_coupling for row in PAPER.values()] == [10, 10, 10, 4, 0, 0]
+    assert all(row.matched_static + row.matched_adaptive + row.unable == 10 for row in PAPER.values())
+
+
+@pytest.mark.parametrize("wall", ["ve4", "ve5", "ve6"])
+def test_walls_are_calibrated_to_the_column_without_coupling(wall):
+    problem = avc.load_problem(wall)
+    share = share_without_coupling(problem, draw_subjects("A", 300, 0, "training"))
+    wanted = expected_share(PAPER[wall.upper()].stable_without_coupling)
+    # Three standard deviations of 300 draws, and what two digits of the stiffness leave.
+    assert share == pytest.approx(wanted, abs=3 * np.sqrt(wanted * (1 - wanted) / 300) + 0.02)
+
+
+def test_a_scaled_wall_keeps_its_kind():
+    problem = avc.load_problem("ve4")
+    scaled = with_wall(problem, 1e5)
+    assert scaled.environment == avc.load_problem("ve7").environment
+    assert scaled.boundaries.upper.stiffness_n_per_m == pytest.approx(1.1e5)
