@@ -18,7 +18,11 @@ from avc_casadi.problem._scene_file import (
     HandEffect,
     WallEffect,
 )
+from avc_hardware import _messages as m
+from avc_hardware import gain_table
 from avc_hardware._in_the_loop import FirmwareInTheLoop
+from avc_hardware._messages import Kind
+from avc_hardware._reference import lookup
 from avc_hardware._runtime_program import RuntimeFigures
 
 # Stable as the scenes say it: no faster than this in the last half second.
@@ -83,6 +87,27 @@ def test_stiff_wall_is_unstable_without_a_coupling() -> None:
     loop = FirmwareInTheLoop(wall())
     loop.push(constant(1e4, 1e8, 0.0))
     loop.run(3.0)
+    assert rest_speed(loop) > 10 * REST_M_PER_S
+
+
+def test_stiff_wall_is_stable_with_gains_streamed_live() -> None:
+    """The table underneath would not hold it; the streamed gains do, and after them the table does not."""
+    loop = FirmwareInTheLoop(wall())
+    loop.push(constant(1e4, 1e8, 0.0))
+    loop.run(1e-3)
+    sent = 0
+    session, ticks = loop.connection.session, round(3 / 50 / 1e-3)
+    rows = gain_table(schedule_gains()).rows
+    lookup_hz = np.float32(1.0)
+    while len(loop.trace.position_m) < 2500:
+        b, k, b_p = map(float, lookup(rows, lookup_hz))
+        taken = loop.connection.run(session.ask(Kind.SET_GAINS, m.set_gains(sent, ticks, b, k, b_p), m.GainsTaken))
+        lookup_hz = np.float32(taken.lookup_hz)
+        sent += 1
+        loop.run(0.015)
+    assert sent > 100
+    assert rest_speed(loop) < REST_M_PER_S
+    loop.run(1.5)
     assert rest_speed(loop) > 10 * REST_M_PER_S
 
 
