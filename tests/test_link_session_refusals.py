@@ -13,7 +13,7 @@ from hardware_bench import host_core, host_library, schedule
 from avc_casadi import InputError, LinkError
 from avc_hardware import Connection, GainTable, TableSettings, Wall, gain_table, push
 from avc_hardware import _messages as m
-from avc_hardware._frames import Frame, cobs_decode, encode
+from avc_hardware._frames import Decoder, Frame, cobs_decode, encode
 from avc_hardware._host import BoardLimits, HostCore, HostLink
 from avc_hardware._messages import Kind, Reason, Refusal
 from avc_hardware._session import Exchange, RefusedError, Session
@@ -256,6 +256,16 @@ def test_other_protocol_version_is_refused_both_ways() -> None:
     core.write(encode(Frame(Kind.HELLO, 5, m.hello(1), version=2)))
     assert "speaks protocol 1" in str(Refusal(Reason.VERSION, 1))
     assert core.read()
+
+
+def test_host_of_another_interface_is_refused_by_the_device() -> None:
+    core = host_core()
+    core.read()
+    core.write(encode(Frame(Kind.HELLO, 5, m.hello(1, interface_version=9))))
+    (answer,) = Decoder().feed(core.read())
+    refusal = m.parse(answer)
+    assert refusal == Refusal(Reason.INTERFACE, m.INTERFACE_VERSION)
+    assert "one release" in str(refusal)
 
 
 def test_every_reason_has_a_sentence() -> None:

@@ -49,6 +49,7 @@ class Reason(IntEnum):
     SAMPLE_TIME = 12
     STALE = 13
     NO_TABLE = 14
+    INTERFACE = 15
 
 
 _SENTENCES = {
@@ -65,6 +66,7 @@ _SENTENCES = {
     Reason.LIMIT: "{row} is outside the device's limits",
     Reason.SAMPLE_TIME: "the table was designed for another sample time than the device's",
     Reason.STALE: "gains with a number not above {detail} came late",
+    Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; bring both to one release",
     Reason.NO_TABLE: "the device holds no table yet; push one first",
 }
 
@@ -80,7 +82,9 @@ class Refusal:
         if not isinstance(self.reason, Reason):
             return f"for a reason unknown to this program (code {self.reason}, {self.detail}); update avc-casadi"
         row = "the table's header" if self.detail == 0xFFFF else f"row {self.detail}"
-        return _SENTENCES[self.reason].format(detail=self.detail, row=row, own=PROTOCOL_VERSION)
+        return _SENTENCES[self.reason].format(
+            detail=self.detail, row=row, own=PROTOCOL_VERSION, interface=INTERFACE_VERSION
+        )
 
 
 @dataclass(frozen=True)
@@ -196,6 +200,7 @@ class DeviceStatus:
 MODES = ("table", "ramp", "safe")
 _HELLO = struct.Struct("<HHHH8sII6fIIHH")
 _STATUS = struct.Struct("<II9fi13I4B")
+_GREETING = struct.Struct("<IHH")
 _BEGIN = struct.Struct("<IIIHH")
 _CHUNK = struct.Struct("<III")
 _COMMIT = struct.Struct("<III")
@@ -261,8 +266,13 @@ class Log:
 Message = Refusal | Device | DeviceStatus | Acknowledged | Committed | Readback | HeartbeatSeen | GainsTaken | Log
 
 
-def hello(session: int) -> bytes:
+def hello(session: int, interface_version: int = INTERFACE_VERSION) -> bytes:
     """Payload of HELLO."""
+    return _GREETING.pack(session, interface_version, 0)
+
+
+def abort(session: int) -> bytes:
+    """Payload of ABORT."""
     return _ONE.pack(session)
 
 

@@ -24,6 +24,7 @@ ATTEMPTS = 5
 BUSY_WAIT_S = 0.7
 _FINAL = {
     Reason.VERSION,
+    Reason.INTERFACE,
     Reason.MESSAGE,
     Reason.ROWS,
     Reason.NOT_FINITE,

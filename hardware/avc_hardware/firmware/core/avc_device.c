@@ -30,6 +30,10 @@ float avc_device_tick(avc_device_t *device, int32_t encoder_count)
 
 static void on_hello(avc_device_t *device, const avc_request_t *request)
 {
+    if (avc_get16(&request->payload[4]) != AVC_INTERFACE_VERSION) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_INTERFACE, AVC_INTERFACE_VERSION);
+        return;
+    }
     const avc_limits_t *limits = &device->control.limits;
     const avc_table_t *table = avc_running(device);
     const bool has_table = device->control.state.has_table != 0u;
@@ -164,7 +168,7 @@ typedef struct {
 } avc_handler_t;
 
 static const avc_handler_t handlers[] = {
-    {AVC_MESSAGE_HELLO, 4, 4, on_hello},
+    {AVC_MESSAGE_HELLO, 8, 8, on_hello},
     {AVC_MESSAGE_BEGIN, 16, 16, avc_on_begin},
     {AVC_MESSAGE_CHUNK, 13, 12 + AVC_CHUNK_MAX, avc_on_chunk},
     {AVC_MESSAGE_COMMIT, 12, 12, avc_on_commit},

@@ -78,7 +78,8 @@ typedef enum {
     AVC_REFUSED_LIMIT = 11,
     AVC_REFUSED_SAMPLE_TIME = 12,
     AVC_REFUSED_STALE = 13,
-    AVC_REFUSED_NO_TABLE = 14
+    AVC_REFUSED_NO_TABLE = 14,
+    AVC_REFUSED_INTERFACE = 15
 } avc_reason_t;
 
 uint32_t avc_image_size(uint32_t rows);
