@@ -66,7 +66,7 @@ _SENTENCES = {
     Reason.LIMIT: "{row} is outside the device's limits",
     Reason.SAMPLE_TIME: "the table was designed for another sample time than the device's",
     Reason.STALE: "gains with a number not above {detail} came late",
-    Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; bring both to one release",
+    Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",
     Reason.NO_TABLE: "the device holds no table yet; push one first",
 }
 
