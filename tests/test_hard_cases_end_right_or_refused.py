@@ -142,6 +142,16 @@ def test_pure_spring_pure_damper_free_space_and_very_stiff(b_e, k_e, share):
     assert_right(bounded(share, stability__model="sampled-data", **environment))
 
 
+def test_gains_of_a_nearly_rigid_coupling_keep_their_digits():
+    """The bounds straddle no round number: U = Z_e, L = (1 - 2e-12) Z_e. k = 1e16 N/m to 12 digits."""
+    problem = avc.load_problem("hard/near-rigid")
+    schedule = solve(problem, "closed-form")
+    loop = loop_at(problem, MP.mpf(float(schedule.frequency_hz[50])), NUMBERS)
+    b, k = coupling_gains(loop.angle, loop.environment * loop.desired / loop.desired_gap)
+    assert schedule.requested_stiffness_n_per_m[50] == pytest.approx(float(k), rel=1e-12)
+    assert schedule.requested_damping_ns_per_m[50] == pytest.approx(float(b), rel=1e-12)
+
+
 # Device
 
 

@@ -88,6 +88,9 @@ def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY)
     desired_b = (n(upper.damping_ns_per_m) + n(lower.damping_ns_per_m)) / 2
     desired_k = (n(upper.stiffness_n_per_m) + n(lower.stiffness_n_per_m)) / 2
     environment_b, environment_k = n(environment.damping_ns_per_m), n(environment.stiffness_n_per_m)
+    # From the bounds themselves: the rounding of their mean would be all that is left of a gap of 1e-12.
+    gap_b = ((environment_b - n(upper.damping_ns_per_m)) + (environment_b - n(lower.damping_ns_per_m))) / 2
+    gap_k = ((environment_k - n(upper.stiffness_n_per_m)) + (environment_k - n(lower.stiffness_n_per_m))) / 2
     angle = eq.SampleAngle.at(numbers, frequency_hz, n(device.sample_time_s))
     return Loop(
         angle=angle,
@@ -95,5 +98,5 @@ def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY)
         hold=eq.hold(angle, model, device.delay_samples),
         environment=eq.environment_impedance(angle, model, environment_b, environment_k),
         desired=eq.environment_impedance(angle, model, desired_b, desired_k),
-        desired_gap=eq.environment_impedance(angle, model, environment_b - desired_b, environment_k - desired_k),
+        desired_gap=eq.environment_impedance(angle, model, gap_b, gap_k),
     )
