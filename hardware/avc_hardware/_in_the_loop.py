@@ -48,7 +48,13 @@ class LoopTrace:
 
 
 class FirmwareInTheLoop:
-    """A device with a hand on it, driven by the firmware image; use as a context manager is not needed."""
+    """A device with a hand on it, driven by the firmware image.
+
+    Attributes:
+        trace: what has happened so far.
+        board: the emulated board, a link.
+        connection: the open link to it.
+    """
 
     def __init__(self, problem: Problem) -> None:
         """Build the plant of the problem's scene, start the firmware, and open the link.

@@ -9,6 +9,7 @@ from collections.abc import Generator, Iterator
 from avc_casadi import LinkError
 from avc_hardware._bytes import ByteLink
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
+from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._messages import DeviceStatus, Kind
 from avc_hardware._session import Answer, Exchange
 
@@ -51,6 +52,8 @@ def monitor(
                     left -= 1
                     yield status
                     connection.run(pause(start + count / rate_hz - link.now_s()))
+                    if seconds is None and isinstance(link, EmulatedBoard):
+                        time.sleep(1 / rate_hz)  # virtual time would rush past whoever watches
         except LinkError:
             now = time.monotonic()
             give_up = now + reconnect_s if give_up is None else give_up
