@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from avc_casadi.design import GainSchedule
 from avc_hardware import export_c, gain_table
 from avc_hardware._reference import ln, lookup
+from avc_hardware._runtime_program import GAINS, RuntimeFigures, runtime_programs
 from avc_hardware._table import Float32Array
 from avc_hardware.firmware_build import EXACT_FLOAT
 
@@ -120,6 +121,46 @@ def test_exported_header_is_the_same_bit_for_bit(cc: str, rows: int) -> None:
     at = frequencies(gains, 1000, 1)
     got = np.frombuffer(run(str(program), given=at.tobytes()), dtype=np.float32).reshape(-1, 3)
     assert got.tobytes() == lookup(gain_table(gains).rows, at).tobytes()
+
+
+_STEPS = """
+#include <stdio.h>
+#include "gains.h"
+int main(void)
+{
+    float in[2];
+    avc_couple_state_t state;
+    avc_couple_start(&state, -1e-3f);
+    while (fread(in, sizeof in, 1, stdin) == 1) {
+        const float force = avc_step(&state, in[0], in[1], 10.0f, 1e5f);
+        fwrite(&force, sizeof force, 1, stdout);
+    }
+    return 0;
+}
+"""
+
+
+def test_exported_step_is_the_firmware_s_bit_for_bit() -> None:
+    require("gcc")
+    gains = schedule(50, seed=12, largest=(300.0, 1e5, 50.0))
+    folder = scratch() / "export-step"
+    folder.mkdir()
+    (folder / "gains.h").write_text(export_c(gains), encoding="utf-8")
+    (folder / "main.c").write_text(_STEPS, encoding="utf-8")
+    run("gcc", "-std=c11", "-O2", *EXACT_FLOAT, str(folder / "main.c"), "-o", str(folder / "main"))
+    time = np.arange(800) * 1e-3
+    x = (4e-4 * np.sin(2 * np.pi * (2 + 10 * time) * time)).astype(np.float32)
+    frequency = (2 + 20 * time).astype(np.float32)
+    got = np.frombuffer(run(str(folder / "main"), given=np.stack([x, frequency], axis=1).tobytes()), dtype=np.float32)
+    _, couple, _ = runtime_programs(RuntimeFigures())
+    wanted = lookup(gain_table(gains).rows, frequency)
+    states = couple.start(np.asarray(-1e-3, dtype=np.float32))
+    for tick, force in enumerate(got):
+        inputs = {f"wanted_{name}": wanted[tick, index] for index, name in enumerate(GAINS)}
+        inputs |= {"position_m": x[tick], "wall_damping_ns_per_m": 10.0, "wall_stiffness_n_per_m": 1e5}
+        states, outputs = couple(states, inputs)
+        assert outputs["force_n"].tobytes() == force.tobytes(), tick
+    assert (got > 0).sum() > 100
 
 
 def test_export_compiles_alone_as_a_header(tmp_path: Path) -> None:
