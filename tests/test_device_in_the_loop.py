@@ -5,7 +5,7 @@ import functools
 
 import numpy as np
 import pytest
-from hardware_bench import require
+from hardware_bench import require, scratch
 
 import avc_casadi as avc
 from avc_casadi import InputError, Problem, UnsupportedError
@@ -24,6 +24,7 @@ from avc_hardware._in_the_loop import FirmwareInTheLoop
 from avc_hardware._messages import Kind
 from avc_hardware._reference import lookup
 from avc_hardware._runtime_program import RuntimeFigures
+from avc_hardware.firmware_build import build_image
 
 # Stable as the scenes say it: no faster than this in the last half second.
 REST_M_PER_S = 5e-3
@@ -159,6 +160,28 @@ def test_loop_is_the_same_in_every_run() -> None:
         loop.push(schedule_gains())
         traces.append(loop.run(0.5))
     assert traces[0] == traces[1]
+
+
+def test_loop_in_qemu_is_stable_and_the_same_in_every_run() -> None:
+    """Another emulator and no steps of the output: the hand feels the same, and QEMU repeats itself to the last bit."""
+    require("qemu-system-arm", "arm-none-eabi-gcc")
+    image = build_image("bench-m4f", scratch())
+    traces = []
+    for _ in range(2):
+        loop = FirmwareInTheLoop(wall(), qemu=(image, "bench-m4f"))
+        try:
+            loop.push(schedule_gains())
+            loop.run(2.0)
+            assert loop.status().overruns == 0
+        finally:
+            loop.stop()
+        traces.append(loop.trace)
+        assert rest_speed(loop) < REST_M_PER_S
+    assert traces[0] == traces[1]
+    other = FirmwareInTheLoop(wall())
+    other.push(schedule_gains())
+    difference = np.array(other.run(2.0).position_m[:1990]) - np.array(traces[0].position_m[:1990])
+    assert np.sqrt(np.mean(difference**2)) < 5e-6
 
 
 def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:

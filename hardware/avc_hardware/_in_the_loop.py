@@ -8,6 +8,7 @@ on the computer's clock.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from avc_hardware._emulator import METRES_PER_COUNT, EmulatedBoard
 from avc_hardware._machine import CLOCK_HZ
 from avc_hardware._messages import DeviceStatus, Kind
 from avc_hardware._push import PushResult, push_over
+from avc_hardware._qemu import LockStepBoard
 from avc_hardware._table import TableSettings, Wall
 
 FloatArray = NDArray[np.float64]
@@ -56,8 +58,12 @@ class FirmwareInTheLoop:
         connection: the open link to it.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, *, qemu: tuple[Path, str] | None = None) -> None:
         """Build the plant of the problem's scene, start the firmware, and open the link.
+
+        Args:
+            problem: its scene may have a hand, a wall and what the firmware does itself.
+            qemu: image and name of a bench target, to run in QEMU; its output has no steps. Call `stop` in the end.
 
         Raises:
             InputError: the problem's sample time is not the firmware's.
@@ -86,7 +92,12 @@ class FirmwareInTheLoop:
             wall=Wall(problem.environment.damping_ns_per_m, problem.environment.stiffness_n_per_m)
         )
         self.trace = LoopTrace()
-        self.board = EmulatedBoard(encoder=self._encoder, on_force_code=self._actuate)
+        self.board: EmulatedBoard | LockStepBoard
+        if qemu is None:
+            self.board = EmulatedBoard(encoder=lambda _: self._encoder(), on_force_code=self._actuate)
+        else:
+            self.board = LockStepBoard(*qemu, position=lambda _: self._encoder())
+            self.board.on_force = self._hold
         self.connection = Connection(self.board, session=1)
         self._most_n = self.connection.device.max_force_n
         if not np.isclose(self.connection.device.sample_time_s, time_s, rtol=1e-6):
@@ -103,14 +114,23 @@ class FirmwareInTheLoop:
     def run(self, seconds: float) -> LoopTrace:
         """Let time pass; the first call begins the motion."""
         self._sample = max(self._sample, 0)
-        self.board.machine.run_until(self.board.machine.cycle + round(seconds * CLOCK_HZ))
+        if isinstance(self.board, EmulatedBoard):
+            self.board.machine.run_until(self.board.machine.cycle + round(seconds * CLOCK_HZ))
+        else:
+            for _ in range(round(seconds / self.connection.device.sample_time_s)):
+                self.board.tick()
         return self.trace
+
+    def stop(self) -> None:
+        """End an emulator that runs as a process of its own."""
+        if isinstance(self.board, LockStepBoard):
+            self.board.stop()
 
     def status(self) -> DeviceStatus:
         """Ask the firmware for its state."""
         return self.connection.run(self.connection.session.ask(Kind.STATUS, b"", DeviceStatus))
 
-    def _encoder(self, _cycle: int) -> int:
+    def _encoder(self) -> int:
         """Move the plant from the last tick to this one."""
         last = len(self._target.position_m) - 1
         before = self._sample - 1  # the interval that ends now
@@ -124,6 +144,9 @@ class FirmwareInTheLoop:
         return round(float(self._state[0]) / METRES_PER_COUNT)
 
     def _actuate(self, code: int) -> None:
-        self._force_n = (code - _CODE_ZERO) / _CODE_FULL * self._most_n
+        self._hold((code - _CODE_ZERO) / _CODE_FULL * self._most_n)
+
+    def _hold(self, force_n: float) -> None:
+        self._force_n = force_n
         if self._sample >= 0 and self.trace.position_m:
             self.trace.force_n.append(self._force_n)
