@@ -70,6 +70,7 @@ class Tick:
         command_before: the force that still acts while the new one is late; None where forces are never late.
         filter_share: share of the old velocity in the filtered one (0: no filter).
         late: share of the sample during which the old force still acts; None where forces are never late.
+        asked: force that the computer asks for before any delay; None without a delay.
         dropped: 1 where the computer misses the sample; None where it never does.
         frequency_hz: estimated interaction frequency, and
         frequency_valid: 1 where there is one; None without an estimator.
@@ -88,6 +89,7 @@ class Tick:
     command_before: Expr = None
     filter_share: float = 0.0
     late: Expr = None
+    asked: Expr = None
     dropped: Expr = None
     frequency_hz: Expr = None
     frequency_valid: Expr = None
@@ -140,6 +142,16 @@ class Tick:
                 return slot.symbol
         self.at_end.append(lambda: self.follow(name, 0.0 if self.command is None else self.command))
         return self.state(name, computed=False)
+
+    def asked_force(self) -> Expr:
+        """Return the force that the computer asked for in the sample before."""
+
+        def settle() -> None:
+            before_delay = self.command if self.asked is None else self.asked
+            self.follow("asked_force_n", 0.0 if before_delay is None else before_delay)
+
+        self.at_end.append(settle)
+        return self.state("asked_force_n")
 
     def trace(self, name: str, value: Expr) -> None:
         """Record a signal."""

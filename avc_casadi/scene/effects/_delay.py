@@ -33,7 +33,7 @@ class Delay(SceneEffect):
         """Put the command into the line and take out the oldest."""
         if tick.command is None:
             return
-        coming = tick.command
+        coming = tick.asked = tick.command
         for place in range(self.samples):
             name = f"delayed_{place + 1}_n"
             held = tick.state(name)

@@ -1,4 +1,4 @@
-"""An observer of the position between two encoder steps."""
+"""An observer of the position between two encoder steps, and over a delay."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ABOVE = 1.15
 
 @dataclass(frozen=True)
 class Observer(SceneEffect):
-    """Replaces the counted position by one that the held force explains.
+    """Replaces the counted position by one that the commanded forces explain, at the time when the next one acts.
 
     Attributes:
         settings: what it knows.
@@ -43,9 +43,12 @@ class Observer(SceneEffect):
         lightest = problem.device.mass_kg + problem.hands.mass_kg[0]
         source = "that of device and lightest hand"
         mass = settled(table.mass_kg, _ABOVE * lightest, key="mass_kg", place=place, problem=problem, source=source)
-        return cls(ObserverSettings(resolution, mass))
+        delay = next((effect for effect in problem.scene.effects if effect.kind == "delay"), None)
+        ahead = 0 if delay is None else (delay.samples or problem.device.delay_samples)
+        return cls(ObserverSettings(resolution, mass, ahead))
 
     def sample(self, tick: Tick) -> None:
         """Replace the position."""
         step = observer_step(tick.sample_time_s, self.settings)
-        tick.position = insert(tick, "observer", step, [tick.position, tick.held_force()])[0]
+        force = tick.asked_force() if self.settings.ahead else tick.held_force()
+        tick.position = insert(tick, "observer", step, [tick.position, force])[0]

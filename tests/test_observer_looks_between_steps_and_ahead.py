@@ -1,0 +1,71 @@
+"""The observer against a mass integrated exactly: never off the count, between its steps, ahead of a delay."""
+
+import numpy as np
+import pytest
+
+from avc_casadi.design import solve
+from avc_casadi.problem import load_problem
+from avc_casadi.runtime import ObserverSettings, observer_step
+from avc_casadi.scene import Hand, simulate_batch
+
+T, MASS, STEP_M = 1e-3, 0.2, 2e-5
+
+
+def moved(force, load):
+    """Positions of a free mass under held forces (against +x) and a constant load, exact."""
+    acceleration = (load - force) / MASS
+    velocity = np.concatenate([[0.0], np.cumsum(acceleration * T)])
+    return np.concatenate([[0.0], np.cumsum(velocity[:-1] * T + 0.5 * acceleration * T**2)])[: len(force)]
+
+
+def observed(asked, position, ahead):
+    """Run the observer; asked[k] is asked for at tick k."""
+    step = observer_step(T, ObserverSettings(STEP_M, MASS, ahead))
+    counted = STEP_M * np.round(position / STEP_M)
+    return counted, step.run(np.array([counted, np.concatenate([[0.0], asked[:-1]])]))["position_m"]
+
+
+@pytest.fixture
+def asked():
+    time = np.arange(3000) * T
+    return 1.0 + 0.2 * np.sin(2 * np.pi * 7 * time) + 0.1 * np.sign(np.sin(2 * np.pi * 3 * time))
+
+
+def test_it_never_contradicts_the_encoder_and_is_closer_than_it(asked):
+    position = moved(asked, 1.0)
+    counted, found = observed(asked, position, 0)
+    assert np.all(np.abs(found - counted) <= 0.5 * STEP_M * (1 + 1e-9))
+    late = slice(1000, None)
+    assert np.sqrt(np.mean((found - position)[late] ** 2)) < 0.6 * np.sqrt(np.mean((counted - position)[late] ** 2))
+
+
+@pytest.mark.parametrize("ahead", [1, 2, 5])
+def test_it_says_where_the_mass_will_be_when_the_next_force_acts(asked, ahead):
+    acting = np.concatenate([np.zeros(ahead), asked[:-ahead]])
+    position = moved(acting, 1.0)
+    _, found = observed(asked, position, ahead)
+    late = slice(1000, 3000 - ahead)
+    coming = position[ahead:][late.start : late.stop]
+    error = np.abs(found[late] - coming).max()
+    unpredicted = np.abs(position[late] - coming).max()
+    assert error < STEP_M
+    assert error < 0.2 * unpredicted
+
+
+def test_without_steps_it_is_the_measurement():
+    position = np.cumsum(np.random.default_rng(0).normal(0, 1e-5, 500))
+    found = observer_step(T, ObserverSettings(0.0, MASS)).run(np.array([position, np.zeros(500)]))["position_m"]
+    np.testing.assert_allclose(found, position, rtol=0, atol=1e-15)
+
+
+def test_one_sample_of_delay_is_predicted_away():
+    problem = load_problem("scenes/adaptive-press-delayed")
+    gains = solve(problem, "schedule")
+    rng = np.random.default_rng(6)
+    hands = Hand(rng.uniform(0.05, 0.3, 20), rng.uniform(3, 20, 20), rng.uniform(200, 800, 20))
+    found = simulate_batch(problem, hands, gains)
+    assert found.stable.all()
+    assert np.median(found.apparent_stiffness_n_per_m) > 0.85e5
+    effects = tuple(effect for effect in problem.scene.effects if effect.kind != "observer")
+    blind = problem.model_copy(update={"scene": problem.scene.model_copy(update={"effects": effects})})
+    assert not simulate_batch(blind, hands, gains).stable.any()
