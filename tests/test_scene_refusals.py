@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from scene_reference import scene_problem
+from scene_reference import MASSLESS, scene_problem
 
 import avc_casadi as avc
-from avc_casadi import InputError
+from avc_casadi import InputError, UnsupportedError
 from avc_casadi.scene import Gains, Hand, compile_scene, gains_at, simulate, simulate_batch
 
 BARE = (
@@ -94,3 +94,17 @@ def test_gains_of_a_table_only_where_it_has_some():
         gains_at(table, float(missing))
     with pytest.raises(InputError, match="allowed: "):
         gains_at(table, 1e6)
+
+
+def test_mechanics_too_fast_for_exact_friction_are_refused_with_a_way_out():
+    hand = 'kind = "hand"\nmass_kg = 1e-6\ndamping_ns_per_m = 1e5\nstiffness_n_per_m = 1e8'
+    effects = (hand, WALL, 'kind = "coulomb-friction"')
+    with pytest.raises(UnsupportedError, match="projected"):
+        compile_scene(scene_problem(effects, head=MASSLESS))
+    run = simulate(
+        scene_problem(effects, head=MASSLESS, scene='integrator = "projected"\nsubsteps = 4\n'), Gains(10, 7e3)
+    )
+    assert np.isfinite(run.position_m).all()
+    late = (hand, WALL, 'kind = "jitter"\nrms_s = 1e-4')
+    with pytest.raises(UnsupportedError, match="jitter"):
+        compile_scene(scene_problem(late, head=MASSLESS))

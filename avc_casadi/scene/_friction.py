@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avc_casadi._errors import UnsupportedError
 from avc_casadi.scene._advance import Drive
 from avc_casadi.scene._layout import Layout, PlantSymbols
 from avc_casadi.scene._plant import LinearPlant
@@ -26,6 +27,9 @@ FloatArray = NDArray[np.float64]
 # The first power left out, relative to the change of the state in a sample.
 _REST = 1e-17
 _HIGHEST_ORDER = 22
+_MOST_SUBSTEPS = 32
+# Larger terms would cancel against each other and take digits with them.
+_LARGEST_TERM = 1e3
 _NEWTON_STEPS = 4
 # Changes between sliding and sticking that are located in one series; a third one waits for its end.
 _EVENTS = 2
@@ -54,12 +58,22 @@ class TaylorSeries:
             sample_time_s: T.
             friction_n: dry friction; 0 for none.
             substeps: at least that many.
+
+        Raises:
+            UnsupportedError: the plant is too fast for a reasonable number of substeps.
         """
         # Higher powers are cheaper than more substeps, as long as their sum does not cancel.
         order = _order(plant, sample_time_s / substeps)
-        while order > _HIGHEST_ORDER:
+        while order > _HIGHEST_ORDER and substeps <= _MOST_SUBSTEPS:
             substeps *= 2
             order = _order(plant, sample_time_s / substeps)
+        if order > _HIGHEST_ORDER or substeps > _MOST_SUBSTEPS:
+            instead = 'scene.integrator = "projected"' if friction_n > 0 else "the effect jitter with rms_s = 0"
+            raise UnsupportedError(
+                f"the scene's mechanics move so fast within a sample of {sample_time_s:g} s that exact dry friction or "
+                f"late forces would take more than {_MOST_SUBSTEPS} substeps; take {instead}, a heavier hand or "
+                "device, or a slower amplifier or resonance"
+            )
         return cls(Layout.of(plant, friction_n), order, substeps)
 
     def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
@@ -230,8 +244,11 @@ def _order(plant: LinearPlant, step_s: float) -> int:
     scale = time_scale(plant, step_s)
     matrix = plant.matrix * step_s * scale[:, None] / scale
     term = np.eye(plant.states)
-    for power in range(1, 4 * _HIGHEST_ORDER):
+    for power in range(1, _HIGHEST_ORDER + 1):
         term = term @ matrix / power
-        if np.abs(term).max() < _REST:
+        largest = np.abs(term).max()
+        if largest < _REST:
             return power
-    return 4 * _HIGHEST_ORDER
+        if largest > _LARGEST_TERM:
+            break
+    return _HIGHEST_ORDER + 1

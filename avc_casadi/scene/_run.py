@@ -156,7 +156,13 @@ class Run:
         gains = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
         estimate = () if self.interaction_hz is None else ("interaction_hz",)
         traces = {name: getattr(self, name) for name in ("time_s", *names, *gains, *estimate)}
-        np.savez_compressed(target, **traces, absorbed_j=self.ledger.absorbed_j, stored_j=self.ledger.stored_j)
+        np.savez_compressed(
+            target,
+            **traces,
+            absorbed_j=self.ledger.absorbed_j,
+            stored_j=self.ledger.stored_j,
+            dissipated_j=self.ledger.dissipated_j,
+        )
         text = json.dumps(self.document(target) | {"effects": list(self.effects)}, indent=1, allow_nan=False)
         target.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
         return target
