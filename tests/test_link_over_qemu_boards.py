@@ -54,7 +54,8 @@ def test_push_stream_and_monitor(port: str) -> None:
     assert again.table_id == result.table_id
     streamed = stream(gains, port, rate_hz=50, seconds=0.5, settings=SETTINGS)
     assert streamed.sent == 25
-    assert streamed.taken > 0
+    assert streamed.status.stream_number == 24
+    assert streamed.status.stream_stale == streamed.status.stream_missing == 0
     assert not streamed.status.streaming
     first, *_, last = monitor(port, rate_hz=20, seconds=0.2)
     assert last.ticks > first.ticks

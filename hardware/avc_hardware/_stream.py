@@ -22,6 +22,8 @@ from avc_hardware._table import Float32Array, TableSettings, gain_table
 MAX_RATE_HZ = 100.0
 # Streamed gains hold for so many periods; after that the device goes back to its table.
 HOLD_PERIODS = 3
+# How many such times to wait for that at the end.
+_PATIENCE = 20
 # When the host itself is late: still give the answer a chance.
 _LEAST_WAIT_S = 2e-3
 
@@ -147,8 +149,13 @@ def stream(
             connection.run(_idle(connection, end))
         lasted = link.now_s() - start
         middle = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
-        connection.run(_idle(connection, link.now_s() + 2 * HOLD_PERIODS / rate_hz))
-        after = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
+        after = middle
+        # The device counts in its own ticks, which may lag behind this computer's clock.
+        for _ in range(_PATIENCE):
+            if not after.streaming:
+                break
+            connection.run(_idle(connection, link.now_s() + HOLD_PERIODS / rate_hz))
+            after = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
     trips: FloatArray = np.array([s.round_trip_s for s in samples if math.isfinite(s.round_trip_s)])
     return StreamResult(
         port=link.name,
