@@ -80,7 +80,9 @@ def _wall(task: tuple[str, tuple[Coupling, ...], int, int]) -> tuple[list[dict[s
 
     def of(population: Population, tried: tuple[Design, ...], *, matching: bool) -> list[dict[str, Any]]:
         people = draw_subjects(population, hands, seed)
-        return rows(wall, problem, tried, try_wall(problem, people, tried, matching=matching))
+        found = rows(wall, problem, tried, try_wall(problem, people, tried, matching=matching))
+        # The paper's people are set beside those that its column calibrates, set A.
+        return found if matching else [row | {"paper": None} for row in found]
 
     kept = tuple(one for one in designs if one.coupling in SET_B_COUPLINGS)
     return of("A", designs, matching=True), of("B", kept, matching=False)

@@ -38,7 +38,6 @@ WALL = "ve7"
 MARGINS = (-4.0, -2.0, 0.0, 1.0, 2.0, 4.0, 6.0)
 BASE_MARGIN = 6.0
 FREQUENCIES_HZ = np.geomspace(1.0, 200.0, 61)
-LEAST_WALL_N_PER_M = 2e3
 
 
 def swept(problem, people):
@@ -119,7 +118,8 @@ def _limit(problem, population):
     fast = problem.device.model_copy(update={"sample_time_s": 0.25e-3})
     most = {f"{device.sample_time_s:g}": stiffest_wall(device, people) for device in (problem.device, fast)}
     nose = most[f"{problem.device.sample_time_s:g}"]
-    walls = np.geomspace(LEAST_WALL_N_PER_M, 0.999 * nose.stiffness_n_per_m, 45)
+    # Dense where the range closes.
+    walls = nose.stiffness_n_per_m * (1 - np.geomspace(0.98, 5e-4, 45))
     ranges = [*(damping_range(problem.device, people, float(wall)) for wall in walls), nose]
     passive = {key: 2 * problem.device.damping_ns_per_m / float(key) for key in most}
     return {
