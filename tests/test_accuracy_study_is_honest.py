@@ -72,6 +72,7 @@ def test_the_document_is_plain_json_with_the_promised_keys(study):
     }  # fmt: skip
     assert set(document["tables"][0]) >= {"rows", "interpolation", "precision", "max_error"}
     assert set(document["grids"][0]) >= {"points", "missed_violation"}
+    assert set(document["scenes"][0]) >= {"scene", "integrator", "substeps", "error", "seconds"}
 
 
 def test_the_figure_draws_failures_with_open_markers(study, tmp_path):

@@ -1,4 +1,4 @@
-"""The whole study of a problem: solvers, tables, grids; and its JSON document."""
+"""The whole study of a problem: solvers, tables, grids, its scene; and its JSON document."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi.accuracy._grids import GridMiss, grid_misses
 from avc_casadi.accuracy._solvers import TOLERANCES, SolverCost, reference_errors, solver_costs
 from avc_casadi.accuracy._tables import TableError, table_errors
+from avc_casadi.design import plain
 from avc_casadi.design._backends import BACKENDS
+from avc_casadi.scene import IntegratorAccuracy, integrator_accuracy
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -34,6 +37,8 @@ class Accuracy:
         solvers: work against precision of methods and solvers.
         tables: interpolation error of gain tables.
         grids: what a grid of frequencies misses.
+        scenes: integrators on the problem's scene.
+        without_scenes: why there are none, or empty.
     """
 
     problem: str
@@ -41,6 +46,8 @@ class Accuracy:
     solvers: tuple[SolverCost, ...]
     tables: tuple[TableError, ...]
     grids: tuple[GridMiss, ...]
+    scenes: tuple[IntegratorAccuracy, ...] = ()
+    without_scenes: str = ""
 
     def pareto(self) -> tuple[bool, ...]:
         """Whether no other entry is both faster and nearer to the optimum at its worst frequency, for each entry."""
@@ -65,7 +72,8 @@ class Accuracy:
             ],
             "tables": [asdict(table) for table in self.tables],
             "grids": [asdict(grid) for grid in self.grids],
-            "scenes": [],
+            "scenes": [plain(asdict(row)) for row in self.scenes],
+            "without_scenes": self.without_scenes,
             "default": WHY_DEFAULT,
         }
 
@@ -94,4 +102,15 @@ def study_accuracy(
         progress(f"{name}{asked}: {1e6 * cost.seconds_per_frequency:.3g} us a frequency")
     tables = tuple(table_errors(problem))
     progress(f"{len(tables)} gain tables")
-    return Accuracy(problem.name, reference.source, tuple(costs), tables, tuple(grid_misses(problem)))
+    grids = tuple(grid_misses(problem))
+    scenes, why = _scenes(problem)
+    progress(f"{len(scenes)} integrators of the scene")
+    return Accuracy(problem.name, reference.source, tuple(costs), tables, grids, scenes, why)
+
+
+def _scenes(problem: Problem) -> tuple[tuple[IntegratorAccuracy, ...], str]:
+    """Integrators on the problem's scene, or why it cannot be simulated."""
+    try:
+        return integrator_accuracy(problem), ""
+    except (InputError, UnsupportedError) as error:
+        return (), str(error)

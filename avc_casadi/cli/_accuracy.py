@@ -1,4 +1,4 @@
-"""Measure what accuracy costs in time: solvers, gain tables, grids of frequencies."""
+"""Measure what accuracy costs in time: solvers, gain tables, grids of frequencies, integrators."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Measure what accuracy costs in time: every method and solver over tolerances from 1e-2 to 1e-12 against the\n"
         "true optimum, gain tables of 10 to 1000 rows against solving between them, and grids of frequencies against\n"
-        "the exact test of all frequencies. Takes one to three minutes."
+        "the exact test of all frequencies; integrators of the problem's scene against the exact scheme. Takes one to\n"
+        "three minutes."
     )
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
     parser.add_argument("--plot", metavar="FILE", help="draw the study: .png, .svg or .pdf")
@@ -31,7 +32,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = avc.load_problem(args.problem)
-    with console.step("accuracy of solvers, tables and grids"):
+    with console.step("accuracy of solvers, tables, grids and the scene"):
         study = study_accuracy(problem)
     if plot is not None:
         from avc_casadi.figures import save_figure
@@ -52,6 +53,7 @@ def _text(study: Accuracy, plot: str | None) -> str:
         "",
         *_tables(document["tables"]),
         *_grids(document["grids"]),
+        *_scenes(document["scenes"], document["without_scenes"]),
     ]
     if plot is not None:
         lines.append(f"drawn: {plot}")
@@ -112,3 +114,26 @@ def _grids(misses: list[dict[str, Any]]) -> list[str]:
         table(["\npoints", "violation not\nseen (N.s/m)", "gains\ncalled passive"], rows, left=()),
         "",
     ]
+
+
+def _scenes(costs: list[dict[str, Any]], why: str) -> list[str]:
+    if not costs:
+        return [f"no scene: {why}", ""]
+    rows = [
+        [
+            cost["integrator"],
+            str(cost["substeps"]),
+            "diverges" if cost["error"] is None else number(1e6 * cost["error"], 3),
+            number(1e3 * cost["seconds"], 3),
+            str(cost["instructions"]),
+        ]
+        for cost in costs
+    ]
+    head = [
+        "\nintegrator",
+        "\nsubsteps",
+        "largest error of\nthe position (um)",
+        "whole scene\n(ms)",
+        "instructions\na sample",
+    ]
+    return ["integrators of the scene against the exact scheme", table(head, rows, left=(0,)), ""]
