@@ -14,6 +14,7 @@ from avc_casadi.study._designs import Design as Design
 from avc_casadi.study._designs import constant as constant
 from avc_casadi.study._designs import design as design
 from avc_casadi.study._designs import physical_wall as physical_wall
+from avc_casadi.study._designs import tuned_margin as tuned_margin
 from avc_casadi.study._designs import tuning_problem as tuning_problem
 from avc_casadi.study._limits import DampingRange as DampingRange
 from avc_casadi.study._limits import corner_subjects as corner_subjects

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
@@ -14,6 +12,7 @@ from avc_casadi.study._matching import WEBER, WEBER_SWEEP
 from avc_casadi.study._paper import PAPER, PEOPLE
 from avc_casadi.study._subjects import Population, draw_subjects
 from avc_casadi.study._wall import all_designs, rows, try_wall
+from avc_casadi.study._workers import in_processes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,12 +55,10 @@ def table1(
             if done is not None:
                 done(task[0])
     else:
-        # A fresh interpreter for each process: CasADi's threads do not survive a fork.
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            for task, result in zip(tasks, pool.map(_wall, tasks), strict=True):
-                found.append(result)
-                if done is not None:
-                    done(task[0])
+        for task, result in zip(tasks, in_processes(_wall, tasks, workers), strict=True):
+            found.append(result)
+            if done is not None:
+                done(task[0])
     return {
         "schema": SCHEMA,
         "hands": hands,

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import avc_casadi as avc
-from avc_casadi.study import Conditions, draw_subjects, reach, run_campaign, tuned, with_observer
+from avc_casadi.study import Conditions, draw_subjects, reach, run_campaign, tuned, tuned_margin, with_observer
 
 SEED = 2026
 WALL = "ve7"
@@ -35,11 +35,28 @@ def cells(people):
         for scheduled in (False, True):
             name = f"{'schedule' if scheduled else 'static-tuned'}, set A, {case}"
             yield name, partial(_cell, problem, scheduled, margin, "A", people, conditions)
+    for scheduled, wall, sample_time_s in ((False, 107e3, 1e-3), (True, 107e3, 1e-3), (False, 1.6e6, 0.25e-3)):
+        stiffer = walled(problem, wall, sample_time_s)
+        coupling = "schedule" if scheduled else "static-tuned"
+        name = f"{coupling}, set A, no friction, {wall:g} N/m at {1e3 * sample_time_s:g} ms"
+        yield name, partial(_cell, stiffer, scheduled, tuned_margin(stiffer), "A", people, Conditions())
     for population, many in (("B", people // 10), ("arm", 1)):
         for case in ("no friction", "as declared (0.2 N, 2 um)"):
             conditions, margin = cases[case]
             name = f"static-tuned, set {population}, {case}"
             yield name, partial(_cell, problem, False, margin, population, many, conditions)
+
+
+def walled(problem, stiffness_n_per_m, sample_time_s):
+    """A stiffer wall with the damper of figure 5, at another sample time; the gain box reaches as far beyond it."""
+    wall = problem.environment.model_copy(update={"stiffness_n_per_m": stiffness_n_per_m})
+    device = problem.device.model_copy(update={"sample_time_s": sample_time_s})
+    ends = {
+        "damping_ns_per_m": (0.0, 1e3 * problem.environment.damping_ns_per_m),
+        "stiffness_n_per_m": (0.0, 1e2 * stiffness_n_per_m),
+    }
+    box = problem.coupling.model_copy(update=ends)
+    return problem.model_copy(update={"environment": wall, "device": device, "coupling": box})
 
 
 def _cell(problem, scheduled, margin, population, people, conditions):
