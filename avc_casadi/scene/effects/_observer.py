@@ -13,7 +13,7 @@ from avc_casadi.scene.effects._base import SceneEffect, Station, settled
 from avc_casadi.scene.effects._step import insert
 
 # A mass taken too small turns every force into too much motion; far above the lightest, light hands buzz.
-_ABOVE = 1.15
+_ABOVE = 1.07
 
 
 @dataclass(frozen=True)
