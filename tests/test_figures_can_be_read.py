@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 import avc_casadi as avc
+from avc_casadi.comparison import with_delivered
 from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, save_figure
 
 DRAWERS = (draw_boundaries, draw_perceived, draw_comparison)
@@ -26,11 +27,19 @@ def unsorted_frequencies():
     return problem.model_copy(update={"frequency": problem.frequency.model_copy(update={"values_hz": values})})
 
 
+def hands():
+    problem = avc.load_problem("figure5")
+    stability = problem.stability.model_copy(update={"scope": "hands"})
+    frequency = problem.frequency.model_copy(update={"points": 12})
+    return problem.model_copy(update={"stability": stability, "frequency": frequency})
+
+
 PROBLEMS = {
     **dict.fromkeys(("figure5", "damped", "soft", "hard/pinned-box", "hard/near-rigid", "hard/resonance")),
     **dict.fromkeys(("hard/infeasible-box", "hard/free-space")),
     "single-frequency": single_frequency,
     "unsorted": unsorted_frequencies,
+    "hands": hands,
 }
 
 
@@ -38,7 +47,8 @@ PROBLEMS = {
 def comparison(request):
     make = PROBLEMS[request.param]
     problem = make() if make else avc.load_problem(request.param)
-    return avc.compare(problem, mine=(7000.0, 10.0))
+    found = avc.compare(problem, mine=(7000.0, 10.0))
+    return found if problem.stability.scope == "pointwise" else with_delivered(found, problem, avc.solve(problem))
 
 
 @pytest.fixture(scope="module", params=DRAWERS, ids=lambda draw: draw.__name__)
@@ -95,6 +105,17 @@ def test_axes_have_labels_with_units(figure):
         assert re.match(r"\([a-f]\) ", axes.get_title(loc="left"))
 
 
+def test_delivered_gains_are_drawn_in_every_panel_of_figure_5(comparison):
+    gains = comparison.methods[comparison.delivered]
+    label = "direct" if comparison.scope == "pointwise" else f"direct, scope {comparison.scope}"
+    curves = (np.abs(gains.impedance), gains.damping_ns_per_m, 1e-3 * gains.stiffness_n_per_m, gains.real_part)
+    order = np.argsort(gains.frequency_hz)
+    panels = {axes.get_title(loc="left")[:3]: axes for axes in draw_perceived(comparison).axes}
+    for panel, curve in zip(("(a)", "(c)", "(d)", "(e)"), curves, strict=True):
+        (line,) = (line for line in panels[panel].lines if line.get_label() == label)
+        np.testing.assert_array_equal(line.get_ydata(), curve[order])
+
+
 def test_lines_differ_without_colour(figure):
     for axes in figure.axes:
         looks = [
@@ -113,9 +134,9 @@ def test_lines_differ_without_colour(figure):
 def test_nothing_that_exists_is_left_undrawn(comparison):
     """Every gain of the optimiser is a point of panels c and d."""
     axes = {a.get_title(loc="left")[:3]: a for a in draw_perceived(comparison).axes}
-    gains = comparison.methods["direct"]
+    gains = comparison.methods[comparison.delivered]
     for panel, values in (("(c)", gains.damping_ns_per_m), ("(d)", 1e-3 * gains.stiffness_n_per_m)):
-        (line,) = [line for line in axes[panel].lines if line.get_label() == "direct"]
+        (line,) = [line for line in axes[panel].lines if line.get_label() == comparison.delivered]
         drawn = line.get_ydata()
         order = np.argsort(comparison.frequency_hz, kind="stable")
         np.testing.assert_array_equal(drawn, values[order])

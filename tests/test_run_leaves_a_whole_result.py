@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from avc_process import avc, strict_json
 
-from avc_casadi import load_problem, solve
+from avc_casadi import dump_problem, load_problem, solve
 from avc_casadi.design import read_gains
 
 FILES = {
@@ -80,6 +80,36 @@ def test_gain_files_hold_the_direct_gains(results):
         np.testing.assert_array_equal(gains.stiffness_n_per_m, expected.stiffness_n_per_m)
     document = json.loads((results[0] / "avc-figure5" / "gains.json").read_text())
     assert set(document["certificate"]["levels"]) >= {"L0", "L1", "L2", "L3", "L4", "L5"}
+
+
+@pytest.mark.parametrize("scope", ["hands", "all"])
+def test_the_gains_of_the_problems_own_scope_are_those_drawn_and_told(scope, tmp_path):
+    problem = load_problem("figure5")
+    stability = problem.stability.model_copy(update={"scope": scope, "model": "sampled-data"})
+    frequency = problem.frequency.model_copy(update={"points": 12})
+    (tmp_path / "wide.toml").write_text(
+        dump_problem(problem.model_copy(update={"stability": stability, "frequency": frequency}))
+    )
+    done = avc("run", "wide.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.decode().splitlines()
+    name = f"direct, scope {scope}"
+    assert lines[2].startswith(f"{name}: 12 of 12")
+    assert "pointwise" in lines[4]
+    assert lines[6].startswith("verdicts, pointwise")
+
+    folder = tmp_path / "avc-wide"
+    compare = json.loads((folder / "compare.json").read_text())
+    delivered = json.loads((folder / "gains.json").read_text())
+    assert (compare["scope"], compare["problem_scope"], compare["delivered"]) == ("pointwise", scope, name)
+    drawn = compare["methods"][name]
+    for key in ("damping_ns_per_m", "stiffness_n_per_m", "impedance_re"):
+        assert drawn[key] == delivered[key]
+        assert drawn[key] != compare["methods"]["direct"][key]
+    assert drawn["certificate"] == delivered["certificate"]
+    report = (folder / "report.html").read_text()
+    assert f"All 12 rows of {name}" in report
+    assert "the pointwise gains stand here for reference" in report
 
 
 WITHOUT_EXTRA = """

@@ -13,7 +13,8 @@ def comparison_text(document: dict[str, Any], plot: str | None = None) -> str:
     """Return the comparison as a table of some frequencies, counts with reasons, and what the closed form is."""
     lines = [
         f"{document['problem']}: {document['title']}",
-        f"structure {document['structure']}, model {document['model']}",
+        f"structure {document['structure']}, model {document['model']}, pointwise: each frequency on its own",
+        *_other_scope(document),
         _table(document),
         "",
         *_verdicts(document),
@@ -31,6 +32,12 @@ def comparison_text(document: dict[str, Any], plot: str | None = None) -> str:
     if plot is not None:
         lines.append(f"drawn: {plot}")
     return "\n".join(lines)
+
+
+def _other_scope(document: dict[str, Any]) -> list[str]:
+    if document["problem_scope"] == document["scope"]:
+        return []
+    return [f"not compared: the gains of the problem's own scope, {document['problem_scope']} (avc run, avc solve)"]
 
 
 def _table(document: dict[str, Any]) -> str:
@@ -57,7 +64,7 @@ def _table(document: dict[str, Any]) -> str:
 
 
 def _verdicts(document: dict[str, Any]) -> list[str]:
-    lines = [f"{len(document['verdict'])} frequencies: {counts(document['counts'])}"]
+    lines = [f"{len(document['verdict'])} frequencies, pointwise: {counts(document['counts'])}"]
     for verdict, count in document["counts"].items():
         if count:
             row = document["verdict"].index(verdict)
@@ -104,8 +111,8 @@ def _cross_check(document: dict[str, Any]) -> list[str]:
     word = "agree" if check["agree"] else "DISAGREE"
     return [
         (
-            f"direct and exact {word}: magnitude errors within {check['magnitude_error']:.1e}, distances within "
-            f"{check['distance']:.1e} (relative), {check['only_one']} frequencies solved by one alone"
+            f"direct and exact {word}, pointwise: magnitude errors within {check['magnitude_error']:.1e}, distances "
+            f"within {check['distance']:.1e} (relative), {check['only_one']} frequencies solved by one alone"
         )
     ]
 

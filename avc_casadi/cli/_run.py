@@ -14,7 +14,7 @@ from avc_casadi.cli._certify import not_met
 from avc_casadi.cli._compare import compared, infeasible
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
-from avc_casadi.cli._solve import json_text
+from avc_casadi.cli._solve import json_text, without_gains
 from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
@@ -36,17 +36,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the main job."""
-    from avc_casadi.comparison import comparison_document
+    from avc_casadi.comparison import comparison_document, with_delivered
     from avc_casadi.design import gain_csv, gain_document
     from avc_casadi.report import ReportContents, report_html, summarise, summary_lines
 
     problem = avc.load_problem(args.problem)
     folder = output_folder(args.out or f"avc-{problem.name.replace('/', '-')}", "--out")
     comparison = compared(problem, None, console)
-    gains = comparison.methods[comparison.optimum]
     if problem.stability.scope != "pointwise":
         with console.step(f"direct, scope {problem.stability.scope}"):
-            gains = avc.solve(problem)
+            comparison = with_delivered(comparison, problem, avc.solve(problem))
+    gains = comparison.methods[comparison.delivered]
     with console.step("certificate"):
         certificate = avc.certify(problem, gains).document()
     compare = comparison_document(comparison)
@@ -67,7 +67,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     written = sorted([*files, *(f"{name}{ending}" for name in _CAPTIONS for ending in (".png", ".svg"))])
     document = {"schema": "avc-run/1", "folder": str(folder), "files": written} | summary
     lines = [*summary_lines(summary), f"written: {folder / 'report.html'} and {len(written) - 1} files beside it"]
-    complaint = infeasible(compare) or not_met(problem, certificate)
+    scoped = comparison.delivered != comparison.optimum
+    missing = without_gains(gain_document(gains)) if scoped else infeasible(compare)
+    complaint = missing or not_met(problem, certificate)
     if "refused" in push:
         complaint = f"{complaint}\navc: push refused: {push['refused']}".lstrip()
     return Answer(document, "\n".join(lines), code=1 if complaint else 0, complaint=complaint)

@@ -2,6 +2,7 @@
 
 from avc_casadi.comparison._comparison import Comparison as Comparison
 from avc_casadi.comparison._comparison import compare as compare
+from avc_casadi.comparison._comparison import with_delivered as with_delivered
 from avc_casadi.comparison._document import comparison_document as comparison_document
 from avc_casadi.comparison._hand_tuned import HandTuned as HandTuned
 from avc_casadi.comparison._hand_tuned import judge_hand_tuned as judge_hand_tuned

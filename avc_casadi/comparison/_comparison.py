@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,11 +49,14 @@ class CrossCheck:
 class Comparison:
     """All methods at the same frequencies; every array has shape (n,), impedances in N.s/m.
 
+    The comparison is pointwise, each frequency on its own, as (12) is in the paper.
+
     Attributes:
         problem: name of the problem.
         title: its title.
         model: hold model.
         structure: series or damped.
+        scope: the problem's own scope, which the gains of `delivered` meet.
         margin_ns_per_m: margin of (12).
         frequency_hz: frequencies of interaction.
         methods: gains by method.
@@ -62,6 +65,7 @@ class Comparison:
         upper: perceived impedance of the realistic bound U.
         lower: perceived impedance of the realistic bound L.
         optimum: the method that the verdicts compare with the closed form.
+        delivered: the method whose gains the device gets: `optimum`, or "direct, scope ..." after `with_delivered`.
         verdict: one for each frequency.
         reason: one sentence for each frequency.
         injection: what the closed form really is.
@@ -76,6 +80,7 @@ class Comparison:
     title: str
     model: str
     structure: str
+    scope: str
     margin_ns_per_m: float
     frequency_hz: FloatArray
     methods: Mapping[str, GainSchedule]
@@ -84,6 +89,7 @@ class Comparison:
     upper: ComplexArray
     lower: ComplexArray
     optimum: str
+    delivered: str
     verdict: tuple[Verdict, ...]
     reason: tuple[str, ...]
     injection: DampingInjection
@@ -128,6 +134,7 @@ def compare(
         )
     if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
         raise InputError.of(f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: finite numbers >= 0", key="--mine")
+    scope = problem.stability.scope
     problem = problem.model_copy(update={"stability": problem.stability.model_copy(update={"scope": "pointwise"})})
     loop = loop_at(problem, problem.frequencies_hz())
     gains = {method: solver(problem, method) for method in dict.fromkeys(methods)}
@@ -141,6 +148,7 @@ def compare(
         title=problem.title,
         model=problem.stability.model,
         structure=problem.coupling.structure,
+        scope=scope,
         margin_ns_per_m=problem.stability.margin_ns_per_m,
         frequency_hz=problem.frequencies_hz(),
         methods=gains,
@@ -149,6 +157,7 @@ def compare(
         upper=_bound(problem, loop, problem.boundaries.upper),
         lower=_bound(problem, loop, problem.boundaries.lower),
         optimum=optimum,
+        delivered=optimum,
         verdict=verdict,
         reason=reason,
         injection=damping_injection(problem, loop),
@@ -158,6 +167,23 @@ def compare(
         passive_limit_n_per_m=passive_limit_n_per_m(
             device.damping_ns_per_m, device.sample_time_s, device.delay_samples
         ),
+    )
+
+
+def with_delivered(comparison: Comparison, problem: Problem, gains: GainSchedule) -> Comparison:
+    """Put the gains of a scope beyond pointwise beside the pointwise ones, as a method of its own.
+
+    Args:
+        comparison: the comparison of the problem.
+        problem: the problem.
+        gains: what the device gets.
+    """
+    name = f"{gains.method}, scope {problem.stability.scope}"
+    return replace(
+        comparison,
+        methods={**comparison.methods, name: gains},
+        judged={**comparison.judged, name: judge_gains(problem, gains)},
+        delivered=name,
     )
 
 

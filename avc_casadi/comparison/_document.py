@@ -18,6 +18,8 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         "title": comparison.title,
         "model": comparison.model,
         "structure": comparison.structure,
+        "scope": "pointwise",
+        "problem_scope": comparison.scope,
         "margin_ns_per_m": comparison.margin_ns_per_m,
         "frequency_hz": plain(comparison.frequency_hz),
         "methods": {
@@ -25,6 +27,7 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
             for name, gains in comparison.methods.items()
         },
         "optimum": comparison.optimum,
+        "delivered": comparison.delivered,
         "verdict": [verdict.value for verdict in comparison.verdict],
         "reason": list(comparison.reason),
         "counts": comparison.counts(),

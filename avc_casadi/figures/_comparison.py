@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from avc_casadi.figures._style import METHODS, MINE, PERCEIVED, WIDTH_INCHES, frequency_axis, styled
+from avc_casadi.figures._style import MINE, PERCEIVED, WIDTH_INCHES, frequency_axis, method_lines, styled
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from avc_casadi.comparison import Comparison
     from avc_casadi.design import FloatArray
 
@@ -37,7 +38,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     errors: list[tuple[str, FloatArray, FloatArray]] = [
         (name, gains.magnitude_error, gains.complex_error) for name, gains in comparison.methods.items()
     ]
-    lines = dict(METHODS)
+    lines = method_lines(comparison)
     if comparison.mine is not None:
         errors.append(("mine", comparison.mine.magnitude_error, comparison.mine.complex_error))
         lines["mine"] = MINE
@@ -66,7 +67,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
         [*handles, *patches],
         [*labels, *(str(patch.get_label()) for patch in patches)],
         loc="outside lower center",
-        ncols=4,
+        ncols=4 if comparison.delivered == comparison.optimum else 3,
     )
     return figure
 
@@ -85,7 +86,7 @@ def _verdicts(axes: Axes, comparison: Comparison) -> list[Patch]:
             axes.axvspan(edges[start], edges[row], facecolor=colour, edgecolor="0.3", hatch=hatch, linewidth=0.6)
             start = row
     frequency_axis(axes, comparison.frequency_hz)
-    axes.set_title("(c) verdict")
+    axes.set_title("(c) verdict, pointwise")
     axes.set_yticks([])
     axes.grid(visible=False)
     counts = comparison.counts()

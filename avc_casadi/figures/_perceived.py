@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from avc_casadi.figures._style import (
     DESIRED,
     IMPEDANCE_UNIT,
-    METHODS,
     NO_COUPLING,
     PERCEIVED,
     WIDTH_INCHES,
     frequency_axis,
+    method_lines,
     styled,
     value_axis,
 )
@@ -33,11 +33,11 @@ _ENLARGED = 3.0
 
 @styled
 def draw_perceived(comparison: Comparison) -> Figure:
-    """Draw what the hand meets without coupling, by the closed form and by the optimiser, and the gains that do it."""
+    """Draw what the hand meets without coupling, by the closed form and by the delivered gains, and these gains."""
     figure = Figure(figsize=(WIDTH_INCHES, 8.0), layout="constrained")
     damped = comparison.structure == "damped"
     panels = figure.subplot_mosaic([["a", "b"], ["c", "d"], ["e", "f" if damped else "e"]])
-    shown = ("closed-form", comparison.optimum)
+    shown = ("closed-form", comparison.delivered)
     _magnitude(panels["a"], comparison, shown)
     _enlarged(panels["b"], panels["a"], comparison, shown)
     gains = [
@@ -68,7 +68,8 @@ def draw_perceived(comparison: Comparison) -> Figure:
 
 def _curves(comparison: Comparison, shown: tuple[str, ...]) -> list[tuple[Line, ComplexArray]]:
     fixed = [(DESIRED, comparison.target), (NO_COUPLING, comparison.without_coupling)]
-    return fixed + [(METHODS[name], comparison.methods[name].impedance) for name in shown]
+    lines = method_lines(comparison)
+    return fixed + [(lines[name], comparison.methods[name].impedance) for name in shown]
 
 
 def _magnitude(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
@@ -111,19 +112,20 @@ def _enlarged(axes: Axes, whole: Axes, comparison: Comparison, shown: tuple[str,
 
 def _gain(axes: Axes, comparison: Comparison, shown: tuple[str, ...], key: str, scale: float) -> None:
     drawn: list[FloatArray] = []
+    lines = method_lines(comparison)
     for name in shown:
         gains: GainSchedule = comparison.methods[name]
         value = scale * getattr(gains, key)
-        METHODS[name].draw(axes, comparison.frequency_hz, value)
+        lines[name].draw(axes, comparison.frequency_hz, value)
         drawn.append(value)
         asked = scale * getattr(gains, f"requested_{key}", np.full(gains.rows, np.nan))
         refused = np.where(gains.usable | ~np.isfinite(asked), np.nan, asked)
         if np.isfinite(refused).any():
-            METHODS[name].draw(
+            lines[name].draw(
                 axes,
                 comparison.frequency_hz,
                 refused,
-                label=f"{METHODS[name].label} asks for, not realisable",
+                label=f"{lines[name].label} asks for, not realisable",
                 linestyle="none",
                 marker="x",
                 markersize=3.2,
@@ -140,11 +142,12 @@ def _real_part(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> No
     for line, impedance in _curves(comparison, shown):
         line.draw(axes, comparison.frequency_hz, impedance.real, markers=20)
         drawn.append(impedance.real)
+    lines = method_lines(comparison)
     other: Model = "sampled-data" if comparison.model == "paper" else "paper"
     for name in shown:
         values = comparison.judged[name].real_part[other]
-        label = f"{METHODS[name].label}, {other} model"
-        METHODS[name].draw(axes, comparison.frequency_hz, values, linewidth=0.9, marker="", alpha=0.6, label=label)
+        label = f"{lines[name].label}, {other} model"
+        lines[name].draw(axes, comparison.frequency_hz, values, linewidth=0.9, marker="", alpha=0.6, label=label)
         drawn.append(values[np.isfinite(values)])
     frequency_axis(axes, comparison.frequency_hz)
     value_axis(axes, *drawn)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
-from typing import Any, ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter
-from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
+
+    from avc_casadi.comparison import Comparison
 
 P = ParamSpec("P")
 
@@ -106,7 +111,18 @@ METHODS: Mapping[str, Line] = {
     "direct": Line("direct", "#08306b", "-", "o", 1.1, 6, 0.5),
     "exact": Line("exact", "#5a5a00", (0, (4, 1.5, 1, 1.5)), "s", 1.1, 5, 0.25),
 }
+# The pointwise gains, where the device gets those of another scope.
+POINTWISE = Line("direct, pointwise, for reference", "#6f94c4", (0, (2, 1.2)), "x", 1.1, 5, 0.5)
 MINE = Line("mine", "#8a0f5c", (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
+
+
+def method_lines(comparison: Comparison) -> dict[str, Line]:
+    """Return the line of each method; gains of the problem's own scope are drawn as the chosen ones."""
+    if comparison.delivered == comparison.optimum:
+        return dict(METHODS)
+    delivered = replace(METHODS["direct"], label=comparison.delivered)
+    exact = replace(METHODS["exact"], label="exact, pointwise, for reference")
+    return {**METHODS, "direct": POINTWISE, "exact": exact, comparison.delivered: delivered}
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.comparison import comparison_document
 from avc_casadi.impedance import ASSUMPTIONS, PAPER_ERRORS
-from avc_casadi.report._summary import device_line, injection_line, summary_lines
+from avc_casadi.report._summary import device_line, injection_line, scope_line, summary_lines
 
 if TYPE_CHECKING:
     from avc_casadi.comparison import Comparison
@@ -46,19 +46,20 @@ class ReportContents:
 def report_html(contents: ReportContents) -> str:
     """Return the page."""
     comparison = comparison_document(contents.comparison)
-    best = comparison["methods"][comparison["optimum"]]
+    best = comparison["methods"][comparison["delivered"]]
     push = contents.summary["push"]
     return Template(_PAGE.read_text(encoding="utf-8")).substitute(
         title=escape(f"{contents.problem.name}: {contents.problem.title}"),
         source=escape(contents.problem.source),
         summary="\n".join(f"<li>{escape(line)}</li>" for line in summary_lines(contents.summary)),
         figures="\n".join(_figure(caption, svg) for caption, svg in contents.figures),
+        scope=escape(scope_line(contents.summary)),
         verdicts=_verdicts(comparison),
         injection=escape(f"The closed form: {injection_line(contents.summary)}."),
         comparison=_comparison(comparison),
         certificate=f"{_certificate(contents.certificate)}\n{_methods(comparison)}",
         rows=len(best["frequency_hz"]),
-        method=escape(best["method"]),
+        method=escape(comparison["delivered"]),
         gains=_gains(best),
         device=escape(device_line(push)),
         push=_table(("what", "value"), [(key, _text(value)) for key, value in push.items()]),
@@ -128,7 +129,7 @@ def _comparison(comparison: Mapping[str, Any]) -> str:
         ("closed form asks for b, N·s/m", closed["requested_damping_ns_per_m"]),
         ("k, N/m", closed["requested_stiffness_n_per_m"]),
         ("error of |Z|, N·s/m", closed["magnitude_error"]),
-        (f"{best['method']} b, N·s/m", best["damping_ns_per_m"]),
+        (f"{best['method']}, pointwise: b, N·s/m", best["damping_ns_per_m"]),
         ("k, N/m", best["stiffness_n_per_m"]),
         ("error of |Z|, N·s/m", best["magnitude_error"]),
         ("Re Z_h, N·s/m", best["real_part"]),

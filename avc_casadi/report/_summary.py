@@ -90,6 +90,7 @@ def _spread(gains: GainSchedule, share: FloatArray) -> dict[str, float] | None:
 
 def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return the summary as nine lines; the command adds where the files are."""
+    delivered = summary["method"] + _scope(summary)
     device, wall, seconds = summary["device"], summary["environment"], summary["seconds"]
     counts, closed, rows = summary["counts"], summary["closed_form"], summary["rows"]
     realisable = closed.get("solved", 0) + closed.get("active-bound", 0)
@@ -105,17 +106,32 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
             f"passive limit at DC {summary['passive_limit_n_per_m']:.4g} N/m"
         ),
         (
-            f"{summary['method']}: {summary['rows_with_gains']} of {rows} frequencies have gains "
+            f"{delivered}: {summary['rows_with_gains']} of {rows} frequencies have gains "
             f"({summary['lowest_hz']:g} to {summary['highest_hz']:g} Hz; {seconds['solve']:.2g} s); "
             f"b {_span(summary['damping_ns_per_m'])} N.s/m, k {_span(summary['stiffness_n_per_m'])} N/m"
         ),
         f"error of |Z|: {_percent(summary['magnitude_error'])}; complex error: {_percent(summary['complex_error'])}",
         _cross_check(summary["cross_check"]),
         f"closed form: realisable at {realisable} of {rows} frequencies; {injection_line(summary)}",
-        "verdicts: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count),
+        "verdicts, pointwise: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count),
         "certificate: " + _levels(summary["certificate"]),
         device_line(summary["push"]),
     ]
+
+
+def _scope(summary: Mapping[str, Any]) -> str:
+    return "" if summary["scope"] == "pointwise" else f", scope {summary['scope']}"
+
+
+def scope_line(summary: Mapping[str, Any]) -> str:
+    """Return what is compared, and what the device gets where that is something else."""
+    line = "Verdicts and cross-check are pointwise: each frequency on its own, as (12) is in the paper."
+    if summary["scope"] == "pointwise":
+        return line
+    return (
+        f"{line} The device gets the gains of {summary['method']}{_scope(summary)}; the pointwise gains stand here for"
+        " reference."
+    )
 
 
 def injection_line(summary: Mapping[str, Any]) -> str:
@@ -142,7 +158,7 @@ def _cross_check(check: Mapping[str, Any] | None) -> str:
     if check is None:
         return "direct was not checked against exact"
     word = "agree" if check["agree"] else "DISAGREE"
-    return f"direct and exact {word}: magnitude errors within {check['magnitude_error']:.1g} of |Z|"
+    return f"direct and exact {word}, pointwise: magnitude errors within {check['magnitude_error']:.1g} of |Z|"
 
 
 def _levels(levels: Mapping[str, Mapping[str, Any]]) -> str:
