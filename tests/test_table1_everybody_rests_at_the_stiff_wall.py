@@ -1,11 +1,15 @@
 """The wall of figure 5 without friction: what the tuned designs reach, and what they need for it."""
 
+import json
+from pathlib import Path
+
 import pytest
 
 import avc_casadi as avc
 from avc_casadi.scene import NO_COUPLING
-from avc_casadi.study import Conditions, draw_subjects, reach, tuned, with_observer, worst_case
+from avc_casadi.study import Conditions, draw_subjects, exact_interval, reach, tuned, with_observer, worst_case
 
+RESULTS = Path(__file__).parent / "benchmarks" / "results"
 PROBLEM = avc.load_problem("ve7")
 PEOPLE = draw_subjects("A", 48, 11)
 
@@ -51,3 +55,15 @@ def test_the_search_for_the_worst_finds_what_is_there():
     assert good.stable
     assert good.broken == 0
     assert 0.05 <= good.hand["mass_kg"] <= 0.3
+
+
+def test_the_kept_result_is_what_is_claimed():
+    document = json.loads((RESULTS / "reach.json").read_text(encoding="utf-8"))
+    assert document["about"]["command"] == "python tests/benchmarks/reach.py 10000"
+    for cell in document["cells"].values():
+        assert (cell["stable_low"], cell["stable_high"]) == exact_interval(cell["stable"], cell["people"])
+    for coupling in ("static-tuned", "schedule"):
+        for case in ("no friction, margin 6", "as declared, margin 6", "no friction, 107000 N/m at 1 ms"):
+            cell = document["cells"][f"{coupling}, set A, {case}"]
+            assert cell["stable"] == cell["people"] == cell["stiffness_share"]["within_8_percent"] == 10_000
+        assert document["cells"][f"{coupling}, set A, no friction, 20 um, observer"]["stable"] == 10_000

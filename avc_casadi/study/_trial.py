@@ -45,8 +45,8 @@ BoolArray = NDArray[np.bool_]
 # coupling would be at rest.
 MOTIONS: dict[str, Motion] = {"press": Press(), "tap": Stroke(frequency_hz=2.0, amplitude_m=0.015), "hold": Hold()}
 DURATION_S = 3.0
-# Dry friction is projected this many times a sample: 25 times quicker for a stylus hand than its exact events, with the
-# same share of stable hands (58.8 against 59.8 % of 500 where it is most divided).
+# Dry friction is projected this many times a sample: several times quicker for a stylus hand than its exact events,
+# with the same share of stable hands (58.8 against 59.8 % of 500 where it is most divided).
 _FRICTION_SUBSTEPS = 4
 # Up to so many people, the scene's own choice of what runs it is left alone.
 _FEW = 3
