@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from avc_casadi import LinkError, MissingExtraError
+from avc_casadi._interrupt import HeldInterrupt
 from avc_hardware._elf import Image
 
 CLOCK_HZ = 168_000_000
@@ -132,14 +133,15 @@ class Machine:
 
     def run_until(self, cycle: int, *, stop: Callable[[], bool] = lambda: False) -> None:
         """Let time pass until a cycle, or until ``stop`` says so between two events."""
-        while self.cycle < cycle and not stop():
-            due = self._due(cycle)
-            if due > self.cycle:
-                count = min(due - self.cycle, self._slice)
-                self._run_main(count)
-                # a byte that the slice began to send may end before the event that it ran towards
-                self.cycle = min(self._due(cycle), self.cycle + count) if self._busy else self._due(cycle)
-            self._deliver()
+        with HeldInterrupt() as interrupt:
+            while self.cycle < cycle and not interrupt.came and not stop():
+                due = self._due(cycle)
+                if due > self.cycle:
+                    count = min(due - self.cycle, self._slice)
+                    self._run_main(count)
+                    # a byte that the slice began to send may end before the event that it ran towards
+                    self.cycle = min(self._due(cycle), self.cycle + count) if self._busy else self._due(cycle)
+                self._deliver()
 
     def _due(self, limit: int) -> int:
         events = [limit]
