@@ -8,9 +8,26 @@ import time
 import pytest
 from avc_process import AVC, ENVIRONMENT, strict_json
 
+from avc_casadi._interrupt import HeldInterrupt
+from avc_casadi.cli import _main
+
 LONG = {
     "table1": ("table1", "--hands", "100000"),
+    "monitor": ("monitor", "--port", "emulator", "--seconds", "100000"),
+    "stream": ("stream", "figure5", "--port", "emulator", "--seconds", "100000"),
+    "static-tuned": ("solve", "slow.toml", "--method", "static-tuned"),
 }
+SLOW = """\
+[device]
+mass_kg = 0.1
+damping_ns_per_m = 2.0
+coulomb_friction_n = 0.2
+[environment]
+damping_ns_per_m = 10.0
+stiffness_n_per_m = 1e5
+[scene]
+duration_s = 30.0
+"""
 
 
 def started(arguments, cwd, after_s):
@@ -38,9 +55,10 @@ def output(process):
 
 
 # Wherever in the command these times fall: the end must be the same.
-@pytest.mark.parametrize("after_s", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("after_s", [1.2, 2.5])
 @pytest.mark.parametrize("verb", LONG)
 def test_interrupt_ends_the_command(verb, after_s, tmp_path):
+    (tmp_path / "slow.toml").write_text(SLOW)
     process = started([*LONG[verb], "--json"], tmp_path, after_s)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     out, err = output(process)
@@ -60,3 +78,35 @@ def test_workers_end_when_the_command_is_killed(tmp_path):
     process = started(LONG["table1"], tmp_path, 2.5)
     process.kill()
     assert output(process) == (b"", b"")
+
+
+def interrupted_block(seen):
+    with HeldInterrupt() as interrupt:
+        seen.append(interrupt.came)
+        signal.raise_signal(signal.SIGINT)
+        seen.append(interrupt.came)
+
+
+def test_interrupt_is_held_until_the_end_of_the_block():
+    seen = []
+    with pytest.raises(KeyboardInterrupt):
+        interrupted_block(seen)
+    assert seen == [False, True]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize(
+    ("words", "cause"),
+    [("in CasADi: KeyboardInterrupt", None), ("returned a result with an exception set", KeyboardInterrupt())],
+)
+def test_interrupt_is_seen_in_an_error_that_it_caused(words, cause, monkeypatch, capsys):
+    def run(_args, _console):
+        raise SystemError(words) from cause
+
+    parser = _main.build_parser()
+    args = parser.parse_args(["list"])
+    args.run = run
+    monkeypatch.setattr(parser, "parse_args", lambda _: args)
+    monkeypatch.setattr(_main, "build_parser", lambda: parser)
+    assert _main.main(["list"]) == 130
+    assert capsys.readouterr() == ("", "avc: interrupted\n")

@@ -107,13 +107,22 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
     except KeyboardInterrupt:
         return _interrupted(console)
     except Exception as error:  # noqa: BLE001 - an internal error must not end in the code of a plain no
-        if str(error).rstrip().endswith("KeyboardInterrupt"):  # how CasADi reports Ctrl-C in some of its solvers
+        if _came_from_interrupt(error):
             return _interrupted(console)
         console.complain(traceback.format_exc())
         console.refuse(_document(f"internal error: {error!r}"), "avc: internal error; please report it")
         return INTERNAL
     console.answer(answer)
     return int(answer.code)
+
+
+def _came_from_interrupt(error: BaseException | None) -> bool:
+    """Tell whether CasADi has made an error of its own out of Ctrl-C, in words or as what the error came from."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt) or str(error).rstrip().endswith("KeyboardInterrupt"):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _interrupted(console: Console) -> int:

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from avc_casadi._interrupt import HeldInterrupt
 from avc_casadi.scene._compile import CompiledScene
 from avc_casadi.scene._native import NativeScene, compiler
 
@@ -56,6 +57,9 @@ def _by_casadi(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray)
     loop = scene.function.mapaccum("run", scene.samples)
     held = ca.DM(inputs)
     results = np.empty((len(parameters), len(scene.traces), scene.samples))
-    for run, row in enumerate(parameters):
-        results[run] = loop(scene.initial, held, ca.repmat(ca.DM(row), 1, scene.samples))[1].full()
+    with HeldInterrupt() as interrupt:
+        for run, row in enumerate(parameters):
+            if interrupt.came:
+                break
+            results[run] = loop(scene.initial, held, ca.repmat(ca.DM(row), 1, scene.samples))[1].full()
     return {name: results[:, index] for index, name in enumerate(scene.traces)}
