@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._text import number, table
 
 
@@ -27,17 +27,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Certify; 1 if the problem's own claim is not met."""
-    from avc_casadi.design import read_gains
-
     problem = avc.load_problem(args.problem)
-    gains = read_gains(Path(args.gains))
+    gains, notes = gains_for(problem, args.gains)
     with console.step(f"certificate of {gains.rows} rows"):
         certificate = avc.certify(problem, gains, requested=args.requested).document()
     claimed = claimed_level(problem)
-    document = {"schema": "avc-certify/1", "claimed": claimed, "gains": args.gains} | certificate
+    document = {"schema": "avc-certify/1", "claimed": claimed, "gains": args.gains, "notes": notes} | certificate
     claims = "\n".join(f"  {level}: {result['claim']}" for level, result in certificate["levels"].items())
+    beside = "".join(f"note: {note}\n" for note in notes)
     text = (
-        f"{problem.name}: {gains.rows} rows of {args.gains}, {certificate['judged']}\n{levels_text(certificate)}\n"
+        f"{problem.name}: {gains.rows} rows of {args.gains}, {certificate['judged']}\n{beside}"
+        f"{levels_text(certificate)}\n"
         f"{claims}\n{_beside_hands(certificate['levels']['L5'])}"
         f"claimed by the problem file: {claimed} (scope {problem.stability.scope}, model {problem.stability.model})\n"
         f"no passive linear rendering on this device exceeds {number(certificate['passive_limit_n_per_m'])} N/m at DC "

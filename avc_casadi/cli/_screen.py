@@ -31,10 +31,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if not 0 <= args.tolerance < 1:
         raise avc.InputError.of(f"is {args.tolerance:g}; allowed: 0 or more and below 1", key="--tolerance")
     problem = avc.load_problem(args.problem)
-    gains = gains_of(args.gains, problem, console)
+    gains, notes = gains_of(args.gains, problem, console)
     with console.step("the scene without each of its effects"):
         document = screen(problem, gains, tolerance=args.tolerance).document()
-    return Answer(document, _text(document))
+    document["notes"] = notes
+    return Answer(document, "\n".join([_text(document), *(f"note: {note}" for note in notes)]))
 
 
 def _text(document: dict[str, Any]) -> str:

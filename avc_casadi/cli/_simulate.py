@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
+from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._text import number, table
 
 if TYPE_CHECKING:
@@ -58,7 +58,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of(f"is {args.seed}; allowed: 0 or more", key="--seed")
     problem = avc.load_problem(args.problem)
     others = _others(args.against)
-    gains = gains_of(args.gains, problem, console)
+    gains, notes = gains_of(args.gains, problem, console)
+    no = _without_start(gains, args.gains, problem)
+    if no is not None:
+        return Answer(avc.fault_document(no), "", code=1, complaint=f"avc: {no}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
         found = avc.simulate(problem, gains, seed=args.seed)
         beside = [avc.simulate(problem, _gains_by(name, problem), seed=args.seed) for name in others]
@@ -72,6 +75,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         with console.step("figure"):
             save_figure(draw_scene([found, *beside]), plot)
     document = found.document(trace) | parts.document()
+    document["gains_from_hz"] = None if gains is None else float(gains.frequency_hz.min())
+    document["notes"] = notes
     if beside:
         document["against"] = [{name: run.document()[name] for name in _COMPARED} for run in beside]
     complaint = "" if found.stable else f"avc: {problem.name}: the device does not come to rest ({found.claim})"
@@ -97,17 +102,31 @@ def _gains_by(name: str, problem: avc.Problem) -> Gains | GainSchedule:
     return NO_COUPLING if name == "none" else avc.solve(problem, name)
 
 
-def gains_of(file: str | None, problem: avc.Problem, console: Console) -> GainSchedule | None:
-    """Return the gain table of a file, or that of the scene's coupling; None for a scene without a coupling."""
-    from avc_casadi.design import read_gains
-
+def gains_of(file: str | None, problem: avc.Problem, console: Console) -> tuple[GainSchedule | None, list[str]]:
+    """Return the gain table of a file, or that of the scene's coupling, and notes; None for a scene without any."""
     if file is not None:
-        return read_gains(Path(file))
+        return gains_for(problem, file)
     method = problem.scene.coupling
     if method == "none":
-        return None
+        return None, []
     with console.step(f"coupling: {method}"):
-        return avc.solve(problem, method)
+        return avc.solve(problem, method), []
+
+
+def _without_start(gains: GainSchedule | None, file: str | None, problem: avc.Problem) -> avc.InputError | None:
+    """Say that the table has no gains at its lowest frequency, where a hand at rest begins; None where it has."""
+    if gains is None:
+        return None
+    row = int(gains.frequency_hz.argmin())
+    if gains.status[row].has_gains:
+        return None
+    why = gains.reason[row].rstrip(".")
+    return avc.InputError.of(
+        f"no gains at {gains.frequency_hz[row]:g} Hz, where a hand at rest begins ({gains.status[row]}"
+        f"{f': {why}' if why else ''}). Choose another method, or gains that hold at the lowest frequency.",
+        file=file or problem.name,
+        key="scene.coupling" if file is None else "--gains",
+    )
 
 
 def _text(document: dict[str, Any], args: argparse.Namespace) -> str:
@@ -121,8 +140,13 @@ def _text(document: dict[str, Any], args: argparse.Namespace) -> str:
     if coupling != "none":
         b, k, b_p = (number(gain) if gain is not None else "rigid" for gain in gains)
         coupling += f" (b = {b} N.s/m, k = {k} N/m" + (f", b_p = {b_p} N.s/m)" if gains[2] else ")")
+        if document["gains_from_hz"] is not None:
+            adapts = any(effect["kind"] == "adaptation" for effect in document["effects"])
+            coupling += ", at first" if adapts else ""
+            coupling += f", the table's row of {number(document['gains_from_hz'])} Hz, its lowest"
     lines = [
         f"{document['problem']}: {document['steps']} samples, coupling {coupling}",
+        *(f"  note: {note}" for note in document["notes"]),
         f"  {outcomes[document['outcome']]}{'; buzzes' if document['buzzing'] else ''}",
         f"  largest velocity at the end   {number(_times(document['peak_velocity_m_per_s'], 1e3))} mm/s",
         f"  force at the end              {number(document['mean_force_n'])} N",
