@@ -125,3 +125,18 @@ def test_solve_gives_a_table_of_equal_rows():
 def test_another_kind_of_hand_is_refused_by_name():
     with pytest.raises(UnsupportedError, match="stylus-hand"):
         tune_static(problem(effects=('kind = "stylus-hand"', 'kind = "wall"')), SMALL)
+
+
+def test_the_margin_is_kept_in_reserve():
+    case = problem()
+    stability = case.stability.model_copy(update={"margin_ns_per_m": 1.0})
+    careful = tune_static(case.model_copy(update={"stability": stability}), SMALL)
+    bold = tune_static(case, SMALL)
+    hands = hand_set(case.hands, draws=SMALL.hands)
+
+    def stable_without(damping, found):
+        parts = frozen_parts(case, found.gains.damping_ns_per_m, found.gains.stiffness_n_per_m)
+        return linear_stability(case.device, parts, 0.0, hands, -damping).stable.all()
+
+    assert stable_without(1.0, careful)
+    assert careful.error >= bold.error

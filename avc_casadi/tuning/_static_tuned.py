@@ -183,9 +183,12 @@ class _Tuning:
         promising = cost < below
         points, gains, cost = points[promising], gains[:, promising], cost[promising]
         b, k, contact = gains
-        stable = linear_stability(
-            self.problem.device, frozen_parts(self.problem, b, k), contact, self.hands
-        ).stable if len(points) else np.zeros(0, dtype=bool)  # fmt: skip
+        # The margin is a reserve: the hands must be held by a device robbed of that much damping, as in scope hands.
+        reserve = -self.problem.stability.margin_ns_per_m
+        stable = np.zeros(0, dtype=bool)
+        if len(points):
+            parts = frozen_parts(self.problem, b, k)
+            stable = linear_stability(self.problem.device, parts, contact, self.hands, reserve).stable
         self.linear += int(np.count_nonzero(stable))
         order = np.flatnonzero(stable)[np.argsort(cost[stable], kind="stable")]
         for row in order[self._places(len(order), widely=math.isinf(below))]:
