@@ -249,3 +249,18 @@ def test_internal_errors_are_not_mistaken_for_a_no(monkeypatch, capsys):
 def test_version(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == "avc-casadi 0.1.0\n"
+
+
+@pytest.mark.parametrize(("scope", "level"), [("pointwise", ""), ("band", "L1"), ("all", "L3")])
+def test_solve_says_no_where_the_problems_own_claim_is_not_met(scope, level, tmp_path):
+    (tmp_path / "weak.toml").write_text(WEAK.format(scope=scope).replace("0.01", "2.0"))
+    done = avc("solve", "weak.toml", "--method", "exact", "--json", cwd=tmp_path)
+    document = strict_json(done.stdout)
+    assert None not in document["damping_ns_per_m"]
+    assert done.returncode == (1 if level else 0)
+    assert text_of(done)[: 7 + len(level)] == (f"avc: {level}, " if level else "")
+    for notes in (
+        document["notes"],
+        strict_json(avc("solve", "weak.toml", "--as-printed", "--json", cwd=tmp_path).stdout)["notes"],
+    ):
+        assert any(f"scope {scope}" in note for note in notes) == bool(level)

@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._certify import levels_text
+from avc_casadi.cli._certify import levels_text, not_met
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._text import counts, number, sample_rows, table
@@ -19,9 +19,13 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
+    parser.description = (
+        f"{__doc__}\nExit code 1 if a frequency has no gains, or the gains do not meet the claim of the problem file"
+        " (stability.scope and model)."
+    )
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
     parser.add_argument("--method", help="closed-form, direct (default), exact, schedule, static or static-tuned")
-    parser.add_argument("--solver", help="backend of direct, for example ipopt or sqpmethod")
+    parser.add_argument("--solver", help="backend of direct: edges (default), or for example ipopt or sqpmethod")
     parser.add_argument("--tolerance", type=float, metavar="TOL", help="tolerance asked of the backend")
     parser.add_argument(
         "--as-printed", action="store_true", help="closed form with the paper's errors, and a table of them"
@@ -43,8 +47,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         document["paper_errors"] = paper_errors()
     if out is not None:
         write_text(out, gain_csv(gains) if out.suffix.lower() == ".csv" else json_text(document), "--out")
-    missing = without_gains(document)
-    return Answer(document, _text(document, args.out), code=1 if missing else 0, complaint=missing)
+    complaint = without_gains(document) or not_met(problem, document["certificate"])
+    return Answer(document, _text(document, args.out), code=1 if complaint else 0, complaint=complaint)
 
 
 def json_text(document: dict[str, Any]) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.design._gains import ComplexArray, FloatArray, GainSchedule, Status, gain_schedule
+from avc_casadi.design._rows import pointwise_notes
 from avc_casadi.impedance import Loop, coupling_gains, loop_at
 
 if TYPE_CHECKING:
@@ -103,6 +104,7 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
         requested=(b, k),
         impedance=None if damped else projection.impedance,
         solve_seconds=time.perf_counter() - started,
+        notes=pointwise_notes(problem),
     )
 
 

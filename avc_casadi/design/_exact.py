@@ -18,7 +18,7 @@ from avc_casadi.design._arcs import Arcs
 from avc_casadi.design._edges import Edges
 from avc_casadi.design._gains import FloatArray, GainSchedule, gain_schedule
 from avc_casadi.design._infeasible import row_reasons
-from avc_casadi.design._rows import best_candidate, row_status
+from avc_casadi.design._rows import best_candidate, pointwise_notes, row_status
 from avc_casadi.design._wanted import guarded_margin, wanted_points
 from avc_casadi.impedance import Loop, abs2, coupling_gains, loop_at
 
@@ -119,4 +119,12 @@ def solve_exact(problem: Problem) -> GainSchedule:
     gains = exact_gains(problem, loop)
     status = row_status(problem, *gains)
     seconds = time.perf_counter() - started
-    return gain_schedule(problem, "exact", gains, status, reason=row_reasons(problem, status), solve_seconds=seconds)
+    return gain_schedule(
+        problem,
+        "exact",
+        gains,
+        status,
+        reason=row_reasons(problem, status),
+        solve_seconds=seconds,
+        notes=pointwise_notes(problem),
+    )

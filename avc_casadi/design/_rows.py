@@ -54,6 +54,14 @@ def best_candidate(problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p
     return tuple(np.where(empty, np.nan, gain[chosen]) for gain in (b, k, p))  # type: ignore[return-value]
 
 
+def pointwise_notes(problem: Problem) -> tuple[str, ...]:
+    """Say that gains are pointwise where the problem asks for more; for the methods that know no other scope."""
+    scope = problem.stability.scope
+    if scope == "pointwise":
+        return ()
+    return (f"pointwise gains, each frequency on its own: they need not meet scope {scope}, as direct and schedule do",)
+
+
 def row_status(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> tuple[Status, ...]:
     """Status of solved rows: infeasible without gains, active-bound where a gain stands on the box, else solved."""
     box = problem.coupling
