@@ -8,6 +8,7 @@ import pytest
 from avc_process import avc, strict_json
 
 from avc_casadi import dump_problem, load_problem, solve
+from avc_casadi.cli import main
 from avc_casadi.design import read_gains
 
 FILES = {
@@ -139,3 +140,26 @@ def test_infeasible_problem_still_leaves_everything_and_says_no(tmp_path):
     assert b"200 of 200 frequencies are infeasible" in done.stderr
     assert {path.name for path in (tmp_path / "avc-hard-infeasible-box").iterdir()} == FILES
     assert Path(tmp_path / "avc-hard-infeasible-box" / "gains.csv").read_text().count("\n") == 1
+
+
+def test_a_folder_that_cannot_be_written_is_found_before_the_work(tmp_path, monkeypatch, capsys):
+    def worked(*_):
+        raise AssertionError("the work began")
+
+    monkeypatch.setattr("avc_casadi.cli._run.compared", worked)
+    (tmp_path / "file").write_text("")
+    for folder in ("", "/sys/avc", "/sys", str(tmp_path / "file"), "\0"):
+        assert main(["run", "soft", "--json", "--out", folder]) == 2
+        (error,) = json.loads(capsys.readouterr().out)["errors"]
+        assert error["key"] == "--out"
+
+
+def test_a_run_that_ends_early_leaves_the_files_before_it(tmp_path, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    (tmp_path / "gains.json").write_text("of the run before")
+    monkeypatch.setattr("avc_casadi.cli._run._push", stop)
+    assert main(["run", "soft", "--out", str(tmp_path)]) == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["gains.json"]
+    assert (tmp_path / "gains.json").read_text() == "of the run before"

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
-from avc_casadi import InputError
+from avc_casadi import AvcError, InputError
+from avc_casadi.cli._console import uninterrupted
 
 
 def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
@@ -32,20 +36,41 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
     return path
 
 
-def output_folder(text: str, key: str) -> Path:
-    """Make a folder for results, or take the one that is there.
+@contextmanager
+def output_folder(text: str, key: str) -> Iterator[Path]:
+    """Gather results in a folder that is yielded; at the end all of them move into the one asked for, or none.
+
+    The yielded folder lies inside the one asked for, which is made where it is missing: that it cannot be written to is
+    found before the long work.
+
+    Args:
+        text: the argument.
+        key: its option, for the message.
 
     Raises:
         InputError: it cannot be made or written to.
     """
+    if not text or "\0" in text:
+        raise InputError.of(f"{text!r} is no name; give the name of a folder", key=key)
     path = Path(text)
     try:
         path.mkdir(parents=True, exist_ok=True)
+        gathered = Path(tempfile.mkdtemp(prefix=".avc-", dir=path))
     except OSError as error:
-        raise InputError.of(f"{text!r} cannot be made ({error.strerror}); choose another folder", key=key) from error
-    if not os.access(path, os.W_OK):
-        raise InputError.of(f"{text!r} may not be written by this user; choose another folder", key=key)
-    return path
+        why = error.strerror or str(error)
+        raise InputError.of(f"{text!r} cannot be written ({why}); choose another folder", key=key) from error
+    try:
+        yield gathered
+        with uninterrupted():
+            for file in sorted(gathered.iterdir()):
+                file.replace(path / file.name)
+    except OSError as error:
+        if isinstance(error, AvcError | BrokenPipeError):
+            raise
+        why = error.strerror or str(error)
+        raise InputError.of(f"{text!r} cannot be written ({why}); choose another folder", key=key) from error
+    finally:
+        shutil.rmtree(gathered, ignore_errors=True)
 
 
 def write_text(path: Path, text: str, key: str) -> None:

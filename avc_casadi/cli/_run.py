@@ -36,15 +36,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the main job."""
+    problem = avc.load_problem(args.problem)
+    asked = f"avc-{problem.name.replace('/', '-')}" if args.out is None else args.out
+    with output_folder(asked, "--out") as folder:
+        return _worked_through(problem, console, folder, Path(asked))
+
+
+def _worked_through(problem: avc.Problem, console: Console, folder: Path, shown: Path) -> Answer:
+    """Do all of it, with files in one folder, told as files of another."""
     from avc_casadi.comparison import comparison_document, with_delivered
     from avc_casadi.design import gain_csv, gain_document
     from avc_casadi.report import ReportContents, report_html, summarise, summary_lines
 
-    problem = avc.load_problem(args.problem)
-    folder = output_folder(args.out or f"avc-{problem.name.replace('/', '-')}", "--out")
     comparison = compared(problem, None, console)
-    if problem.stability.scope != "pointwise":
-        with console.step(f"direct, scope {problem.stability.scope}"):
+    if comparison.scope != "pointwise":
+        with console.step(f"direct, scope {comparison.scope}"):
             comparison = with_delivered(comparison, problem, avc.solve(problem))
     gains = comparison.methods[comparison.delivered]
     with console.step("certificate"):
@@ -65,8 +71,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     for name, text in files.items():
         write_text(folder / name, text, "--out")
     written = sorted([*files, *(f"{name}{ending}" for name in _CAPTIONS for ending in (".png", ".svg"))])
-    document = {"schema": "avc-run/1", "folder": str(folder), "files": written} | summary
-    lines = [*summary_lines(summary), f"written: {folder / 'report.html'} and {len(written) - 1} files beside it"]
+    document = {"schema": "avc-run/1", "folder": str(shown), "files": written} | summary
+    lines = [*summary_lines(summary), f"written: {shown / 'report.html'} and {len(written) - 1} files beside it"]
     scoped = comparison.delivered != comparison.optimum
     missing = without_gains(gain_document(gains)) if scoped else infeasible(compare)
     complaint = missing or not_met(problem, certificate)
