@@ -1,7 +1,6 @@
 """Scenes: the closed loop in time, simulated with the listed effects only."""
 
 from avc_casadi.scene._accuracy import IntegratorAccuracy as IntegratorAccuracy
-from avc_casadi.scene._accuracy import IntegratorAccuracy as IntegratorAccuracy
 from avc_casadi.scene._accuracy import integrator_accuracy as integrator_accuracy
 from avc_casadi.scene._compile import CompiledScene as CompiledScene
 from avc_casadi.scene._compile import compile_scene as compile_scene
