@@ -109,7 +109,7 @@ def problems(draw):
             contact_damping_ns_per_m=(0.0, 0.0) if structure == "series" else draw(interval(damping)),
         ),
         stability=draw(st.builds(Stability, band_factor=st.floats(1, 1e6), margin_ns_per_m=damping)),
-        realism=draw(st.builds(Realism, jnd=st.floats(1e-3, 0.999))),
+        realism=draw(st.builds(Realism, jnd=st.floats(1e-3, 0.999), require=st.sampled_from(["none", "jnd"]))),
         schedule=draw(
             st.builds(
                 ScheduleSettings,

@@ -56,7 +56,7 @@ class Comparison:
         title: its title.
         model: hold model.
         structure: series or damped.
-        scope: the problem's own scope, which the gains of `delivered` meet.
+        scope: what the gains of `delivered` meet: the problem's own scope, with the realism that it requires.
         margin_ns_per_m: margin of (12).
         frequency_hz: frequencies of interaction.
         methods: gains by method.
@@ -113,7 +113,7 @@ def compare(
 ) -> Comparison:
     """Solve by each method and compare.
 
-    The paper's (12) is pointwise, and so is the comparison, whatever the scope of the problem.
+    The paper's (12) is pointwise, and so is the comparison, whatever scope and realism the problem demands.
 
     Args:
         problem: the problem.
@@ -134,8 +134,10 @@ def compare(
         )
     if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
         raise InputError.of(f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: finite numbers >= 0", key="--mine")
-    scope = problem.stability.scope
-    problem = problem.model_copy(update={"stability": problem.stability.model_copy(update={"scope": "pointwise"})})
+    scope = _demanded(problem)
+    stability = problem.stability.model_copy(update={"scope": "pointwise"})
+    realism = problem.realism.model_copy(update={"require": "none"})
+    problem = problem.model_copy(update={"stability": stability, "realism": realism})
     loop = loop_at(problem, problem.frequencies_hz())
     gains = {method: solver(problem, method) for method in dict.fromkeys(methods)}
     scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
@@ -171,20 +173,26 @@ def compare(
 
 
 def with_delivered(comparison: Comparison, problem: Problem, gains: GainSchedule) -> Comparison:
-    """Put the gains of a scope beyond pointwise beside the pointwise ones, as a method of its own.
+    """Put the gains of a scope beyond pointwise, or of required realism, beside the pointwise ones as a method.
 
     Args:
         comparison: the comparison of the problem.
         problem: the problem.
         gains: what the device gets.
     """
-    name = f"{gains.method}, scope {problem.stability.scope}"
+    name = f"{gains.method}, scope {_demanded(problem)}"
     return replace(
         comparison,
         methods={**comparison.methods, name: gains},
         judged={**comparison.judged, name: judge_gains(problem, gains)},
         delivered=name,
     )
+
+
+def _demanded(problem: Problem) -> str:
+    """Name the scope of a problem, with the realism that it requires."""
+    scope, require = problem.stability.scope, problem.realism.require
+    return scope if require == "none" else f"{scope}, realism {require}"
 
 
 def _bound(problem: Problem, loop: Loop, bound: Impedance) -> ComplexArray:

@@ -18,7 +18,17 @@ from avc_casadi.design._backends import EDGES
 from avc_casadi.design._edge_search import edge_search_gains
 from avc_casadi.design._gains import BoolArray, FloatArray, GainSchedule, Status, gain_schedule
 from avc_casadi.design._rows import Gains, row_status
-from avc_casadi.design.schedule import Missing, Outcome, Slots, Task, missing_rows, refined, solve_program, worst_slack
+from avc_casadi.design.schedule import (
+    Missing,
+    Outcome,
+    Slots,
+    Task,
+    missing_rows,
+    realism_slack,
+    refined,
+    solve_program,
+    worst_slack,
+)
 from avc_casadi.impedance import Loop, loop_at
 from avc_casadi.problem import Frequency, Problem
 
@@ -56,11 +66,13 @@ def solve_scoped(problem: Problem, *, solver: str | None = None) -> GainSchedule
     Raises:
         UnsupportedError: another solver.
     """
-    scope = problem.stability.scope
+    scope, require = problem.stability.scope, problem.realism.require
     if solver not in {None, EDGES}:
+        real = "" if require == "none" else f" and realism {require}"
+        relax = "" if require == "none" else ', and require = "none" in [realism]'
         raise UnsupportedError(
-            f"solver {solver} solves (11)-(12) at single frequencies, not with scope {scope};"
-            f' leave out --solver, or set scope = "pointwise" in [stability]'
+            f"solver {solver} solves (11)-(12) at single frequencies, not with scope {scope}{real};"
+            f' leave out --solver, or set scope = "pointwise" in [stability]{relax}'
         )
     started = time.perf_counter()
     loop = loop_at(problem, problem.frequencies_hz())
@@ -68,11 +80,12 @@ def solve_scoped(problem: Problem, *, solver: str | None = None) -> GainSchedule
     seconds = time.perf_counter() - started
     status = row_status(problem, *found.gains)
     status = tuple(Status.FAILED if bad else item for item, bad in zip(status, found.failed, strict=True))
-    failed = "ipopt found no gains that meet the scope, although there are some: try method schedule"
+    failed = "ipopt found no gains that meet the constraints, although there are some: try method schedule"
     reasons = tuple(failed if bad else reason for reason, bad in zip(found.reasons, found.failed, strict=True))
     separate = int(found.separate.sum())
+    met = f"scope {scope}" if require == "none" else f"scope {scope} and realism {require}"
     note = (
-        f"scope {scope} met exactly at every row with gains; at {separate} frequencies the optimum is that of the"
+        f"{met} met exactly at every row with gains; at {separate} frequencies the optimum is that of the"
         " pointwise problem, elsewhere the best of two starts, not proved to be the global optimum"
     )
     return gain_schedule(
@@ -94,6 +107,7 @@ def scoped_gains(problem: Problem, loop: Loop) -> ScopedGains:
     found = np.isfinite(b)
     b0, k0, p0 = (np.where(found, gain, 0.0) for gain in (b, k, p))
     separate = found & worst_slack(problem, frequency, (b0, k0, p0)).met
+    separate &= realism_slack(problem, loop, (b0, k0, p0)) >= 0
     rest = np.flatnonzero(~separate)
     failed, reasons = np.zeros(len(frequency), dtype=bool), [""] * len(frequency)
     if rest.size:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -54,15 +55,24 @@ def solve(
     if method in _WITHOUT_OPTIONS:
         module, name = _WITHOUT_OPTIONS[method]
         found: GainSchedule = getattr(import_module(module), name)(problem)
-        return found
+        return found if method == "schedule" else _without_realism(problem, found)
     if method == "closed-form":
         from avc_casadi.design._closed_form import solve_closed_form  # noqa: PLC0415
 
-        return solve_closed_form(problem, as_printed=as_printed)
-    if problem.stability.scope != "pointwise":
+        return _without_realism(problem, solve_closed_form(problem, as_printed=as_printed))
+    if problem.stability.scope != "pointwise" or problem.realism.require != "none":
         from avc_casadi.design._scoped import solve_scoped  # noqa: PLC0415
 
         return solve_scoped(problem, solver=solver)
     from avc_casadi.design._direct import solve_direct  # noqa: PLC0415
 
     return solve_direct(problem, solver=solver, tolerance=tolerance)
+
+
+def _without_realism(problem: Problem, gains: GainSchedule) -> GainSchedule:
+    """Say of a method that keeps no realism that the problem's requirement is not met by design."""
+    require = problem.realism.require
+    if require == "none":
+        return gains
+    note = f'{gains.method} does not know realism.require = "{require}"; methods that keep it: direct, schedule'
+    return replace(gains, notes=(*gains.notes, note))

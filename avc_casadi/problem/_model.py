@@ -41,6 +41,7 @@ Model = Literal["paper", "sampled-data"]
 Structure = Literal["series", "damped"]
 Scope = Literal["pointwise", "band", "all", "hands"]
 Objective = Literal["magnitude", "complex", "perceptual"]
+Required = Literal["none", "jnd", "bounds"]
 
 
 class DeviceRange(Table):
@@ -99,10 +100,15 @@ class Stability(Table):
 
 
 class Realism(Table):
-    """What counts as error, and the just-noticeable difference as a share of |Z|."""
+    """What counts as error, the just-noticeable difference as a share of |Z|, and what every row of gains must meet.
+
+    Required: nothing; |Z_h - Z_h_ds| <= jnd |Z_h_ds|; or |Z_h| between those of the boundaries. The methods direct and
+    schedule keep it as a constraint.
+    """
 
     objective: Objective = "magnitude"
     jnd: Threshold = 0.10
+    require: Required = "none"
 
 
 class ScheduleSettings(Table):

@@ -36,6 +36,18 @@ def _bounds(quantity: str) -> Rule:
     return rule
 
 
+def _bounds_apart(values: Values) -> Iterator[Finding]:
+    if values["realism.require"] != "bounds":
+        return
+    quantities = ("damping_ns_per_m", "stiffness_n_per_m")
+    # Left out, both bounds are the environment.
+    if not values.given("boundaries") or all(
+        values[f"boundaries.upper.{quantity}"] == values[f"boundaries.lower.{quantity}"] for quantity in quantities
+    ):
+        message = 'is "bounds", but upper and lower of [boundaries] are equal; allowed: bounds apart, "jnd" or "none"'
+        yield ("realism", "require"), message
+
+
 def _known_range(quantity: str) -> Rule:
     def rule(values: Values) -> Iterator[Finding]:
         interval, nominal = values[f"device.range.{quantity}"], values[f"device.{quantity}"]
@@ -140,6 +152,7 @@ def _saturation(values: Values) -> Iterator[Finding]:
 _RULES: tuple[Rule, ...] = (
     _bounds("damping_ns_per_m"),
     _bounds("stiffness_n_per_m"),
+    _bounds_apart,
     _known_range("mass_kg"),
     _known_range("damping_ns_per_m"),
     _contact_damping,

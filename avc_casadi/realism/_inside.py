@@ -68,9 +68,8 @@ def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray |
     if usable is not None:
         impedance = np.where(usable, impedance, np.nan)
     loop = loop_at(problem, problem.frequencies_hz())
-    bounds = problem.boundaries
-    ends = np.array([np.abs(_perceived(problem, loop, bound)) for bound in (bounds.upper, bounds.lower)])
-    low, high = ends.min(axis=0) * (1 - _ROUNDING), ends.max(axis=0) * (1 + _ROUNDING)
+    low, high = bound_magnitudes(problem, loop)
+    low, high = low * (1 - _ROUNDING), high * (1 + _ROUNDING)
     size = np.abs(impedance)
     jnd = problem.realism.jnd
     return RealismResult(
@@ -78,6 +77,13 @@ def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray |
         inside_jnd=np.asarray(np.abs(impedance - loop.target) <= jnd * (1 + _ROUNDING) * np.abs(loop.target)),
         jnd=jnd,
     )
+
+
+def bound_magnitudes(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray]:
+    """|Z_h| where the bounds L and U themselves are rendered: the smaller and the larger of the two, (n,), N.s/m."""
+    bounds = problem.boundaries
+    ends = np.array([np.abs(_perceived(problem, loop, bound)) for bound in (bounds.upper, bounds.lower)])
+    return ends.min(axis=0), ends.max(axis=0)
 
 
 def _perceived(problem: Problem, loop: Loop, bound: Impedance) -> ComplexArray:

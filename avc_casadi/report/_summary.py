@@ -41,7 +41,7 @@ def summarise(
         "title": problem.title,
         "structure": comparison.structure,
         "model": comparison.model,
-        "scope": problem.stability.scope,
+        "scope": comparison.scope,
         "environment": environment.model_dump(),
         "device": device.model_dump(),
         "passive_limit_n_per_m": comparison.passive_limit_n_per_m,

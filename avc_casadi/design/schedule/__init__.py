@@ -3,6 +3,7 @@
 from avc_casadi.design.schedule._infeasible import Missing as Missing
 from avc_casadi.design.schedule._infeasible import missing_rows as missing_rows
 from avc_casadi.design.schedule._program import solve_program as solve_program
+from avc_casadi.design.schedule._realism import realism_slack as realism_slack
 from avc_casadi.design.schedule._refine import Outcome as Outcome
 from avc_casadi.design.schedule._refine import refined as refined
 from avc_casadi.design.schedule._scope import Slots as Slots

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from avc_casadi.design.schedule._realism import REALISM_ROWS
 from avc_casadi.design.schedule._stage import COST_ROWS, LOOP_ROWS, stage_functions
 
 
@@ -27,6 +28,7 @@ class Size:
         stages: n.
         limited: whether the slopes are bounded.
         constant: whether all stages share one state.
+        require: what of realism is bounded in each stage: none, jnd or bounds.
     """
 
     objective: str
@@ -35,6 +37,7 @@ class Size:
     stages: int
     limited: bool
     constant: bool = False
+    require: str = "none"
 
 
 @lru_cache(maxsize=16)
@@ -46,21 +49,22 @@ def schedule_nlp(size: Size, extra: Any) -> tuple[dict[str, Any], dict[str, Any]
         extra: a CasADi function sigma -> value that is bounded below in every stage, or None.
 
     Returns:
-        x = vec(sigma (d, n)), or sigma (d,) where it is constant; g = the slots and extra of each stage, then
+        x = vec(sigma (d, n)), or sigma (d,) where it is constant; g = the slots, realism and extra of each stage, then
         vec(slopes) if they are limited;
         p = vec(cost parameters), vec(slot parameters), weight, step, slope penalty.
     """
-    d, m, n = size.states, size.slots, size.stages
-    functions = stage_functions(size.objective, d, m)
+    d, n = size.states, size.stages
+    functions = stage_functions(size.objective, d, size.slots, size.require)
+    m = size.slots + REALISM_ROWS[size.require]
     bounded = m + (extra is not None)
     x = ca.MX.sym("x", d if size.constant else d * n)
-    lengths = [COST_ROWS * n, LOOP_ROWS * m * n, n, max(n - 1, 1), 1]
+    lengths = [COST_ROWS * n, LOOP_ROWS * size.slots * n, n, max(n - 1, 1), 1]
     p = ca.MX.sym("p", sum(lengths))
     cost_p, slot_p, weight, step, penalty = ca.vertsplit(p, np.cumsum([0, *lengths]).tolist())
     sigma = ca.repmat(x, 1, n) if size.constant else ca.reshape(x, d, n)
     weight, step = weight.T, step.T
     own = (sigma, ca.reshape(cost_p, COST_ROWS, n))
-    given = (*own, ca.reshape(slot_p, LOOP_ROWS * m, n))
+    given = (*own, ca.reshape(slot_p, LOOP_ROWS * size.slots, n))
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", bounded * n + (d * (n - 1) if size.limited else 0))
     lam = ca.reshape(lam_g[: bounded * n], bounded, n)
 

@@ -12,6 +12,7 @@ from avc_casadi.design.schedule._hands_table import hands_slack
 from avc_casadi.design.schedule._program import solve_program
 from avc_casadi.design.schedule._scope import Slots, worst_slack
 from avc_casadi.design.schedule._task import Task
+from avc_casadi.design.schedule._unrealistic import unrealistic_rows
 
 _POINTS = {2: (13, 13), 3: (9, 9, 5)}
 _ZOOMS = 12
@@ -44,6 +45,18 @@ class Missing:
 
 
 def missing_rows(task: Task) -> Missing:
+    """Find the stages at which no gains of the box meet the scope together with what realism requires."""
+    missing = _without_scope(task)
+    if task.problem.realism.require == "none" or missing.rows.all():
+        return missing
+    unreal = unrealistic_rows(task, np.flatnonzero(~missing.rows))
+    rows, reasons = missing.rows.copy(), list(missing.reasons)
+    for row, reason in unreal.items():
+        rows[row], reasons[row] = True, reason
+    return Missing(rows, tuple(reasons))
+
+
+def _without_scope(task: Task) -> Missing:
     """Find the stages at which even the best gains of the box miss the scope.
 
     The best gains are those with the largest slack at the slots; while they violate the scope elsewhere and could still

@@ -51,10 +51,11 @@ _OPTIONS: dict[str, dict[str, Any]] = {
 class Data:
     """Numbers of one schedule problem with n stages, d states and r bounded values in each stage.
 
-    The bounded values are Re Z_h at the m slots, each over its scale, then the slack of the hands if asked for.
+    The bounded values are Re Z_h at the m slots, each over its scale, then what realism requires, then the slack of the
+    hands if asked for.
 
     Attributes:
-        cost: parameters of the stage costs, (17, n).
+        cost: parameters of the stage costs, (19, n).
         slots: parameters of the slots, (9 m, n).
         weight: share of each stage in the mean over ln(omega), (n,).
         step: differences of ln(omega), (n - 1,).
@@ -64,6 +65,7 @@ class Data:
         low: lower ends of the states, (d,).
         high: upper ends, (d,).
         constant: whether all stages share one state; slopes then cost and limit nothing.
+        require: what of realism is required: none, jnd or bounds.
     """
 
     cost: FloatArray
@@ -76,11 +78,13 @@ class Data:
     low: FloatArray
     high: FloatArray
     constant: bool = False
+    require: str = "none"
 
     def size(self, objective: str) -> Size:
         """Return what decides the structure of the NLP."""
         limited = bool(np.isfinite(self.slope_limit)) and not self.constant
-        return Size(objective, len(self.low), len(self.slots) // LOOP_ROWS, len(self.weight), limited, self.constant)
+        slots = len(self.slots) // LOOP_ROWS
+        return Size(objective, len(self.low), slots, len(self.weight), limited, self.constant, self.require)
 
 
 @dataclass(frozen=True)

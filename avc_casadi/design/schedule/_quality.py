@@ -29,6 +29,9 @@ def quality_notes(task: Task, outcome: Outcome) -> tuple[str, ...]:
         steepest = np.abs(np.diff(solution.states, axis=1) / np.diff(task.log_frequency)).max(axis=1)
         found = ", ".join(f"{name} {slope:.3g}" for name, slope in zip(names, steepest, strict=True))
         notes.append(f"steepest slopes d ln(gain + floor)/d ln(omega): {found}")
+    require = task.problem.realism.require
+    if require != "none":
+        notes.append(f'realism.require = "{require}" met at every row with gains')
     floors = zip(names, task.states.floors, ("N.s/m", "N/m", "N.s/m"), strict=False)
     notes.append("floors, well below which a gain counts as 0: " + ", ".join(f"{n} {f:.3g} {u}" for n, f, u in floors))
     return tuple(notes)

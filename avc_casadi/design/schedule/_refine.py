@@ -1,4 +1,4 @@
-"""From a solution of the NLP to one whose every row meets its scope: frequencies are added until none violates."""
+"""From a solution of the NLP to one whose every row meets scope and realism: frequencies are added until all do."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from avc_casadi.design._gains import BoolArray, FloatArray
 from avc_casadi.design._rows import Gains
 from avc_casadi.design.schedule._infeasible import Missing
 from avc_casadi.design.schedule._program import Solution, solve_program
+from avc_casadi.design.schedule._realism import REALISM_BACKOFF, realism_slack
 from avc_casadi.design.schedule._scope import Slots, worst_slack
 from avc_casadi.design.schedule._task import Task
 from avc_casadi.stability import ScopeSlack
@@ -21,7 +22,7 @@ _NEARLY = 1e-4
 
 @dataclass(frozen=True)
 class Outcome:
-    """A solution whose every row meets its scope exactly, unless it is listed as missing.
+    """A solution whose every row meets its scope and realism exactly, unless it is listed as missing.
 
     Attributes:
         solution: of the NLP.
@@ -76,11 +77,13 @@ def refined(
         solved = False
         gains = task.states.gains(solution.states)
         worst = worst_slack(task.problem, task.frequency_hz, gains)
-        missed = ~worst.met & ~missing.rows
-        if not missed.any():
+        realism = realism_slack(task.problem, task.loop, gains)
+        missed, unreal = ~worst.met & ~missing.rows, (realism < 0) & ~missing.rows
+        if not (missed | unreal).any():
             return Outcome(solution, slots, gains, missing, costs)
         slots.add(task.problem, gains, worst, missed)
-        backoff = _tightened(task, solution, worst, backoff, missed)
+        closer = np.where(unreal, backoff[1] - 2 * realism + REALISM_BACKOFF, backoff[1])
+        backoff = np.array([_tightened(task, solution, worst, backoff[0], missed), closer])
     return None
 
 

@@ -77,7 +77,8 @@ def _kind(problem: Problem, task: Task) -> tuple[object, ...]:
     limited = problem.schedule.slope_limit is not None
     slots = Slots.of(problem, task.frequency_hz)
     sizes = len(task.states.floors), *slots.frequency_hz.shape
-    return problem.stability.scope, problem.stability.model, problem.realism.objective, limited, sizes
+    realism = problem.realism
+    return problem.stability.scope, problem.stability.model, realism.objective, realism.require, limited, sizes
 
 
 def _from_before(task: Task, before: Outcome) -> Outcome | None:

@@ -10,10 +10,12 @@ import casadi as ca
 import numpy as np
 
 from avc_casadi.design._gains import FloatArray
+from avc_casadi.design.schedule._realism import realism_values
 from avc_casadi.impedance import ComplexExpr, Loop, Real, SampleAngle, abs2, casadi_numbers
 
-COST_ROWS = 17
-"""Parameters of a stage's cost: loop (9), goal (2), floors (3), scale of Re Z, penalty of b_p, noticeable share."""
+COST_ROWS, GOAL_ROWS, PENALTY_ROW = 19, [9, 10], 15
+"""Parameters of a stage's cost: loop (9), goal (2), floors (3), scale of Re Z, penalty of b_p, noticeable share, and
+the bounds of |Z_h|^2 over |goal|^2."""
 LOOP_ROWS = 9
 
 _TINY = 1e-30
@@ -24,12 +26,13 @@ _TIE = 1e-3
 
 @dataclass(frozen=True)
 class StageFunctions:
-    """CasADi functions of one stage; sigma holds the states, lam one multiplier for the cost and one for each slot.
+    """CasADi functions of one stage; sigma holds the states, lam one multiplier for the cost and one for each margin.
 
     Attributes:
         cost: (sigma, cost parameters) -> cost.
         gradient: the same -> (cost, its gradient (d, 1)).
-        margins: (sigma, cost parameters, slot parameters) -> Re Z_h of each slot over its scale, (m, 1).
+        margins: (sigma, cost parameters, slot parameters) -> Re Z_h of each slot over its scale, then realism's
+            values, (m, 1).
         jacobian: the same -> (margins, their Jacobian (m, d)).
         curvature: (the same, lam) -> upper triangle of the Hessian of lam . (cost, margins), by columns.
     """
@@ -50,13 +53,14 @@ def loop_parameters(loop: Loop, damping_credit_ns_per_m: float = 0.0) -> FloatAr
 
 
 @lru_cache(maxsize=16)
-def stage_functions(objective: str, states: int, slots: int) -> StageFunctions:
+def stage_functions(objective: str, states: int, slots: int, require: str = "none") -> StageFunctions:
     """Build the functions of a stage.
 
     Args:
         objective: magnitude, complex, perceptual, or tied.
         states: 3 with contact damping, otherwise 2.
         slots: number of frequencies at which Re Z_h is kept above the margin; 0 for none.
+        require: `realism.require`, kept as further margins.
     """
     sigma, cost_p, slot_p = ca.SX.sym("sigma", states), ca.SX.sym("c", COST_ROWS), ca.SX.sym("s", LOOP_ROWS * slots)
     value = ca.vertsplit(cost_p)
@@ -67,12 +71,13 @@ def stage_functions(objective: str, states: int, slots: int) -> StageFunctions:
     z = _loop(value[:LOOP_ROWS]).perceived(b, k, contact)
     cost = _error(objective, z, target, noticeable) + contact_penalty * contact * contact / abs2(target)
     slot = ca.vertsplit(slot_p) if slots else []
-    margins = ca.vertcat(
-        *(_loop(slot[LOOP_ROWS * i : LOOP_ROWS * (i + 1)]).perceived(b, k, contact).real / scale for i in range(slots))
-    )
-    margins = ca.densify(margins) if slots else ca.SX(0, 1)
-    lam = ca.SX.sym("lam", 1 + slots)
-    hessian = ca.hessian(lam[0] * cost + (ca.dot(lam[1:], margins) if slots else 0), sigma)[0]
+    bounded = [
+        _loop(slot[LOOP_ROWS * i : LOOP_ROWS * (i + 1)]).perceived(b, k, contact).real / scale for i in range(slots)
+    ]
+    bounded += realism_values(require, z, target, noticeable, (value[17], value[18]))
+    margins = ca.densify(ca.vertcat(*bounded)) if bounded else ca.SX(0, 1)
+    lam = ca.SX.sym("lam", 1 + len(bounded))
+    hessian = ca.hessian(lam[0] * cost + (ca.dot(lam[1:], margins) if bounded else 0), sigma)[0]
     triangle = ca.vertcat(*(hessian[row, column] for column in range(states) for row in range(column + 1)))
     own, given = [sigma, cost_p], [sigma, cost_p, slot_p]
     gradient, jacobian = ca.densify(ca.gradient(cost, sigma)), ca.densify(ca.jacobian(margins, sigma))

@@ -10,6 +10,7 @@ import numpy as np
 from avc_casadi.design._gains import BoolArray, FloatArray
 from avc_casadi.design.schedule._hands_table import hands_spline
 from avc_casadi.design.schedule._program import Data
+from avc_casadi.design.schedule._realism import REALISM_BACKOFF, REALISM_ROWS, relative_bounds
 from avc_casadi.design.schedule._scope import Slots
 from avc_casadi.design.schedule._stage import loop_parameters, stage_functions
 from avc_casadi.design.schedule._states import States
@@ -82,20 +83,21 @@ class Task:
         return _BACKOFF if self.hands is None else _HANDS_BACKOFF
 
     def backoff(self, dropped: BoolArray) -> FloatArray:
-        """How far inside its scope each stage is asked to stay, (n,); -inf where its constraints are dropped.
+        """How far inside its scope and inside what is real each stage is asked to stay, (2, n); -inf drops both.
 
-        In the scale of Re Z, or in spectral radius for scope hands.
+        The first in the scale of Re Z, or in spectral radius for scope hands; the second in that of `realism_slack`.
         """
-        return np.where(dropped, -np.inf, self.tolerance)
+        return np.where(dropped, -np.inf, np.array([[self.tolerance], [REALISM_BACKOFF]]))
 
     def data(self, slots: Slots, backoff: FloatArray) -> Data:
-        """Numbers for the NLP; ``backoff`` (n,) as in `backoff`."""
+        """Numbers for the NLP; ``backoff`` (2, n) as in `backoff`."""
         settings = self.problem.schedule
         if self.hands is None:
-            least = self.problem.stability.margin_ns_per_m / self.scale_ns_per_m + backoff
+            least = self.problem.stability.margin_ns_per_m / self.scale_ns_per_m + backoff[0]
             least, parameters = np.repeat(least[None], len(slots.frequency_hz), axis=0), slots.parameters(self.problem)
         else:
-            least, parameters = backoff[None], np.empty((0, len(self.frequency_hz)))
+            least, parameters = backoff[:1], np.empty((0, len(self.frequency_hz)))
+        real = np.repeat(backoff[1:], REALISM_ROWS[self.problem.realism.require], axis=0)
         return Data(
             cost=self._cost_parameters(),
             slots=parameters,
@@ -103,10 +105,11 @@ class Task:
             step=np.diff(self.log_frequency),
             slope_penalty=settings.slope_penalty,
             slope_limit=np.inf if settings.slope_limit is None else settings.slope_limit,
-            least=least,
+            least=np.concatenate((least, real) if self.hands is None else (real, least)),
             low=self.states.low,
             high=self.states.high,
             constant=self.constant,
+            require=self.problem.realism.require,
         )
 
     def _weight(self) -> FloatArray:
@@ -127,6 +130,7 @@ class Task:
             self.scale_ns_per_m,
             self.problem.schedule.contact_damping_penalty,
             self.problem.realism.jnd,
+            *relative_bounds(self.problem, self.loop),
         )
         rows = np.broadcast_arrays(target.real, target.imag, *constants)
         return np.concatenate((loop_parameters(self.loop), np.array(rows, dtype=np.float64)))
@@ -134,12 +138,11 @@ class Task:
     def lattice_cost(self, data: Data, nodes: FloatArray, stage: int) -> FloatArray:
         """Cost of states (d, m) at a stage with a penalty for missed constraints, (m,)."""
         size = data.size(self.problem.realism.objective)
-        functions = stage_functions(size.objective, size.states, size.slots)
+        functions = stage_functions(size.objective, size.states, size.slots, size.require)
         cost = functions.cost(nodes, data.cost[:, stage]).full()[0]
-        if self.hands is None:
-            margins = functions.margins(nodes, data.cost[:, stage], data.slots[:, stage]).full()
-        else:
-            margins = self.hands(nodes).full()
+        margins = functions.margins(nodes, data.cost[:, stage], data.slots[:, stage]).full()
+        if self.hands is not None:
+            margins = np.concatenate((margins, self.hands(nodes).full()))
         total: FloatArray = cost + _MISS * np.maximum(0.0, data.least[:, stage, None] - margins).sum(axis=0)
         return total
 
