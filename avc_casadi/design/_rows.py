@@ -17,6 +17,9 @@ TIE_MAGNITUDE = 1e-12
 TIE_DISTANCE = 1e-12
 """Distances |Z_h_avc - Z_h_ds| that differ by less than this share of |Z_h_ds| are equal."""
 
+ON_BOUND = 1e-6
+"""A gain within this share of the upper end of its box stands on an end: solvers stop short of bounds by less."""
+
 Gains = tuple[FloatArray, FloatArray, FloatArray]
 
 
@@ -63,13 +66,18 @@ def pointwise_notes(problem: Problem) -> tuple[str, ...]:
 
 
 def row_status(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> tuple[Status, ...]:
-    """Status of solved rows: infeasible without gains, active-bound where a gain stands on the box, else solved."""
+    """Status of solved rows: infeasible without gains, active-bound where a gain stands on the box, else solved.
+
+    A gain stands on an end of its box when it lies within 1e-6 of the box's upper end from it (`ON_BOUND`), whichever
+    solver found it: interior-point methods stop short of a bound, root finding stands on it to the last digit.
+    """
     box = problem.coupling
     bounds = [box.damping_ns_per_m, box.stiffness_n_per_m]
     if problem.coupling.structure == "damped":
         bounds.append(box.contact_damping_ns_per_m)
     active = np.zeros(b.shape, dtype=bool)
     for gain, ends in zip((b, k, p), bounds, strict=False):
-        active |= np.isin(gain, ends)
+        for end in ends:
+            active |= np.abs(gain - end) <= ON_BOUND * ends[1]
     solved = np.where(active, Status.ACTIVE_BOUND, Status.SOLVED)
     return tuple(Status(item) for item in np.where(np.isnan(b), Status.INFEASIBLE, solved))
