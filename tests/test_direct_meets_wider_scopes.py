@@ -99,3 +99,27 @@ def test_infeasible_scope_says_by_how_much_and_relaxing_by_it_makes_it_feasible(
 def test_solver_that_knows_no_scope_is_refused_by_name() -> None:
     with pytest.raises(UnsupportedError, match=r"ipopt.*scope band.*leave out --solver"):
         solve(problem_with("band", {}), solver="ipopt")
+
+
+@pytest.mark.parametrize("scope", ["band", "all"])
+def test_no_frequency_is_worse_than_in_the_schedule(scope: str) -> None:
+    problem = problem_with(scope, {}, 200)
+    gains, schedule = solve(problem), solve(problem, "schedule")
+    radius = np.abs(gains.target)
+    assert (gains.magnitude_error <= schedule.magnitude_error + 1e-7 * radius).all()
+
+
+# The bound of the hands is known to a few 1e-6 of spectral radius.
+@pytest.mark.parametrize(("scope", "tolerance"), [("band", 1e-6), ("all", 1e-5), ("hands", 1e-4)])
+def test_no_frequency_is_better_served_by_the_gains_of_another(scope: str, tolerance: float) -> None:
+    problem = problem_with(scope, {}, 60)
+    gains = solve(problem)
+    found = (gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
+    for row, frequency in enumerate(gains.frequency_hz):
+        loop = loop_at(problem, np.array([frequency]))
+        radius = abs(loop.target[0])
+        error = np.abs(np.abs(loop.perceived(*found)) / radius - 1)
+        better = error < gains.magnitude_error[row] / radius - tolerance
+        if better.any():
+            slack = scope_slack(problem, frequency, *(gain[better] for gain in found))
+            assert not slack.met.any(), f"{frequency} Hz"

@@ -1,14 +1,16 @@
 """`direct` beyond the pointwise reading of (12): over a band, over all frequencies, or with every hand of a set.
 
 Where the optimum of the pointwise problem meets the wider scope, it is the optimum there too. The other frequencies are
-solved as one sparse NLP with nothing that joins them, from the best point of a lattice and from the pointwise optimum;
+solved in blocks with nothing that joins them, from the best point of a lattice and from the pointwise optimum;
 frequencies that violate the scope are added until none is left. At first the goal carries a small share of the complex
 error, which breaks the ties of (11); then it is (11) alone, from there.
 """
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +31,7 @@ from avc_casadi.design.schedule import (
     solve_program,
     worst_slack,
 )
+from avc_casadi.design.schedule._program import Solution
 from avc_casadi.impedance import Loop, loop_at
 from avc_casadi.problem import Frequency, Problem
 
@@ -37,6 +40,16 @@ _TIE = 1e-7
 _WEIGHT = 1e4
 """Weight of each frequency's goal: errors of 1e-6 then still count against the solver's tolerance."""
 _POINTS = {2: (32, 32), 3: (16, 16, 8)}
+_FINER = 4
+"""How much finer the lattice is for a frequency whose other starts have all failed."""
+_UNSTABLE = 1e6
+"""Cost of a spectral radius above 1 in the lattice: a thousandth decides, and the solver seldom finds back."""
+_SWEEPS = 3
+"""How often gains are tried at other frequencies than their own."""
+_SAME = 1e-6
+"""Solutions whose states differ by less than this are one."""
+_BLOCK = 16
+"""Frequencies solved at once: the slowest of them sets the number of iterations of all."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +99,7 @@ def solve_scoped(problem: Problem, *, solver: str | None = None) -> GainSchedule
     met = f"scope {scope}" if require == "none" else f"scope {scope} and realism {require}"
     note = (
         f"{met} met exactly at every row with gains; at {separate} frequencies the optimum is that of the"
-        " pointwise problem, elsewhere the best of two starts, not proved to be the global optimum"
+        " pointwise problem, elsewhere the best of several starts, not proved to be the global optimum"
     )
     return gain_schedule(
         problem,
@@ -111,9 +124,10 @@ def scoped_gains(problem: Problem, loop: Loop) -> ScopedGains:
     rest = np.flatnonzero(~separate)
     failed, reasons = np.zeros(len(frequency), dtype=bool), [""] * len(frequency)
     if rest.size:
-        task = replace(Task.of(_unlinked(problem, frequency[rest])), weight=_WEIGHT * rest.size)
+        task = Task.of(_unlinked(problem, frequency[rest]))
         missing = missing_rows(task)
-        best = _solved(task, missing, (b[rest], k[rest], p[rest]))
+        best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK))
+        best = _from_others(task, missing, best)
         for gain, value in zip((b, k, p), best, strict=True):
             gain[rest] = value
         failed[rest] = np.isnan(best[0]) & ~missing.rows
@@ -139,63 +153,116 @@ def _unlinked(problem: Problem, frequency_hz: FloatArray) -> Problem:
     return problem.model_copy(update={"schedule": schedule, "frequency": frequency, "realism": realism})
 
 
+def _in_parts(task: Task, missing: Missing, relaxed: Gains, parts: int) -> Gains:
+    """Solve some frequencies after the other."""
+    b, k, p = relaxed
+    found = []
+    for rows in np.array_split(np.arange(len(task.frequency_hz)), parts):
+        part = replace(task.at(task.frequency_hz[rows]), weight=_WEIGHT * len(rows))
+        found.append(_solved(part, missing.at(rows), (b[rows], k[rows], p[rows])))
+    return tuple(np.concatenate(gain) for gain in zip(*found, strict=True))  # type: ignore[return-value]
+
+
 def _solved(task: Task, missing: Missing, relaxed: Gains) -> Gains:
     """Solve all frequencies at once; where that fails, in halves, so that one of them cannot spoil the others."""
     best = _best_outcome(task, missing, relaxed)
-    n = len(task.frequency_hz)
-    if n == 1 or np.isfinite(best[0]).any() or missing.rows.all():
+    if np.isfinite(best[0]).any() or missing.rows.all():
         return best
-    halves = np.array_split(np.arange(n), 2)
-    b, k, p = relaxed
-    parts = [
-        _solved(task.at(task.frequency_hz[half]), missing.at(half), (b[half], k[half], p[half])) for half in halves
-    ]
-    return tuple(np.concatenate(gain) for gain in zip(*parts, strict=True))  # type: ignore[return-value]
+    if len(task.frequency_hz) == 1:
+        return _from_starts(task, missing, [_lattice_optima(task, missing, _FINER)])
+    return _in_parts(task, missing, relaxed, 2)
 
 
 def _best_outcome(task: Task, missing: Missing, relaxed: Gains) -> Gains:
-    """Gains (n,) of the best start of each frequency, in the order of `direct`; not a number where none was solved."""
-    slots = Slots.of(task.problem, task.frequency_hz)
+    """Gains (n,) from the lattice and from the relaxed optimum, the better of each frequency."""
     lattice = _lattice_optima(task, missing)
     known = np.isfinite(relaxed[0])
     b, k, p = (np.where(known, gain, 0.0) for gain in relaxed)
-    starts = [lattice, np.where(known, task.states.states((b, k, p)), lattice)]
+    return _from_starts(task, missing, [lattice, np.where(known, task.states.states((b, k, p)), lattice)])
+
+
+def _from_others(task: Task, missing: Missing, best: Gains) -> Gains:
+    """Where gains found for another frequency are better and meet the scope, take them and start from them."""
+    at_all, radius = loop_at(task.problem, task.frequency_hz[:, None]), np.abs(task.loop.target)
+    for _ in range(_SWEEPS):
+        error = np.abs(np.abs(at_all.perceived(*(gain[None] for gain in best))) / radius[:, None] - 1)
+        error = np.where(np.isfinite(error), error, np.inf)
+        lowest, other = error.min(axis=1), error.argmin(axis=1)
+        gains = tuple(np.where(np.isfinite(gain), gain, 0.0)[other] for gain in best)
+        taken = (gains[0], gains[1], gains[2])
+        better = ~missing.rows & (lowest < error.diagonal() - _TIE)
+        better &= worst_slack(task.problem, task.frequency_hz, taken).met
+        better &= realism_slack(task.problem, task.loop, taken) >= 0
+        rows = np.flatnonzero(better)
+        if not rows.size:
+            break
+        part = replace(task.at(task.frequency_hz[rows]), weight=_WEIGHT * len(rows))
+        start = task.states.states((taken[0][rows], taken[1][rows], taken[2][rows]))
+        found = _from_starts(part, missing.at(rows), [start])
+        gained = np.abs(np.abs(part.loop.perceived(*found)) / radius[rows] - 1) < lowest[rows] - _TIE
+        for gain, given, new in zip(best, taken, found, strict=True):
+            gain[rows] = np.where(gained, new, given[rows])
+    return best
+
+
+def _from_starts(task: Task, missing: Missing, starts: list[FloatArray]) -> Gains:
+    """Gains (n,) of the best start of each frequency, in the order of `direct`; not a number where none was solved."""
+    slots = Slots.of(task.problem, task.frequency_hz)
     best = tuple(np.full(len(task.frequency_hz), np.nan) for _ in range(3))
     error, distance = (np.full(len(task.frequency_hz), np.inf) for _ in range(2))
     for start in starts:
-        data = task.data(slots, task.backoff(missing.rows))
-        outcome = refined(
-            task, solve_program(data, task.objective, start, extra=task.hands), slots, missing, solved=True
-        )
-        if outcome is None:
+        gains = task.states.gains(start)
+        slots.add(task.problem, gains, worst_slack(task.problem, task.frequency_hz, gains), ~missing.rows)
+    light = replace(task, weight=float(len(task.frequency_hz)))
+    data = light.data(slots, light.backoff(missing.rows))
+    before = None
+    for start in starts:
+        solution = solve_program(data, light.objective, start, extra=light.hands, patient=False)
+        if before is not None and np.abs(solution.states - before).max() < _SAME:
             continue
-        for candidate in (outcome, _polished(task, outcome, missing)):
-            if candidate is None:
-                continue
-            z = task.loop.perceived(*candidate.gains)
+        before = solution.states if solution.success else None
+        for outcome in _outcomes(light, task, solution, slots, missing):
+            z = task.loop.perceived(*outcome.gains)
             radius = np.abs(task.loop.target)
             new_error, new_distance = np.abs(np.abs(z) / radius - 1), np.abs(z - task.loop.target) / radius
             closer = (np.abs(new_error - error) <= _TIE) & (new_distance < distance)
             better = ~missing.rows & ((new_error < error - _TIE) | closer)
             error, distance = np.where(better, new_error, error), np.where(better, new_distance, distance)
-            best = tuple(np.where(better, new, old) for new, old in zip(candidate.gains, best, strict=True))
+            best = tuple(np.where(better, new, old) for new, old in zip(outcome.gains, best, strict=True))
     return best[0], best[1], best[2]
 
 
-def _polished(task: Task, outcome: Outcome, missing: Missing) -> Outcome | None:
-    """Minimise (11) alone from a solution whose ties are broken."""
+def _outcomes(light: Task, task: Task, solution: Solution, slots: Slots, missing: Missing) -> Iterator[Outcome]:
+    """Refine a solution: lightly weighted, fully, and with (11) alone, each from the one before.
+
+    Twice with (11) alone: where a frequency was missed, more was asked for than is needed once it is known.
+    """
     realism = task.problem.realism.model_copy(update={"objective": "magnitude"})
     alone = replace(task, problem=task.problem.model_copy(update={"realism": realism}))
-    return refined(alone, outcome.solution, outcome.slots, missing)
+    outcome = refined(light, solution, slots, missing, solved=True)
+    weight = light.weight
+    for stage in (task, alone, alone):
+        if outcome is None:
+            return
+        yield outcome
+        share = stage.weight / weight
+        on_states, on_constraints = outcome.solution.multipliers
+        solution = replace(outcome.solution, multipliers=(share * on_states, share * on_constraints))
+        weight = stage.weight
+        outcome = refined(stage, solution, outcome.slots, missing)
+    if outcome is not None:
+        yield outcome
 
 
-def _lattice_optima(task: Task, missing: Missing) -> FloatArray:
-    """The cheapest states (d, n) of a lattice, each frequency on its own."""
+def _lattice_optima(task: Task, missing: Missing, finer: int = 1) -> FloatArray:
+    """The cheapest states (d, n) of a lattice, or of one several times finer, each frequency on its own."""
     data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), task.backoff(missing.rows))
     axes = [
-        np.linspace(low, high, points)
+        np.linspace(low, high, finer * points)
         for low, high, points in zip(data.low, data.high, _POINTS[len(data.low)], strict=True)
     ]
     nodes = np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
-    chosen = [int(task.lattice_cost(data, nodes, stage).argmin()) for stage in range(len(task.frequency_hz))]
+    short = 0.0 if task.hands is None else np.maximum(0.0, task.tolerance - task.hands(nodes).full()[0])
+    costs = (task.lattice_cost(data, nodes, stage) + _UNSTABLE * short for stage in range(len(task.frequency_hz)))
+    chosen = [int(cost.argmin()) for cost in costs]
     return np.asarray(nodes[:, chosen])
