@@ -64,17 +64,18 @@ class Console:
             _lead_to_standard_error(1)
 
     def answer(self, answer: Answer) -> None:
-        """Print the answer.
+        """Print the answer; Ctrl-C does not cut it short.
 
         Raises:
             OSError: standard output cannot be written to.
         """
-        if self.as_json:
-            self._write(json.dumps(answer.document, indent=1, allow_nan=False) + "\n")
-        elif answer.text:
-            self._write(answer.text.rstrip("\n") + "\n")
-        if answer.complaint:
-            self.complain(answer.complaint)
+        with uninterrupted():
+            if self.as_json:
+                self._write(json.dumps(answer.document, indent=1, allow_nan=False) + "\n")
+            elif answer.text:
+                self._write(answer.text.rstrip("\n") + "\n")
+            if answer.complaint:
+                self.complain(answer.complaint)
 
     def say(self, line: str) -> None:
         """Print a line of a live display; silent with ``--json``, whose document comes at the end."""
@@ -83,10 +84,11 @@ class Console:
 
     def refuse(self, document: dict[str, Any], text: str) -> None:
         """Print why there is no answer: as a document with ``--json``, on standard error otherwise."""
-        if self.as_json:
-            self._write(json.dumps(document, indent=1, allow_nan=False) + "\n")
-        else:
-            self.complain(text)
+        with uninterrupted():
+            if self.as_json:
+                self._write(json.dumps(document, indent=1, allow_nan=False) + "\n")
+            else:
+                self.complain(text)
 
     def complain(self, text: str) -> None:
         """Print to standard error."""

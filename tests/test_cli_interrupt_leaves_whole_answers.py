@@ -1,0 +1,69 @@
+"""Ctrl-C while the process begins, or while its answer is written, leaves no traceback and no broken document."""
+
+import os
+import signal
+import subprocess
+import sys
+
+from avc_process import ENVIRONMENT, avc, strict_json
+
+LARGE = """
+import sys
+from avc_casadi.cli._console import Answer, Console
+console = Console(as_json=True)
+sys.stderr.write("ready")
+sys.stderr.flush()
+console.answer(Answer({"samples": list(range(200000))}, ""))
+"""
+
+
+def test_the_answer_is_written_to_its_end():
+    with subprocess.Popen(  # noqa: S603
+        [sys.executable, "-c", LARGE], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=ENVIRONMENT
+    ) as process:
+        assert process.stderr.read(5) == b"ready"
+        start = os.read(process.stdout.fileno(), 100)  # the pipe holds far less than the document
+        for _ in range(5):
+            process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert strict_json(start + out)["samples"][-1] == 199999
+    assert process.returncode == 0
+    assert err == b""
+
+
+BEGIN = """
+import os, signal, sys
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == "MODULE":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupt())
+from avc_casadi._entry import run
+sys.exit(run())
+"""
+
+
+def interrupted_at(module):
+    return avc("list", program=BEGIN.replace("MODULE", module))
+
+
+def test_an_interrupt_of_the_first_imports_ends_with_130():
+    for module in ("avc_casadi.cli", "avc_casadi.cli._main", "avc_casadi.cli._list", "avc_casadi.problem"):
+        done = interrupted_at(module)
+        assert done.returncode == 130, module
+        assert b"Traceback" not in done.stderr
+        assert done.stdout == b""
+
+
+def test_an_interrupt_after_the_answer_changes_nothing():
+    program = """
+import os, signal, sys
+from avc_casadi._entry import run
+code = run()
+os.kill(os.getpid(), signal.SIGINT)
+sys.exit(code)
+"""
+    done = avc("list", "--json", program=program)
+    assert done.returncode == 0
+    assert strict_json(done.stdout)["schema"] == "avc-list/1"
+    assert done.stderr == b""
