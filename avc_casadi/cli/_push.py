@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_port, positive_int
 from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
+    from avc_casadi.design import GainSchedule
     from avc_hardware import TableSettings
 
 
@@ -29,6 +32,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     gains = read_gains(Path(args.gains))
     with console.step(f"push to {args.port}"):
         document = plain({"schema": "avc-push/1"} | push(gains, args.port, baud=args.baud).document())
+    document["widest_hole_hz"] = widest_hole(gains)
     equal = document["readback_equal"]
     lines = [
         (
@@ -43,6 +47,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     ]
     if document["left_out"]:
         lines.append(f"{document['left_out']} rows without gains were left out")
+    if document["widest_hole_hz"] is not None:
+        low, high = (number(end) for end in document["widest_hole_hz"])
+        lines.append(f"the device interpolates across the holes they leave; the widest is from {low} to {high} Hz")
     if document["reduction_error"] is not None and document["reduced_from"] > document["rows"]:
         lines.append(
             f"cut from {document['reduced_from']} rows to the device's capacity; that adds at most "
@@ -50,6 +57,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         )
     complaint = "" if equal else f"avc: {args.port}: the table read back is not the one sent; push again"
     return Answer(document, "\n".join(lines), code=0 if equal else 1, complaint=complaint)
+
+
+def widest_hole(gains: GainSchedule) -> list[float] | None:
+    """Return the ends, in Hz, of the widest run of rows without gains between rows with gains; None without one."""
+    kept = [row for row in range(gains.rows) if gains.usable[row]]
+    holes = [(gains.frequency_hz[a], gains.frequency_hz[b]) for a, b in pairwise(kept) if b > a + 1]
+    return [float(end) for end in max(holes, key=lambda ends: ends[1] - ends[0])] if holes else None
 
 
 def wall_of(problem: avc.Problem) -> TableSettings:

@@ -10,7 +10,7 @@ ROWS_SHOWN = 20
 
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number to so many significant digits; a dash where it is undefined."""
-    return "-" if value is None or math.isnan(value) else f"{value:.{digits}g}"
+    return "-" if value is None or math.isnan(value) else f"{value + 0.0:.{digits}g}"  # -0 is 0
 
 
 def counts(found: dict[str, int]) -> str:
