@@ -49,7 +49,15 @@ def fault_document(error: InputError) -> dict[str, list[dict[str, str | int | No
 
 
 class UnsupportedError(AvcError, NotImplementedError):
-    """The request is valid but this method, model or combination does not offer it; says which one does."""
+    """The request is valid but this method, model or combination does not offer it; says which one does.
+
+    Attributes:
+        key: dotted key or option that asks for it; empty where none does alone.
+    """
+
+    def __init__(self, message: str = "", *, key: str = "") -> None:
+        super().__init__(message)
+        self.key = key
 
 
 class MissingExtraError(AvcError, ImportError):

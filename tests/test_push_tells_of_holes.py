@@ -8,7 +8,8 @@ from avc_casadi.cli import main
 
 
 @pytest.mark.parametrize(
-    ("without", "hole"), [((), None), ((0, 1), None), ((2, 4, 5), [40.0, 70.0]), ((6,), None), ((1, 3, 4), [30.0, 60.0])]
+    ("without", "hole"),
+    [((), None), ((0, 1), None), ((2, 4, 5), [40.0, 70.0]), ((6,), None), ((1, 3, 4), [30.0, 60.0])],
 )
 def test_the_widest_hole_between_rows_with_gains(without, hole, tmp_path, capsys):
     rows = range(7)

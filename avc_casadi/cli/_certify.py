@@ -49,11 +49,24 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 def _beside_hands(level: Mapping[str, Any]) -> str:
     """What stands beside L5: the device let go, and switching between neighbouring rows; empty where not judged."""
+    from avc_casadi.stability import RADIUS_TOLERANCE
+
     radius, switching = level.get("released_spectral_radius"), level.get("common_lyapunov")
     lines = []
+    if level["margin_ns_per_m"] is not None:
+        word = "could lose before it becomes unstable" if level["margin_ns_per_m"] >= 0 else "lacks"
+        lines.append(
+            f"L5's margin is the device damping that it {word} with the worst hand; L0 to L3 give the lowest Re Z_h, "
+            "L4 what (6) leaves"
+        )
     if radius is not None:
-        word = "stable" if level["released_pass"] else "not stable"
-        lines.append(f"device let go: {word}, spectral radius {number(radius, 6)} at worst")
+        if level["released_pass"]:
+            word = "comes to rest"
+        elif radius <= 1 + RADIUS_TOLERANCE:
+            word = "keeps its speed or place where nothing acts on it, as any free mass, and does not run away"
+        else:
+            word = "not stable"
+        lines.append(f"device let go: {word}; spectral radius {number(radius, 6)} at worst")
     if switching is not None:
         lines.append(
             f"switching: a common Lyapunov function found for {switching['proved']} of {switching['pairs']} pairs of "

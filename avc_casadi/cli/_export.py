@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 
+from avc_casadi import InputError
 from avc_casadi.cli._arguments import positive
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
@@ -29,6 +31,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
 
     path = output_file(args.c, "--c", (".h", ".hpp", ".c"))
     gains = read_gains(Path(args.gains))
+    if args.sample_time_s is None and not math.isfinite(gains.sample_time_s):
+        raise InputError.of(f"is missing; {args.gains} does not know its sample time", key="--sample-time-s")
     write_text(path, export_c(gains, sample_time_s=args.sample_time_s), "--c")
     rows = int(gains.usable.sum())
     document = {

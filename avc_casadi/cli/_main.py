@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from avc_casadi import AvcError, Fault, InputError, LinkError, __version__, fault_document
+from avc_casadi import AvcError, Fault, InputError, LinkError, UnsupportedError, __version__, fault_document
 from avc_casadi.cli._console import Console
 from avc_casadi.cli._verbs import VERBS
 
@@ -33,6 +33,8 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         found = re.match(r"argument ([^:]+): (.*)", message, re.DOTALL)
         key, what = (found[1], found[2]) if found else ("", message)
+        if key.startswith("-") and what == "expected one argument":
+            what += f"; a value that begins with - is written {key}=VALUE"
         raise InputError.of(f"{what}; see `{self.prog} --help`", key=key)
 
     def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
@@ -136,12 +138,13 @@ def _refused(console: Console, error: AvcError | OSError) -> int:
         summary = f"\navc: {count} faults" if count > 1 else ""
         console.refuse(fault_document(error), "\n".join(f"avc: {fault}" for fault in error.faults) + summary)
         return BAD_INPUT
-    console.refuse(_document(str(error)), f"avc: {error}")
+    key = error.key if isinstance(error, UnsupportedError) else ""
+    console.refuse(_document(str(error), key), f"avc: {error}")
     return NO if isinstance(error, LinkError) else BAD_INPUT
 
 
-def _document(message: str) -> dict[str, Any]:
-    return fault_document(InputError([Fault(file="", line=None, key="", message=message)]))
+def _document(message: str, key: str = "") -> dict[str, Any]:
+    return fault_document(InputError([Fault(file="", line=None, key=key, message=message)]))
 
 
 def _drop_standard_output() -> None:

@@ -119,6 +119,8 @@ def _text(document: dict[str, Any], plot: str | None) -> str:
         *(f"  {_SHORT[key].replace(chr(10), ' ')}: {curve['claim']}" for key, curve in curves.items()),
         f"no passive linear rendering exceeds {number(document['passive_limit_n_per_m'])} N/m at DC (sampled-data)",
     ]
+    if any(None in curve["stiffness_n_per_m"] for curve in curves.values()):
+        lines.append("  -: no stiffness meets the claim at this B")
     if document["encoder_limit_n_per_m"] is not None:
         limit = number(document["encoder_limit_n_per_m"])
         lines.append(f"encoder and Coulomb friction keep a passive wall below 2 f_c/Delta = {limit} N/m")
@@ -130,6 +132,7 @@ def _text(document: dict[str, Any], plot: str | None) -> str:
             "",
             "static coupling for any passive wall: largest k_c T/b_d that Llewellyn's condition (6) allows",
             table(("b_c/b_d", "paper's hold\nas printed", "sampled-data\nhold"), body),
+            "  -: no stiffness is allowed",
         ]
     if document["static"]:
         head = ("condition", "model", "b\nN.s/m", "k\nN/m", "b_p\nN.s/m", "error\n%")

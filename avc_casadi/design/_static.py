@@ -78,7 +78,8 @@ def static_coupling(
     if problem.device.damping_ns_per_m == 0:
         raise UnsupportedError(
             "static needs device.damping_ns_per_m > 0: with 0 neither Llewellyn's condition (6) nor passivity at all "
-            "frequencies allows a coupling; use closed-form, exact or direct, which judge one frequency alone"
+            "frequencies allows a coupling; use closed-form, exact or direct, which judge one frequency alone",
+            key="device.damping_ns_per_m",
         )
     search = StaticSearch(problem, condition, SampledLoop.of(problem, model))
     best, cost = search.run()

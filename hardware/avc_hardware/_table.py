@@ -123,9 +123,10 @@ def gain_table(
     usable = gains.usable
     if not usable.any():
         counts = ", ".join(f"{n} {status}" for status, n in gains.counts().items())
+        advice = "" if gains.method == "direct" else "solve with --method direct, "
         raise InputError.of(
             f"none of the {gains.rows} rows of {gains.problem} has gains that can be used "
-            f"({counts}); solve with --method direct, or widen the gain box",
+            f"({counts}); {advice}widen the gain box or add device damping",
             key="status",
         )
     columns = [np.asarray(getattr(gains, name), dtype=np.float64)[usable] for name in _COLUMNS]
