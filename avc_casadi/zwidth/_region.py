@@ -121,8 +121,13 @@ def _stable(device: Device, hands: HandSet, damping: FloatArray, stiffness: Floa
 
 def _largest(damping: FloatArray, scan: FloatArray, meets: Callable[[FloatArray, FloatArray], BoolArray]) -> FloatArray:
     """Upper end of the first stretch of stiffnesses that meet a claim, found on a scan and bisected, shape (n,)."""
-    pairs = np.meshgrid(damping, scan, indexing="ij")
-    met = meets(pairs[0].ravel(), pairs[1].ravel()).reshape(len(damping), len(scan))
+    met = np.zeros((len(damping), len(scan)), dtype=bool)
+    going_on = np.arange(len(damping))
+    for column, stiffness in enumerate(scan):
+        met[going_on, column] = meets(damping[going_on], np.full(len(going_on), stiffness))
+        going_on = np.flatnonzero(met[:, column] | ~met[:, :column].any(axis=1))
+        if not going_on.size:
+            break
     first = np.argmax(met, axis=1)
     after = np.arange(len(scan))[None, :] > first[:, None]
     leaves = after & ~met
