@@ -29,6 +29,8 @@ _SMALLEST_STEP = 1e-10
 # Costs that differ by less are equal; a gain at its bound is then preferred.
 _FLAT = 1e-9
 _EDGE_STEPS = 24
+# Slack, as a share of the damping of the device, below which a stiffness counts as the largest allowed.
+_ON_EDGE = 1e-13
 
 
 class StaticSearch:
@@ -92,9 +94,14 @@ class StaticSearch:
         """Largest allowed stiffness at each of the other gains, by false position with halved ends (Illinois)."""
         inside, outside = (np.insert(others, 1, end, axis=1) for end in (0.0, 1.0))
         slack_in, slack_out = self.slack(inside), self.slack(outside)
-        reachable = slack_in >= 0
+        reachable, spare = slack_in >= 0, slack_in
         last = np.zeros(len(inside), dtype=int)
+        close = _ON_EDGE * self.problem.device.damping_ns_per_m
         for step in range(_EDGE_STEPS):
+            # Close enough to judge by, or narrower than any later step.
+            open_rows = reachable & (spare > close) & (outside[:, 1] - inside[:, 1] > _SMALLEST_STEP)
+            if not open_rows.any():
+                break
             fall = np.where(reachable & np.isfinite(slack_out), slack_in - slack_out, np.inf)
             share = np.where(np.isfinite(fall) & (fall > 0), slack_in / np.where(fall > 0, fall, 1.0), 0.5)
             # Every fourth step halves the bracket, whatever the shape of the margin.
@@ -102,6 +109,7 @@ class StaticSearch:
             middle = inside + share[:, None] * (outside - inside)
             slack = self.slack(middle)
             fits = slack >= 0
+            spare = np.where(fits, slack, spare)
             side = np.where(fits, 1, -1)
             stale = np.where(side == last, 0.5, 1.0)
             slack_in, slack_out = np.where(fits, slack, slack_in * stale), np.where(fits, slack_out * stale, slack)
