@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from avc_casadi._errors import UnsupportedError
 from avc_casadi.design import GainSchedule, project, solve
 from avc_casadi.problem import Boundaries, Impedance
 from avc_casadi.scene import NO_COUPLING, Gains, gains_at
@@ -129,13 +130,16 @@ def constant(problem: Problem) -> Problem:
 
 
 def design(problem: Problem, coupling: Coupling) -> Design:
-    """Design one coupling for the wall of a problem."""
+    """Design one coupling for the wall of a problem; a method that refuses it is a coupling without gains."""
     if coupling == "none":
         return Design(coupling, problem, NO_COUPLING)
     if coupling == "closed-form":
         return _injection(problem)
     method, stated = _stated(problem, coupling)
-    table = solve(stated, method)
+    try:
+        table = solve(stated, method)
+    except UnsupportedError as refusal:
+        return Design(coupling, problem, None, reason=str(refusal))
     rows = np.flatnonzero(table.usable)
     if len(rows) == 0:
         return Design(coupling, problem, None, table, table.reason[0])

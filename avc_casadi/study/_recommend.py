@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from avc_casadi._errors import UnsupportedError
 from avc_casadi.study._designs import Coupling, Design, design
 from avc_casadi.study._matching import choose, distance, reference_traces
 from avc_casadi.study._reach import with_observer
@@ -54,20 +55,32 @@ def recommend(problem: Problem, people: int = 100, seed: int = 0) -> Recommendat
         problem: device with what is known of its friction and encoder, and the wall.
         people: number of training people.
         seed: seed of their draw.
+
+    Raises:
+        UnsupportedError: no candidate has gains for this device and wall.
     """
     subjects = draw_subjects("A", people, seed, "training")
-    designs = [found for name in _CANDIDATES if (found := design(problem, name)).gains is not None]
-    best: Recommendation | None = None
+    candidates = [design(problem, name) for name in _CANDIDATES]
+    designs = [found for found in candidates if found.gains is not None]
+    if not designs:
+        raise UnsupportedError(_none_left(problem, candidates))
+    tried = []
     for claim, conditions in _conditions(problem):
         for found in designs:
             stable = int(all_motions(found.problem, found.in_force, subjects, conditions).sum())
             if stable == people:
                 return _settled(Recommendation(found, conditions, claim, people, stable, ""), designs, subjects)
-            if best is None or stable > best.stable:
-                best = Recommendation(found, conditions, "none", people, stable, "")
-    if best is None:
-        raise ValueError(f"{problem.name}: no candidate has gains: {', '.join(_CANDIDATES)}")
+            tried.append(Recommendation(found, conditions, "none", people, stable, ""))
+    best = max(tried, key=lambda one: one.stable)
     return replace(best, reason=f"{best.design.coupling} leaves the fewest people restless: {people - best.stable}")
+
+
+def _none_left(problem: Problem, candidates: list[Design]) -> str:
+    why = "".join(f"\n  {found.coupling}: {found.reason}" for found in candidates)
+    return (
+        f"{problem.name}: no candidate has gains for this device and wall; widen the gain box of [coupling], shorten "
+        f"the sample time or the delay, or soften the wall{why}"
+    )
 
 
 def _conditions(problem: Problem) -> list[tuple[Claim, Conditions]]:
