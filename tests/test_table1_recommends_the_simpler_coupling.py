@@ -1,9 +1,12 @@
 """The default of a device follows from its friction and encoder; constant gains win where they are as good."""
 
+import math
+
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.study import design, recommend
+from avc_casadi.scene import Gains
+from avc_casadi.study import COUPLINGS, design, recommend
 
 
 def declared(**device):
@@ -58,3 +61,40 @@ def test_without_any_candidate_the_error_names_each_and_why():
         recommend(stiff, people=4)
     for words in ("static-tuned: scope", "schedule: scope", "static-sampled: static needs", "[coupling]"):
         assert words in str(refusal.value)
+
+
+def test_a_design_holds_the_problem_that_was_solved():
+    problem = avc.load_problem("ve7")
+    found = design(problem, "static-tuned")
+    low, high = found.problem.coupling.contact_damping_ns_per_m
+    assert found.problem.coupling.structure == "damped"
+    assert low < found.gains.contact_damping_ns_per_m <= high
+    again = avc.solve(found.problem, found.schedule.method)
+    assert again.contact_damping_ns_per_m == pytest.approx(found.schedule.contact_damping_ns_per_m, rel=1e-9)
+    assert (found.problem.device, found.problem.environment) == (problem.device, problem.environment)
+    assert design(problem, "static-sampled").problem.stability.model == "sampled-data"
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_a_design_is_told_in_three_lines(coupling):
+    found = design(avc.load_problem("ve7"), coupling)
+    what, gains, why = str(found).splitlines()
+    assert coupling in what
+    assert why
+    given = found.gains
+    numbers = [f"{value:.4g}" for value in vars(given).values() if math.isfinite(value) and value > 0]
+    assert all(value in gains for value in numbers)
+    assert gains.startswith("rigid") == given.rigid
+    assert ("scheduled" in gains) == (not isinstance(found.in_force, Gains))
+    assert "array" not in repr(found)
+
+
+def test_a_recommendation_and_a_refusal_are_told_in_three_lines():
+    found = recommend(declared(encoder_resolution_m=20e-6), people=8)
+    what, gains, why = str(found).splitlines()
+    assert "observer of 0.15 kg" in what
+    assert f"{found.stable} of {found.people}" in what
+    assert f"b_p = {found.design.gains.contact_damping_ns_per_m:.4g} N.s/m" in gains
+    assert why == found.reason
+    refused = design(avc.load_problem("hard/undamped-device"), "static")
+    assert str(refused).splitlines()[1:] == ["no gains", refused.reason]

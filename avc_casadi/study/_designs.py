@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -30,7 +30,7 @@ Coupling = Literal[
 COUPLINGS: dict[Coupling, str] = {
     "none": "device and wall joined directly",
     "static": "best constant series coupling under Llewellyn's condition (6) with the printed hold",
-    "static-sampled": "the same with the hold of a sampled loop, z^-1",
+    "static-sampled": "best constant series coupling under condition (6) with the hold of a sampled loop, z^-1",
     "direct": "the paper's pointwise optimum (11)-(12), series",
     "closed-form": "the paper's projection as what it is: the desired wall and a constant contact damper",
     "static-tuned-series": "constant series gains tuned for the training hands",
@@ -57,17 +57,44 @@ class Design:
 
     Attributes:
         coupling: which one.
-        problem: device and environment that are simulated.
+        problem: what was solved; its device and environment are those that are simulated.
         gains: gains in force at the table's lowest frequency, that of a hand at rest; None where there are none.
         schedule: the whole table, where there is one.
         reason: why there are no gains.
     """
 
     coupling: Coupling
-    problem: Problem
+    problem: Problem = field(repr=False)
     gains: Gains | None
-    schedule: GainSchedule | None = None
+    schedule: GainSchedule | None = field(default=None, repr=False)
     reason: str = ""
+
+    def __str__(self) -> str:
+        return "\n".join((f"{self.problem.name}: {COUPLINGS[self.coupling]} ({self.coupling})", *self.sentences()))
+
+    def sentences(self) -> tuple[str, str]:
+        """Return the gains and why they are so, or why there are none, each in one line for people."""
+        return self._gains_sentence(), " ".join(self.reason.split()) or self._why()
+
+    def _gains_sentence(self) -> str:
+        if self.gains is None:
+            return "no gains"
+        b, k, b_p = vars(self.gains).values()
+        coupled = "rigid" if self.gains.rigid else f"b = {b:.4g} N.s/m, k = {k:.4g} N/m"
+        contact = f", b_p = {b_p:.4g} N.s/m" if b_p else ""
+        scheduled = "" if self.in_force is self.gains else " for a hand at rest, scheduled on frequency"
+        return coupled + contact + scheduled
+
+    def _why(self) -> str:
+        if self.schedule is None:
+            return "nothing was searched for"
+        coupling, stability = self.problem.coupling, self.problem.stability
+        low, high = coupling.contact_damping_ns_per_m
+        box = f" with b_p of {low:.4g} to {high:.4g} N.s/m" if coupling.structure == "damped" else ""
+        margin = f"{stability.margin_ns_per_m:.4g} N.s/m in reserve"
+        return (
+            f"solved by {self.schedule.method}: structure {coupling.structure}{box}, {stability.model} model, {margin}"
+        )
 
     @property
     def in_force(self) -> Gains | GainSchedule:
@@ -139,11 +166,11 @@ def design(problem: Problem, coupling: Coupling) -> Design:
     try:
         table = solve(stated, method)
     except UnsupportedError as refusal:
-        return Design(coupling, problem, None, reason=str(refusal))
+        return Design(coupling, stated, None, reason=str(refusal))
     rows = np.flatnonzero(table.usable)
     if len(rows) == 0:
-        return Design(coupling, problem, None, table, table.reason[0])
-    return Design(coupling, problem, gains_at(table, float(table.frequency_hz[rows[0]])), table)
+        return Design(coupling, stated, None, table, table.reason[0])
+    return Design(coupling, stated, gains_at(table, float(table.frequency_hz[rows[0]])), table)
 
 
 def _stated(problem: Problem, coupling: Coupling) -> tuple[str, Problem]:

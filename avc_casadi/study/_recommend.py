@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 Claim = Literal["asymptotic", "held-by-friction", "none"]
 # Constant gains first: what is simpler wins where it is as good.
 _CANDIDATES: tuple[Coupling, ...] = ("static-tuned", "schedule", "static-tuned-series", "static-sampled")
+_CLAIMS: dict[Claim, str] = {
+    "asymptotic": "rest without dry friction",
+    "held-by-friction": "rest with the declared dry friction",
+    "none": "no rest for everybody",
+}
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,13 @@ class Recommendation:
     people: int
     stable: int
     reason: str
+
+    def __str__(self) -> str:
+        mass = self.conditions.observer_mass_kg
+        observer = "" if mass is None else f" with an observer of {mass:.4g} kg"
+        gains, _ = self.design.sentences()
+        what = f"{self.design.problem.name}: {self.design.coupling}{observer}, {_CLAIMS[self.claim]}"
+        return f"{what} ({self.stable} of {self.people} people at rest)\n{gains}\n{self.reason}"
 
 
 def recommend(problem: Problem, people: int = 100, seed: int = 0) -> Recommendation:
