@@ -9,7 +9,7 @@ from avc_casadi.cli import main
 
 KEYS = {
     "stable", "criterion", "steps", "states", "instructions", "effects", "absent", "apparent_stiffness_n_per_m",
-    "energy_generated_j", "seconds", "trace",
+    "position_peak_to_peak_m", "energy_generated_j", "seconds", "trace",
 }  # fmt: skip
 
 
@@ -28,6 +28,20 @@ def test_simulate_gives_the_documented_keys(capsys):
     assert all(effect.keys() >= {"kind", "states", "instructions", "ns_per_step"} for effect in document["effects"])
     assert "hand" in document["absent"]
     assert document["certificate"]["L6"]["pass"]
+
+
+def test_the_limit_cycle_that_a_guard_ends_is_shown(capsys, tmp_path):
+    path = tmp_path / "cycle.npz"
+    document = json.loads(
+        call(capsys, "simulate", "scenes/teaching-limit-cycle", "--trace", str(path), "--json")[1].out
+    )
+    with np.load(path) as traces:
+        late = traces["position_m"][-500:]
+    assert document["position_peak_to_peak_m"] == pytest.approx(late.max() - late.min(), rel=1e-12)
+    assert json.loads(path.with_suffix(".json").read_text())["position_peak_to_peak_m"] > 0
+    text = call(capsys, "simulate", "scenes/teaching-limit-cycle")[1].out
+    (line,) = (line for line in text.splitlines() if "peak to peak" in line)
+    assert float(line.removesuffix("mm peak to peak").split()[-1]) == pytest.approx(0.10, abs=0.005)
 
 
 def test_an_unstable_scene_ends_with_1(capsys):

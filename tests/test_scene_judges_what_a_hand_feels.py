@@ -35,6 +35,16 @@ def test_stable_is_below_5_mm_per_second_in_the_last_half_second():
     assert not judge(np.zeros(3000), velocity, np.zeros(3000), T).stable
 
 
+@pytest.mark.parametrize("amplitude", [0.0, 0.8e-3])
+def test_peak_to_peak_is_that_of_the_last_half_second(amplitude):
+    before = np.where(TIME < 2.4995, 0.02 * np.sin(2 * np.pi * 4 * TIME), 0.0)
+    found = judge(
+        before + 5e-3 + (TIME > 2.4995) * amplitude * np.cos(2 * np.pi * 20 * TIME), np.zeros(3000), np.zeros(3000), T
+    )
+    assert found.position_peak_to_peak_m == pytest.approx(2 * amplitude, rel=1e-9, abs=1e-15)
+    assert judge(np.linspace(0, 1e-3, 100), np.zeros(100), np.zeros(100), T).position_peak_to_peak_m == 1e-3
+
+
 def test_rate_hardness_is_the_first_rise_over_the_speed_of_contact():
     force = np.where(TIME >= 1.0, 700.0 * (TIME - 1.0 + T), 0.0)
     found = judge(np.zeros(3000), np.full(3000, 0.07), force, T)

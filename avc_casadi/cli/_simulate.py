@@ -25,6 +25,7 @@ _COMPARED = (
     "outcome",
     "stable",
     "buzzing",
+    "position_peak_to_peak_m",
     "apparent_stiffness_n_per_m",
     "rate_hardness_n_per_m",
     "energy_generated_j",
@@ -149,6 +150,7 @@ def _text(document: dict[str, Any], args: argparse.Namespace) -> str:
         *(f"  note: {note}" for note in document["notes"]),
         f"  {outcomes[document['outcome']]}{'; buzzes' if document['buzzing'] else ''}",
         f"  largest velocity at the end   {number(_times(document['peak_velocity_m_per_s'], 1e3))} mm/s",
+        f"  position at the end           {number(_times(document['position_peak_to_peak_m'], 1e3))} mm peak to peak",
         f"  force at the end              {number(document['mean_force_n'])} N",
         f"  force between 20 and 500 Hz   {number(document['force_ripple_n'])} N rms",
         f"  apparent stiffness            {number(document['apparent_stiffness_n_per_m'])} N/m",
@@ -170,13 +172,21 @@ def _against(document: dict[str, Any]) -> list[str]:
         [
             run["coupling"],
             run["outcome"] + (", buzzes" if run["buzzing"] else ""),
+            number(_times(run["position_peak_to_peak_m"], 1e3)),
             number(run["apparent_stiffness_n_per_m"]),
             number(run["rate_hardness_n_per_m"]),
             number(_times(run["energy_generated_j"], 1e3)),
         ]
         for run in (document, *document["against"])
     ]
-    head = ("coupling", "outcome", "apparent\nstiffness\nN/m", "rate-\nhardness\nN/m", "energy\ngiven out\nmJ")
+    head = (
+        "coupling",
+        "outcome",
+        "position\npeak to peak\nmm",
+        "apparent\nstiffness\nN/m",
+        "rate-\nhardness\nN/m",
+        "energy\ngiven out\nmJ",
+    )
     return [table(head, rows, left=(0, 1))]
 
 

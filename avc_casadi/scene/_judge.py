@@ -35,6 +35,7 @@ class Judgement:
         diverged: the device left the workspace, or its numbers are no longer finite.
         buzzing: as `CRITERION` says.
         peak_velocity_m_per_s: largest true velocity at the end.
+        position_peak_to_peak_m: travel of the true position at the end, of a limit cycle for one.
         mean_force_n: mean force at the end.
         mean_penetration_m: mean true position at the end.
         force_ripple_n: rms of the force between 20 and 500 Hz at the end.
@@ -47,6 +48,7 @@ class Judgement:
     diverged: BoolArray
     buzzing: BoolArray
     peak_velocity_m_per_s: FloatArray
+    position_peak_to_peak_m: FloatArray
     mean_force_n: FloatArray
     mean_penetration_m: FloatArray
     force_ripple_n: FloatArray
@@ -67,6 +69,7 @@ def judge(position_m: FloatArray, velocity_m_per_s: FloatArray, force_n: FloatAr
     diverged = ~np.all(np.abs(position_m) < LOST_M, axis=-1)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         peak = np.abs(velocity_m_per_s[..., last]).max(axis=-1)
+        travel = np.ptp(position_m[..., last], axis=-1)
         force, depth = force_n[..., last].mean(axis=-1), position_m[..., last].mean(axis=-1)
         ripple = _ripple(force_n[..., last], sample_time_s)
         touching = (force > TOUCH_N) & (depth > 0) & ~diverged
@@ -77,6 +80,7 @@ def judge(position_m: FloatArray, velocity_m_per_s: FloatArray, force_n: FloatAr
         diverged=diverged,
         buzzing=buzzing,
         peak_velocity_m_per_s=peak,
+        position_peak_to_peak_m=travel,
         mean_force_n=force,
         mean_penetration_m=depth,
         force_ripple_n=ripple,

@@ -139,6 +139,7 @@ class Run:
             "states": self.states,
             "instructions": self.instructions,
             "peak_velocity_m_per_s": finite(found.peak_velocity_m_per_s),
+            "position_peak_to_peak_m": finite(found.position_peak_to_peak_m),
             "mean_force_n": finite(found.mean_force_n),
             "force_ripple_n": finite(found.force_ripple_n),
             "apparent_stiffness_n_per_m": finite(self.apparent_stiffness_n_per_m),
