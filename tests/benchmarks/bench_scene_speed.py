@@ -1,7 +1,7 @@
 """Speed and accuracy of scenes against a plain Python loop, a numba loop and scipy's solve_ivp, in one run.
 
-Run from the root of the checkout: python tests/benchmarks/bench_scene_speed.py. Writes RESULTS_scene_speed.md beside
-this file. numba is optional: without it its rows are left out.
+Run from the root of the checkout: python tests/benchmarks/bench_scene_speed.py. Overwrites RESULTS_scene_speed.md
+beside this file. numba is optional: without it its rows are left out.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parents[1])]
 import casadi as ca  # noqa: E402
 import numpy as np  # noqa: E402
 from scene_reference import Reference, scene_problem  # noqa: E402
+from script_arguments import script_arguments  # noqa: E402
 
 import avc_casadi as avc  # noqa: E402
 from avc_casadi.scene import Gains, Hand, compile_scene, execute  # noqa: E402
@@ -238,4 +239,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    script_arguments(__doc__)
     main()

@@ -1,6 +1,6 @@
 """The schedule against the same problem written plainly with casadi.Opti and IPOPT, in one run.
 
-Run from the root of the checkout: python tests/benchmarks/bench_schedule.py. Writes RESULTS_schedule.md beside it.
+Run from the root of the checkout: python tests/benchmarks/bench_schedule.py. Overwrites RESULTS_schedule.md beside it.
 Times are medians; processor seconds stand beside wall seconds because others may share the machine.
 """
 
@@ -23,6 +23,7 @@ import casadi as ca  # noqa: E402
 import numpy as np  # noqa: E402
 from plain_schedule import PlainSchedule  # noqa: E402
 from schedule_problems import changed, figure5  # noqa: E402
+from script_arguments import script_arguments  # noqa: E402
 
 from avc_casadi.design.schedule import ScheduleSolver, _program  # noqa: E402
 from avc_casadi.design.schedule._assembly import schedule_nlp  # noqa: E402
@@ -178,4 +179,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    script_arguments(__doc__)
     main()

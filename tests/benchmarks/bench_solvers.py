@@ -242,7 +242,7 @@ def main() -> int:
     parser.add_argument("--points", type=int, default=50)
     parser.add_argument("--problems", nargs="+", default=["figure5", "ve5"])
     parser.add_argument("--date", default=time.strftime("%Y-%m-%d"))
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=Path, help="file to overwrite (default: none, it only prints)")
     args = parser.parse_args()
     text = report(args.problems, args.points, args.date)
     if args.out:

@@ -3,10 +3,10 @@
 python tests/benchmarks/calibrate_walls.py [PEOPLE]
 
 prints the stiffness at which the training people of set A are stable without coupling in the share that the paper's
-count suggests; problems/ve4.toml to ve6.toml hold the values to two digits.
+count suggests; problems/ve4.toml to ve6.toml hold the values to two digits. Overwrites no file.
 """
 
-import sys
+from script_arguments import script_arguments
 
 import avc_casadi as avc
 from avc_casadi.study import PAPER, calibrated_stiffness, expected_share
@@ -24,4 +24,4 @@ def main(people):
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 500)
+    main(script_arguments(__doc__, people=500).people)

@@ -1,6 +1,6 @@
 """Stability of constant and adaptive gains at the stiff wall: python tests/benchmarks/closed_loop.py [--hands 300]
 
-Writes RESULTS_closed_loop.md beside this file. About six minutes on two cores.
+Overwrites RESULTS_closed_loop.md beside this file. About six minutes on two cores.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The same gains held, tapped, with dropped ticks and with delay: python tests/benchmarks/closed_loop_harder.py
 
-Writes RESULTS_closed_loop_harder.md beside this file. About three minutes on two cores.
+Overwrites RESULTS_closed_loop_harder.md beside this file. About three minutes on two cores.
 """
 
 from __future__ import annotations

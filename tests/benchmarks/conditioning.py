@@ -3,10 +3,12 @@
     python -m tests.benchmarks.conditioning
 
 Each form is evaluated in double precision at its hard case; digits are -log10 of the relative error of what is asked.
+Overwrites no file.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -152,4 +154,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     sys.exit(main())

@@ -1,6 +1,6 @@
 """Table and figure of the frequency estimators: python tests/benchmarks/estimators.py
 
-Writes RESULTS_estimators.md and figures/estimators.png beside this file.
+Overwrites RESULTS_estimators.md and figures/estimators.png beside this file.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from script_arguments import script_arguments
 
 from avc_casadi.figures import draw_estimators, save_figure
 from avc_casadi.runtime import EstimatorRow, study_estimators, trace_estimators
@@ -61,4 +62,5 @@ worst of six phases, errors as shares of the true frequency.
 
 
 if __name__ == "__main__":
+    script_arguments(__doc__)
     main()

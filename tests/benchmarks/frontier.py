@@ -3,15 +3,15 @@
 nice -n 10 python tests/benchmarks/frontier.py [PEOPLE] [OUT]
 
 Sweeps the damping in reserve for constant and scheduled gains in both structures, then takes the ingredients of the
-schedule away one by one. Writes OUT (default tests/benchmarks/results/frontier.json) after every cell and goes on where
-it stopped; draws tests/benchmarks/figures/frontier.png from it.
+schedule away one by one. Overwrites OUT (default tests/benchmarks/results/frontier.json) after every cell and goes on
+where it stopped; overwrites tests/benchmarks/figures/frontier.png with its drawing.
 """
 
-import sys
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from script_arguments import script_arguments
 
 import avc_casadi as avc
 from avc_casadi.design import solve
@@ -163,12 +163,9 @@ def main(people, out, figure):
 
 
 if __name__ == "__main__":
-    results = Path(__file__).parent / "results"
-    figures = Path(__file__).parent / "figures"
-    for folder in (results, figures):
+    here = Path(__file__).parent
+    figures = here / "figures"
+    arguments = script_arguments(__doc__, people=500, out=here / "results" / "frontier.json")
+    for folder in (arguments.out.parent, figures):
         folder.mkdir(exist_ok=True)
-    main(
-        int(sys.argv[1]) if len(sys.argv) > 1 else 500,
-        Path(sys.argv[2]) if len(sys.argv) > 2 else results / "frontier.json",
-        figures / "frontier.png",
-    )
+    main(arguments.people, arguments.out, figures / "frontier.png")

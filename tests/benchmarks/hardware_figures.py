@@ -1,6 +1,7 @@
 """The figures of hardware/README.md, measured: ``PYTHONPATH=tests python tests/benchmarks/hardware_figures.py``.
 
-Needs the emulator, the cross compiler and its binutils. Times on the wire are virtual: they depend on no computer.
+Needs the emulator, the cross compiler and its binutils. Overwrites no file. Times
+on the wire are virtual: they depend on no computer.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections import Counter
 from pathlib import Path
 
 from hardware_bench import run, schedule
+from script_arguments import script_arguments
 
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableSettings, Wall, firmware_build, push, stream
 from avc_hardware._messages import Kind
@@ -111,6 +113,7 @@ def sizes(folder: Path) -> None:
 
 
 if __name__ == "__main__":
+    script_arguments(__doc__)
     with tempfile.TemporaryDirectory() as name:
         for rate in (115200, 921600):
             wire(Path(name), rate)

@@ -2,13 +2,14 @@
 
 nice -n 10 python tests/benchmarks/reach.py [PEOPLE] [OUT]
 
-Writes OUT (default tests/benchmarks/results/reach.json) after every cell and goes on where it stopped.
+Overwrites OUT (default tests/benchmarks/results/reach.json) after every cell and goes on where it stopped.
 """
 
-import sys
 import time
 from functools import partial
 from pathlib import Path
+
+from script_arguments import script_arguments
 
 import avc_casadi as avc
 from avc_casadi.study import Conditions, draw_subjects, reach, run_campaign, tuned, tuned_margin, with_observer
@@ -80,9 +81,6 @@ def main(people, out):
 
 
 if __name__ == "__main__":
-    results = Path(__file__).parent / "results"
-    results.mkdir(exist_ok=True)
-    main(
-        int(sys.argv[1]) if len(sys.argv) > 1 else 10_000,
-        Path(sys.argv[2]) if len(sys.argv) > 2 else results / "reach.json",
-    )
+    arguments = script_arguments(__doc__, people=10_000, out=Path(__file__).parent / "results" / "reach.json")
+    arguments.out.parent.mkdir(exist_ok=True)
+    main(arguments.people, arguments.out)

@@ -4,14 +4,15 @@ nice -n 10 python tests/benchmarks/sensitivity.py [PEOPLE] [OUT]
 
 The designs are made for the nominal device; the simulated one differs. Also finds the least friction at which everybody
 comes to rest before each wall, beside the passive limit 2 b_d/T and the encoder's 2 f_c/Delta (Abbott and Okamura
-2005), and the worst hand and motion of a search with and without a guard. Writes OUT (default
+2005), and the worst hand and motion of a search with and without a guard. Overwrites OUT (default
 tests/benchmarks/results/sensitivity.json) after every cell and goes on where it stopped.
 """
 
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+
+from script_arguments import script_arguments
 
 import avc_casadi as avc
 from avc_casadi.study import (
@@ -137,9 +138,6 @@ def main(count, out):
 
 
 if __name__ == "__main__":
-    results = Path(__file__).parent / "results"
-    results.mkdir(exist_ok=True)
-    main(
-        int(sys.argv[1]) if len(sys.argv) > 1 else 200,
-        Path(sys.argv[2]) if len(sys.argv) > 2 else results / "sensitivity.json",
-    )
+    arguments = script_arguments(__doc__, people=200, out=Path(__file__).parent / "results" / "sensitivity.json")
+    arguments.out.parent.mkdir(exist_ok=True)
+    main(arguments.people, arguments.out)

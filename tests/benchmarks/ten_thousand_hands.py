@@ -1,6 +1,6 @@
 """The adaptive schedule at the stiff wall, many hands, no friction: python tests/benchmarks/ten_thousand_hands.py
 
-Writes RESULTS_ten_thousand_hands.md beside this file. About three minutes on two cores.
+Overwrites RESULTS_ten_thousand_hands.md beside this file. About three minutes on two cores.
 """
 
 from __future__ import annotations

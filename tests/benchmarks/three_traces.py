@@ -1,12 +1,14 @@
 """Three couplings at one wall, pressed, without friction: python tests/benchmarks/three_traces.py
 
-Writes figures/three_traces.png beside this file. Hand, wall, encoder of 20 um, observer, estimator and adaptation are
-those of the problem scenes/adaptive-press.
+Overwrites figures/three_traces.png beside this file. Hand, wall, encoder of 20 um, observer, estimator and adaptation
+are those of the problem scenes/adaptive-press.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+
+from script_arguments import script_arguments
 
 from avc_casadi.design import solve
 from avc_casadi.figures import draw_traces, save_figure
@@ -34,4 +36,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    script_arguments(__doc__)
     main()
