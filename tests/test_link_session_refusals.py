@@ -212,6 +212,24 @@ def test_a_transfer_that_was_left_is_taken_over_after_two_seconds() -> None:
     assert core.image() == table.image
 
 
+def test_abort_frees_the_device_at_once_and_only_for_the_host_that_was_sending() -> None:
+    core = host_core()
+    first, second = Connection(HostLink(core), session=1), Connection(HostLink(core), session=2)
+    table, other = gain_table(schedule(50, seed=1)), gain_table(schedule(30, seed=2))
+    begin = m.begin(2, other.table_id, other.crc32, 30)
+    first.run(first.session.ask(Kind.BEGIN, m.begin(1, table.table_id, table.crc32, 50), m.Acknowledged))
+
+    second.run(second.session.ask(Kind.ABORT, m.abort(2), m.Acknowledged))
+    with pytest.raises(RefusedError, match="another host is sending"):
+        second.run(second.session.ask(Kind.BEGIN, begin, m.Acknowledged))
+
+    first.run(first.session.ask(Kind.ABORT, m.abort(1), m.Acknowledged))
+    with pytest.raises(RefusedError, match="no transfer"):
+        first.run(first.session.ask(Kind.CHUNK, m.chunk(1, table.table_id, 0, table.image[:64]), m.Acknowledged))
+    second.run(second.session.push(other, second.device))
+    assert core.image() == other.image
+
+
 def test_stream_needs_a_table_to_fall_back_to() -> None:
     connection = Connection(HostLink(host_core()))
     with pytest.raises(RefusedError, match="push one first"):

@@ -120,11 +120,6 @@ class FloatProgram:
             self._nodes.append(node)
         self._needed = self._reachable()
 
-    @property
-    def operations(self) -> int:
-        """Number of operations."""
-        return sum(self._nodes[at].operation in self._operations for at in self._needed)
-
     def _joined(self, node: _Node) -> _Node:
         """Make (c ? a : 0) + (!c ? b : 0) one choice."""
         ca = self._ca
