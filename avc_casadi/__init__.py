@@ -17,9 +17,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from avc_casadi.certificate import Certificate as Certificate
     from avc_casadi.certificate import certify as certify
-    from avc_casadi.comparison import Comparison as Comparison
-    from avc_casadi.comparison import compare as compare
-    from avc_casadi.design import GainSchedule as GainSchedule
+    from avc_casadi.coupling import GainSchedule as GainSchedule
     from avc_casadi.design import solve as solve
     from avc_casadi.problem import Problem as Problem
     from avc_casadi.problem import catalogue as catalogue
@@ -30,14 +28,14 @@ if TYPE_CHECKING:
     from avc_casadi.scene import Run as Run
     from avc_casadi.scene import simulate as simulate
     from avc_casadi.scene import simulate_batch as simulate_batch
+    from avc_casadi.study.comparison import Comparison as Comparison
+    from avc_casadi.study.comparison import compare as compare
 else:
     # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
     _LAZY = {
         "Certificate": "certificate",
         "certify": "certificate",
-        "Comparison": "comparison",
-        "compare": "comparison",
-        "GainSchedule": "design",
+        "GainSchedule": "coupling",
         "solve": "design",
         "Problem": "problem",
         "catalogue": "problem",
@@ -48,6 +46,8 @@ else:
         "Run": "scene",
         "simulate": "scene",
         "simulate_batch": "scene",
+        "Comparison": "study.comparison",
+        "compare": "study.comparison",
     }
 
     def __getattr__(name):

@@ -14,7 +14,7 @@ class Fault:
     """One fault of an input file.
 
     Attributes:
-        file: the file as the user named it.
+        file: the file as the user named it; empty where a call or a command is at fault.
         line: 1-based line of the key, or None where the fault belongs to no line.
         key: dotted key, for example ``device.mass_kg``; empty for the whole file.
         message: what is wrong (with the value) and what is allowed.
@@ -27,7 +27,7 @@ class Fault:
 
     def __str__(self) -> str:
         place = self.file if self.line is None else f"{self.file}:{self.line}"
-        return f"{place}: {self.key}: {self.message}" if self.key else f"{place}: {self.message}"
+        return ": ".join(part for part in (place, self.key, self.message) if part)
 
 
 class InputError(AvcError, ValueError):
@@ -40,7 +40,7 @@ class InputError(AvcError, ValueError):
     @classmethod
     def of(cls, message: str, *, file: str = "", key: str = "") -> InputError:
         """Make the error of a single fault."""
-        return cls([Fault(file=file or "command line", line=None, key=key, message=message)])
+        return cls([Fault(file=file, line=None, key=key, message=message)])
 
 
 def fault_document(error: InputError) -> dict[str, list[dict[str, str | int | None]]]:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avc_casadi.design import GainSchedule, Status
+from avc_casadi.coupling import GainSchedule, Status
 from avc_hardware._firmware import ARM_INSTALL
 from avc_hardware._host import HostCore
 from avc_hardware.firmware_build import HOST_INSTALL, build_host

@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.accuracy import study_accuracy
-from avc_casadi.accuracy._grids import grid_misses
-from avc_casadi.accuracy._interpolations import linear, nearest, pchip
-from avc_casadi.accuracy._solvers import reference_errors
-from avc_casadi.accuracy._tables import table_errors
 from avc_casadi.design import solve
-from avc_casadi.figures import save_figure
-from avc_casadi.figures._accuracy import draw_accuracy
+from avc_casadi.figures import draw_accuracy, save_figure
+from avc_casadi.study.accuracy import (
+    grid_misses,
+    linear,
+    nearest,
+    pchip,
+    reference_errors,
+    study_accuracy,
+    table_errors,
+)
 
 
 def fewer(name, points):

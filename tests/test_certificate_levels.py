@@ -9,15 +9,11 @@ from hypothesis import strategies as st
 
 from avc_casadi import load_problem, parse_problem
 from avc_casadi.certificate import TITLES, certify
-from avc_casadi.design import Status, gain_schedule, solve
+from avc_casadi.coupling import Status, gain_schedule
+from avc_casadi.design import solve
+from avc_casadi.loop import hand_set
 from avc_casadi.passivity import SampledLoop, llewellyn_margin, worst_margin
-from avc_casadi.stability import (
-    deciding_frequencies_hz,
-    frozen_parts,
-    hand_set,
-    linear_stability,
-    scope_slack,
-)
+from avc_casadi.stability import deciding_frequencies_hz, frozen_parts, linear_stability, scope_slack
 
 
 def problem(b_d=1.0, delay=0, rows=5, **stability):

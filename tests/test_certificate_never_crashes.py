@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from avc_casadi import parse_problem
 from avc_casadi.certificate import certify
-from avc_casadi.design import Status, gain_schedule
+from avc_casadi.coupling import Status, gain_schedule
 
 
 def decades(low, high):

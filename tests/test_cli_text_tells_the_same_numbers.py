@@ -4,9 +4,8 @@ import json
 
 import pytest
 
-from avc_casadi.cli import main
-from avc_casadi.cli._text import ROWS_SHOWN, sample_rows
-from avc_casadi.impedance import PAPER_ERRORS
+from avc_casadi.cli import ROWS_SHOWN, main, sample_rows
+from avc_casadi.loop import PAPER_ERRORS
 
 
 def both(capsys, *arguments):

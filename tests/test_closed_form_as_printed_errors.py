@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import project, solve
-from avc_casadi.impedance import PAPER_ERRORS, coupling_gains, coupling_impedance, loop_at, tustin
+from avc_casadi.design import solve
+from avc_casadi.design.pointwise import project
+from avc_casadi.loop import PAPER_ERRORS, coupling_gains, coupling_impedance, loop_at, tustin
 
 PROBLEM = avc.load_problem("figure5")
 LOOP = loop_at(PROBLEM, PROBLEM.frequencies_hz())

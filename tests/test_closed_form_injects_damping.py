@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import project, solve
-from avc_casadi.impedance import loop_at, tustin
+from avc_casadi.design import solve
+from avc_casadi.design.pointwise import project
+from avc_casadi.loop import loop_at, tustin
 from avc_casadi.problem import Problem
 
 

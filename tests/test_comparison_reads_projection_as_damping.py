@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.comparison import damping_injection
-from avc_casadi.design import project
-from avc_casadi.impedance import loop_at
+from avc_casadi.design.pointwise import project
+from avc_casadi.loop import loop_at
+from avc_casadi.study.comparison import damping_injection
 
 FREQUENCY = np.geomspace(0.5, 480.0, 40)
 BASE = avc.load_problem("figure5")

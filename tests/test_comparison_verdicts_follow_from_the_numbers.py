@@ -9,8 +9,8 @@ import pytest
 from drawn_problems import drawn_problem
 
 import avc_casadi as avc
-from avc_casadi.comparison import Verdict, comparison_document, judge
-from avc_casadi.design import Status
+from avc_casadi.coupling import Status
+from avc_casadi.study.comparison import Verdict, comparison_document, judge
 
 PROBLEMS = [entry.name for entry in avc.catalogue()]
 

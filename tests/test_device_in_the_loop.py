@@ -9,8 +9,8 @@ from hardware_bench import require, scratch
 
 import avc_casadi as avc
 from avc_casadi import InputError, Problem, UnsupportedError
-from avc_casadi.design import GainSchedule, Status
-from avc_casadi.problem._scene_file import (
+from avc_casadi.coupling import GainSchedule, Status
+from avc_casadi.problem import (
     AdaptationEffect,
     CoulombFrictionEffect,
     EncoderEffect,

@@ -5,12 +5,9 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import solve
-from avc_casadi.design._nlp import coupling_nlp, nlp_parameters
-from avc_casadi.design._nlp_solver import nlp_solvers
-from avc_casadi.design._optimality import KKT_TOLERANCE, optimality
-from avc_casadi.design._rows import best_candidate
-from avc_casadi.impedance import abs2, coupling_impedance, loop_at
+from avc_casadi.design import best_candidate, solve
+from avc_casadi.design.pointwise import KKT_TOLERANCE, coupling_nlp, nlp_parameters, nlp_solvers, optimality
+from avc_casadi.loop import abs2, coupling_impedance, loop_at
 from tests.drawn_problems import drawn_problem
 
 

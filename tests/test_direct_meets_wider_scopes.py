@@ -9,7 +9,7 @@ import pytest
 
 from avc_casadi import UnsupportedError, load_problem, solve
 from avc_casadi.certificate import certify
-from avc_casadi.impedance import loop_at
+from avc_casadi.loop import loop_at
 from avc_casadi.problem import Problem
 from avc_casadi.stability import scope_slack
 

@@ -10,13 +10,19 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import _nlp_solver, solve
-from avc_casadi.design._backends import BACKENDS, SOLVERS, backend
-from avc_casadi.design._direct import EXCESS_TOLERANCE, excess_error
-from avc_casadi.design._edge_search import edge_search_gains
-from avc_casadi.design._nlp_solver import nlp_gains
-from avc_casadi.design._optimality import optimality
-from avc_casadi.impedance import loop_at
+from avc_casadi.design import solve
+from avc_casadi.design.pointwise import (
+    BACKENDS,
+    EXCESS_TOLERANCE,
+    SOLVERS,
+    _nlp_solver,
+    backend,
+    edge_search_gains,
+    excess_error,
+    nlp_gains,
+    optimality,
+)
+from avc_casadi.loop import loop_at
 from tests.drawn_problems import drawn_problem
 
 # The others may stop short now and then, and then say so.

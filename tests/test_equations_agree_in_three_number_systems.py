@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from avc_casadi.impedance import (
+from avc_casadi.loop import (
     NUMPY,
     ComplexExpr,
     SampleAngle,

@@ -3,16 +3,7 @@
 import numpy as np
 import pytest
 
-from avc_casadi.impedance import (
-    NUMPY,
-    SampleAngle,
-    abs2,
-    backward_difference,
-    coupling_impedance,
-    hold,
-    loop_at,
-    tustin,
-)
+from avc_casadi.loop import NUMPY, SampleAngle, abs2, backward_difference, coupling_impedance, hold, loop_at, tustin
 from avc_casadi.problem import Problem
 
 T = 1e-3

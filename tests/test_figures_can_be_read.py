@@ -10,8 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 import avc_casadi as avc
-from avc_casadi.comparison import with_delivered
 from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, save_figure
+from avc_casadi.study.comparison import with_delivered
 
 DRAWERS = (draw_boundaries, draw_perceived, draw_comparison)
 

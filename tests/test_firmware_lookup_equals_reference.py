@@ -10,7 +10,7 @@ from hardware_bench import host_library, require, run, schedule, scratch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avc_casadi.design import GainSchedule
+from avc_casadi.coupling import GainSchedule
 from avc_hardware import export_c, gain_table
 from avc_hardware._reference import ln, lookup
 from avc_hardware._runtime_program import GAINS, RuntimeFigures, runtime_programs

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from avc_casadi import GainSchedule, InputError, load_problem, solve
 from avc_casadi.cli import main
-from avc_casadi.design import gain_csv, gain_document, read_gains
+from avc_casadi.coupling import gain_csv, gain_document, read_gains
 
 VALID = {
     structure: gain_document(solve(load_problem(name), method))

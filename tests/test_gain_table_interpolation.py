@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from schedule_problems import figure5
 
 from avc_casadi import InputError, solve
-from avc_casadi.design import gain_rows, interpolate, reduce_rows, row_slopes, single_ln
-from avc_casadi.impedance import loop_at
+from avc_casadi.coupling import gain_rows, gains_at, interpolate, reduce_rows, row_slopes, single_ln
+from avc_casadi.loop import loop_at
 from avc_casadi.problem import load_problem
-from avc_casadi.scene import gains_at
 from avc_hardware._reference import lookup
 
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.accuracy._reference import MP, NUMBERS, series_error
-from avc_casadi.design import project, solve
-from avc_casadi.impedance import coupling_gains, loop_at
+from avc_casadi.design import solve
+from avc_casadi.design.pointwise import project
+from avc_casadi.loop import coupling_gains, loop_at
 from avc_casadi.problem import Problem
+from avc_casadi.study.accuracy import MP, NUMBERS, series_error
 
 WITHIN = 1e-10
 

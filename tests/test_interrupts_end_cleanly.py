@@ -8,8 +8,8 @@ import time
 import pytest
 from avc_process import AVC, ENVIRONMENT, strict_json
 
-from avc_casadi._interrupt import HeldInterrupt
 from avc_casadi.cli import _main
+from avc_casadi.support import HeldInterrupt
 
 LONG = {
     "table1": ("table1", "--hands", "100000"),

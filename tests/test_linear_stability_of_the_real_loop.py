@@ -5,21 +5,19 @@ import pytest
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from avc_casadi import UnsupportedError, parse_problem
+from avc_casadi.loop import HandSet, hand_set, no_hand
 from avc_casadi.passivity import SampledLoop, fractions, llewellyn_margin, worst_margin
 from avc_casadi.stability import (
-    HandSet,
     common_lyapunov,
     fraction_rendering,
     frozen_parts,
-    hand_set,
     joint_rendering,
     linear_stability,
+    lyapunov,
     mechanics,
-    no_hand,
     switching_proof,
     transition,
 )
-from avc_casadi.stability._lyapunov import lyapunov
 
 T = 1e-3
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avc_casadi.impedance import NUMPY, SampleAngle, hold, spring_damper
+from avc_casadi.loop import NUMPY, SampleAngle, hold, spring_damper
 from avc_casadi.passivity import SampledLoop, fractions, real_part, size_of_terms, worst_margin
 
 T = 1e-3

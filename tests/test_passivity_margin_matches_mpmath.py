@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from avc_casadi.impedance import SampleAngle, coupling_impedance, environment_impedance, hold, mpmath_numbers, series
+from avc_casadi.loop import SampleAngle, coupling_impedance, environment_impedance, hold, mpmath_numbers, series
 from avc_casadi.passivity import SampledLoop, fractions, real_part, size_of_terms, worst_margin
 
 NUMBERS = mpmath_numbers(50)

@@ -11,12 +11,11 @@ from schedule_problems import figure5
 
 from avc_casadi import InputError, UnsupportedError, parse_problem, solve
 from avc_casadi.cli import main
-from avc_casadi.comparison import compare
-from avc_casadi.design import GainSchedule
-from avc_casadi.impedance import Loop, loop_at
+from avc_casadi.coupling import GainSchedule
+from avc_casadi.loop import Loop, bound_magnitudes, judge_realism, loop_at
 from avc_casadi.problem import Problem, dump_problem
-from avc_casadi.realism import bound_magnitudes, judge_realism
 from avc_casadi.stability import scope_slack
+from avc_casadi.study.comparison import compare
 
 ROUNDING = 1e-9
 DAMPED = {"coupling": {"structure": "damped", "contact_damping_ns_per_m": (0.0, 150.0)}}

@@ -9,7 +9,7 @@ from avc_process import avc, strict_json
 
 from avc_casadi import dump_problem, load_problem, solve
 from avc_casadi.cli import main
-from avc_casadi.design import read_gains
+from avc_casadi.coupling import read_gains
 
 FILES = {
     "gains.json",

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from avc_casadi import InputError
+from avc_casadi.coupling import GainTable
 from avc_casadi.design import solve
 from avc_casadi.problem import load_problem, parse_problem
-from avc_casadi.runtime import GainTable, HoldSettings, hold_step
-from avc_casadi.scene import Hand, compile_scene, execute, simulate, simulate_batch
-from avc_casadi.scene._ledger import energy_ledger
-from avc_casadi.scene.effects import Adaptation, build_effects
+from avc_casadi.runtime import HoldSettings, hold_step
+from avc_casadi.scene import compile_scene, energy_ledger, execute, simulate, simulate_batch
+from avc_casadi.scene.effects import Adaptation, Hand, build_effects
 from avc_hardware._reference import lookup
 
 T = 1e-3

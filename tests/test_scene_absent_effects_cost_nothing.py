@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from scene_reference import MASSLESS, scene_problem
 
-from avc_casadi.scene import KINDS, NO_COUPLING, Gains, compile_scene, explain
+from avc_casadi.coupling import NO_COUPLING, Gains
+from avc_casadi.scene import compile_scene, explain
+from avc_casadi.scene.effects import KINDS
 
 BASE = ('kind = "hand"', 'kind = "wall"')
 # States and inputs that each effect adds to a hand at a wall, coupled in series.

@@ -7,8 +7,8 @@ import pytest
 from scene_reference import Reference, scene_problem
 
 import avc_casadi as avc
-from avc_casadi.scene import NO_COUPLING, Gains, compile_scene, simulate
-from avc_casadi.scene._simulate import settled
+from avc_casadi.coupling import NO_COUPLING, Gains
+from avc_casadi.scene import compile_scene, settled, simulate
 from avc_casadi.scene.effects import build_effects
 
 HAND, WALL = 'kind = "hand"', 'kind = "wall"'

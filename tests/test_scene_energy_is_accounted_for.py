@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scene_reference import scene_problem
 
-from avc_casadi.scene import NO_COUPLING, Gains, simulate
+from avc_casadi.coupling import NO_COUPLING, Gains
+from avc_casadi.scene import simulate
 
 FREE = """
 [device]

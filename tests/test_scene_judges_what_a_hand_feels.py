@@ -8,8 +8,10 @@ import pytest
 from scene_reference import MASSLESS, scene_problem
 
 import avc_casadi as avc
-from avc_casadi.design import static_coupling
-from avc_casadi.scene import NO_COUPLING, Gains, Hand, judge, screen, simulate, simulate_batch
+from avc_casadi.coupling import NO_COUPLING, Gains
+from avc_casadi.design.constant import static_coupling
+from avc_casadi.scene import judge, screen, simulate, simulate_batch
+from avc_casadi.scene.effects import Hand
 
 T = 1e-3
 TIME = np.arange(3000) * T

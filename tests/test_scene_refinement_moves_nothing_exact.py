@@ -8,7 +8,8 @@ from scene_reference import scene_problem
 from test_scene_agrees_with_solve_ivp import CASES, QUICK
 
 from avc_casadi import UnsupportedError
-from avc_casadi.scene import Gains, integrator_accuracy, simulate
+from avc_casadi.coupling import Gains
+from avc_casadi.scene import integrator_accuracy, simulate
 
 FRICTION = ('kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"')
 

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from scene_reference import scene_problem
 
-from avc_casadi.scene import NO_COUPLING, Gains, Hand, compile_scene, simulate
-from avc_casadi.stability import HandSet, frozen_parts, linear_stability
+from avc_casadi.coupling import NO_COUPLING, Gains
+from avc_casadi.loop import HandSet
+from avc_casadi.scene import compile_scene, simulate
+from avc_casadi.scene.effects import Hand
+from avc_casadi.stability import frozen_parts, linear_stability
 
 T = 1e-3
 RELEASED = 'kind = "hold"\nend_m = -0.001\n'

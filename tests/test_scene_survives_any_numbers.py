@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from scene_reference import scene_problem
 
 from avc_casadi import InputError, UnsupportedError
-from avc_casadi.scene import Gains, execute, simulate
-from avc_casadi.scene._native import compiler
-from avc_casadi.scene._simulate import compile_for, settled
+from avc_casadi.coupling import Gains
+from avc_casadi.scene import compile_for, compiler, execute, settled, simulate
 from avc_casadi.scene.effects import build_effects
 
 

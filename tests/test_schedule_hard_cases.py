@@ -8,8 +8,8 @@ import pytest
 from schedule_problems import changed, figure5
 
 from avc_casadi import InputError, solve
-from avc_casadi.design import Status
-from avc_casadi.design.schedule import ScheduleSolver
+from avc_casadi.coupling import Status
+from avc_casadi.design.joint import ScheduleSolver
 from avc_casadi.problem import load_problem, parse_problem
 
 

@@ -6,9 +6,9 @@ from schedule_problems import changed, figure5
 
 from avc_casadi import solve
 from avc_casadi.certificate import certify
-from avc_casadi.design.schedule._states import States
-from avc_casadi.impedance import loop_at
-from avc_casadi.problem._model import DeviceRange
+from avc_casadi.design.joint import States
+from avc_casadi.loop import loop_at
+from avc_casadi.problem import DeviceRange
 from avc_casadi.stability import scope_slack
 
 

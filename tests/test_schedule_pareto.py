@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from schedule_problems import changed, figure5
 
-from avc_casadi.cli import main
-from avc_casadi.cli._pareto import _text
-from avc_casadi.design.schedule import solve_schedule
+from avc_casadi.cli import _text, main
+from avc_casadi.design.joint import solve_schedule
 from avc_casadi.figures import draw_pareto, save_figure
-from avc_casadi.impedance import loop_at
-from avc_casadi.pareto import designs, pareto
+from avc_casadi.loop import loop_at
 from avc_casadi.problem import dump_problem, load_problem
 from avc_casadi.stability import scope_slack
+from avc_casadi.study.pareto import designs, pareto
 
 
 @pytest.fixture(scope="module")

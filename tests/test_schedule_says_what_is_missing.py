@@ -6,7 +6,7 @@ import pytest
 from schedule_problems import changed
 
 from avc_casadi import solve
-from avc_casadi.design import Status
+from avc_casadi.coupling import Status
 from avc_casadi.problem import load_problem
 
 

@@ -7,9 +7,8 @@ import pytest
 from plain_schedule import PlainSchedule
 from schedule_problems import figure5
 
-from avc_casadi.design.schedule import ScheduleSolver, _lattice
-from avc_casadi.design.schedule._states import States
-from avc_casadi.impedance import loop_at
+from avc_casadi.design.joint import ScheduleSolver, States, _lattice
+from avc_casadi.loop import loop_at
 
 
 @pytest.mark.parametrize(("band_factor", "penalty"), [(2.0, 1e-3), (2.0, 1e-1), (4.0, 1e-2)])

@@ -5,11 +5,11 @@ import pytest
 
 from avc_casadi import UnsupportedError, parse_problem
 from avc_casadi.certificate import certify
-from avc_casadi.design import Status, solve
-from avc_casadi.design._static import static_coupling
-from avc_casadi.impedance import loop_at
+from avc_casadi.coupling import Status
+from avc_casadi.design import solve
+from avc_casadi.design.constant import static_coupling
+from avc_casadi.loop import loop_at, relative_errors
 from avc_casadi.passivity import SampledLoop, largest_llewellyn_stiffness, llewellyn_margin, worst_margin
-from avc_casadi.realism import relative_errors
 
 
 def problem(b_d=2.0, delay=0, coupling="", objective="magnitude", **stability):

@@ -6,11 +6,12 @@ from scene_reference import scene_problem
 
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
-from avc_casadi.design import Status
-from avc_casadi.impedance import loop_at
-from avc_casadi.scene import Gains, Hand, simulate_batch
-from avc_casadi.stability import frozen_parts, hand_set, linear_stability
-from avc_casadi.tuning import Budget, tune_static
+from avc_casadi.coupling import Gains, Status
+from avc_casadi.design.constant import Budget, tune_static
+from avc_casadi.loop import hand_set, loop_at
+from avc_casadi.scene import simulate_batch
+from avc_casadi.scene.effects import Hand
+from avc_casadi.stability import frozen_parts, linear_stability
 
 SMALL = Budget(series_points=15, damped_points=9, refinements=2, scenes=8, hands=16)
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.impedance import loop_at
-from avc_casadi.scene import Gains
-from avc_casadi.study import error_curve, physical_wall
+from avc_casadi.coupling import Gains
+from avc_casadi.loop import loop_at
+from avc_casadi.recommend import error_curve, physical_wall
 
 PROBLEM = avc.load_problem("ve7")
 LOW_HZ = np.array([0.5, 1.0, 2.0])

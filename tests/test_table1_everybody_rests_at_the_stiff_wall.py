@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.scene import NO_COUPLING
-from avc_casadi.study import Conditions, draw_subjects, exact_interval, reach, tuned, with_observer, worst_case
+from avc_casadi.coupling import NO_COUPLING
+from avc_casadi.recommend import reach, tuned, with_observer
+from avc_casadi.study.table1 import worst_case
+from avc_casadi.trial import Conditions, draw_subjects, exact_interval
 
 RESULTS = Path(__file__).parent / "benchmarks" / "results"
 PROBLEM = avc.load_problem("ve7")

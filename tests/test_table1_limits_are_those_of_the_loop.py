@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
+from avc_casadi.coupling import NO_COUPLING, Gains
+from avc_casadi.loop import HandSet
 from avc_casadi.problem import Hold
-from avc_casadi.scene import NO_COUPLING, Gains
-from avc_casadi.stability import HandSet, frozen_parts, linear_stability
-from avc_casadi.study import Conditions, corner_subjects, damping_range, stiffest_wall
-from avc_casadi.study._limits import loop_radius
-from avc_casadi.study._trial import judged
+from avc_casadi.recommend import corner_subjects, damping_range, loop_radius, stiffest_wall
+from avc_casadi.stability import frozen_parts, linear_stability
+from avc_casadi.trial import Conditions, judged
 
 DEVICE = avc.load_problem("ve7").device
 # Contact is never left: the wall acts as on both sides.

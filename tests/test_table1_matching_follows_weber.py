@@ -7,10 +7,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import avc_casadi as avc
-from avc_casadi.scene import NO_COUPLING
-from avc_casadi.study import MOTIONS, Conditions, draw_subjects
-from avc_casadi.study._matching import choose, distance, reference_traces
-from avc_casadi.study._trial import Traces, traces
+from avc_casadi.coupling import NO_COUPLING
+from avc_casadi.trial import MOTIONS, Conditions, Traces, choose, distance, draw_subjects, reference_traces, traces
 
 far = st.one_of(st.floats(0, 10), st.just(np.inf))
 fraction = st.sampled_from([0.07, 0.1, 0.23])

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.study import draw_subjects
-from avc_casadi.study._subjects import STYLUS_RANGES
+from avc_casadi.trial import STYLUS_RANGES, draw_subjects
 
 
 def numbers(subjects):

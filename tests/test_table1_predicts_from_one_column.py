@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli._table1 import table_text
-from avc_casadi.scene import NO_COUPLING
-from avc_casadi.study import PAPER, Conditions, draw_subjects, exact_interval, expected_share, table1, with_wall
-from avc_casadi.study._calibration import share_without_coupling
-from avc_casadi.study._trial import MOTIONS, judged
+from avc_casadi.cli import table_text
+from avc_casadi.coupling import NO_COUPLING
+from avc_casadi.study.table1 import PAPER, expected_share, share_without_coupling, table1, with_wall
+from avc_casadi.trial import MOTIONS, Conditions, draw_subjects, exact_interval, judged
 
 COUPLINGS = ("none", "static", "closed-form", "static-tuned", "schedule")
 ROW_KEYS = {

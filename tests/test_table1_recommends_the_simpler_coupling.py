@@ -5,8 +5,8 @@ import math
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.scene import Gains
-from avc_casadi.study import COUPLINGS, design, recommend
+from avc_casadi.coupling import Gains
+from avc_casadi.recommend import COUPLINGS, design, recommend
 
 
 def declared(**device):

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from avc_casadi.study import run_campaign
+from avc_casadi.study.table1 import run_campaign
 
 
 def test_finished_cells_are_not_repeated(tmp_path):

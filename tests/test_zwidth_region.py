@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from avc_casadi import UnsupportedError, parse_problem
+from avc_casadi.certificate import _zwidth as _region
+from avc_casadi.certificate import llewellyn_table, rendered_wall, zwidth
 from avc_casadi.design import solve
 from avc_casadi.figures import draw_zwidth
-from avc_casadi.impedance import loop_at
+from avc_casadi.loop import loop_at, no_hand
 from avc_casadi.passivity import SampledLoop, fractions, worst_margin
-from avc_casadi.stability import linear_stability, no_hand
-from avc_casadi.zwidth import _region, llewellyn_table, rendered_wall, zwidth
+from avc_casadi.stability import linear_stability
 
 T = 1e-3
 

@@ -1,7 +1,13 @@
-"""Certificates: which claim a gain table meets, under which model, with what margin and where."""
+"""Certificates: which claim a gain table meets, with what margin and where; the walls that a device can render."""
 
 from avc_casadi.certificate._certificate import TITLES as TITLES
 from avc_casadi.certificate._certificate import Certificate as Certificate
 from avc_casadi.certificate._certificate import Level as Level
 from avc_casadi.certificate._certificate import LevelResult as LevelResult
 from avc_casadi.certificate._certify import certify as certify
+from avc_casadi.certificate._llewellyn_table import LlewellynTable as LlewellynTable
+from avc_casadi.certificate._llewellyn_table import llewellyn_table as llewellyn_table
+from avc_casadi.certificate._rendered_wall import rendered_wall as rendered_wall
+from avc_casadi.certificate._zwidth import Curve as Curve
+from avc_casadi.certificate._zwidth import ZWidth as ZWidth
+from avc_casadi.certificate._zwidth import zwidth as zwidth

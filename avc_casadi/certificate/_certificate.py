@@ -6,15 +6,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from avc_casadi.design import plain
+from avc_casadi.support import BoolArray, FloatArray, plain
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Model
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Level = Literal["L0", "L1", "L2", "L3", "L4", "L5"]
 
 TITLES: dict[str, str] = {

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.certificate._certificate import Certificate, Level, LevelResult
-from avc_casadi.certificate._device_corners import least_damped
 from avc_casadi.certificate._hands_level import hands_level
 from avc_casadi.certificate._levels import Rows, llewellyn_level, passivity_level
+from avc_casadi.loop import least_damped
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m
 
 if TYPE_CHECKING:
-    from avc_casadi.design import GainSchedule
+    from avc_casadi.coupling import GainSchedule
     from avc_casadi.problem import Problem
 
 

@@ -7,23 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.certificate._device_corners import device_corners
 from avc_casadi.certificate._levels import Rows, level_result
-from avc_casadi.stability import (
-    MAX_DELAY_SAMPLES,
-    RADIUS_TOLERANCE,
-    frozen_parts,
-    hand_set,
-    linear_stability,
-    no_hand,
-    switching_proof,
-)
+from avc_casadi.loop import device_corners, hand_set, no_hand
+from avc_casadi.stability import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_parts, linear_stability, switching_proof
+from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.certificate._certificate import FloatArray, LevelResult
+    from avc_casadi.certificate._certificate import (
+        LevelResult,
+    )
+    from avc_casadi.loop import HandSet
     from avc_casadi.passivity import Fractions
     from avc_casadi.problem import Device
-    from avc_casadi.stability import HandSet
 
 _LARGEST_SHIFT = 1e6
 

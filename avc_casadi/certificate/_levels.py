@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.certificate._certificate import BoolArray, FloatArray, Level, LevelResult
+from avc_casadi.certificate._certificate import (
+    Level,
+    LevelResult,
+)
 from avc_casadi.passivity import RELATIVE_TOLERANCE, SampledLoop, WorstMargin, llewellyn_margin, worst_margin
+from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Model, Problem

@@ -1,3 +1,10 @@
 """The command `avc`: one file a verb, listed in `_verbs`."""
 
+from avc_casadi.cli._certify import _beside_hands as _beside_hands
 from avc_casadi.cli._main import main as main
+from avc_casadi.cli._pareto import _text as _text
+from avc_casadi.cli._table1 import table_text as table_text
+from avc_casadi.cli._text import ROWS_SHOWN as ROWS_SHOWN
+from avc_casadi.cli._text import number as number
+from avc_casadi.cli._text import sample_rows as sample_rows
+from avc_casadi.cli._verbs import VERBS as VERBS

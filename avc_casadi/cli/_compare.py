@@ -13,8 +13,8 @@ from avc_casadi.cli._files import output_file
 from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
-    from avc_casadi.comparison import Comparison
-    from avc_casadi.design import GainSchedule
+    from avc_casadi.coupling import GainSchedule
+    from avc_casadi.study.comparison import Comparison
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +41,7 @@ def gain_pair(text: str) -> tuple[float, float]:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Solve by all methods, compare, draw and show."""
-    from avc_casadi.comparison import comparison_document
+    from avc_casadi.study.comparison import comparison_document
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = avc.load_problem(args.problem)

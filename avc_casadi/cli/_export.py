@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Write the header."""
-    from avc_casadi.design import read_gains
+    from avc_casadi.coupling import read_gains
     from avc_hardware import export_c
 
     path = output_file(args.c, "--c", (".h", ".hpp", ".c"))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import avc_casadi as avc
 
 if TYPE_CHECKING:
-    from avc_casadi.design import GainSchedule
+    from avc_casadi.coupling import GainSchedule
 
 _SAME = 1e-9
 
@@ -20,7 +20,7 @@ def gains_for(problem: avc.Problem, file: str) -> tuple[GainSchedule, list[str]]
     Raises:
         InputError: faults of the file, or another sample time: frequencies and gains then mean another loop.
     """
-    from avc_casadi.design import read_gains
+    from avc_casadi.coupling import read_gains
 
     gains = read_gains(Path(file))
     own = problem.device.sample_time_s

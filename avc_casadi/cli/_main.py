@@ -7,7 +7,8 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -104,6 +105,8 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
         answer = args.run(args, console)
     except BrokenPipeError:
         raise
+    except InputError as error:
+        return _refused(console, _as_options(error, vars(args)))
     except (AvcError, OSError) as error:
         return _refused(console, error)
     except KeyboardInterrupt:
@@ -134,6 +137,7 @@ def _interrupted(console: Console) -> int:
 
 def _refused(console: Console, error: AvcError | OSError) -> int:
     if isinstance(error, InputError):
+        error = InputError([replace(fault, file=fault.file or "command line") for fault in error.faults])
         count = len(error.faults)
         summary = f"\navc: {count} faults" if count > 1 else ""
         console.refuse(fault_document(error), "\n".join(f"avc: {fault}" for fault in error.faults) + summary)
@@ -141,6 +145,16 @@ def _refused(console: Console, error: AvcError | OSError) -> int:
     key = error.key if isinstance(error, UnsupportedError) else ""
     console.refuse(_document(str(error), key), f"avc: {error}")
     return NO if isinstance(error, LinkError) else BAD_INPUT
+
+
+def _as_options(error: InputError, options: Container[str]) -> InputError:
+    """Name the option where an argument of a call is at fault that came from one."""
+    return InputError(
+        [
+            replace(fault, key=f"--{fault.key.replace('_', '-')}") if fault.key in options else fault
+            for fault in error.faults
+        ]
+    )
 
 
 def _document(message: str, key: str = "") -> dict[str, Any]:

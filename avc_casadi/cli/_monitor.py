@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Watch the device."""
-    from avc_casadi.design import plain
+    from avc_casadi.support import plain
     from avc_hardware import monitor
 
     seconds = args.seconds or (_SECONDS_WITH_JSON if console.as_json else None)

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Solve and certify every design, draw and show."""
-    from avc_casadi.pareto import pareto
+    from avc_casadi.study.pareto import pareto
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = avc.load_problem(args.problem)

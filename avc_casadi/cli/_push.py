@@ -13,7 +13,7 @@ from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
-    from avc_casadi.design import GainSchedule
+    from avc_casadi.coupling import GainSchedule
     from avc_hardware import TableSettings
 
 
@@ -26,7 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Push; a refusal is raised."""
-    from avc_casadi.design import plain, read_gains
+    from avc_casadi.coupling import read_gains
+    from avc_casadi.support import plain
     from avc_hardware import push
 
     gains = read_gains(Path(args.gains))

@@ -18,8 +18,8 @@ from avc_casadi.cli._solve import json_text, without_gains
 from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
-    from avc_casadi.comparison import Comparison
-    from avc_casadi.design import GainSchedule
+    from avc_casadi.coupling import GainSchedule
+    from avc_casadi.study.comparison import Comparison
 
 _CAPTIONS = {
     "boundaries": "The range of impedance that feels real, the desired impedance, and the wall without coupling.",
@@ -44,9 +44,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 def _worked_through(problem: avc.Problem, console: Console, folder: Path, shown: Path) -> Answer:
     """Do all of it, with files in one folder, told as files of another."""
-    from avc_casadi.comparison import comparison_document, with_delivered
-    from avc_casadi.design import gain_csv, gain_document
+    from avc_casadi.coupling import gain_csv, gain_document
     from avc_casadi.report import ReportContents, report_html, summarise, summary_lines
+    from avc_casadi.study.comparison import comparison_document, with_delivered
 
     comparison = compared(problem, None, console)
     if comparison.scope != "pointwise":

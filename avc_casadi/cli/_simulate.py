@@ -12,8 +12,7 @@ from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._text import number, table
 
 if TYPE_CHECKING:
-    from avc_casadi.design import GainSchedule
-    from avc_casadi.scene import Gains
+    from avc_casadi.coupling import Gains, GainSchedule
 
 # A figure holds four runs that can be told apart.
 _MOST_OTHERS = 3
@@ -98,7 +97,7 @@ def _others(text: str | None) -> list[str]:
 
 
 def _gains_by(name: str, problem: avc.Problem) -> Gains | GainSchedule:
-    from avc_casadi.scene import NO_COUPLING
+    from avc_casadi.coupling import NO_COUPLING
 
     return NO_COUPLING if name == "none" else avc.solve(problem, name)
 

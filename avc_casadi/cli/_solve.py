@@ -14,7 +14,7 @@ from avc_casadi.cli._text import counts, number, sample_rows, table
 if TYPE_CHECKING:
     import argparse
 
-    from avc_casadi.design import GainSchedule
+    from avc_casadi.coupling import GainSchedule
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Solve, write and show."""
-    from avc_casadi.design import gain_csv
+    from avc_casadi.coupling import gain_csv
 
     method = args.method or ("closed-form" if args.as_printed else "direct")
     out = None if args.out is None else output_file(args.out, "--out", (".json", ".csv"))
@@ -58,8 +58,8 @@ def json_text(document: dict[str, Any]) -> str:
 
 def solve_document(problem: avc.Problem, gains: GainSchedule) -> dict[str, Any]:
     """Return the `solve` document with certificate, realism and the limit that stands beside every result."""
-    from avc_casadi.design import gain_document
-    from avc_casadi.realism import judge_realism
+    from avc_casadi.coupling import gain_document
+    from avc_casadi.loop import judge_realism
 
     certificate = avc.certify(problem, gains).document()
     limit = certificate["passive_limit_n_per_m"]
@@ -69,7 +69,7 @@ def solve_document(problem: avc.Problem, gains: GainSchedule) -> dict[str, Any]:
 
 def paper_errors() -> list[dict[str, str]]:
     """Return the paper's errors as JSON values."""
-    from avc_casadi.impedance import PAPER_ERRORS
+    from avc_casadi.loop import PAPER_ERRORS
 
     return [vars(error) for error in PAPER_ERRORS]
 

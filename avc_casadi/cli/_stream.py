@@ -27,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Solve, push the table as the safety net, stream."""
     from avc_casadi.cli._push import wall_of
-    from avc_casadi.design import gain_document, plain
+    from avc_casadi.coupling import gain_document
+    from avc_casadi.support import plain
     from avc_hardware import stream
 
     problem = avc.load_problem(args.problem)

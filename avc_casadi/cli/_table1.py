@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Try everybody and count."""
-    from avc_casadi.study import table1
+    from avc_casadi.study.table1 import table1
 
     with console.step(f"{args.hands} hands of each set before six walls"):
         document = table1(args.hands, args.seed)

@@ -12,8 +12,8 @@ from avc_casadi.cli._text import number, sample_rows, table
 if TYPE_CHECKING:
     import argparse
 
-    from avc_casadi.design import StaticCoupling
-    from avc_casadi.zwidth import LlewellynTable, ZWidth
+    from avc_casadi.certificate import LlewellynTable, ZWidth
+    from avc_casadi.design.constant import StaticCoupling
 
 _SHORT = {
     "passive-paper": "passive\npaper",
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Compute the region, place the gains, draw and show."""
     import numpy as np
 
-    from avc_casadi.zwidth import llewellyn_table, rendered_wall, zwidth
+    from avc_casadi.certificate import llewellyn_table, rendered_wall, zwidth
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = avc.load_problem(args.problem)
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _static(problem: avc.Problem) -> list[StaticCoupling]:
-    from avc_casadi.design import static_coupling
+    from avc_casadi.design.constant import static_coupling
 
     return [
         static_coupling(problem, "llewellyn", "paper"),
@@ -77,7 +77,7 @@ def _static(problem: avc.Problem) -> list[StaticCoupling]:
 
 
 def _columns(**columns: Any) -> dict[str, Any]:
-    from avc_casadi.design import plain
+    from avc_casadi.support import plain
 
     return {name: plain(column) for name, column in columns.items()}
 

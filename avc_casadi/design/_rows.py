@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.design._gains import BoolArray, FloatArray, Status
-from avc_casadi.impedance import Loop
+from avc_casadi.coupling import (
+    Status,
+)
+from avc_casadi.loop import Loop
+from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -20,7 +23,7 @@ TIE_DISTANCE = 1e-12
 ON_BOUND = 1e-6
 """A gain within this share of the upper end of its box stands on an end: solvers stop short of bounds by less."""
 
-Gains = tuple[FloatArray, FloatArray, FloatArray]
+GainArrays = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def admissible(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> BoolArray:
@@ -31,7 +34,7 @@ def admissible(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) ->
     return inside
 
 
-def best_candidate(problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p: FloatArray) -> Gains:
+def best_candidate(problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p: FloatArray) -> GainArrays:
     """Choose per frequency, of candidates (m, n), the first in lexicographic order.
 
     The order: inside the box and Re Z_h >= margin, strictly; smallest magnitude error; smallest distance to Z_h_ds;

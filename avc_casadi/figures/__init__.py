@@ -1,5 +1,6 @@
 """Figures: drawn from results that are computed elsewhere."""
 
+from avc_casadi.figures._accuracy import draw_accuracy as draw_accuracy
 from avc_casadi.figures._boundaries import draw_boundaries as draw_boundaries
 from avc_casadi.figures._comparison import draw_comparison as draw_comparison
 from avc_casadi.figures._estimators import draw_estimators as draw_estimators

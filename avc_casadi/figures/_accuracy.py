@@ -13,7 +13,7 @@ from avc_casadi.figures._style import IMPEDANCE_UNIT, PERCEIVED, WIDTH_INCHES, s
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from avc_casadi.accuracy import Accuracy, SolverCost
+    from avc_casadi.study.accuracy import Accuracy, SolverCost
 
 _OWN = {"closed-form": ("closed form", "#d1600a", "^"), "exact": ("exact", "#5a5a00", "s")}
 _DEFAULT = ("direct, edge search (default)", "#08306b", "*")

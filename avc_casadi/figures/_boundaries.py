@@ -19,10 +19,10 @@ from avc_casadi.figures._style import (
     styled,
     value_axis,
 )
+from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.comparison import Comparison
-    from avc_casadi.design import FloatArray
+    from avc_casadi.study.comparison import Comparison
 
 
 @styled

@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from avc_casadi.figures._style import MINE, PERCEIVED, WIDTH_INCHES, frequency_axis, method_lines, styled
+from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from avc_casadi.comparison import Comparison
-    from avc_casadi.design import FloatArray
+    from avc_casadi.study.comparison import Comparison
 
 # Smaller errors, in per cent, are drawn on this line: rounding in the goal, nothing that a hand could notice.
 _ROUNDING = 1e-9

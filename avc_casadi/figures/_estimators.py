@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from avc_casadi.figures._style import WIDTH_INCHES, Line, styled
 
 if TYPE_CHECKING:
-    from avc_casadi.runtime import EstimatorTraces
+    from avc_casadi.study.estimators import EstimatorTraces
 
 _TRUTH = Line("true frequency", "0.72", "-", "", 4.5, 2, 0.0)
 _LINES = (

@@ -18,14 +18,17 @@ from avc_casadi.figures._style import (
     styled,
     value_axis,
 )
+from avc_casadi.support import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from avc_casadi.comparison import Comparison
-    from avc_casadi.design import ComplexArray, FloatArray, GainSchedule
+    from avc_casadi.coupling import (
+        GainSchedule,
+    )
     from avc_casadi.figures._style import Line
     from avc_casadi.problem import Model
+    from avc_casadi.study.comparison import Comparison
 
 # The enlarged part spans this factor in frequency.
 _ENLARGED = 3.0

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from avc_casadi.comparison import Comparison
+    from avc_casadi.study.comparison import Comparison
 
 P = ParamSpec("P")
 

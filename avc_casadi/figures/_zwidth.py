@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from avc_casadi.figures._style import IMPEDANCE_UNIT, WIDTH_INCHES, styled
+from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from avc_casadi.design import FloatArray
-    from avc_casadi.zwidth import LlewellynTable, ZWidth
+    from avc_casadi.certificate import LlewellynTable, ZWidth
 
 _LINES: dict[str, tuple[str, Any, float]] = {
     "passive-paper": ("#d1600a", (0, (5, 1.6)), 1.4),

@@ -7,6 +7,7 @@ from avc_casadi.passivity._regions import passive_limit_n_per_m as passive_limit
 from avc_casadi.passivity._sampled import RIGID as RIGID
 from avc_casadi.passivity._sampled import Fractions as Fractions
 from avc_casadi.passivity._sampled import SampledLoop as SampledLoop
+from avc_casadi.passivity._sampled import Values as Values
 from avc_casadi.passivity._sampled import fractions as fractions
 from avc_casadi.passivity._sampled import real_part as real_part
 from avc_casadi.passivity._sampled import size_of_terms as size_of_terms

@@ -9,9 +9,13 @@ from numpy.polynomial import chebyshev
 
 from avc_casadi.passivity._roots import has_roots, real_parts_of_roots, refine_minima, seeds_hz
 from avc_casadi.passivity._sampled import RIGID
+from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.passivity._sampled import BoolArray, FloatArray, SampledLoop, Values
+    from avc_casadi.passivity._sampled import (
+        SampledLoop,
+        Values,
+    )
 
 _ZERO_TURNS = 1e-150
 _ROUNDING = 1e-14

@@ -7,9 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.passivity._sampled import FloatArray, SampledLoop, Values
+    from avc_casadi.passivity._sampled import (
+        SampledLoop,
+        Values,
+    )
 
 
 def passive_limit_n_per_m(device_damping_ns_per_m: float, sample_time_s: float, delay_samples: int = 0) -> float:

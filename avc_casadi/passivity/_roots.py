@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.support import FloatArray
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from avc_casadi.passivity._sampled import FloatArray
 
 _EPS = float(np.finfo(np.float64).eps)
 _GOLDEN = (5**0.5 - 1) / 2

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Model, Problem
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Values = float | FloatArray
 
 # Stands for the limit of zero frequency: small enough for every term to have reached it, large enough to divide by.

@@ -12,9 +12,13 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from avc_casadi.passivity._roots import real_parts_of_roots
+from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.passivity._sampled import FloatArray, Fractions, SampledLoop
+    from avc_casadi.passivity._sampled import (
+        Fractions,
+        SampledLoop,
+    )
 
 
 def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: FloatArray) -> FloatArray:

@@ -9,8 +9,6 @@ import numpy as np
 
 from avc_casadi.passivity._roots import has_roots, refine_minima, seeds_hz
 from avc_casadi.passivity._sampled import (
-    BoolArray,
-    FloatArray,
     Fractions,
     SampledLoop,
     Values,
@@ -19,6 +17,7 @@ from avc_casadi.passivity._sampled import (
     size_of_terms,
 )
 from avc_casadi.passivity._stationary import stationary_cosines
+from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Model

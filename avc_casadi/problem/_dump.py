@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Problem
+    from avc_casadi.problem._model import Problem
 
 
 def dump_problem(problem: Problem) -> str:

@@ -10,13 +10,13 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.comparison import comparison_document
-from avc_casadi.impedance import ASSUMPTIONS, PAPER_ERRORS
+from avc_casadi.loop import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.report._summary import device_line, injection_line, scope_line, summary_lines
+from avc_casadi.study.comparison import comparison_document
 
 if TYPE_CHECKING:
-    from avc_casadi.comparison import Comparison
     from avc_casadi.problem import Problem
+    from avc_casadi.study.comparison import Comparison
 
 _ROWS_SHOWN = 24
 _PAGE = Path(__file__).with_name("page.html")

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.design import FloatArray, GainSchedule, plain
+from avc_casadi.coupling import GainSchedule
+from avc_casadi.support import FloatArray, plain
 
 if TYPE_CHECKING:
-    from avc_casadi.comparison import Comparison
     from avc_casadi.problem import Problem
+    from avc_casadi.study.comparison import Comparison
 
 
 def summarise(

@@ -2,11 +2,6 @@
 
 from avc_casadi.runtime._adaptation import AdaptationSettings as AdaptationSettings
 from avc_casadi.runtime._adaptation import adaptation_step as adaptation_step
-from avc_casadi.runtime._estimator_study import EstimatorRow as EstimatorRow
-from avc_casadi.runtime._estimator_study import EstimatorTraces as EstimatorTraces
-from avc_casadi.runtime._estimator_study import cramer_rao_hz as cramer_rao_hz
-from avc_casadi.runtime._estimator_study import study_estimators as study_estimators
-from avc_casadi.runtime._estimator_study import trace_estimators as trace_estimators
 from avc_casadi.runtime._estimators import ESTIMATORS as ESTIMATORS
 from avc_casadi.runtime._estimators import EstimatorMethod as EstimatorMethod
 from avc_casadi.runtime._estimators import estimator_step as estimator_step
@@ -18,6 +13,6 @@ from avc_casadi.runtime._hold import hold_step as hold_step
 from avc_casadi.runtime._observer import ObserverSettings as ObserverSettings
 from avc_casadi.runtime._observer import observer_step as observer_step
 from avc_casadi.runtime._signal import EstimatorSettings as EstimatorSettings
+from avc_casadi.runtime._step import Expr as Expr
 from avc_casadi.runtime._step import Step as Step
 from avc_casadi.runtime._step import generate_c as generate_c
-from avc_casadi.runtime._table import GainTable as GainTable

@@ -7,11 +7,12 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from avc_casadi.support import FloatArray
 
 # A CasADi SX expression; CasADi ships no types.
 Expr = Any
-FloatArray = NDArray[np.float64]
 Real = Literal["float", "double"]
 _BLOCK = 200
 

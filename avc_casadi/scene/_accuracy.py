@@ -13,9 +13,8 @@ from avc_casadi.scene._simulate import compile_for, settled
 from avc_casadi.scene.effects import build_effects
 
 if TYPE_CHECKING:
-    from avc_casadi.design import GainSchedule
+    from avc_casadi.coupling import Gains, GainSchedule
     from avc_casadi.problem import Integrator, Problem
-    from avc_casadi.scene._gains import Gains
 
 CHOICES: tuple[tuple[Integrator, int], ...] = (
     ("exact", 1),

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from avc_casadi.runtime import GainTable
-from avc_casadi.scene._gains import Gains
+from avc_casadi.coupling import Gains, GainTable
 from avc_casadi.scene.effects import Adaptation, SceneEffect
 
 if TYPE_CHECKING:
-    from avc_casadi.design import GainSchedule
+    from avc_casadi.coupling import GainSchedule
 
 
 def bind(effects: tuple[SceneEffect, ...], gains: Gains | GainSchedule) -> tuple[SceneEffect, ...]:

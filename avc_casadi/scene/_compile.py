@@ -8,26 +8,28 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi._errors import InputError, UnsupportedError
-from avc_casadi.scene._advance import Advance, Drive, MatrixExponential
-from avc_casadi.scene._coupling import Environment, contact_damper, coupling_parameters, series_force
-from avc_casadi.scene._friction import TaylorSeries
-from avc_casadi.scene._gains import Gains
-from avc_casadi.scene._layout import Layout
+from avc_casadi.coupling import Gains
+from avc_casadi.loop import DEVICE, GROUND, LinearPlant, Plant
 from avc_casadi.scene._motion import Target, target_of
-from avc_casadi.scene._plant import DEVICE, GROUND, LinearPlant, Plant
-from avc_casadi.scene._projected import Projected
-from avc_casadi.scene._runge_kutta import RungeKutta
-from avc_casadi.scene._split import Split, column
-from avc_casadi.scene._tick import Tick
+from avc_casadi.scene.advance import (
+    Advance,
+    Drive,
+    Layout,
+    MatrixExponential,
+    Projected,
+    RungeKutta,
+    Split,
+    TaylorSeries,
+    column,
+)
 from avc_casadi.scene.effects import SceneEffect, Station, build_effects
+from avc_casadi.scene.loop import Environment, Tick, contact_damper, coupling_parameters, series_force
+from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,11 @@ import subprocess
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from avc_casadi._interrupt import HeldInterrupt
 from avc_casadi.scene._compile import CompiledScene
 from avc_casadi.scene._native import NativeScene, compiler
+from avc_casadi.support import FloatArray, HeldInterrupt
 
-FloatArray = NDArray[np.float64]
 Engine = Literal["auto", "casadi", "native"]
 
 # Compiling takes about 0.1 s and 0.25 ms an instruction, and saves some 1.5 ns each time an instruction is evaluated.

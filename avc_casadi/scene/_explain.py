@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import InputError
+from avc_casadi.coupling import Gains
 from avc_casadi.scene._compile import CompiledScene
-from avc_casadi.scene._gains import Gains
 from avc_casadi.scene._simulate import compile_for, settled, without
 from avc_casadi.scene.effects import KINDS, SceneEffect, build_effects
 
 if TYPE_CHECKING:
-    from avc_casadi.design import GainSchedule
+    from avc_casadi.coupling import GainSchedule
     from avc_casadi.problem import Problem
 
 # About so many instructions are timed, in a few repeats of so many samples.

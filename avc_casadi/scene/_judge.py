@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from avc_casadi.support import BoolArray, FloatArray
 
 JUDGED_S = 0.5
 AT_REST_M_PER_S = 5e-3

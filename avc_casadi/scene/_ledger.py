@@ -10,11 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from avc_casadi.scene._coupling import Environment
-
-FloatArray = NDArray[np.float64]
+from avc_casadi.scene.loop import Environment
+from avc_casadi.support import FloatArray
 
 
 @dataclass(frozen=True)

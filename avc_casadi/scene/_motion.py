@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi.problem import Motion
-
-FloatArray = NDArray[np.float64]
+from avc_casadi.support import FloatArray
 
 # An oscillating target comes to rest this long before the end, so that every run is judged at rest.
 REST_S = 1.0

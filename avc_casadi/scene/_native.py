@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avc_casadi.support import FloatArray
+
 if TYPE_CHECKING:
     from avc_casadi.scene._compile import CompiledScene
 
-FloatArray = NDArray[np.float64]
 
 _FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared")
 

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi.scene._judge import CRITERION, LOST_M, Judgement
 from avc_casadi.scene._ledger import Ledger
+from avc_casadi.support import FloatArray
 
-FloatArray = NDArray[np.float64]
 Claim = Literal["asymptotic", "held-by-friction", "unstable"]
 
 _CLAIMS: dict[Claim, str] = {

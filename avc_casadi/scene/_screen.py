@@ -6,20 +6,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi._errors import InputError
+from avc_casadi.coupling import Gains
 from avc_casadi.scene._explain import EffectCost, explain_effects
-from avc_casadi.scene._gains import Gains
 from avc_casadi.scene._run import Run
 from avc_casadi.scene._simulate import settled, simulate_effects
 from avc_casadi.scene.effects import build_effects
+from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.design import GainSchedule
+    from avc_casadi.coupling import GainSchedule
     from avc_casadi.problem import Problem
 
-FloatArray = NDArray[np.float64]
 
 DEFAULT_TOLERANCE = 0.01
 

@@ -6,24 +6,22 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi._errors import InputError
+from avc_casadi.coupling import NO_COUPLING, Gains, gains_at
 from avc_casadi.scene._adapting import bind
 from avc_casadi.scene._compile import CompiledScene, compile_scene
 from avc_casadi.scene._execute import Engine, execute
-from avc_casadi.scene._gains import NO_COUPLING, Gains, gains_at
 from avc_casadi.scene._judge import Judgement, judge
 from avc_casadi.scene._ledger import energy_ledger
 from avc_casadi.scene._run import Claim, Run
 from avc_casadi.scene.effects import CoulombFriction, Hand, SceneEffect, build_effects
+from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.design import GainSchedule
+    from avc_casadi.coupling import GainSchedule
+    from avc_casadi.loop import HandSet
     from avc_casadi.problem import Problem
-    from avc_casadi.stability import HandSet
-
-FloatArray = NDArray[np.float64]
 
 
 def simulate(

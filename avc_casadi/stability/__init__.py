@@ -1,11 +1,8 @@
 """Linear stability of the frozen loop with a set of hands: a claim of its own beside passivity."""
 
-from avc_casadi.stability._expm import expm as expm
-from avc_casadi.stability._hands import HandSet as HandSet
-from avc_casadi.stability._hands import hand_set as hand_set
-from avc_casadi.stability._hands import no_hand as no_hand
 from avc_casadi.stability._lyapunov import SwitchingProof as SwitchingProof
 from avc_casadi.stability._lyapunov import common_lyapunov as common_lyapunov
+from avc_casadi.stability._lyapunov import lyapunov as lyapunov
 from avc_casadi.stability._lyapunov import switching_proof as switching_proof
 from avc_casadi.stability._scope import ScopeSlack as ScopeSlack
 from avc_casadi.stability._scope import deciding_frequencies_hz as deciding_frequencies_hz

@@ -9,11 +9,11 @@ import numpy as np
 
 from avc_casadi.passivity import RIGID
 from avc_casadi.stability._transition import joint_rendering, transition
+from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.passivity._sampled import BoolArray, FloatArray
+    from avc_casadi.loop import HandSet
     from avc_casadi.problem import Problem
-    from avc_casadi.stability._hands import HandSet
 
 _DOUBLINGS = 40
 _SWEEPS = 12

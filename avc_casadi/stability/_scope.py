@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.loop import hand_set
 from avc_casadi.passivity import SampledLoop, worst_margin
-from avc_casadi.stability._hands import hand_set
 from avc_casadi.stability._spectral import RADIUS_TOLERANCE, frozen_parts, linear_stability
+from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.passivity._sampled import BoolArray, FloatArray, Values
+    from avc_casadi.passivity import (
+        Values,
+    )
     from avc_casadi.problem import Problem
 
 

@@ -10,12 +10,17 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.passivity import SampledLoop, fractions
 from avc_casadi.stability._transition import fraction_rendering, transition
+from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.passivity import Fractions
-    from avc_casadi.passivity._sampled import BoolArray, Values
+    from avc_casadi.loop import (
+        HandSet,
+    )
+    from avc_casadi.passivity import (
+        Fractions,
+        Values,
+    )
     from avc_casadi.problem import Device, Problem
-    from avc_casadi.stability._hands import FloatArray, HandSet
 
 # Some seconds for a table of 200 rows and 32 hands.
 MAX_DELAY_SAMPLES = 32

@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.stability._expm import expm
+from avc_casadi.loop import expm
+from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.passivity import Fractions
-    from avc_casadi.passivity._sampled import Values
+    from avc_casadi.loop import (
+        HandSet,
+    )
+    from avc_casadi.passivity import Fractions, Values
     from avc_casadi.problem import Device, Problem
-    from avc_casadi.stability._hands import FloatArray, HandSet
 
 
 def mechanics(mass_kg: Values, damping_ns_per_m: Values, stiffness_n_per_m: Values, sample_time_s: float) -> FloatArray:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from avc_casadi.design import GainSchedule
+from avc_casadi.coupling import GainSchedule
+from avc_casadi.support import Float32Array
 from avc_hardware._firmware import GENERATED
 from avc_hardware._float_program import literal
 from avc_hardware._reference import ln
-from avc_hardware._table import Float32Array, gain_table
+from avc_hardware._table import (
+    gain_table,
+)
 
 _HEADER = """\
 /* Gains of an adaptive virtual coupling against interaction frequency: made by avc-casadi, do not edit.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi import UnsupportedError
-from avc_hardware._table import Float32Array
+from avc_casadi.support import Float32Array
 
 Value = Any  # a single-precision or truth array
 

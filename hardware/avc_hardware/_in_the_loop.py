@@ -11,13 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi import InputError, Problem, UnsupportedError
-from avc_casadi.design import GainSchedule
-from avc_casadi.scene._motion import target_of
-from avc_casadi.scene._plant import DEVICE, GROUND, Plant
-from avc_casadi.scene._propagation import transition
+from avc_casadi.coupling import GainSchedule
+from avc_casadi.loop import DEVICE, GROUND, Plant, transition
+from avc_casadi.scene import target_of
 from avc_casadi.scene.effects import build_effects
 from avc_hardware._connection import Connection
 from avc_hardware._emulator import METRES_PER_COUNT, EmulatedBoard
@@ -26,8 +24,6 @@ from avc_hardware._messages import DeviceStatus, Kind
 from avc_hardware._push import PushResult, push_over
 from avc_hardware._qemu import LockStepBoard
 from avc_hardware._table import TableSettings, Wall
-
-FloatArray = NDArray[np.float64]
 
 _CODE_ZERO, _CODE_FULL = 2048, 2047
 # Effects that are part of the plant or of the firmware; the others the bench does not have.

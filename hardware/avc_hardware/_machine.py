@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from avc_casadi import LinkError, MissingExtraError
-from avc_casadi._interrupt import HeldInterrupt
+from avc_casadi.support import HeldInterrupt
 from avc_hardware._elf import Image
 
 CLOCK_HZ = 168_000_000

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from avc_casadi.design import GainSchedule
+from avc_casadi.coupling import GainSchedule
 from avc_hardware._connection import Connection
 from avc_hardware._elf import read_elf
 from avc_hardware._emulator import EmulatedBoard

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avc_casadi import LinkError
-from avc_casadi.design import GainSchedule
+from avc_casadi.coupling import GainSchedule
 from avc_hardware._bytes import ByteLink
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware._messages import Device

@@ -7,10 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from avc_casadi.support import Float32Array
 from avc_hardware._host import BoardLimits
 from avc_hardware._reference import lookup
 from avc_hardware._runtime_program import GAINS, RuntimeFigures, RuntimeProgram, runtime_programs
-from avc_hardware._table import Float32Array, GainTable, Wall
+from avc_hardware._table import (
+    GainTable,
+    Wall,
+)
 
 _f = np.float32
 Columns = dict[str, Float32Array]

@@ -11,13 +11,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from avc_casadi.runtime import AdaptationSettings, EstimatorSettings, GuardSettings, HoldSettings
-from avc_casadi.scene._coupling import Environment, contact_damper, series_force
-from avc_casadi.scene._tick import Tick
-from avc_casadi.scene.effects._adaptation import Adaptation
-from avc_casadi.scene.effects._estimator import Estimator
-from avc_casadi.scene.effects._guard import Guard
+from avc_casadi.scene.effects import Adaptation, Estimator, Guard
+from avc_casadi.scene.loop import Environment, Tick, contact_damper, series_force
+from avc_casadi.support import Float32Array
 from avc_hardware._float_program import FloatProgram, literal
-from avc_hardware._table import Float32Array
 
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 

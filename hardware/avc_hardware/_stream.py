@@ -9,7 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from avc_casadi import InputError, LinkError
-from avc_casadi.design import FloatArray, GainSchedule
+from avc_casadi.coupling import (
+    GainSchedule,
+)
+from avc_casadi.support import Float32Array, FloatArray
 from avc_hardware import _messages as m
 from avc_hardware._bytes import ByteLink
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
@@ -17,7 +20,10 @@ from avc_hardware._messages import DeviceStatus, GainsTaken, Kind, Reason, Refus
 from avc_hardware._push import PushResult, push_over
 from avc_hardware._reference import lookup
 from avc_hardware._session import Answer, Exchange, Session
-from avc_hardware._table import Float32Array, TableSettings, gain_table
+from avc_hardware._table import (
+    TableSettings,
+    gain_table,
+)
 
 MAX_RATE_HZ = 100.0
 # Streamed gains hold for so many periods; after that the device goes back to its table.

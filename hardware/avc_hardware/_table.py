@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi import InputError
-from avc_casadi.design import FloatArray, GainSchedule
-
-Float32Array = NDArray[np.float32]
+from avc_casadi.coupling import (
+    GainSchedule,
+)
+from avc_casadi.support import Float32Array, FloatArray
 
 FLAG_DAMPED = 1
 FLAG_WALL = 2

@@ -23,12 +23,17 @@ from scene_reference import Reference, scene_problem  # noqa: E402
 from script_arguments import script_arguments  # noqa: E402
 
 import avc_casadi as avc  # noqa: E402
-from avc_casadi.scene import Gains, Hand, compile_scene, execute  # noqa: E402
-from avc_casadi.scene._accuracy import integrator_accuracy  # noqa: E402
-from avc_casadi.scene._explain import ns_per_step  # noqa: E402
-from avc_casadi.scene._native import NativeScene  # noqa: E402
-from avc_casadi.scene._simulate import compile_for, settled  # noqa: E402
-from avc_casadi.scene.effects import build_effects  # noqa: E402
+from avc_casadi.coupling import Gains  # noqa: E402
+from avc_casadi.scene import (  # noqa: E402
+    NativeScene,
+    compile_for,
+    compile_scene,
+    execute,
+    integrator_accuracy,
+    ns_per_step,
+    settled,
+)
+from avc_casadi.scene.effects import Hand, build_effects  # noqa: E402
 
 try:
     from numba import njit

@@ -25,10 +25,13 @@ from plain_schedule import PlainSchedule  # noqa: E402
 from schedule_problems import changed, figure5  # noqa: E402
 from script_arguments import script_arguments  # noqa: E402
 
-from avc_casadi.design.schedule import ScheduleSolver, _program  # noqa: E402
-from avc_casadi.design.schedule._assembly import schedule_nlp  # noqa: E402
-from avc_casadi.design.schedule._states import States  # noqa: E402
-from avc_casadi.impedance import loop_at  # noqa: E402
+from avc_casadi.design.joint import (  # noqa: E402
+    ScheduleSolver,
+    States,
+    _program,
+    schedule_nlp,
+)
+from avc_casadi.loop import loop_at  # noqa: E402
 from avc_casadi.problem import Problem  # noqa: E402
 from avc_casadi.stability import scope_slack  # noqa: E402
 

@@ -25,11 +25,8 @@ import numpy as np
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 import avc_casadi as avc
-from avc_casadi.design._edge_search import edge_search_gains
-from avc_casadi.design._exact import exact_gains
-from avc_casadi.design._nlp import nlp_parameters
-from avc_casadi.design._nlp_solver import nlp_gains, nlp_solvers
-from avc_casadi.impedance import Loop, loop_at
+from avc_casadi.design.pointwise import edge_search_gains, exact_gains, nlp_gains, nlp_parameters, nlp_solvers
+from avc_casadi.loop import Loop, loop_at
 from avc_casadi.problem import Problem
 
 START = (10.0, 1000.0)

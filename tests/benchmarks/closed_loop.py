@@ -11,14 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from avc_casadi.design import GainSchedule, solve
-from avc_casadi.problem import (
-    CoulombFrictionEffect,
-    EncoderEffect,
-    Problem,
-    load_problem,
-)
-from avc_casadi.scene import Hand, Judgement, simulate_batch
+from avc_casadi.coupling import GainSchedule
+from avc_casadi.design import solve
+from avc_casadi.problem import CoulombFrictionEffect, EncoderEffect, Problem, load_problem
+from avc_casadi.scene import Judgement, simulate_batch
+from avc_casadi.scene.effects import Hand
 
 HERE = Path(__file__).parent
 PROBLEMS = {"damped": "scenes/adaptive-press", "series": "scenes/adaptive-press-series"}

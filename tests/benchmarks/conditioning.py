@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avc_casadi.accuracy._reference import MP, NUMBERS
-from avc_casadi.design._arcs import real_roots
-from avc_casadi.impedance import (
+from avc_casadi.design.pointwise import real_roots
+from avc_casadi.loop import (
     NUMPY,
     SampleAngle,
     backward_difference,
@@ -28,6 +27,7 @@ from avc_casadi.impedance import (
     series,
 )
 from avc_casadi.problem import Problem
+from avc_casadi.study.accuracy import MP, NUMBERS
 
 
 @dataclass(frozen=True)

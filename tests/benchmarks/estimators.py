@@ -11,7 +11,7 @@ import numpy as np
 from script_arguments import script_arguments
 
 from avc_casadi.figures import draw_estimators, save_figure
-from avc_casadi.runtime import EstimatorRow, study_estimators, trace_estimators
+from avc_casadi.study.estimators import EstimatorRow, study_estimators, trace_estimators
 
 HERE = Path(__file__).parent
 

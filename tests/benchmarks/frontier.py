@@ -14,24 +14,23 @@ import numpy as np
 from script_arguments import script_arguments
 
 import avc_casadi as avc
+from avc_casadi.coupling import gains_at
 from avc_casadi.design import solve
 from avc_casadi.figures import draw_frontier, save_figure
 from avc_casadi.problem import AdaptationEffect, EstimatorEffect
-from avc_casadi.scene import gains_at
-from avc_casadi.study import (
-    Conditions,
+from avc_casadi.recommend import (
     constant,
     corner_subjects,
     damping_range,
     design,
-    draw_subjects,
     error_curve,
     reach,
-    run_campaign,
     stiffest_wall,
     tuned,
     tuning_problem,
 )
+from avc_casadi.study.table1 import run_campaign
+from avc_casadi.trial import Conditions, draw_subjects
 
 SEED = 2026
 WALL = "ve7"

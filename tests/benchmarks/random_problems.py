@@ -16,7 +16,8 @@ import warnings
 
 import numpy as np
 
-from avc_casadi.design import GainSchedule, solve
+from avc_casadi.coupling import GainSchedule
+from avc_casadi.design import solve
 from avc_casadi.problem import Problem
 from tests.drawn_problems import drawn_problem
 

@@ -12,7 +12,9 @@ from pathlib import Path
 from script_arguments import script_arguments
 
 import avc_casadi as avc
-from avc_casadi.study import Conditions, draw_subjects, reach, run_campaign, tuned, tuned_margin, with_observer
+from avc_casadi.recommend import reach, tuned, tuned_margin, with_observer
+from avc_casadi.study.table1 import run_campaign
+from avc_casadi.trial import Conditions, draw_subjects
 
 SEED = 2026
 WALL = "ve7"

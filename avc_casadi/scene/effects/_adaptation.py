@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi.coupling import GainTable
 from avc_casadi.problem import Problem
-from avc_casadi.runtime import AdaptationSettings, GainTable, HoldSettings, adaptation_step, hold_step
-from avc_casadi.scene._tick import AdaptedGains, Expr, Tick
+from avc_casadi.runtime import AdaptationSettings, HoldSettings, adaptation_step, hold_step
 from avc_casadi.scene.effects._base import SceneEffect, Station
 from avc_casadi.scene.effects._step import insert
+from avc_casadi.scene.loop import AdaptedGains, Expr, Tick
 
 
 @dataclass(frozen=True)

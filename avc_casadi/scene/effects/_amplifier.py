@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
+from avc_casadi.loop import Plant
 from avc_casadi.problem import Problem
-from avc_casadi.scene._plant import Plant
 from avc_casadi.scene.effects._base import SceneEffect, Station
 
 

@@ -8,11 +8,10 @@ from enum import IntEnum
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi.coupling import GainTable
+from avc_casadi.loop import Plant
 from avc_casadi.problem import Problem
-from avc_casadi.runtime import GainTable
-from avc_casadi.scene._coupling import Environment
-from avc_casadi.scene._plant import Plant
-from avc_casadi.scene._tick import Tick
+from avc_casadi.scene.loop import Environment, Tick
 
 
 class Station(IntEnum):

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi.problem import Problem
-from avc_casadi.scene._tick import Tick
 from avc_casadi.scene.effects._base import SceneEffect, Station, settled
+from avc_casadi.scene.loop import Tick
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from avc_casadi.scene._coupling import Environment
 from avc_casadi.scene.effects._wall import Wall
+from avc_casadi.scene.loop import Environment
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from typing import Any, ClassVar, Self
 
 from avc_casadi.problem import Problem
 from avc_casadi.runtime import EstimatorSettings, estimator_step
-from avc_casadi.scene._tick import Tick
 from avc_casadi.scene.effects._base import SceneEffect, Station
 from avc_casadi.scene.effects._step import insert
+from avc_casadi.scene.loop import Tick
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Self
 
 from numpy.typing import ArrayLike
 
+from avc_casadi.loop import TARGET, Plant
 from avc_casadi.problem import Problem
-from avc_casadi.scene._plant import TARGET, Plant
 from avc_casadi.scene.effects._base import SceneEffect, Station
 
 

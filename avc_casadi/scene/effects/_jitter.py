@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.problem import Problem
-from avc_casadi.scene._tick import Tick
 from avc_casadi.scene.effects._base import SceneEffect, Station
-
-FloatArray = NDArray[np.float64]
+from avc_casadi.scene.loop import Tick
+from avc_casadi.support import FloatArray
 
 
 @dataclass(frozen=True)

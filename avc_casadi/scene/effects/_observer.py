@@ -8,9 +8,9 @@ from typing import Any, ClassVar, Self
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.problem import Problem
 from avc_casadi.runtime import ObserverSettings, observer_step
-from avc_casadi.scene._tick import Tick
 from avc_casadi.scene.effects._base import SceneEffect, Station, settled
 from avc_casadi.scene.effects._step import insert
+from avc_casadi.scene.loop import Tick
 
 # A mass taken too small turns every force into too much motion; far above the lightest, light hands buzz.
 _ABOVE = 1.07

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
-from avc_casadi.problem import Problem
-from avc_casadi.problem._scene_file import HandEffect, WallEffect
+from avc_casadi.problem import HandEffect, Problem, WallEffect
 from avc_casadi.scene.effects._adaptation import Adaptation
 from avc_casadi.scene.effects._amplifier import Amplifier
 from avc_casadi.scene.effects._base import SceneEffect

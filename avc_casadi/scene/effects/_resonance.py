@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi.loop import DEVICE, Plant
 from avc_casadi.problem import Problem
-from avc_casadi.scene._plant import DEVICE, Plant
 from avc_casadi.scene.effects._base import SceneEffect, Station
 
 _BODY = "handle"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from avc_casadi.runtime import Step
-from avc_casadi.scene._tick import Expr, Tick
+from avc_casadi.scene.loop import Expr, Tick
 
 
 def insert(tick: Tick, prefix: str, step: Step, inputs: list[Expr], parameters: tuple[Expr, ...] = ()) -> list[Expr]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
+from avc_casadi.loop import DEVICE, GROUND, Plant
 from avc_casadi.problem import Problem
-from avc_casadi.scene._plant import DEVICE, GROUND, Plant
 from avc_casadi.scene.effects._base import SceneEffect, Station, settled
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi.problem import Problem
-from avc_casadi.scene._coupling import Environment
 from avc_casadi.scene.effects._base import SceneEffect, Station
+from avc_casadi.scene.loop import Environment
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,57 @@
+"""The largest coupling stiffness that Llewellyn's condition allows, against the coupling's damping."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.passivity import SampledLoop, largest_llewellyn_stiffness
+from avc_casadi.support import FloatArray
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem
+
+
+_RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.175, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 7.5, 7.9, 8.0)
+
+
+@dataclass(frozen=True)
+class LlewellynTable:
+    """k_c T/b_d against b_c/b_d for both holds, each of shape (n,); not a number where nothing is allowed.
+
+    Attributes:
+        damping_ratio: b_c/b_d.
+        paper: with the printed hold.
+        sampled_data: with hold 1/z; without delay 2 (1 - b_c/b_d).
+        delay_samples: delay of the device.
+    """
+
+    damping_ratio: FloatArray
+    paper: FloatArray
+    sampled_data: FloatArray
+    delay_samples: int
+
+
+def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -> LlewellynTable:
+    """Tabulate the largest stiffness; it does not depend on environment or mass.
+
+    Args:
+        problem: device.
+        damping_ratio: b_c/b_d, shape (n,); None takes 16 values from 0 to 8.
+
+    Raises:
+        UnsupportedError: a device without damping.
+    """
+    device = problem.device
+    if device.damping_ns_per_m == 0:
+        raise UnsupportedError("Llewellyn's condition (6) allows no coupling where device.damping_ns_per_m is 0")
+    ratio = np.array(_RATIOS) if damping_ratio is None else damping_ratio
+    scale = device.sample_time_s / device.damping_ns_per_m
+    found = [
+        largest_llewellyn_stiffness(SampledLoop.of(problem, model), ratio * device.damping_ns_per_m) * scale
+        for model in ("paper", "sampled-data")
+    ]
+    return LlewellynTable(ratio, found[0], found[1], device.delay_samples)

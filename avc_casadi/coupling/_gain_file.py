@@ -1,0 +1,141 @@
+"""Gain files: the `solve` document as JSON, or the bare table as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.coupling._gain_check import CONTACT, GAINS, SCHEMA, GainCheck
+from avc_casadi.coupling._schedule import GainSchedule
+from avc_casadi.support import plain
+
+_CSV_HEADER = ("frequency_hz", *GAINS)
+_MAX_BYTES = 64 * 1024 * 1024
+
+
+def gain_document(gains: GainSchedule) -> dict[str, Any]:
+    """Return the `solve` document without its certificate: JSON values only."""
+    return {
+        "schema": SCHEMA,
+        "problem": gains.problem,
+        "method": gains.method,
+        "solver": gains.solver,
+        "structure": gains.structure,
+        "model": gains.model,
+        "sample_time_s": plain(gains.sample_time_s),
+        "frequency_hz": plain(gains.frequency_hz),
+        "damping_ns_per_m": plain(gains.damping_ns_per_m),
+        "stiffness_n_per_m": plain(gains.stiffness_n_per_m),
+        "contact_damping_ns_per_m": plain(gains.contact_damping_ns_per_m),
+        "impedance_re": plain(gains.impedance.real),
+        "impedance_im": plain(gains.impedance.imag),
+        "target_re": plain(gains.target.real),
+        "target_im": plain(gains.target.imag),
+        "magnitude_error": plain(gains.magnitude_error),
+        "complex_error": plain(gains.complex_error),
+        "real_part": plain(gains.real_part),
+        "status": plain(gains.status),
+        "reason": list(gains.reason),
+        "requested_damping_ns_per_m": plain(gains.requested_damping_ns_per_m),
+        "requested_stiffness_n_per_m": plain(gains.requested_stiffness_n_per_m),
+        "counts": gains.counts(),
+        "notes": list(gains.notes),
+        "seconds": {"build": gains.build_seconds, "solve": gains.solve_seconds},
+    }
+
+
+def gain_csv(gains: GainSchedule) -> str:
+    """Return the usable rows as CSV text; a contact damping column is added in the damped structure."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    damped = gains.structure == "damped"
+    writer.writerow((*_CSV_HEADER, CONTACT) if damped else _CSV_HEADER)
+    for row in np.flatnonzero(gains.usable):
+        values = [gains.frequency_hz[row], gains.damping_ns_per_m[row], gains.stiffness_n_per_m[row]]
+        if damped:
+            values.append(gains.contact_damping_ns_per_m[row])
+        writer.writerow([repr(float(value)) for value in values])
+    return text.getvalue()
+
+
+def write_gains(gains: GainSchedule, path: Path) -> None:
+    """Write a gain file; the ending of ``path`` chooses JSON or CSV."""
+    if path.suffix.lower() == ".csv":
+        path.write_text(gain_csv(gains), encoding="utf-8")
+    else:
+        path.write_text(json.dumps(gain_document(gains), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_gains(path: Path) -> GainSchedule:
+    """Read a gain file, JSON or CSV by its ending.
+
+    Raises:
+        InputError: with every fault of the file.
+    """
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError.of(
+                f"larger than {_MAX_BYTES // 2**20} MiB; a gain file is a table of rows", file=str(path)
+            )
+        text = path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
+    except OSError as error:
+        raise InputError.of(
+            f"cannot be read ({error.strerror}); give a file that `avc solve --out` wrote", file=str(path)
+        ) from error
+    except UnicodeDecodeError as error:
+        raise InputError.of("is not UTF-8 text; give a file that `avc solve --out` wrote", file=str(path)) from error
+    return _from_csv(text, path) if path.suffix.lower() == ".csv" else _from_json(text, path)
+
+
+def _from_csv(text: str, path: Path) -> GainSchedule:
+    faults: list[Fault] = []
+    reader = csv.reader(io.StringIO(text))
+    try:
+        lines = [(reader.line_num, cells) for cells in reader]
+    except csv.Error as error:
+        raise InputError.of(
+            f"is not CSV ({error}); give a file that `avc solve --out` wrote", file=str(path)
+        ) from error
+    header = tuple(cell.strip() for cell in lines[0][1]) if lines else ()
+    if header not in {_CSV_HEADER, (*_CSV_HEADER, CONTACT)}:
+        message = f"header is {','.join(header) or 'missing'}; allowed: {','.join(_CSV_HEADER)}[,{CONTACT}]"
+        raise InputError([Fault(str(path), 1, "", message)])
+    rows: list[tuple[int, list[float]]] = []
+    for number, cells in lines[1:]:
+        if not cells:
+            continue
+        if len(cells) != len(header):
+            faults.append(Fault(str(path), number, "", f"{len(cells)} values; allowed: {len(header)}"))
+            continue
+        values = []
+        for name, cell in zip(header, cells, strict=True):
+            try:
+                values.append(float(cell))
+            except ValueError:
+                faults.append(
+                    Fault(str(path), number, name, f"{cell!r} is not a number; allowed: a finite number >= 0")
+                )
+        if len(values) == len(cells):
+            rows.append((number, values))
+    document: dict[str, Any] = {name: [values[i] for _, values in rows] for i, name in enumerate(header)}
+    document["structure"] = "damped" if CONTACT in header else "series"
+    return GainCheck(document, path, [number for number, _ in rows], faults).schedule()
+
+
+def _from_json(text: str, path: Path) -> GainSchedule:
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:  # ValueError: also an integer of more digits than Python reads
+        line = getattr(error, "lineno", None)
+        raise InputError(
+            [Fault(str(path), line, "", f"is not JSON ({error}); give a file that `avc solve --out` wrote")]
+        ) from error
+    if not isinstance(document, dict):
+        raise InputError.of("holds no gain document; give a file that `avc solve --out` wrote", file=str(path))
+    return GainCheck(document, path).schedule()

@@ -1,0 +1,197 @@
+"""Fewer rows for the same gains: the table of a device that deviates least, or the smallest that is near enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi._errors import InputError
+from avc_casadi.coupling._interpolation import gain_rows, interpolate, single_ln
+from avc_casadi.loop import loop_at
+from avc_casadi.stability import scope_slack
+from avc_casadi.support import BoolArray, FloatArray, IndexArray
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling._schedule import GainSchedule
+    from avc_casadi.problem import Problem
+
+
+_CANDIDATES = 256
+"""Rows among which the best are sought; of longer schedules as many are taken evenly, and then those missed most."""
+_ADDED = 16
+_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class ReducedRows:
+    """Some rows of a schedule and what their interpolation makes of the others.
+
+    Attributes:
+        rows: shape (m, 4): frequency_hz, b (N.s/m), k (N/m), b_p (N.s/m).
+        kept: their positions among the rows with gains, shape (m,).
+        error: largest deviation at the dropped rows: |Z - Z_h|/|Z_h| of the perceived impedance where a problem was
+            given, otherwise the largest relative deviation of b, k or b_p.
+        single_error: the same for rows and arithmetic in single precision, at all rows.
+        scope_slack: smallest slack of the problem's scope at the dropped rows, interpolated: N.s/m, or spectral radius
+            for scope hands; not a number without a problem, infinite where nothing is dropped. What is missing can be
+            asked for beforehand as `margin_ns_per_m`.
+    """
+
+    rows: FloatArray
+    kept: IndexArray
+    error: float
+    single_error: float
+    scope_slack: float
+
+
+def reduce_rows(
+    gains: GainSchedule, problem: Problem | None = None, *, rows: int | None = None, tolerance: float | None = None
+) -> ReducedRows:
+    """Choose rows, first and last among them, so that interpolation between them serves for the others.
+
+    The choice is exactly the best one among all subsets of the rows (of at most 256 candidates for longer schedules), a
+    shortest path whose edges are pairs of neighbouring rows. With a problem, a pair is admitted only if Re Z_h stays at
+    or above the margin at the rows between, where the rows themselves do.
+
+    Args:
+        gains: the schedule.
+        problem: measure the error of Z_h; without it, of the gains.
+        rows: at most so many, with the smallest largest error; or
+        tolerance: the fewest rows with at most this largest error, and of those the most accurate.
+
+    Raises:
+        InputError: neither or both of ``rows`` and ``tolerance``, or no subset serves.
+    """
+    if (rows is None) == (tolerance is None):
+        raise InputError.of("give one of rows and tolerance", key="rows")
+    if rows is not None and rows < 1:
+        raise InputError.of(f"is {rows}; allowed: at least 1", key="rows")
+    if tolerance is not None and not tolerance >= 0:
+        raise InputError.of(f"is {tolerance:g}; allowed: at least 0", key="tolerance")
+    table = gain_rows(gains)
+    n = len(table)
+    deviation = _Deviation(table, problem)
+    candidates = np.unique(np.linspace(0, n - 1, min(n, _CANDIDATES)).round().astype(np.intp))
+    for _ in range(_ROUNDS):
+        kept = candidates[_best_path(_edges(deviation, candidates), rows, tolerance)]
+        error = deviation.at(kept)
+        if tolerance is None or error.max() <= tolerance:
+            break
+        worst = np.argsort(error)[-_ADDED:]
+        candidates = np.union1d(candidates, worst[error[worst] > tolerance])
+    return _result(deviation, kept)
+
+
+def _result(deviation: _Deviation, kept: IndexArray) -> ReducedRows:
+    table = deviation.table
+    dropped = np.setdiff1d(np.arange(len(table)), kept)
+    single = interpolate(table[kept].astype(np.float32), table[:, 0], single_ln).astype(np.float64)
+    after = interpolate(table[kept], table[dropped, 0])
+    return ReducedRows(
+        rows=table[kept],
+        kept=kept,
+        error=float(deviation.of(dropped, after).max(initial=0.0)),
+        single_error=float(deviation.of(np.arange(len(table)), single).max(initial=0.0)),
+        scope_slack=deviation.scope_slack(dropped, after),
+    )
+
+
+class _Deviation:
+    """How far other gains are from those of a row.
+
+    Attributes:
+        table: all rows, (n, 4).
+    """
+
+    def __init__(self, table: FloatArray, problem: Problem | None) -> None:
+        self.table = table
+        self._problem = problem
+        if problem is not None:
+            self._loop = loop_at(problem, table[:, 0])
+            self._own = self._loop.perceived(*table.T[1:])
+            self._least = np.minimum(problem.stability.margin_ns_per_m, self._own.real)
+        self._size = np.where(table[:, 1:] == 0, np.maximum(table[:, 1:].max(axis=0), 1.0), table[:, 1:])
+
+    def of(self, row: IndexArray, gains: FloatArray) -> FloatArray:
+        """Relative deviation of gains (..., 3) from those of the rows ``row`` (...,)."""
+        if self._problem is None:
+            deviation = np.abs(gains - self.table[row, 1:]) / self._size[row]
+            return np.asarray(deviation.max(axis=-1))
+        z, own = self._perceived(row, gains), self._own[row]
+        return np.asarray(np.abs(z - own) / np.where(own == 0, 1.0, np.abs(own)))
+
+    def admitted(self, row: IndexArray, gains: FloatArray) -> BoolArray:
+        """Whether Re Z_h keeps the margin where the row itself does."""
+        if self._problem is None:
+            return np.ones(row.shape, dtype=bool)
+        return np.asarray(self._perceived(row, gains).real >= self._least[row])
+
+    def at(self, kept: IndexArray) -> FloatArray:
+        """Deviation of each row of the table when only some are kept, (n,)."""
+        return self.of(np.arange(len(self.table)), interpolate(self.table[kept], self.table[:, 0]))
+
+    def scope_slack(self, row: IndexArray, gains: FloatArray) -> float:
+        """Smallest slack of the scope over rows with other gains."""
+        if self._problem is None:
+            return np.nan
+        return float(scope_slack(self._problem, self.table[row, 0], *gains.T).slack.min(initial=np.inf))
+
+    def _perceived(self, row: IndexArray, gains: FloatArray) -> NDArray[np.complex128]:
+        return np.asarray(self._loop.rows(row).perceived(*np.moveaxis(gains, -1, 0)))
+
+
+def _edges(deviation: _Deviation, candidates: IndexArray) -> FloatArray:
+    """Largest deviation at the candidates between two of them, (c, c); infinite where the pair is not admitted."""
+    table = deviation.table[candidates]
+    ln_frequency, gains = np.log(table[:, 0]), table[:, 1:]
+    count = len(table)
+    edges = np.full((count, count), np.inf)
+    for first in range(count - 1):
+        edges[first, first + 1] = 0.0
+        last, between = np.meshgrid(np.arange(first + 2, count), np.arange(first + 1, count - 1), indexing="ij")
+        inside = between < last
+        last, between = last[inside], between[inside]
+        if not last.size:
+            continue
+        share = (ln_frequency[between] - ln_frequency[first]) / (ln_frequency[last] - ln_frequency[first])
+        guess = gains[first] + share[:, None] * (gains[last] - gains[first])
+        row = candidates[between]
+        error = np.where(deviation.admitted(row, guess), deviation.of(row, guess), np.inf)
+        worst = np.zeros(count)
+        np.maximum.at(worst, last, error)
+        edges[first, first + 2 :] = worst[first + 2 :]
+    return edges
+
+
+def _best_path(edges: FloatArray, rows: int | None, tolerance: float | None) -> IndexArray:
+    """Positions of the best rows: a path from first to last with the smallest largest edge.
+
+    value[j] after m steps is the smallest largest edge of a path to j of m edges, so that one sweep over m answers both
+    questions.
+    """
+    count = len(edges)
+    if count == 1 or rows == 1:
+        return np.zeros(1, dtype=np.intp)
+    value = np.where(np.arange(count) == 0, 0.0, np.inf)
+    came: list[IndexArray] = []
+    values: list[float] = []
+    for _ in range(min(count, rows or count) - 1):
+        through = np.maximum(value[:, None], edges)
+        came.append(through.argmin(axis=0))
+        value = through.min(axis=0)
+        values.append(float(value[-1]))
+        if tolerance is not None and value[-1] <= tolerance:
+            break
+    steps = int(np.argmin(values))
+    if not np.isfinite(values[steps]):
+        raise InputError.of(
+            f"no table of {rows} rows keeps Re Z_h at the margin between its rows; allowed: more rows, up to {count}",
+            key="rows",
+        )
+    path = [count - 1]
+    for step in range(steps, -1, -1):
+        path.append(int(came[step][path[-1]]))
+    return np.array(path[::-1], dtype=np.intp)

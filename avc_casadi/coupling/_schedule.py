@@ -1,0 +1,169 @@
+"""GainSchedule: the gains chosen at each interaction frequency, with what they achieve there."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.loop import loop_at
+from avc_casadi.support import BoolArray, ComplexArray, FloatArray
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem, Structure
+
+
+class Status(StrEnum):
+    """What became of one frequency; where several hold, the last of this list."""
+
+    SOLVED = "solved"
+    ACTIVE_BOUND = "active-bound"
+    NOT_REALISABLE = "not-realisable"
+    INFEASIBLE = "infeasible"
+    FAILED = "failed"
+
+    @property
+    def has_gains(self) -> bool:
+        """Whether the row carries gains that may be used."""
+        return self in {Status.SOLVED, Status.ACTIVE_BOUND}
+
+
+@dataclass(frozen=True)
+class GainSchedule:
+    """Gains against interaction frequency; every array has shape (n,) in the order of ``frequency_hz``.
+
+    Attributes:
+        problem: name of the problem.
+        method: closed-form, direct, exact, ...
+        solver: what solved it, or None where the method has no solver.
+        structure: series or damped.
+        model: hold model that the gains were designed for.
+        sample_time_s: T.
+        frequency_hz: interaction frequencies, Hz.
+        damping_ns_per_m: b; not a number where the row has no gains.
+        stiffness_n_per_m: k; the same.
+        contact_damping_ns_per_m: b_p of the damped structure, otherwise 0.
+        impedance: perceived Z_h_avc, N.s/m.
+        target: Z_h_ds, N.s/m.
+        status: a `Status` for each row.
+        reason: a sentence for each row, empty where there is nothing to say.
+        requested_damping_ns_per_m: what an unrealisable row asked for, otherwise equal to the gains.
+        requested_stiffness_n_per_m: the same for the stiffness.
+        build_seconds: time to set the method up.
+        solve_seconds: time to solve all rows.
+        notes: further facts for people, for example a quality statement.
+    """
+
+    problem: str
+    method: str
+    solver: str | None
+    structure: Structure
+    model: str
+    sample_time_s: float
+    frequency_hz: FloatArray
+    damping_ns_per_m: FloatArray
+    stiffness_n_per_m: FloatArray
+    contact_damping_ns_per_m: FloatArray
+    impedance: ComplexArray
+    target: ComplexArray
+    status: tuple[Status, ...]
+    reason: tuple[str, ...]
+    requested_damping_ns_per_m: FloatArray
+    requested_stiffness_n_per_m: FloatArray
+    build_seconds: float = 0.0
+    solve_seconds: float = 0.0
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def rows(self) -> int:
+        """Number of frequencies."""
+        return len(self.frequency_hz)
+
+    @property
+    def usable(self) -> BoolArray:
+        """Whether each row carries gains, shape (n,)."""
+        return np.array([status.has_gains for status in self.status], dtype=bool)
+
+    @property
+    def magnitude_error(self) -> FloatArray:
+        """||Z_h_ds| - |Z_h_avc||, N.s/m: the root of the paper's goal (11)."""
+        error: FloatArray = np.abs(np.abs(self.target) - np.abs(self.impedance))
+        return error
+
+    @property
+    def complex_error(self) -> FloatArray:
+        """|Z_h_avc - Z_h_ds|/|Z_h_ds|, relative."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error: FloatArray = np.abs(self.impedance - self.target) / np.abs(self.target)
+        return error
+
+    @property
+    def real_part(self) -> FloatArray:
+        """Re Z_h_avc, N.s/m: what (12) keeps at or above the margin."""
+        return np.real(self.impedance)
+
+    def counts(self) -> dict[str, int]:
+        """Return how many rows have each status."""
+        return dict(Counter(status.value for status in self.status))
+
+
+def gain_schedule(
+    problem: Problem,
+    method: str,
+    gains: tuple[FloatArray, FloatArray, FloatArray],
+    status: tuple[Status, ...],
+    *,
+    solver: str | None = None,
+    reason: tuple[str, ...] | None = None,
+    requested: tuple[FloatArray, FloatArray] | None = None,
+    impedance: ComplexArray | None = None,
+    build_seconds: float = 0.0,
+    solve_seconds: float = 0.0,
+    notes: tuple[str, ...] = (),
+) -> GainSchedule:
+    """Complete gains (b, k, b_p) into a schedule; one code recomputes the impedances of every method.
+
+    Args:
+        problem: the problem that the gains answer.
+        method: name of the method.
+        gains: b (N.s/m), k (N/m), b_p (N.s/m), each of shape (n,).
+        status: one for each row; gains of rows without usable gains are blanked.
+        solver: name of the solver.
+        reason: one sentence for each row.
+        requested: b and k that an unrealisable row asked for.
+        impedance: perceived impedance where it is not that of the gains (the closed form's projection).
+        build_seconds: time to set the method up.
+        solve_seconds: time to solve.
+        notes: facts for people.
+    """
+    frequency = problem.frequencies_hz()
+    loop = loop_at(problem, frequency)
+    usable = np.array([item.has_gains for item in status], dtype=bool)
+    b, k, bp = (np.where(usable, np.asarray(gain, dtype=np.float64), np.nan) for gain in gains)
+    perceived = np.full(frequency.shape, np.nan, dtype=np.complex128)
+    if usable.any():
+        perceived = np.where(usable, loop.perceived(*(np.where(usable, g, 1.0) for g in (b, k, bp))), np.nan)
+    return GainSchedule(
+        problem=problem.name,
+        method=method,
+        solver=solver,
+        structure=problem.coupling.structure,
+        model=problem.stability.model,
+        sample_time_s=problem.device.sample_time_s,
+        frequency_hz=frequency,
+        damping_ns_per_m=b,
+        stiffness_n_per_m=k,
+        contact_damping_ns_per_m=bp,
+        impedance=perceived if impedance is None else impedance,
+        target=np.asarray(loop.target),
+        status=status,
+        reason=reason or ("",) * len(status),
+        requested_damping_ns_per_m=b if requested is None else requested[0],
+        requested_stiffness_n_per_m=k if requested is None else requested[1],
+        build_seconds=build_seconds,
+        solve_seconds=solve_seconds,
+        notes=notes,
+    )

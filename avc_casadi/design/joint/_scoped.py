@@ -1,0 +1,285 @@
+"""`direct` beyond the pointwise reading of (12): over a band, over all frequencies, or with every hand of a set.
+
+Where the optimum of the pointwise problem meets the wider scope, it is the optimum there too. The other frequencies are
+solved in blocks with nothing that joins them, from the best point of a lattice and from the pointwise optimum;
+frequencies that violate the scope are added until none is left. At first the goal carries a small share of the complex
+error, which breaks the ties of (11); then it is (11) alone, from there.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.coupling import (
+    GainSchedule,
+    Status,
+    gain_schedule,
+)
+from avc_casadi.design._rows import GainArrays, row_status
+from avc_casadi.design.joint._infeasible import Missing, missing_rows
+from avc_casadi.design.joint._program import Solution, solve_program
+from avc_casadi.design.joint._realism import realism_slack
+from avc_casadi.design.joint._refine import Outcome, refined
+from avc_casadi.design.joint._scope import Slots, worst_slack
+from avc_casadi.design.joint._task import Task
+from avc_casadi.design.pointwise import EDGES, edge_search_gains, solve_direct
+from avc_casadi.loop import Loop, loop_at
+from avc_casadi.problem import Frequency, Problem
+from avc_casadi.support import BoolArray, FloatArray
+
+_TIE = 1e-7
+"""Magnitude errors closer than this, relative to |Z_h_ds|, are equal: the smaller distance wins."""
+_WEIGHT = 1e4
+"""Weight of each frequency's goal: errors of 1e-6 then still count against the solver's tolerance."""
+_POINTS = {2: (32, 32), 3: (16, 16, 8)}
+_FINER = 4
+"""How much finer the lattice is for a frequency whose other starts have all failed."""
+_UNSTABLE = 1e6
+"""Cost of a spectral radius above 1 in the lattice: a thousandth decides, and the solver seldom finds back."""
+_SWEEPS = 3
+"""How often gains are tried at other frequencies than their own."""
+_SAME = 1e-6
+"""Solutions whose states differ by less than this are one."""
+_BLOCK = 16
+"""Frequencies solved at once: the slowest of them sets the number of iterations of all."""
+
+
+@dataclass(frozen=True)
+class ScopedGains:
+    """What a scope leaves of `direct`.
+
+    Attributes:
+        gains: (b, k, b_p), each (n,); not a number where there are none.
+        failed: rows that have admissible gains, but for which the solver found none, (n,).
+        reasons: a sentence for each row without gains, else empty.
+        separate: rows whose optimum is that of the pointwise problem, (n,), and so the global one.
+    """
+
+    gains: GainArrays
+    failed: BoolArray
+    reasons: tuple[str, ...]
+    separate: BoolArray
+
+
+def solve_direct_in_scope(
+    problem: Problem, *, solver: str | None = None, tolerance: float | None = None
+) -> GainSchedule:
+    """Solve `direct`: each frequency on its own, or with the wider scope and the realism that the problem asks for.
+
+    Args:
+        problem: the problem.
+        solver: as in `solve_direct`; beyond the pointwise scope the edge search alone.
+        tolerance: of the CasADi backends; pointwise alone.
+
+    Raises:
+        InputError: unknown solver.
+        UnsupportedError: another solver beyond the pointwise scope.
+    """
+    if problem.stability.scope == "pointwise" and problem.realism.require == "none":
+        return solve_direct(problem, solver=solver, tolerance=tolerance)
+    return solve_scoped(problem, solver=solver)
+
+
+def solve_scoped(problem: Problem, *, solver: str | None = None) -> GainSchedule:
+    """Solve `direct` for a scope other than pointwise.
+
+    Args:
+        problem: the problem.
+        solver: None or ``edges``: the edge search, and IPOPT for the frequencies that it leaves.
+
+    Raises:
+        UnsupportedError: another solver.
+    """
+    scope, require = problem.stability.scope, problem.realism.require
+    if solver not in {None, EDGES}:
+        real = "" if require == "none" else f" and realism {require}"
+        relax = "" if require == "none" else ', and require = "none" in [realism]'
+        raise UnsupportedError(
+            f"solver {solver} solves (11)-(12) at single frequencies, not with scope {scope}{real};"
+            f' leave out --solver, or set scope = "pointwise" in [stability]{relax}'
+        )
+    started = time.perf_counter()
+    loop = loop_at(problem, problem.frequencies_hz())
+    found = scoped_gains(problem, loop)
+    seconds = time.perf_counter() - started
+    status = row_status(problem, *found.gains)
+    status = tuple(Status.FAILED if bad else item for item, bad in zip(status, found.failed, strict=True))
+    failed = "ipopt found no gains that meet the constraints, although there are some: try method schedule"
+    reasons = tuple(failed if bad else reason for reason, bad in zip(found.reasons, found.failed, strict=True))
+    separate = int(found.separate.sum())
+    met = f"scope {scope}" if require == "none" else f"scope {scope} and realism {require}"
+    note = (
+        f"{met} met exactly at every row with gains; at {separate} frequencies the optimum is that of the"
+        " pointwise problem, elsewhere the best of several starts, not proved to be the global optimum"
+    )
+    return gain_schedule(
+        problem,
+        "direct",
+        found.gains,
+        status,
+        solver="edges and ipopt",
+        reason=reasons,
+        solve_seconds=seconds,
+        notes=(note,),
+    )
+
+
+def scoped_gains(problem: Problem, loop: Loop) -> ScopedGains:
+    """Minimise (11) at each frequency subject to the problem's scope, met exactly, and to the gain box."""
+    frequency = problem.frequencies_hz()
+    b, k, p = edge_search_gains(_relaxed(problem), loop)
+    found = np.isfinite(b)
+    b0, k0, p0 = (np.where(found, gain, 0.0) for gain in (b, k, p))
+    separate = found & worst_slack(problem, frequency, (b0, k0, p0)).met
+    separate &= realism_slack(problem, loop, (b0, k0, p0)) >= 0
+    rest = np.flatnonzero(~separate)
+    failed, reasons = np.zeros(len(frequency), dtype=bool), [""] * len(frequency)
+    if rest.size:
+        task = Task.of(_unlinked(problem, frequency[rest]))
+        missing = missing_rows(task)
+        best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK))
+        best = _from_others(task, missing, best)
+        for gain, value in zip((b, k, p), best, strict=True):
+            gain[rest] = value
+        failed[rest] = np.isnan(best[0]) & ~missing.rows
+        for row, reason in zip(rest, missing.reasons, strict=True):
+            reasons[row] = reason
+    return ScopedGains((b, k, p), failed, tuple(reasons), separate)
+
+
+def _relaxed(problem: Problem) -> Problem:
+    """A problem whose admissible gains include those of the scope: the pointwise one, or for hands no (12) at all."""
+    if problem.stability.scope != "hands":
+        return problem
+    return problem.model_copy(update={"stability": problem.stability.model_copy(update={"margin_ns_per_m": -1e30})})
+
+
+def _unlinked(problem: Problem, frequency_hz: FloatArray) -> Problem:
+    """Some frequencies of a problem, with nothing that joins them."""
+    schedule = problem.schedule.model_copy(
+        update={"slope_penalty": 0.0, "slope_limit": None, "interaction_hz": None, "contact_damping_penalty": 0.0}
+    )
+    realism = problem.realism.model_copy(update={"objective": "tied"})
+    frequency = Frequency(values_hz=tuple(frequency_hz.tolist()))
+    return problem.model_copy(update={"schedule": schedule, "frequency": frequency, "realism": realism})
+
+
+def _in_parts(task: Task, missing: Missing, relaxed: GainArrays, parts: int) -> GainArrays:
+    """Solve some frequencies after the other."""
+    b, k, p = relaxed
+    found = []
+    for rows in np.array_split(np.arange(len(task.frequency_hz)), parts):
+        part = replace(task.at(task.frequency_hz[rows]), weight=_WEIGHT * len(rows))
+        found.append(_solved(part, missing.at(rows), (b[rows], k[rows], p[rows])))
+    return tuple(np.concatenate(gain) for gain in zip(*found, strict=True))  # type: ignore[return-value]
+
+
+def _solved(task: Task, missing: Missing, relaxed: GainArrays) -> GainArrays:
+    """Solve all frequencies at once; where that fails, in halves, so that one of them cannot spoil the others."""
+    best = _best_outcome(task, missing, relaxed)
+    if np.isfinite(best[0]).any() or missing.rows.all():
+        return best
+    if len(task.frequency_hz) == 1:
+        return _from_starts(task, missing, [_lattice_optima(task, missing, _FINER)])
+    return _in_parts(task, missing, relaxed, 2)
+
+
+def _best_outcome(task: Task, missing: Missing, relaxed: GainArrays) -> GainArrays:
+    """Gains (n,) from the lattice and from the relaxed optimum, the better of each frequency."""
+    lattice = _lattice_optima(task, missing)
+    known = np.isfinite(relaxed[0])
+    b, k, p = (np.where(known, gain, 0.0) for gain in relaxed)
+    return _from_starts(task, missing, [lattice, np.where(known, task.states.states((b, k, p)), lattice)])
+
+
+def _from_others(task: Task, missing: Missing, best: GainArrays) -> GainArrays:
+    """Where gains found for another frequency are better and meet the scope, take them and start from them."""
+    at_all, radius = loop_at(task.problem, task.frequency_hz[:, None]), np.abs(task.loop.target)
+    for _ in range(_SWEEPS):
+        error = np.abs(np.abs(at_all.perceived(*(gain[None] for gain in best))) / radius[:, None] - 1)
+        error = np.where(np.isfinite(error), error, np.inf)
+        lowest, other = error.min(axis=1), error.argmin(axis=1)
+        gains = tuple(np.where(np.isfinite(gain), gain, 0.0)[other] for gain in best)
+        taken = (gains[0], gains[1], gains[2])
+        better = ~missing.rows & (lowest < error.diagonal() - _TIE)
+        better &= worst_slack(task.problem, task.frequency_hz, taken).met
+        better &= realism_slack(task.problem, task.loop, taken) >= 0
+        rows = np.flatnonzero(better)
+        if not rows.size:
+            break
+        part = replace(task.at(task.frequency_hz[rows]), weight=_WEIGHT * len(rows))
+        start = task.states.states((taken[0][rows], taken[1][rows], taken[2][rows]))
+        found = _from_starts(part, missing.at(rows), [start])
+        gained = np.abs(np.abs(part.loop.perceived(*found)) / radius[rows] - 1) < lowest[rows] - _TIE
+        for gain, given, new in zip(best, taken, found, strict=True):
+            gain[rows] = np.where(gained, new, given[rows])
+    return best
+
+
+def _from_starts(task: Task, missing: Missing, starts: list[FloatArray]) -> GainArrays:
+    """Gains (n,) of the best start of each frequency, in the order of `direct`; not a number where none was solved."""
+    slots = Slots.of(task.problem, task.frequency_hz)
+    best = tuple(np.full(len(task.frequency_hz), np.nan) for _ in range(3))
+    error, distance = (np.full(len(task.frequency_hz), np.inf) for _ in range(2))
+    for start in starts:
+        gains = task.states.gains(start)
+        slots.add(task.problem, gains, worst_slack(task.problem, task.frequency_hz, gains), ~missing.rows)
+    light = replace(task, weight=float(len(task.frequency_hz)))
+    data = light.data(slots, light.backoff(missing.rows))
+    before = None
+    for start in starts:
+        solution = solve_program(data, light.objective, start, extra=light.hands, patient=False)
+        if before is not None and np.abs(solution.states - before).max() < _SAME:
+            continue
+        before = solution.states if solution.success else None
+        for outcome in _outcomes(light, task, solution, slots, missing):
+            z = task.loop.perceived(*outcome.gains)
+            radius = np.abs(task.loop.target)
+            new_error, new_distance = np.abs(np.abs(z) / radius - 1), np.abs(z - task.loop.target) / radius
+            closer = (np.abs(new_error - error) <= _TIE) & (new_distance < distance)
+            better = ~missing.rows & ((new_error < error - _TIE) | closer)
+            error, distance = np.where(better, new_error, error), np.where(better, new_distance, distance)
+            best = tuple(np.where(better, new, old) for new, old in zip(outcome.gains, best, strict=True))
+    return best[0], best[1], best[2]
+
+
+def _outcomes(light: Task, task: Task, solution: Solution, slots: Slots, missing: Missing) -> Iterator[Outcome]:
+    """Refine a solution: lightly weighted, fully, and with (11) alone, each from the one before.
+
+    Twice with (11) alone: where a frequency was missed, more was asked for than is needed once it is known.
+    """
+    realism = task.problem.realism.model_copy(update={"objective": "magnitude"})
+    alone = replace(task, problem=task.problem.model_copy(update={"realism": realism}))
+    outcome = refined(light, solution, slots, missing, solved=True)
+    weight = light.weight
+    for stage in (task, alone, alone):
+        if outcome is None:
+            return
+        yield outcome
+        share = stage.weight / weight
+        on_states, on_constraints = outcome.solution.multipliers
+        solution = replace(outcome.solution, multipliers=(share * on_states, share * on_constraints))
+        weight = stage.weight
+        outcome = refined(stage, solution, outcome.slots, missing)
+    if outcome is not None:
+        yield outcome
+
+
+def _lattice_optima(task: Task, missing: Missing, finer: int = 1) -> FloatArray:
+    """The cheapest states (d, n) of a lattice, or of one several times finer, each frequency on its own."""
+    data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), task.backoff(missing.rows))
+    axes = [
+        np.linspace(low, high, finer * points)
+        for low, high, points in zip(data.low, data.high, _POINTS[len(data.low)], strict=True)
+    ]
+    nodes = np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
+    short = 0.0 if task.hands is None else np.maximum(0.0, task.tolerance - task.hands(nodes).full()[0])
+    costs = (task.lattice_cost(data, nodes, stage) + _UNSTABLE * short for stage in range(len(task.frequency_hz)))
+    chosen = [int(cost.argmin()) for cost in costs]
+    return np.asarray(nodes[:, chosen])

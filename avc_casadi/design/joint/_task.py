@@ -1,0 +1,153 @@
+"""A schedule problem in numbers: stages, states, costs, constraints and their scales."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from avc_casadi.design.joint._hands_table import hands_spline
+from avc_casadi.design.joint._program import Data
+from avc_casadi.design.joint._realism import REALISM_BACKOFF, REALISM_ROWS, relative_bounds
+from avc_casadi.design.joint._scope import Slots
+from avc_casadi.design.joint._stage import loop_parameters, stage_functions
+from avc_casadi.design.joint._states import States
+from avc_casadi.loop import Loop, loop_at
+from avc_casadi.problem import Frequency, Problem
+from avc_casadi.support import BoolArray, FloatArray
+
+_BACKOFF = 1e-7
+"""How far inside the margin the NLP is asked to stay, in the scale of Re Z: its tolerance then never leaves it."""
+_HANDS_BACKOFF = 1e-6
+"""The same for 1 - spectral radius."""
+_MISS = 1e3
+"""Cost of missing a constraint by its scale in the lattice: far above any error."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What every step of the solution reads.
+
+    Attributes:
+        problem: the problem.
+        frequency_hz: stages, (n,).
+        loop: the loop at the stages.
+        states: map between gains and states.
+        scale_ns_per_m: scale of the constraints on Re Z_h at each stage, (n,).
+        hands: sigma -> 1 - spectral radius, for scope hands; else None.
+        weight: of the whole goal; a large one makes the solver's tolerance finer.
+        constant: whether the gains may not vary with frequency.
+    """
+
+    problem: Problem
+    frequency_hz: FloatArray
+    loop: Loop
+    states: States
+    scale_ns_per_m: FloatArray
+    hands: Any
+    weight: float = 1.0
+    constant: bool = False
+
+    @classmethod
+    def of(cls, problem: Problem, *, constant: bool = False) -> Task:
+        """Evaluate everything that does not depend on the gains."""
+        frequency = problem.frequencies_hz()
+        loop = loop_at(problem, frequency)
+        states = States.of(problem, loop)
+        hands = hands_spline(problem, states) if problem.stability.scope == "hands" else None
+        return cls(problem, frequency, loop, states, _scale(problem, loop), hands, constant=constant)
+
+    def at(self, frequency_hz: FloatArray) -> Task:
+        """Return the same problem with other stages, (m,), but these states and hands."""
+        frequency = Frequency(values_hz=tuple(frequency_hz.tolist()))
+        problem = self.problem.model_copy(update={"frequency": frequency})
+        loop = loop_at(problem, frequency_hz)
+        return replace(
+            self, problem=problem, frequency_hz=frequency_hz, loop=loop, scale_ns_per_m=_scale(problem, loop)
+        )
+
+    @property
+    def log_frequency(self) -> FloatArray:
+        """ln(omega) but for a constant, (n,)."""
+        return np.asarray(np.log(self.frequency_hz))
+
+    @property
+    def objective(self) -> str:
+        """What counts as error."""
+        return self.problem.realism.objective
+
+    @property
+    def tolerance(self) -> float:
+        """How far inside its scope each stage is asked to stay, in the unit of `backoff`."""
+        return _BACKOFF if self.hands is None else _HANDS_BACKOFF
+
+    def backoff(self, dropped: BoolArray) -> FloatArray:
+        """How far inside its scope and inside what is real each stage is asked to stay, (2, n); -inf drops both.
+
+        The first in the scale of Re Z, or in spectral radius for scope hands; the second in that of `realism_slack`.
+        """
+        return np.where(dropped, -np.inf, np.array([[self.tolerance], [REALISM_BACKOFF]]))
+
+    def data(self, slots: Slots, backoff: FloatArray) -> Data:
+        """Numbers for the NLP; ``backoff`` (2, n) as in `backoff`."""
+        settings = self.problem.schedule
+        if self.hands is None:
+            least = self.problem.stability.margin_ns_per_m / self.scale_ns_per_m + backoff[0]
+            least, parameters = np.repeat(least[None], len(slots.frequency_hz), axis=0), slots.parameters(self.problem)
+        else:
+            least, parameters = backoff[:1], np.empty((0, len(self.frequency_hz)))
+        real = np.repeat(backoff[1:], REALISM_ROWS[self.problem.realism.require], axis=0)
+        return Data(
+            cost=self._cost_parameters(),
+            slots=parameters,
+            weight=self._weight(),
+            step=np.diff(self.log_frequency),
+            slope_penalty=settings.slope_penalty,
+            slope_limit=np.inf if settings.slope_limit is None else settings.slope_limit,
+            least=np.concatenate((least, real) if self.hands is None else (real, least)),
+            low=self.states.low,
+            high=self.states.high,
+            constant=self.constant,
+            require=self.problem.realism.require,
+        )
+
+    def _weight(self) -> FloatArray:
+        """Trapezoids over ln(omega), a tenth of it outside the frequencies of interaction; they sum to 1."""
+        x = self.log_frequency
+        weight = np.ones(1) if len(x) == 1 else np.convolve(np.diff(x), [0.5, 0.5])
+        interaction = self.problem.schedule.interaction_hz
+        if interaction is not None:
+            inside = (self.frequency_hz >= interaction[0]) & (self.frequency_hz <= interaction[1])
+            weight = np.where(inside, weight, 0.1 * weight)
+        return np.asarray(weight / weight.sum() * self.weight)
+
+    def _cost_parameters(self) -> FloatArray:
+        target = self.loop.target
+        floors = np.append(self.states.floors, 1.0)[:3]
+        constants = (
+            *floors,
+            self.scale_ns_per_m,
+            self.problem.schedule.contact_damping_penalty,
+            self.problem.realism.jnd,
+            *relative_bounds(self.problem, self.loop),
+        )
+        rows = np.broadcast_arrays(target.real, target.imag, *constants)
+        return np.concatenate((loop_parameters(self.loop), np.array(rows, dtype=np.float64)))
+
+    def lattice_cost(self, data: Data, nodes: FloatArray, stage: int) -> FloatArray:
+        """Cost of states (d, m) at a stage with a penalty for missed constraints, (m,)."""
+        size = data.size(self.problem.realism.objective)
+        functions = stage_functions(size.objective, size.states, size.slots, size.require)
+        cost = functions.cost(nodes, data.cost[:, stage]).full()[0]
+        margins = functions.margins(nodes, data.cost[:, stage], data.slots[:, stage]).full()
+        if self.hands is not None:
+            margins = np.concatenate((margins, self.hands(nodes).full()))
+        total: FloatArray = cost + _MISS * np.maximum(0.0, data.least[:, stage, None] - margins).sum(axis=0)
+        return total
+
+
+def _scale(problem: Problem, loop: Loop) -> FloatArray:
+    """Scale of Re Z_h at each stage, N.s/m: what its parts are made of."""
+    target = np.asarray(loop.target)
+    return np.asarray(problem.device.damping_ns_per_m + np.abs(target.real) + 1e-3 * np.abs(target))

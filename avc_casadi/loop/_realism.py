@@ -1,0 +1,110 @@
+"""Whether an impedance feels real: between the paper's bounds U and L, or within the just-noticeable difference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.loop._at_frequency import loop_at
+from avc_casadi.loop._equations import environment_impedance, perceived_impedance
+from avc_casadi.support import BoolArray, ComplexArray, FloatArray
+
+if TYPE_CHECKING:
+    from avc_casadi.loop._at_frequency import Loop
+    from avc_casadi.problem import Impedance, Objective, Problem
+
+
+# Rounding of |Z|: an impedance that stands on a bound counts as inside.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class RealismResult:
+    """Realism at each frequency; arrays of shape (n,). Frequencies without gains are not inside.
+
+    Attributes:
+        inside_bounds: |Z_h| lies between |Z_h| of the bounds L and U, as the paper has it. Says nothing of phase.
+        inside_jnd: |Z_h - Z_h_ds| <= rho |Z_h_ds|: magnitude and phase within the just-noticeable difference.
+        jnd: rho.
+    """
+
+    inside_bounds: BoolArray
+    inside_jnd: BoolArray
+    jnd: float
+
+    @property
+    def share_inside_bounds(self) -> float:
+        """Share of the frequencies between the bounds."""
+        return float(np.mean(self.inside_bounds))
+
+    @property
+    def share_inside_jnd(self) -> float:
+        """Share of the frequencies within the just-noticeable difference."""
+        return float(np.mean(self.inside_jnd))
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {
+            "inside_bounds": self.inside_bounds.tolist(),
+            "inside_jnd": self.inside_jnd.tolist(),
+            "share_inside_bounds": self.share_inside_bounds,
+            "share_inside_jnd": self.share_inside_jnd,
+            "jnd": self.jnd,
+        }
+
+
+def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray | None = None) -> RealismResult:
+    """Judge perceived impedances at the problem's frequencies.
+
+    Args:
+        problem: bounds and just-noticeable difference.
+        impedance: Z_h at each frequency, shape (n,), N.s/m; not a number where there are no gains.
+        usable: which rows have gains; None takes all that are numbers.
+    """
+    if usable is not None:
+        impedance = np.where(usable, impedance, np.nan)
+    loop = loop_at(problem, problem.frequencies_hz())
+    low, high = bound_magnitudes(problem, loop)
+    low, high = low * (1 - _ROUNDING), high * (1 + _ROUNDING)
+    size = np.abs(impedance)
+    jnd = problem.realism.jnd
+    return RealismResult(
+        inside_bounds=np.asarray((size >= low) & (size <= high)),
+        inside_jnd=np.asarray(np.abs(impedance - loop.target) <= jnd * (1 + _ROUNDING) * np.abs(loop.target)),
+        jnd=jnd,
+    )
+
+
+def bound_magnitudes(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray]:
+    """|Z_h| where the bounds L and U themselves are rendered: the smaller and the larger of the two, (n,), N.s/m."""
+    bounds = problem.boundaries
+    ends = np.array([np.abs(_perceived(problem, loop, bound)) for bound in (bounds.upper, bounds.lower)])
+    return ends.min(axis=0), ends.max(axis=0)
+
+
+def _perceived(problem: Problem, loop: Loop, bound: Impedance) -> ComplexArray:
+    rendered = environment_impedance(
+        loop.angle, problem.stability.model, bound.damping_ns_per_m, bound.stiffness_n_per_m
+    )
+    return np.asarray(perceived_impedance(loop.device, loop.hold, rendered))
+
+
+def relative_errors(
+    impedance: ComplexArray, target: ComplexArray, objective: Objective = "magnitude", jnd: float = 0.0
+) -> FloatArray:
+    """Relative errors of perceived impedances, of the shape in which the arguments broadcast.
+
+    Args:
+        impedance: Z_h.
+        target: Z_h_ds, not 0.
+        objective: magnitude: ||Z_h| - |Z_h_ds||; complex: |Z_h - Z_h_ds|; perceptual: what the complex error exceeds
+            the just-noticeable difference by, counted in such differences.
+        jnd: the just-noticeable difference as a share of |Z_h_ds|; used by perceptual alone.
+    """
+    size = np.abs(target)
+    if objective == "magnitude":
+        return np.asarray(np.abs(np.abs(impedance) - size) / size)
+    error = np.abs(impedance - target) / size
+    return np.asarray(error if objective == "complex" else np.maximum(error / jnd - 1, 0.0))

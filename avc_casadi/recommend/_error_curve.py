@@ -1,0 +1,93 @@
+"""How far a coupling feels like the wall, against frequency: the complex error, by two references."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.coupling import Gains, gains_at
+from avc_casadi.loop import NUMPY, SampleAngle, environment_impedance, loop_at, perceived_impedance
+from avc_casadi.support import ComplexArray, FloatArray
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import GainSchedule
+    from avc_casadi.problem import Impedance, Problem
+
+
+TOLERANCE = 0.10
+GRID_HZ = np.geomspace(0.5, 200.0, 241)
+# A rigid coupling as numbers: no spring or damper of a wall comes near it.
+_RIGID = 1e15
+
+
+@dataclass(frozen=True)
+class ErrorCurve:
+    """Complex error against frequency, each of shape (n,).
+
+    Attributes:
+        frequency_hz: interaction frequency.
+        sampled: |Z_h - Z_h_ds|/|Z_h_ds| with the sampled wall itself for the goal: counts its negative damping k_e T/2
+            as part of what should be felt.
+        physical: the same with the wall that does not know of samples, m s + b_d + b_e + k_e/s at s = j omega.
+    """
+
+    frequency_hz: FloatArray
+    sampled: FloatArray
+    physical: FloatArray
+
+    def within_hz(self, errors: FloatArray, tolerance: float = TOLERANCE) -> float:
+        """Highest frequency up to which an error stays within the tolerance; 0 where it never does."""
+        beyond = np.flatnonzero(~(errors <= tolerance))
+        if len(beyond) == 0:
+            return float(self.frequency_hz[-1])
+        return float(self.frequency_hz[beyond[0] - 1]) if beyond[0] else 0.0
+
+    def at(self, errors: FloatArray, frequency_hz: float) -> float:
+        """Error at one frequency."""
+        return float(np.interp(frequency_hz, self.frequency_hz, errors))
+
+
+def error_curve(
+    problem: Problem,
+    gains: Gains | GainSchedule,
+    frequency_hz: FloatArray = GRID_HZ,
+    wall: Impedance | None = None,
+) -> ErrorCurve:
+    """Evaluate the complex error of gains before a wall, in the loop that runs on a device.
+
+    Args:
+        problem: device and the wall that is rendered; its bounds do not matter.
+        gains: constant gains, or a table, which is read at each frequency.
+        frequency_hz: where; a table is read at its end beyond it.
+        wall: the wall that should be felt; None is the one that is rendered.
+    """
+    stability = problem.stability.model_copy(update={"model": "sampled-data"})
+    loop = loop_at(problem.model_copy(update={"stability": stability}), frequency_hz)
+    b, k, b_p = _rows(gains, frequency_hz)
+    felt = np.asarray(loop.perceived(b, k, b_p))
+    wall, device = wall or problem.environment, problem.device
+    angle = SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
+    sampled = perceived_impedance(
+        loop.device,
+        loop.hold,
+        environment_impedance(angle, "sampled-data", wall.damping_ns_per_m, wall.stiffness_n_per_m),
+    )
+    s = 2j * np.pi * frequency_hz
+    physical = device.mass_kg * s + device.damping_ns_per_m + wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+    return ErrorCurve(frequency_hz, _relative(felt, np.asarray(sampled)), _relative(felt, physical))
+
+
+def _rows(gains: Gains | GainSchedule, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    if isinstance(gains, Gains):
+        read = [gains] * len(frequency_hz)
+    else:
+        low, high = float(gains.frequency_hz.min()), float(gains.frequency_hz.max())
+        read = [gains_at(gains, min(max(float(f), low), high)) for f in frequency_hz]
+    b, k, b_p = np.array([tuple(vars(row).values()) for row in read], dtype=np.float64).T
+    return np.where(np.isinf(b), 0.0, b), np.where(np.isinf(k), _RIGID, k), b_p
+
+
+def _relative(felt: ComplexArray, wanted: ComplexArray) -> FloatArray:
+    return np.asarray(np.abs(felt - wanted) / np.abs(wanted))

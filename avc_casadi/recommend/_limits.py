@@ -1,0 +1,130 @@
+"""The stiffest wall that a set of hands can hold at all, exactly: rigid coupling and a contact damper, no friction.
+
+The force K x + D (x - x')/T is held for T; D is the damping of wall and contact damper together. The loop is linear,
+and its spectral radius with each hand says whether it dies out. No coupling in series can hold a stiffer wall: it only
+softens it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.loop import DEVICE, GROUND, Plant, transition
+from avc_casadi.problem import Hands
+from avc_casadi.scene.effects import Hand, StylusHand
+from avc_casadi.support import FloatArray
+from avc_casadi.trial import STYLUS_RANGES, Population, Subjects
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Device
+
+
+_SCAN = 241
+_HALVINGS = 40
+
+
+def corner_subjects(population: Population) -> Subjects:
+    """Every corner of the ranges of a population: the extreme people."""
+    if population == "A":
+        hands = Hands()
+        ends = product(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)
+        return Subjects("A", Hand(*np.array(list(ends)).T))
+    names = tuple(STYLUS_RANGES)
+    corners = np.array(list(product(*STYLUS_RANGES.values())))
+    return Subjects("B", StylusHand(**dict(zip(names, corners.T, strict=True))))
+
+
+def loop_radius(
+    device: Device, subjects: Subjects, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray
+) -> FloatArray:
+    """Spectral radius of the frozen loop in contact, shape (walls, people).
+
+    Args:
+        device: mass, damping, sample time.
+        subjects: the people.
+        stiffness_n_per_m: K, shape (walls,).
+        damping_ns_per_m: D, shape (walls,).
+    """
+    plant = Plant()
+    plant.add_mass(DEVICE, device.mass_kg)
+    plant.join(DEVICE, GROUND, 0.0, device.damping_ns_per_m)
+    subjects.effect.mechanics(plant)
+    linear = plant.linear()
+    moves = transition(linear, device.sample_time_s)
+    n = linear.states
+    rate = damping_ns_per_m / device.sample_time_s
+    loop = np.zeros((len(stiffness_n_per_m), len(subjects), n + 1, n + 1))
+    loop[:, :, :n, :n] = moves.matrix
+    loop[:, :, n, 0] = 1.0
+    loop[:, :, :n, 0] += (stiffness_n_per_m + rate)[:, None, None] * moves.force
+    loop[:, :, :n, n] -= rate[:, None, None] * moves.force
+    return np.asarray(np.abs(np.linalg.eigvals(loop)).max(axis=-1))
+
+
+@dataclass(frozen=True)
+class DampingRange:
+    """Damping of a wall within which every hand is stable.
+
+    Attributes:
+        stiffness_n_per_m: K.
+        lowest_ns_per_m: smallest D; not a number where no damping will do.
+        highest_ns_per_m: largest D.
+    """
+
+    stiffness_n_per_m: float
+    lowest_ns_per_m: float
+    highest_ns_per_m: float
+
+
+def damping_range(device: Device, subjects: Subjects, stiffness_n_per_m: float) -> DampingRange:
+    """Find the damping with which a wall is stable with everybody.
+
+    The stable damping of each hand is an interval below 2 m/T of all that moves.
+    """
+    most = 2 * (device.mass_kg + float(np.max(np.asarray(subjects.effect.mass_kg)))) / device.sample_time_s
+
+    def radius(damping: FloatArray) -> FloatArray:
+        every = loop_radius(device, subjects, np.full(len(damping), stiffness_n_per_m), damping)
+        return np.asarray(every.max(axis=1))
+
+    scan = np.linspace(0.0, most, _SCAN)
+    inside = np.flatnonzero(radius(scan) < 1)
+    if len(inside) == 0:
+        # The interval may be narrower than the scan: narrow in on the least radius.
+        best = int(np.argmin(radius(scan)))
+        scan = np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, _SCAN - 1)], _SCAN)
+        inside = np.flatnonzero(radius(scan) < 1)
+        if len(inside) == 0:
+            return DampingRange(stiffness_n_per_m, np.nan, np.nan)
+    low = 0.0 if inside[0] == 0 else _edge(radius, scan[inside[0] - 1], scan[inside[0]])
+    high = most if inside[-1] == _SCAN - 1 else _edge(radius, scan[inside[-1] + 1], scan[inside[-1]])
+    return DampingRange(stiffness_n_per_m, low, high)
+
+
+def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: float) -> float:
+    for _ in range(_HALVINGS):
+        middle = (outside + inside) / 2
+        if radius(np.array([middle]))[0] < 1:
+            inside = middle
+        else:
+            outside = middle
+    return inside
+
+
+def stiffest_wall(device: Device, subjects: Subjects) -> DampingRange:
+    """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %."""
+    low, high = 1.0, 8 * (device.mass_kg + float(np.max(np.asarray(subjects.effect.mass_kg)))) / device.sample_time_s**2
+    found = damping_range(device, subjects, low)
+    while high > 1.0001 * low:
+        middle = np.sqrt(low * high)
+        tried = damping_range(device, subjects, float(middle))
+        if np.isnan(tried.lowest_ns_per_m):
+            high = middle
+        else:
+            low, found = middle, tried
+    return found

@@ -1,0 +1,102 @@
+"""How stiff a wall everybody can touch: many people, every motion, and how real the wall feels to them."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.coupling import Gains, gains_at
+from avc_casadi.design import solve
+from avc_casadi.recommend._designs import constant, tuning_problem
+from avc_casadi.recommend._error_curve import TOLERANCE, error_curve
+from avc_casadi.trial import MOTIONS, Conditions, exact_interval, judged
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import GainSchedule
+    from avc_casadi.problem import Impedance, Problem, Structure
+    from avc_casadi.trial import Subjects
+
+# DC stiffness that counts as the wall's.
+STIFFNESS_TOLERANCE = 0.08
+
+
+def tuned(
+    problem: Problem, *, scheduled: bool, margin_ns_per_m: float, structure: Structure = "damped"
+) -> Gains | GainSchedule | None:
+    """Tune constant or scheduled gains for the training hands; None where the margin cannot be met.
+
+    Args:
+        problem: device and wall.
+        scheduled: gains that follow frequency; otherwise the best constant gains of the same problem.
+        margin_ns_per_m: damping that the device is robbed of while the frozen loop must stay stable.
+        structure: series or damped.
+    """
+    stated = tuning_problem(problem, structure, margin_ns_per_m)
+    table = solve(stated if scheduled else constant(stated), "schedule")
+    if not table.usable.all():
+        return None
+    return table if scheduled else gains_at(table)
+
+
+def reach(
+    problem: Problem,
+    gains: Gains | GainSchedule,
+    subjects: Subjects,
+    conditions: Conditions,
+    wall: Impedance | None = None,
+) -> dict[str, Any]:
+    """Try everybody in every motion.
+
+    Args:
+        problem: device and the wall that is rendered.
+        gains: the coupling.
+        subjects: the people.
+        conditions: what of the device is simulated.
+        wall: the wall that should be felt; None is the one that is rendered.
+
+    Returns:
+        Counts with exact intervals, the stiffness that was felt, and the frequencies up to which the complex error
+        stays within 10 % (JSON values).
+    """
+    runs = {name: judged(problem, gains, subjects, motion, conditions) for name, motion in MOTIONS.items()}
+    whole = np.all([run.stable for run in runs.values()], axis=0)
+    interval = exact_interval(int(whole.sum()), len(whole))
+    ratio = runs["press"].apparent_stiffness_n_per_m / (wall or problem.environment).stiffness_n_per_m
+    felt = ratio[np.isfinite(ratio)]
+    curve = error_curve(problem, gains, wall=wall)
+    stiff = np.abs(ratio - 1) <= STIFFNESS_TOLERANCE
+    first = gains if isinstance(gains, Gains) else gains_at(gains)
+    return {
+        "people": len(whole),
+        "population": subjects.population,
+        "conditions": {name: value for name, value in asdict(conditions).items() if name != "runtime"},
+        "stable": int(whole.sum()),
+        "stable_low": interval[0],
+        "stable_high": interval[1],
+        "stable_by_motion": {name: int(run.stable.sum()) for name, run in runs.items()},
+        "buzzing": int(np.any([run.buzzing for run in runs.values()], axis=0).sum()),
+        "peak_velocity_m_per_s": float(np.max([run.peak_velocity_m_per_s for run in runs.values()])),
+        "stiffness_share": {
+            "lowest": float(felt.min()) if len(felt) else None,
+            "median": float(np.median(felt)) if len(felt) else None,
+            "highest": float(felt.max()) if len(felt) else None,
+            "within_8_percent": int(stiff.sum()),
+        },
+        "gains_at_rest": {name: value if np.isfinite(value) else None for name, value in vars(first).items()},
+        "error_within_hz": {
+            "tolerance": TOLERANCE,
+            "sampled": curve.within_hz(curve.sampled),
+            "physical": curve.within_hz(curve.physical),
+        },
+        "error_at_hz": {
+            name: {f"{hz:g}": curve.at(errors, hz) for hz in (1.0, 10.0, 20.0, 50.0)}
+            for name, errors in (("sampled", curve.sampled), ("physical", curve.physical))
+        },
+    }
+
+
+def with_observer(problem: Problem, conditions: Conditions) -> Conditions:
+    """Put the observer behind the encoder; it reckons with the lightest hand, so that it never lags."""
+    return replace(conditions, observer_mass_kg=problem.device.mass_kg + problem.hands.mass_kg[0])

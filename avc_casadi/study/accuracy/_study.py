@@ -1,0 +1,116 @@
+"""The whole study of a problem: solvers, tables, grids, its scene; and its JSON document."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import InputError, UnsupportedError
+from avc_casadi.design.pointwise import BACKENDS
+from avc_casadi.scene import IntegratorAccuracy, integrator_accuracy
+from avc_casadi.study.accuracy._grids import GridMiss, grid_misses
+from avc_casadi.study.accuracy._solvers import TOLERANCES, SolverCost, reference_errors, solver_costs
+from avc_casadi.study.accuracy._tables import TableError, table_errors
+from avc_casadi.support import plain
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem
+
+SCHEMA = "avc-accuracy/1"
+WHY_DEFAULT = (
+    "direct with the edge search: at rounding from the optimum at every frequency, with feasibility and optimality"
+    " recomputed from the CasADi NLP; exact is faster and the cross-check; no CasADi solver that is optimal everywhere"
+    " is nearly as fast"
+)
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """What accuracy costs.
+
+    Attributes:
+        problem: its name.
+        reference: where the true optimum comes from.
+        solvers: work against precision of methods and solvers.
+        tables: interpolation error of gain tables.
+        grids: what a grid of frequencies misses.
+        scenes: integrators on the problem's scene.
+        without_scenes: why there are none, or empty.
+    """
+
+    problem: str
+    reference: str
+    solvers: tuple[SolverCost, ...]
+    tables: tuple[TableError, ...]
+    grids: tuple[GridMiss, ...]
+    scenes: tuple[IntegratorAccuracy, ...] = ()
+    without_scenes: str = ""
+
+    def pareto(self) -> tuple[bool, ...]:
+        """Whether no other entry is both faster and nearer to the optimum at its worst frequency, for each entry."""
+        points = [
+            (cost.seconds_per_frequency, np.inf if cost.largest_excess_error is None else cost.largest_excess_error)
+            for cost in self.solvers
+        ]
+        return tuple(
+            bool(np.isfinite(error))
+            and not any(s <= seconds and e <= error and (s, e) != (seconds, error) for s, e in points)
+            for seconds, error in points
+        )
+
+    def document(self) -> dict[str, Any]:
+        """Return the study as JSON values."""
+        return {
+            "schema": SCHEMA,
+            "problem": self.problem,
+            "reference": self.reference,
+            "solvers": [
+                asdict(cost) | {"pareto": best} for cost, best in zip(self.solvers, self.pareto(), strict=True)
+            ],
+            "tables": [asdict(table) for table in self.tables],
+            "grids": [asdict(grid) for grid in self.grids],
+            "scenes": [plain(asdict(row)) for row in self.scenes],
+            "without_scenes": self.without_scenes,
+            "default": WHY_DEFAULT,
+        }
+
+
+def study_accuracy(
+    problem: Problem,
+    progress: Callable[[str], None] = lambda _: None,
+    *,
+    tolerances: tuple[float, ...] = TOLERANCES,
+    solvers: tuple[str, ...] = tuple(BACKENDS),
+) -> Accuracy:
+    """Measure what accuracy costs in time.
+
+    Args:
+        problem: the problem.
+        progress: called with a line about each measurement.
+        tolerances: asked of each CasADi solver.
+        solvers: CasADi solvers to measure.
+    """
+    reference = reference_errors(problem, problem.frequencies_hz())
+    costs = []
+    for cost in solver_costs(problem, reference, tolerances=tolerances, solvers=solvers):
+        costs.append(cost)
+        asked = "" if cost.tolerance is None else f", tolerance {cost.tolerance:g}"
+        name = f"{cost.method} {cost.solver or ''}".strip()
+        progress(f"{name}{asked}: {1e6 * cost.seconds_per_frequency:.3g} us a frequency")
+    tables = tuple(table_errors(problem))
+    progress(f"{len(tables)} gain tables")
+    grids = tuple(grid_misses(problem))
+    scenes, why = _scenes(problem)
+    progress(f"{len(scenes)} integrators of the scene")
+    return Accuracy(problem.name, reference.source, tuple(costs), tables, grids, scenes, why)
+
+
+def _scenes(problem: Problem) -> tuple[tuple[IntegratorAccuracy, ...], str]:
+    """Integrators on the problem's scene, or why it cannot be simulated."""
+    try:
+        return integrator_accuracy(problem), ""
+    except (InputError, UnsupportedError) as error:
+        return (), str(error)

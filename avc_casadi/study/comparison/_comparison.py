@@ -1,0 +1,207 @@
+"""Solve a problem by several methods and put the answers side by side."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import InputError
+from avc_casadi.coupling import (
+    GainSchedule,
+)
+from avc_casadi.design import solve
+from avc_casadi.loop import Loop, environment_impedance, loop_at, perceived_impedance
+from avc_casadi.passivity import passive_limit_n_per_m
+from avc_casadi.study.comparison._hand_tuned import HandTuned, constant_pair, judge_hand_tuned
+from avc_casadi.study.comparison._injection import DampingInjection, damping_injection
+from avc_casadi.study.comparison._judged import Judged, judge_gains
+from avc_casadi.study.comparison._verdict import AGREEMENT, Verdict, judge, largest_difference
+from avc_casadi.support import ComplexArray, FloatArray
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from avc_casadi.problem import Impedance, Problem
+
+OPTIMISERS = ("direct", "exact")
+
+
+@dataclass(frozen=True)
+class CrossCheck:
+    """How far `direct` and `exact`, which solve the same problem independently, lie apart.
+
+    Attributes:
+        magnitude_error: largest difference in ||Z_h_ds| - |Z_h_avc||, relative to |Z_d| + |H Z_ds|.
+        distance: the same for |Z_h_avc - Z_h_ds|.
+        only_one: rows where only one of the two has gains.
+    """
+
+    magnitude_error: float
+    distance: float
+    only_one: int
+
+    @property
+    def agree(self) -> bool:
+        """Whether both reach the same magnitude error wherever they have gains, and have gains at the same rows."""
+        return self.magnitude_error <= AGREEMENT and self.only_one == 0
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All methods at the same frequencies; every array has shape (n,), impedances in N.s/m.
+
+    The comparison is pointwise, each frequency on its own, as (12) is in the paper.
+
+    Attributes:
+        problem: name of the problem.
+        title: its title.
+        model: hold model.
+        structure: series or damped.
+        scope: what the gains of `delivered` meet: the problem's own scope, with the realism that it requires.
+        margin_ns_per_m: margin of (12).
+        frequency_hz: frequencies of interaction.
+        methods: gains by method.
+        without_coupling: perceived impedance of device and environment joined directly.
+        target: desired perceived impedance Z_h_ds.
+        upper: perceived impedance of the realistic bound U.
+        lower: perceived impedance of the realistic bound L.
+        optimum: the method that the verdicts compare with the closed form.
+        delivered: the method whose gains the device gets: `optimum`, or "direct, scope ..." after `with_delivered`.
+        verdict: one for each frequency.
+        reason: one sentence for each frequency.
+        injection: what the closed form really is.
+        cross_check: `direct` against `exact`, where both were asked for.
+        mine: a hand-tuned pair, where one was given.
+        judged: certificate and realism of each method, and of the pair under the name "mine".
+        passive_limit_n_per_m: largest DC stiffness of any passive linear time-invariant rendering, sampled-data:
+            2 b_d/((1 + delay) T).
+    """
+
+    problem: str
+    title: str
+    model: str
+    structure: str
+    scope: str
+    margin_ns_per_m: float
+    frequency_hz: FloatArray
+    methods: Mapping[str, GainSchedule]
+    without_coupling: ComplexArray
+    target: ComplexArray
+    upper: ComplexArray
+    lower: ComplexArray
+    optimum: str
+    delivered: str
+    verdict: tuple[Verdict, ...]
+    reason: tuple[str, ...]
+    injection: DampingInjection
+    cross_check: CrossCheck | None
+    mine: HandTuned | None
+    judged: Mapping[str, Judged]
+    passive_limit_n_per_m: float
+
+    def counts(self) -> dict[str, int]:
+        """Return how many frequencies have each verdict; verdicts that do not occur count 0."""
+        found = Counter(self.verdict)
+        return {verdict.value: found[verdict] for verdict in Verdict}
+
+
+def compare(
+    problem: Problem,
+    methods: Sequence[str] = ("closed-form", "direct", "exact"),
+    mine: tuple[float, float] | None = None,
+    *,
+    solver: Callable[[Problem, str], GainSchedule] = solve,
+) -> Comparison:
+    """Solve by each method and compare.
+
+    The paper's (12) is pointwise, and so is the comparison, whatever scope and realism the problem demands.
+
+    Args:
+        problem: the problem.
+        methods: must hold "closed-form" and at least one of "direct" and "exact"; the first of these two is what the
+            closed form is compared with.
+        mine: a hand-tuned constant pair (k in N/m, b in N.s/m).
+        solver: called as ``solver(problem, method)``; replace it to show progress or to reuse gains.
+
+    Raises:
+        InputError: ``methods`` or ``mine`` cannot be compared.
+    """
+    optimum = next((method for method in methods if method in OPTIMISERS), None)
+    if "closed-form" not in methods or optimum is None:
+        raise InputError.of(
+            f"{', '.join(methods) or 'nothing'} cannot be compared; "
+            "allowed: closed-form and at least one of direct, exact",
+            key="methods",
+        )
+    if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
+        raise InputError.of(f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: finite numbers >= 0", key="mine")
+    scope = _demanded(problem)
+    stability = problem.stability.model_copy(update={"scope": "pointwise"})
+    realism = problem.realism.model_copy(update={"require": "none"})
+    problem = problem.model_copy(update={"stability": stability, "realism": realism})
+    loop = loop_at(problem, problem.frequencies_hz())
+    gains = {method: solver(problem, method) for method in dict.fromkeys(methods)}
+    scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
+    verdict, reason = judge(gains["closed-form"], gains[optimum], scale)
+    both = all(method in gains for method in OPTIMISERS)
+    tables = dict(gains) if mine is None else {**gains, "mine": constant_pair(problem, mine)}
+    device = problem.device
+    return Comparison(
+        problem=problem.name,
+        title=problem.title,
+        model=problem.stability.model,
+        structure=problem.coupling.structure,
+        scope=scope,
+        margin_ns_per_m=problem.stability.margin_ns_per_m,
+        frequency_hz=problem.frequencies_hz(),
+        methods=gains,
+        without_coupling=np.asarray(loop.without_coupling),
+        target=np.asarray(loop.target),
+        upper=_bound(problem, loop, problem.boundaries.upper),
+        lower=_bound(problem, loop, problem.boundaries.lower),
+        optimum=optimum,
+        delivered=optimum,
+        verdict=verdict,
+        reason=reason,
+        injection=damping_injection(problem, loop),
+        cross_check=CrossCheck(*largest_difference(gains["direct"], gains["exact"], scale)) if both else None,
+        mine=None if mine is None else judge_hand_tuned(problem, loop, mine, gains[optimum], AGREEMENT * scale),
+        judged={name: judge_gains(problem, table) for name, table in tables.items()},
+        passive_limit_n_per_m=passive_limit_n_per_m(
+            device.damping_ns_per_m, device.sample_time_s, device.delay_samples
+        ),
+    )
+
+
+def with_delivered(comparison: Comparison, problem: Problem, gains: GainSchedule) -> Comparison:
+    """Put the gains of a scope beyond pointwise, or of required realism, beside the pointwise ones as a method.
+
+    Args:
+        comparison: the comparison of the problem.
+        problem: the problem.
+        gains: what the device gets.
+    """
+    name = f"{gains.method}, scope {_demanded(problem)}"
+    return replace(
+        comparison,
+        methods={**comparison.methods, name: gains},
+        judged={**comparison.judged, name: judge_gains(problem, gains)},
+        delivered=name,
+    )
+
+
+def _demanded(problem: Problem) -> str:
+    """Name the scope of a problem, with the realism that it requires."""
+    scope, require = problem.stability.scope, problem.realism.require
+    return scope if require == "none" else f"{scope}, realism {require}"
+
+
+def _bound(problem: Problem, loop: Loop, bound: Impedance) -> ComplexArray:
+    """Perceived impedance where the realistic bound itself is rendered."""
+    rendered = environment_impedance(
+        loop.angle, problem.stability.model, bound.damping_ns_per_m, bound.stiffness_n_per_m
+    )
+    return np.asarray(perceived_impedance(loop.device, loop.hold, rendered))

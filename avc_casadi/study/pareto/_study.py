@@ -1,0 +1,178 @@
+"""Solve, measure and certify each design of the study."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.certificate import certify
+from avc_casadi.coupling import GainSchedule
+from avc_casadi.design.joint import solve_schedule
+from avc_casadi.passivity import passive_limit_n_per_m
+from avc_casadi.study.pareto._designs import HANDS_HZ, Design, Study, designs
+from avc_casadi.support import FloatArray, plain
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from avc_casadi.problem import Problem
+
+
+@dataclass(frozen=True)
+class Point:
+    """One design, its errors and what is certified of it; not a number where it has no gains at some frequency.
+
+    Attributes:
+        study: which quantity is varied: scope, slope or contact.
+        label: its value in words.
+        value: its value as a number, or None.
+        constant: whether the gains are constant.
+        scope: scope of frequencies that was demanded.
+        objective: what was minimised.
+        magnitude_error: root mean square of ||Z_h_ds| - |Z_h||/|Z_h_ds| over ln(frequency) in the band of hands.
+        complex_error: the same of |Z_h - Z_h_ds|/|Z_h_ds|.
+        dc_stiffness_n_per_m: k k_e/(k + k_e) of the row of the lowest frequency, which a resting hand feels.
+        steepest: largest |d ln(gain)/d ln(frequency)| of b and k between neighbouring rows that have them.
+        contact_damping_ns_per_m: largest b_p of the table.
+        rows_without_gains: how many rows have none.
+        passed: by level of the certificate, whether all rows meet it.
+        margin_ns_per_m: by level, the worst margin.
+        seconds: time to solve.
+    """
+
+    study: Study
+    label: str
+    value: float | None
+    constant: bool
+    scope: str
+    objective: str
+    magnitude_error: float
+    complex_error: float
+    dc_stiffness_n_per_m: float
+    steepest: float
+    contact_damping_ns_per_m: float
+    rows_without_gains: int
+    passed: dict[str, bool]
+    margin_ns_per_m: dict[str, float]
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Pareto:
+    """The study of one problem.
+
+    Attributes:
+        problem: its name.
+        title: its title.
+        model: hold model of the constraints.
+        band_hz: where the errors are averaged.
+        dc_frequency_hz: frequency of the row whose DC stiffness is stated.
+        wall_stiffness_n_per_m: k_e.
+        desired_stiffness_n_per_m: k of the mean of the bounds.
+        passive_limit_n_per_m: 2 b_d/((1 + d) T), which no passive linear rendering exceeds.
+        points: all designs.
+    """
+
+    problem: str
+    title: str
+    model: str
+    band_hz: tuple[float, float]
+    dc_frequency_hz: float
+    wall_stiffness_n_per_m: float
+    desired_stiffness_n_per_m: float
+    passive_limit_n_per_m: float
+    points: tuple[Point, ...]
+
+    def of(self, study: Study, *, constant: bool | None = None) -> list[Point]:
+        """Points of one study, in order; adaptive or constant ones, or both."""
+        return [p for p in self.points if p.study == study and constant in {None, p.constant}]
+
+    def document(self) -> dict[str, Any]:
+        """Return the `pareto` document: JSON values only, null where a number is undefined."""
+        facts = {name: value for name, value in vars(self).items() if name != "points"}
+        return {"schema": "avc-pareto/1", **plain(facts), "points": [plain(vars(point)) for point in self.points]}
+
+
+def pareto(
+    problem: Problem, progress: Callable[[str], AbstractContextManager[None]] = lambda _: nullcontext()
+) -> Pareto:
+    """Study a problem: about thirty schedules, each certified.
+
+    Args:
+        problem: the problem.
+        progress: called with the name of each design; a context that lasts as long as its solution.
+    """
+    frequency = problem.frequencies_hz()
+    low, high = problem.schedule.interaction_hz or HANDS_HZ
+    inside = (frequency >= low) & (frequency <= high)
+    if not inside.any():
+        inside[:] = True
+    weight = np.where(inside, _log_weights(frequency), 0.0)
+    points = []
+    for design in designs(problem):
+        with progress(f"{design.study} {design.label}{', constant gains' if design.constant else ''}"):
+            points.append(_point(design, weight / weight.sum()))
+    device, upper, lower = problem.device, problem.boundaries.upper, problem.boundaries.lower
+    return Pareto(
+        problem=problem.name,
+        title=problem.title,
+        model=problem.stability.model,
+        band_hz=(float(frequency[inside][0]), float(frequency[inside][-1])),
+        dc_frequency_hz=float(frequency[0]),
+        wall_stiffness_n_per_m=problem.environment.stiffness_n_per_m,
+        desired_stiffness_n_per_m=(upper.stiffness_n_per_m + lower.stiffness_n_per_m) / 2,
+        passive_limit_n_per_m=passive_limit_n_per_m(
+            device.damping_ns_per_m, device.sample_time_s, device.delay_samples
+        ),
+        points=tuple(points),
+    )
+
+
+def _point(design: Design, weight: FloatArray) -> Point:
+    problem = design.problem
+    gains = solve_schedule(problem, constant=design.constant)
+    certificate = certify(problem, gains)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        magnitude = gains.magnitude_error / np.abs(gains.target)
+    used = weight > 0
+    return Point(
+        study=design.study,
+        label=design.label,
+        value=design.value,
+        constant=design.constant,
+        scope=problem.stability.scope,
+        objective=problem.realism.objective,
+        magnitude_error=_root_mean_square(magnitude[used], weight[used]),
+        complex_error=_root_mean_square(gains.complex_error[used], weight[used]),
+        dc_stiffness_n_per_m=float(certificate.dc_stiffness_n_per_m[0]),
+        steepest=_steepest(gains),
+        contact_damping_ns_per_m=float(np.max(gains.contact_damping_ns_per_m)),
+        rows_without_gains=certificate.rows_without_gains,
+        passed={level: result.passed for level, result in certificate.levels.items()},
+        margin_ns_per_m={level: result.margin_ns_per_m for level, result in certificate.levels.items()},
+        seconds=gains.build_seconds + gains.solve_seconds,
+    )
+
+
+def _root_mean_square(values: FloatArray, weight: FloatArray) -> float:
+    return float(np.sqrt(weight @ values**2))
+
+
+def _log_weights(frequency_hz: FloatArray) -> FloatArray:
+    """Trapezoids over ln(frequency), (n,)."""
+    if len(frequency_hz) == 1:
+        return np.ones(1)
+    return np.asarray(np.convolve(np.diff(np.log(frequency_hz)), [0.5, 0.5]))
+
+
+def _steepest(gains: GainSchedule) -> float:
+    if gains.rows < 2:
+        return 0.0
+    table = np.stack((gains.damping_ns_per_m, gains.stiffness_n_per_m))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = np.diff(np.log(table), axis=1) / np.diff(np.log(gains.frequency_hz))
+    slopes = slopes[np.isfinite(slopes)]
+    return float(np.abs(slopes).max(initial=0.0))

@@ -1,0 +1,20 @@
+"""Trials with many simulated people: who they are, what they do, and whether their hands come to rest."""
+
+from avc_casadi.trial._binomial import CONFIDENCE as CONFIDENCE
+from avc_casadi.trial._binomial import exact_interval as exact_interval
+from avc_casadi.trial._matching import WEBER as WEBER
+from avc_casadi.trial._matching import WEBER_SWEEP as WEBER_SWEEP
+from avc_casadi.trial._matching import choose as choose
+from avc_casadi.trial._matching import distance as distance
+from avc_casadi.trial._matching import reference_traces as reference_traces
+from avc_casadi.trial._subjects import STYLUS_RANGES as STYLUS_RANGES
+from avc_casadi.trial._subjects import Population as Population
+from avc_casadi.trial._subjects import Subjects as Subjects
+from avc_casadi.trial._subjects import draw_subjects as draw_subjects
+from avc_casadi.trial._trial import MOTIONS as MOTIONS
+from avc_casadi.trial._trial import PEOPLE_AT_ONCE as PEOPLE_AT_ONCE
+from avc_casadi.trial._trial import Conditions as Conditions
+from avc_casadi.trial._trial import Traces as Traces
+from avc_casadi.trial._trial import all_motions as all_motions
+from avc_casadi.trial._trial import judged as judged
+from avc_casadi.trial._trial import traces as traces

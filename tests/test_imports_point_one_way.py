@@ -1,0 +1,164 @@
+"""The rooms of the package stand on one another: every import, late ones and those named in a string too, points down."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+# From the ground up; a room may import those before it and itself.
+ROOMS = (
+    "_errors",
+    "_resources",
+    "support",
+    "problem",
+    "runtime",
+    "loop",
+    "passivity",
+    "stability",
+    "coupling",
+    "certificate",
+    "scene",
+    "trial",
+    "design.pointwise",
+    "design.joint",
+    "design.constant",
+    "design",
+    "recommend",
+    "study.comparison",
+    "study.accuracy",
+    "study.pareto",
+    "study.estimators",
+    "study.table1",
+    "figures",
+    "report",
+    "avc_hardware",
+    "cli",
+    "_entry",
+)
+# What all rooms of a family share, below them.
+SHARED = {"design._rows": "design.pointwise", "scene.effects": "scene", "scene.loop": "scene", "scene.advance": "scene"}
+NAMED = re.compile(r"^(avc_casadi|avc_hardware)(\.[a-z_0-9]+)*(:[a-z_0-9]+)?$")
+
+
+def modules():
+    for folder in (ROOT / "avc_casadi", ROOT / "hardware" / "avc_hardware"):
+        for path in sorted(folder.rglob("*.py")):
+            parts = path.relative_to(folder.parent).with_suffix("").parts
+            yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts), path
+
+
+MODULES = dict(modules())
+
+
+def imported(name, path):
+    """Every module that a file imports, wherever in it, with the line; also where a string names one."""
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    documents = {
+        id(node.body[0].value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and node.body and isinstance(node.body[0], ast.Expr)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name}:{node.lineno}: relative import"
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield (whole if whole in MODULES else node.module), node.lineno
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                yield alias.name, node.lineno
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documents:
+            target = node.value.partition(":")[0]
+            if NAMED.match(node.value) and target in MODULES and target != package:
+                yield target, node.lineno
+
+
+def room(name):
+    if name.startswith("avc_hardware"):
+        return "avc_hardware"
+    inner = name.removeprefix("avc_casadi").lstrip(".")
+    for part, where in SHARED.items():
+        if inner == part or inner.startswith(f"{part}."):
+            return where
+    found = [one for one in ROOMS if inner == one or inner.startswith(f"{one}.")]
+    return max(found, key=len) if found else ""
+
+
+ARROWS = [
+    (name, target, line)
+    for name, path in MODULES.items()
+    for target, line in imported(name, path)
+    if target.split(".")[0] in {"avc_casadi", "avc_hardware"}
+]
+
+
+def test_every_module_has_a_room():
+    homeless = {name for name in MODULES if not room(name)} - {"avc_casadi", "avc_casadi.__main__"}
+    assert homeless <= {"avc_casadi.study"}
+
+
+def test_no_arrow_points_up():
+    upward = [
+        f"{name}:{line} -> {target}"
+        for name, target, line in ARROWS
+        if room(name) and room(target) and ROOMS.index(room(target)) > ROOMS.index(room(name))
+    ]
+    assert not upward
+
+
+def test_no_room_imports_what_is_private_to_another():
+    """A private module belongs to the package that holds it, and to the packages inside that one."""
+
+    def foreign(name, target):
+        owner, _, last = target.rpartition(".")
+        package = name if MODULES[name].name == "__init__.py" else name.rpartition(".")[0]
+        return last.startswith("_") and not f"{package}.".startswith(f"{owner}.")
+
+    assert not [f"{name}:{line} -> {target}" for name, target, line in ARROWS if foreign(name, target)]
+
+
+def test_modules_of_one_room_do_not_go_round():
+    """Within a room too, no two modules need each other to be imported."""
+    down = {}
+    for name, path in MODULES.items():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        early = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+        down[name] = {
+            whole if (whole := f"{node.module}.{alias.name}") in MODULES else node.module
+            for node in early
+            for alias in node.names
+            if node.module in MODULES
+        }
+    done, open_ = set(), []
+
+    def visit(name):
+        assert name not in open_, " -> ".join([*open_[open_.index(name) :], name])
+        if name in done or MODULES[name].name == "__init__.py":
+            return
+        open_.append(name)
+        for target in down[name]:
+            if target in MODULES:
+                visit(target)
+        open_.pop()
+        done.add(name)
+
+    for name in MODULES:
+        visit(name)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def late():\n    from avc_casadi.cli import main\n",
+        "PLACE = 'avc_casadi.cli:main'\n",
+        "if 1:\n    import avc_casadi.cli\n",
+        "from avc_casadi import cli\n",
+    ],
+)
+def test_late_imports_and_strings_are_seen(text, tmp_path):
+    path = tmp_path / "probe.py"
+    path.write_text(text)
+    assert "avc_casadi.cli" in {target for target, _ in imported("avc_casadi.loop._probe", path)}
