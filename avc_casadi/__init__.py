@@ -17,7 +17,11 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from avc_casadi.certificate import Certificate as Certificate
     from avc_casadi.certificate import certify as certify
+    from avc_casadi.coupling import Coupling as Coupling
     from avc_casadi.coupling import GainSchedule as GainSchedule
+    from avc_casadi.coupling import read_coupling as read_coupling
+    from avc_casadi.coupling import write_coupling as write_coupling
+    from avc_casadi.design import simulate as simulate
     from avc_casadi.design import solve as solve
     from avc_casadi.problem import Problem as Problem
     from avc_casadi.problem import catalogue as catalogue
@@ -26,7 +30,6 @@ if TYPE_CHECKING:
     from avc_casadi.problem import load_problem as load_problem
     from avc_casadi.problem import parse_problem as parse_problem
     from avc_casadi.scene import Run as Run
-    from avc_casadi.scene import simulate as simulate
     from avc_casadi.scene import simulate_batch as simulate_batch
     from avc_casadi.study.comparison import Comparison as Comparison
     from avc_casadi.study.comparison import compare as compare
@@ -35,7 +38,10 @@ else:
     _LAZY = {
         "Certificate": "certificate",
         "certify": "certificate",
+        "Coupling": "coupling",
         "GainSchedule": "coupling",
+        "read_coupling": "coupling",
+        "write_coupling": "coupling",
         "solve": "design",
         "Problem": "problem",
         "catalogue": "problem",
@@ -44,7 +50,7 @@ else:
         "load_problem": "problem",
         "parse_problem": "problem",
         "Run": "scene",
-        "simulate": "scene",
+        "simulate": "design",
         "simulate_batch": "scene",
         "Comparison": "study.comparison",
         "compare": "study.comparison",

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from schedule_problems import figure5
 
 from avc_casadi import InputError, solve
-from avc_casadi.coupling import gain_rows, gains_at, interpolate, reduce_rows, row_slopes, single_ln
+from avc_casadi.coupling import GainTable, gains_at, interpolate, reduce_rows, single_ln
 from avc_casadi.loop import loop_at
 from avc_casadi.problem import load_problem
 from avc_hardware._reference import lookup
@@ -54,18 +54,8 @@ def test_undefined_frequency_takes_the_first_row():
 def test_scene_takes_the_gains_of_the_device():
     gains = solve(load_problem("soft"), "exact")
     at = gains_at(gains, 7.3)
-    b, k, contact = interpolate(gain_rows(gains), 7.3)
+    b, k, contact = interpolate(GainTable.of(gains).rows, 7.3)
     assert (at.damping_ns_per_m, at.stiffness_n_per_m, at.contact_damping_ns_per_m) == (b, k, contact)
-
-
-def test_slopes():
-    frequency = np.array([1.0, 2.0, 8.0])
-    rows = np.stack([frequency, 3 * frequency**2, 5 / frequency, [0.0, 1.0, 1.0]], axis=1)
-    slopes = row_slopes(rows)
-    np.testing.assert_allclose(slopes[:, 0], 2)
-    np.testing.assert_allclose(slopes[:, 1], -1)
-    assert np.isnan(slopes[0, 2])
-    assert slopes[1, 2] == 0
 
 
 def deviation(problem, rows, kept):
@@ -89,7 +79,7 @@ def test_choice_is_the_best_of_all_subsets(name):
         )
     )
     gains = solve(problem, "schedule")
-    rows = gain_rows(gains)
+    rows = GainTable.of(gains).rows
     best = {}
     for count in range(2, 11):
         for middle in itertools.combinations(range(1, 9), count - 2):
@@ -97,54 +87,54 @@ def test_choice_is_the_best_of_all_subsets(name):
             if passive:
                 best[count] = min(error, best.get(count, np.inf))
     for count in best:
-        found = reduce_rows(gains, problem, rows=count)
-        assert len(found.rows) <= count
+        found = reduce_rows(GainTable.of(gains), problem, rows=count)
+        assert len(found.table.rows) <= count
         assert found.error == pytest.approx(min(best[c] for c in best if c <= count), abs=1e-12)
         assert found.error == pytest.approx(deviation(problem, rows, found.kept)[0], abs=1e-12)
     tolerance = 0.02
     fewest = min(count for count in best if best[count] <= tolerance)
-    found = reduce_rows(gains, problem, tolerance=tolerance)
-    assert len(found.rows) == fewest
+    found = reduce_rows(GainTable.of(gains), problem, tolerance=tolerance)
+    assert len(found.table.rows) == fewest
     assert found.error == pytest.approx(best[fewest], abs=1e-12)
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
 def test_tolerance_holds_on_long_tables_too(tolerance):
     gains = solve(figure5(points=900), "schedule")
-    found = reduce_rows(gains, figure5(points=900), tolerance=tolerance)
+    found = reduce_rows(GainTable.of(gains), figure5(points=900), tolerance=tolerance)
     assert found.error <= tolerance
     assert found.single_error <= tolerance + 1e-4
-    assert len(found.rows) < 200
+    assert len(found.table.rows) < 200
     assert found.kept[0] == 0
     assert found.kept[-1] == 899
 
 
 def test_without_a_problem_the_gains_are_measured():
     gains = solve(figure5(points=60), "schedule")
-    found = reduce_rows(gains, tolerance=0.05)
-    rows = gain_rows(gains)
-    guess = interpolate(found.rows, rows[:, 0])
+    found = reduce_rows(GainTable.of(gains), tolerance=0.05)
+    rows = GainTable.of(gains).rows
+    guess = interpolate(found.table.rows, rows[:, 0])
     size = np.where(rows[:, 1:] == 0, np.maximum(rows[:, 1:].max(axis=0), 1), rows[:, 1:])
     assert (np.abs(guess - rows[:, 1:]) / size).max() == pytest.approx(found.error)
     assert found.error <= 0.05
-    assert len(found.rows) < 60
+    assert len(found.table.rows) < 60
 
 
 def test_all_rows_and_one_row():
     gains = solve(figure5(points=12), "schedule")
-    assert len(reduce_rows(gains, tolerance=0.0).rows) <= 12
-    assert reduce_rows(gains, rows=40).error == 0
-    np.testing.assert_array_equal(reduce_rows(gains, rows=1).kept, [0])
+    assert len(reduce_rows(GainTable.of(gains), tolerance=0.0).table) <= 12
+    assert reduce_rows(GainTable.of(gains), rows=40).error == 0
+    np.testing.assert_array_equal(reduce_rows(GainTable.of(gains), rows=1).kept, [0])
 
 
 @pytest.mark.parametrize("options", [{}, {"rows": 3, "tolerance": 0.1}, {"rows": 0}, {"tolerance": -1.0}])
 def test_refusals(options):
     gains = solve(figure5(points=5), "exact")
     with pytest.raises(InputError):
-        reduce_rows(gains, **options)
+        reduce_rows(GainTable.of(gains), **options)
 
 
 def test_table_without_gains_is_refused():
     problem = load_problem("hard/infeasible-box")
     with pytest.raises(InputError, match="no row with gains"):
-        gain_rows(solve(problem, "exact"))
+        GainTable.of(solve(problem, "exact"))

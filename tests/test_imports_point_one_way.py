@@ -1,4 +1,4 @@
-"""The rooms of the package stand on one another: every import, late ones and those named in a string too, points down."""
+"""The rooms of the package stand on one another: every import, late or named in a string too, points down."""
 
 import ast
 import re
@@ -59,7 +59,9 @@ def imported(name, path):
     documents = {
         id(node.body[0].value)
         for node in ast.walk(tree)
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and node.body and isinstance(node.body[0], ast.Expr)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+        and node.body
+        and isinstance(node.body[0], ast.Expr)
     }
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):

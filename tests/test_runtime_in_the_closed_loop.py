@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from avc_casadi import InputError
-from avc_casadi.coupling import GainTable
-from avc_casadi.design import solve
+from avc_casadi.coupling import GainTable, thinned
+from avc_casadi.design import simulate, solve
 from avc_casadi.problem import load_problem, parse_problem
 from avc_casadi.runtime import HoldSettings, hold_step
-from avc_casadi.scene import compile_scene, energy_ledger, execute, simulate, simulate_batch
+from avc_casadi.scene import compile_scene, energy_ledger, execute, simulate_batch
 from avc_casadi.scene.effects import Adaptation, Hand, build_effects
 from avc_hardware._reference import lookup
 
@@ -79,7 +79,7 @@ def test_adapting_between_equal_rows_is_no_adaptation(passive):
     assert np.isnan(adaptive.interaction_hz[-1])
 
 
-JUMPING = GainTable(np.array([1.0, 3.9, 3.901, 50.0]), np.array([[5.0] * 4, [1e3, 1e3, 1e7, 1e7], [0.0] * 4]))
+JUMPING = GainTable(np.array([[1.0, 5, 1e3, 0], [3.9, 5, 1e3, 0], [3.901, 5, 1e7, 0], [50.0, 5, 1e7, 0]]))
 
 
 def test_gain_switch_at_full_deflection_creates_energy_only_without_the_anchor():
@@ -119,10 +119,10 @@ def test_anchor_is_forgotten_outside_the_wall_and_the_wall_does_not_melt():
 def test_table_look_up_is_the_device_s():
     problem = load_problem("figure5")
     schedule = solve(problem, "exact")
-    table = GainTable.of(schedule, tolerance=0.0)
-    assert table.rows == schedule.usable.sum()
+    table = GainTable.of(schedule)
+    assert len(table) == schedule.usable.sum()
     at = np.geomspace(0.1, 2000, 500)
-    rows = np.column_stack([table.frequency_hz, table.gains.T]).astype(np.float32)
+    rows = table.single()
     np.testing.assert_allclose(table(at), lookup(rows, at).T, rtol=2e-3, atol=1e-3)
     np.testing.assert_array_equal(table(np.array([1e-6]))[:, 0], table.gains[:, 0])
     np.testing.assert_array_equal(table(np.array([1e6]))[:, 0], table.gains[:, -1])
@@ -130,13 +130,14 @@ def test_table_look_up_is_the_device_s():
 
 def test_table_keeps_its_tolerance_and_its_expressions_agree():
     schedule = solve(load_problem("scenes/adaptive-press-series"), "schedule")
-    full, thin = GainTable.of(schedule, 0.0), GainTable.of(schedule, 1e-2)
-    assert thin.rows < full.rows / 2
+    full = GainTable.of(schedule)
+    thin = thinned(full)
+    assert len(thin) < len(full) / 2
     at = np.geomspace(0.5, 600, 300)
     # A gain below a thousandth of its largest is held to that thousandth.
     scale = np.maximum(full(at), 1e-3 * full.gains.max(axis=1, keepdims=True))
-    assert np.abs(thin(at) - full(at)).max(axis=1) == pytest.approx(0, abs=1.1e-2 * scale.max())
-    assert np.all(np.abs(thin(at) - full(at)) <= 1.1e-2 * scale)
+    assert np.abs(thin(at) - full(at)).max(axis=1) == pytest.approx(0, abs=1.1e-3 * scale.max())
+    assert np.all(np.abs(thin(at) - full(at)) <= 1.1e-3 * scale)
     f = ca.SX.sym("f")
     evaluated = ca.Function("look_up", [f], [ca.vertcat(*thin.expressions(f))])(at[None]).full()
     np.testing.assert_allclose(evaluated, thin(at), rtol=1e-9, atol=1e-9)

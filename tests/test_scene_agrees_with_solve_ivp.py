@@ -8,7 +8,8 @@ from scene_reference import Reference, scene_problem
 
 import avc_casadi as avc
 from avc_casadi.coupling import NO_COUPLING, Gains
-from avc_casadi.scene import compile_scene, settled, simulate
+from avc_casadi.design import scene_coupling, simulate
+from avc_casadi.scene import compile_scene, settled
 from avc_casadi.scene.effects import build_effects
 
 HAND, WALL = 'kind = "hand"', 'kind = "wall"'
@@ -119,7 +120,7 @@ def test_catalogue_scenes_agree_with_an_event_accurate_integration(name):
     if LEARNING & {effect.kind for effect in problem.scene.effects}:
         ours, reference = replayed(problem, samples)
     else:
-        gains = GIVEN.get(name) or settled(problem, build_effects(problem), None)[1]
+        gains = GIVEN.get(name) or settled(problem, build_effects(problem), scene_coupling(problem))[1]
         ours, reference = both(problem, gains, samples)
     assert np.ptp(reference[0]) > 1e-5
     for trace, mine, other, size in zip("xvF", ours, reference, (1e-13, 1e-10, 1e-8), strict=True):

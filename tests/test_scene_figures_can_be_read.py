@@ -6,8 +6,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scene_reference import scene_problem
 
 from avc_casadi.coupling import NO_COUPLING, Gains
+from avc_casadi.design import simulate
 from avc_casadi.figures import draw_scene
-from avc_casadi.scene import simulate
 
 EFFECTS = ('kind = "hand"', 'kind = "wall"')
 

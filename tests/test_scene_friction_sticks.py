@@ -5,7 +5,7 @@ import pytest
 from scene_reference import scene_problem
 
 from avc_casadi.coupling import NO_COUPLING, Gains
-from avc_casadi.scene import simulate
+from avc_casadi.design import simulate
 
 HEAD = """
 [device]

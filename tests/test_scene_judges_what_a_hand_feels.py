@@ -9,8 +9,9 @@ from scene_reference import MASSLESS, scene_problem
 
 import avc_casadi as avc
 from avc_casadi.coupling import NO_COUPLING, Gains
+from avc_casadi.design import simulate
 from avc_casadi.design.constant import static_coupling
-from avc_casadi.scene import judge, screen, simulate, simulate_batch
+from avc_casadi.scene import judge, screen, simulate_batch
 from avc_casadi.scene.effects import Hand
 
 T = 1e-3

@@ -9,7 +9,8 @@ from test_scene_agrees_with_solve_ivp import CASES, QUICK
 
 from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Gains
-from avc_casadi.scene import integrator_accuracy, simulate
+from avc_casadi.design import simulate
+from avc_casadi.scene import integrator_accuracy
 
 FRICTION = ('kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"')
 

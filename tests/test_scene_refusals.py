@@ -9,7 +9,8 @@ from scene_reference import MASSLESS, scene_problem
 import avc_casadi as avc
 from avc_casadi import InputError, UnsupportedError
 from avc_casadi.coupling import Gains, gains_at
-from avc_casadi.scene import compile_scene, simulate, simulate_batch
+from avc_casadi.design import simulate
+from avc_casadi.scene import compile_scene, simulate_batch
 from avc_casadi.scene.effects import Hand
 
 BARE = (

@@ -8,8 +8,9 @@ import pytest
 from scene_reference import scene_problem
 
 from avc_casadi.coupling import NO_COUPLING, Gains
+from avc_casadi.design import simulate
 from avc_casadi.loop import HandSet
-from avc_casadi.scene import compile_scene, simulate
+from avc_casadi.scene import compile_scene
 from avc_casadi.scene.effects import Hand
 from avc_casadi.stability import frozen_parts, linear_stability
 

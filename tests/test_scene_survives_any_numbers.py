@@ -11,7 +11,8 @@ from scene_reference import scene_problem
 
 from avc_casadi import InputError, UnsupportedError
 from avc_casadi.coupling import Gains
-from avc_casadi.scene import compile_for, compiler, execute, settled, simulate
+from avc_casadi.design import simulate
+from avc_casadi.scene import compile_for, compiler, execute, settled
 from avc_casadi.scene.effects import build_effects
 
 

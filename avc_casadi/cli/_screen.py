@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Screen and show."""
+    from avc_casadi.coupling import NO_COUPLING
     from avc_casadi.scene import screen
 
     if not 0 <= args.tolerance < 1:
@@ -33,7 +34,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     problem = avc.load_problem(args.problem)
     gains, notes = gains_of(args.gains, problem, console)
     with console.step("the scene without each of its effects"):
-        document = screen(problem, gains, tolerance=args.tolerance).document()
+        document = screen(problem, NO_COUPLING if gains is None else gains, tolerance=args.tolerance).document()
     document["notes"] = notes
     return Answer(document, "\n".join([_text(document), *(f"note: {note}" for note in notes)]))
 

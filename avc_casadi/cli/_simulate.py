@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate, measure the cost of each effect, write and show; 1 if the device does not come to rest."""
+    from avc_casadi.coupling import NO_COUPLING
     from avc_casadi.scene import explain
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         found = avc.simulate(problem, gains, seed=args.seed)
         beside = [avc.simulate(problem, _gains_by(name, problem), seed=args.seed) for name in others]
     with console.step("cost of each effect"):
-        parts = explain(problem, gains)
+        parts = explain(problem, NO_COUPLING if gains is None else gains)
     if trace is not None:
         trace = found.save(trace)
     if plot is not None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SCHEMA = "avc-gains/1"
+COUPLING_SCHEMA = "avc-coupling/1"
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m")
 CONTACT = "contact_damping_ns_per_m"
 _MODELS = ("paper", "sampled-data")
@@ -52,7 +53,7 @@ class GainCheck:
         Raises:
             InputError: with every fault.
         """
-        self._choice("schema", (SCHEMA,), SCHEMA)
+        self._choice("schema", (SCHEMA, COUPLING_SCHEMA), SCHEMA)
         structure = self._choice("structure", _STRUCTURES, "series")
         model = self._choice("model", _MODELS, "paper")
         sample_time = self._sample_time()
@@ -65,8 +66,9 @@ class GainCheck:
         self._contact(contact, present, structure)
         status = self._status(present)
         reason = self._reasons()
-        requested = [self._column(f"requested_{key}", needed=False, signed=True) for key in GAINS]
-        impedance, target = self._complex("impedance"), self._complex("target")
+        requested = [self._column(f"requested_{key}", needed=False, signed=True) for key in (*GAINS, CONTACT)]
+        rigid = self._flags("requested_rigid")
+        impedance, target, notes = self._complex("impedance"), self._complex("target"), self._notes()
         if self.faults:
             raise InputError(self.faults)
         return GainSchedule(
@@ -84,8 +86,10 @@ class GainCheck:
             target=target,
             status=status,
             reason=reason,
-            requested_damping_ns_per_m=requested[0],
-            requested_stiffness_n_per_m=requested[1],
+            notes=notes,
+            requested_damping_ns_per_m=np.where(rigid, np.inf, requested[0]),
+            requested_stiffness_n_per_m=np.where(rigid, np.inf, requested[1]),
+            requested_contact_damping_ns_per_m=np.where(np.isnan(requested[2]), contact, requested[2]),
         )
 
     def _fault(self, key: str, message: str, row: int | None = None) -> None:
@@ -237,6 +241,23 @@ class GainCheck:
         ):
             self._fault("reason", f"must be a list of {self.rows} texts, as frequency_hz")
             return ("",) * self.rows
+        return tuple(values)
+
+    def _flags(self, key: str) -> BoolArray:
+        """Return one truth value a row; false where the key is absent."""
+        values = self.document.get(key)
+        if values is None:
+            return np.zeros(self.rows, dtype=bool)
+        if not isinstance(values, list) or len(values) != self.rows or not all(isinstance(v, bool) for v in values):
+            self._fault(key, f"must be a list of {self.rows} true or false, as frequency_hz")
+            return np.zeros(self.rows, dtype=bool)
+        return np.array(values, dtype=bool)
+
+    def _notes(self) -> tuple[str, ...]:
+        values = self.document.get("notes", [])
+        if not isinstance(values, list) or not all(isinstance(item, str) for item in values):
+            self._fault("notes", "must be a list of texts")
+            return ()
         return tuple(values)
 
     def _complex(self, key: str) -> ComplexArray:

@@ -44,6 +44,8 @@ def gain_document(gains: GainSchedule) -> dict[str, Any]:
         "reason": list(gains.reason),
         "requested_damping_ns_per_m": plain(gains.requested_damping_ns_per_m),
         "requested_stiffness_n_per_m": plain(gains.requested_stiffness_n_per_m),
+        "requested_contact_damping_ns_per_m": plain(gains.requested_contact_damping_ns_per_m),
+        "requested_rigid": plain(gains.requested_rigid),
         "counts": gains.counts(),
         "notes": list(gains.notes),
         "seconds": {"build": gains.build_seconds, "solve": gains.solve_seconds},
@@ -64,20 +66,38 @@ def gain_csv(gains: GainSchedule) -> str:
     return text.getvalue()
 
 
-def write_gains(gains: GainSchedule, path: Path) -> None:
-    """Write a gain file; the ending of ``path`` chooses JSON or CSV."""
-    if path.suffix.lower() == ".csv":
-        path.write_text(gain_csv(gains), encoding="utf-8")
-    else:
-        path.write_text(json.dumps(gain_document(gains), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
 def read_gains(path: Path) -> GainSchedule:
     """Read a gain file, JSON or CSV by its ending.
 
     Raises:
         InputError: with every fault of the file.
     """
+    if path.suffix.lower() == ".csv":
+        return _from_csv(_text_of(path), path)
+    return GainCheck(read_document(path), path).schedule()
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """Read the document of a JSON gain or coupling file; its values are not checked yet.
+
+    Raises:
+        InputError: no such file, or no JSON table.
+    """
+    try:
+        document = json.loads(_text_of(path))
+    except (ValueError, RecursionError) as error:  # ValueError: also an integer of more digits than Python reads
+        line = getattr(error, "lineno", None)
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            [Fault(str(path), line, "", f"is not JSON ({error}); give a file that `avc solve --out` wrote")]
+        ) from error
+    if not isinstance(document, dict):
+        raise InputError.of("holds no gain document; give a file that `avc solve --out` wrote", file=str(path))
+    return document
+
+
+def _text_of(path: Path) -> str:
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError.of(
@@ -90,7 +110,7 @@ def read_gains(path: Path) -> GainSchedule:
         ) from error
     except UnicodeDecodeError as error:
         raise InputError.of("is not UTF-8 text; give a file that `avc solve --out` wrote", file=str(path)) from error
-    return _from_csv(text, path) if path.suffix.lower() == ".csv" else _from_json(text, path)
+    return text
 
 
 def _from_csv(text: str, path: Path) -> GainSchedule:
@@ -126,16 +146,3 @@ def _from_csv(text: str, path: Path) -> GainSchedule:
     document: dict[str, Any] = {name: [values[i] for _, values in rows] for i, name in enumerate(header)}
     document["structure"] = "damped" if CONTACT in header else "series"
     return GainCheck(document, path, [number for number, _ in rows], faults).schedule()
-
-
-def _from_json(text: str, path: Path) -> GainSchedule:
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError: also an integer of more digits than Python reads
-        line = getattr(error, "lineno", None)
-        raise InputError(
-            [Fault(str(path), line, "", f"is not JSON ({error}); give a file that `avc solve --out` wrote")]
-        ) from error
-    if not isinstance(document, dict):
-        raise InputError.of("holds no gain document; give a file that `avc solve --out` wrote", file=str(path))
-    return GainCheck(document, path).schedule()

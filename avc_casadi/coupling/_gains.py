@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi.coupling._interpolation import gain_rows, interpolate
+from avc_casadi.coupling._interpolation import interpolate
 
 if TYPE_CHECKING:
     from avc_casadi.coupling._schedule import GainSchedule
@@ -73,4 +73,7 @@ def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains
                 file=schedule.problem,
                 key=schedule.method,
             )
-    return Gains(*interpolate(gain_rows(schedule), frequency).tolist())
+    table = np.stack(
+        [grid, schedule.damping_ns_per_m, schedule.stiffness_n_per_m, schedule.contact_damping_ns_per_m], axis=1
+    )[schedule.usable]
+    return Gains(*interpolate(table[np.argsort(table[:, 0], kind="stable")], frequency).tolist())

@@ -8,40 +8,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from avc_casadi._errors import InputError
-from avc_casadi.support import FloatArray
-
 if TYPE_CHECKING:
-    from avc_casadi.coupling._schedule import GainSchedule
+    pass
 
 Precision = TypeVar("Precision", np.float32, np.float64)
 
 _LN_2 = np.float32(0.693147182)
 _SERIES = tuple(map(np.float32, (0.142857149, 0.2, 0.333333343, 1.0)))
-
-
-def gain_rows(gains: GainSchedule) -> FloatArray:
-    """Rows of a schedule that carry gains, rising in frequency.
-
-    Returns:
-        Shape (n, 4): frequency_hz, b (N.s/m), k (N/m), b_p (N.s/m).
-
-    Raises:
-        InputError: no row carries gains.
-    """
-    if not gains.usable.any():
-        raise InputError.of(
-            f"{gains.problem} by {gains.method} has no row with gains; choose another method or widen [coupling]",
-            key="status",
-        )
-    columns = (
-        gains.frequency_hz,
-        gains.damping_ns_per_m,
-        gains.stiffness_n_per_m,
-        gains.contact_damping_ns_per_m,
-    )
-    rows = np.stack(columns, axis=1)[gains.usable]
-    return np.asarray(rows[np.argsort(rows[:, 0], kind="stable")])
 
 
 def interpolate(
@@ -92,16 +65,3 @@ def single_ln(x: ArrayLike) -> NDArray[np.float32]:
         series = series * z + coefficient
     result: NDArray[np.float32] = exponent.astype(np.float32) * _LN_2 + (s + s) * series
     return result
-
-
-def row_slopes(rows: FloatArray) -> FloatArray:
-    """Slopes d ln(gain)/d ln(frequency) between neighbouring rows.
-
-    Args:
-        rows: shape (n, 4): frequency_hz, b, k, b_p.
-
-    Returns:
-        Shape (n - 1, 3): of b, k and b_p; not a number where one of the two gains is 0.
-    """
-    gains = np.where(rows[:, 1:] > 0, rows[:, 1:], np.nan)
-    return np.asarray(np.diff(np.log(gains), axis=0) / np.diff(np.log(rows[:, :1]), axis=0))

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._errors import InputError
-from avc_casadi.coupling._interpolation import gain_rows, interpolate, single_ln
+from avc_casadi.coupling._gain_table import GainTable
+from avc_casadi.coupling._interpolation import interpolate, single_ln
 from avc_casadi.loop import loop_at
 from avc_casadi.stability import scope_slack
 from avc_casadi.support import BoolArray, FloatArray, IndexArray
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling._schedule import GainSchedule
     from avc_casadi.problem import Problem
 
 
@@ -30,8 +30,8 @@ class ReducedRows:
     """Some rows of a schedule and what their interpolation makes of the others.
 
     Attributes:
-        rows: shape (m, 4): frequency_hz, b (N.s/m), k (N/m), b_p (N.s/m).
-        kept: their positions among the rows with gains, shape (m,).
+        table: the rows that are kept.
+        kept: their positions among all rows, shape (m,).
         error: largest deviation at the dropped rows: |Z - Z_h|/|Z_h| of the perceived impedance where a problem was
             given, otherwise the largest relative deviation of b, k or b_p.
         single_error: the same for rows and arithmetic in single precision, at all rows.
@@ -40,7 +40,7 @@ class ReducedRows:
             asked for beforehand as `margin_ns_per_m`.
     """
 
-    rows: FloatArray
+    table: GainTable
     kept: IndexArray
     error: float
     single_error: float
@@ -48,7 +48,7 @@ class ReducedRows:
 
 
 def reduce_rows(
-    gains: GainSchedule, problem: Problem | None = None, *, rows: int | None = None, tolerance: float | None = None
+    table: GainTable, problem: Problem | None = None, *, rows: int | None = None, tolerance: float | None = None
 ) -> ReducedRows:
     """Choose rows, first and last among them, so that interpolation between them serves for the others.
 
@@ -57,7 +57,7 @@ def reduce_rows(
     or above the margin at the rows between, where the rows themselves do.
 
     Args:
-        gains: the schedule.
+        table: the rows to choose among.
         problem: measure the error of Z_h; without it, of the gains.
         rows: at most so many, with the smallest largest error; or
         tolerance: the fewest rows with at most this largest error, and of those the most accurate.
@@ -71,9 +71,8 @@ def reduce_rows(
         raise InputError.of(f"is {rows}; allowed: at least 1", key="rows")
     if tolerance is not None and not tolerance >= 0:
         raise InputError.of(f"is {tolerance:g}; allowed: at least 0", key="tolerance")
-    table = gain_rows(gains)
     n = len(table)
-    deviation = _Deviation(table, problem)
+    deviation = _Deviation(table.rows, problem)
     candidates = np.unique(np.linspace(0, n - 1, min(n, _CANDIDATES)).round().astype(np.intp))
     for _ in range(_ROUNDS):
         kept = candidates[_best_path(_edges(deviation, candidates), rows, tolerance)]
@@ -91,7 +90,7 @@ def _result(deviation: _Deviation, kept: IndexArray) -> ReducedRows:
     single = interpolate(table[kept].astype(np.float32), table[:, 0], single_ln).astype(np.float64)
     after = interpolate(table[kept], table[dropped, 0])
     return ReducedRows(
-        rows=table[kept],
+        table=GainTable(table[kept]),
         kept=kept,
         error=float(deviation.of(dropped, after).max(initial=0.0)),
         single_error=float(deviation.of(np.arange(len(table)), single).max(initial=0.0)),

@@ -51,7 +51,8 @@ class GainSchedule:
         status: a `Status` for each row.
         reason: a sentence for each row, empty where there is nothing to say.
         requested_damping_ns_per_m: what an unrealisable row asked for, otherwise equal to the gains.
-        requested_stiffness_n_per_m: the same for the stiffness.
+        requested_stiffness_n_per_m: the same for the stiffness; both infinite for a rigid coupling.
+        requested_contact_damping_ns_per_m: the same for the contact damper.
         build_seconds: time to set the method up.
         solve_seconds: time to solve all rows.
         notes: further facts for people, for example a quality statement.
@@ -73,6 +74,7 @@ class GainSchedule:
     reason: tuple[str, ...]
     requested_damping_ns_per_m: FloatArray
     requested_stiffness_n_per_m: FloatArray
+    requested_contact_damping_ns_per_m: FloatArray
     build_seconds: float = 0.0
     solve_seconds: float = 0.0
     notes: tuple[str, ...] = field(default=())
@@ -86,6 +88,12 @@ class GainSchedule:
     def usable(self) -> BoolArray:
         """Whether each row carries gains, shape (n,)."""
         return np.array([status.has_gains for status in self.status], dtype=bool)
+
+    @property
+    def requested_rigid(self) -> BoolArray:
+        """Whether each row asked for a rigid coupling, shape (n,): an infinite spring or damper."""
+        rigid: BoolArray = np.isinf(self.requested_damping_ns_per_m) | np.isinf(self.requested_stiffness_n_per_m)
+        return rigid
 
     @property
     def magnitude_error(self) -> FloatArray:
@@ -119,7 +127,9 @@ def gain_schedule(
     solver: str | None = None,
     reason: tuple[str, ...] | None = None,
     requested: tuple[FloatArray, FloatArray] | None = None,
+    requested_contact: FloatArray | None = None,
     impedance: ComplexArray | None = None,
+    frequency_hz: FloatArray | None = None,
     build_seconds: float = 0.0,
     solve_seconds: float = 0.0,
     notes: tuple[str, ...] = (),
@@ -134,12 +144,14 @@ def gain_schedule(
         solver: name of the solver.
         reason: one sentence for each row.
         requested: b and k that an unrealisable row asked for.
+        requested_contact: b_p that it asked for.
         impedance: perceived impedance where it is not that of the gains (the closed form's projection).
+        frequency_hz: frequencies of the rows; None is those of the problem.
         build_seconds: time to set the method up.
         solve_seconds: time to solve.
         notes: facts for people.
     """
-    frequency = problem.frequencies_hz()
+    frequency = problem.frequencies_hz() if frequency_hz is None else frequency_hz
     loop = loop_at(problem, frequency)
     usable = np.array([item.has_gains for item in status], dtype=bool)
     b, k, bp = (np.where(usable, np.asarray(gain, dtype=np.float64), np.nan) for gain in gains)
@@ -163,6 +175,7 @@ def gain_schedule(
         reason=reason or ("",) * len(status),
         requested_damping_ns_per_m=b if requested is None else requested[0],
         requested_stiffness_n_per_m=k if requested is None else requested[1],
+        requested_contact_damping_ns_per_m=bp if requested_contact is None else requested_contact,
         build_seconds=build_seconds,
         solve_seconds=solve_seconds,
         notes=notes,

@@ -1,13 +1,15 @@
-"""Writing a problem as the text of a problem file."""
+"""A problem as the text of a problem file, and as a JSON document and back."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from avc_casadi.problem._model import Problem
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.problem._findings import validated
+from avc_casadi.problem._model import Problem
+from avc_casadi.problem._values import dotted
 
 
 def dump_problem(problem: Problem) -> str:
@@ -25,6 +27,34 @@ def dump_problem(problem: Problem) -> str:
     if "values_hz" in tables["frequency"]:
         tables["frequency"] = {"values_hz": tables["frequency"]["values_hz"]}
     return "\n".join(_lines((), tables)) + "\n"
+
+
+def problem_document(problem: Problem) -> dict[str, Any]:
+    """Return a problem as JSON values, its name among them: every value, also those that were defaults."""
+    tables: dict[str, Any] = problem.model_dump(mode="json", exclude_none=True)
+    if "values_hz" in tables["frequency"]:
+        tables["frequency"] = {"values_hz": tables["frequency"]["values_hz"]}
+    return tables
+
+
+def problem_of(document: Mapping[str, Any], *, file: str = "problem", key: str = "") -> Problem:
+    """Read `problem_document` back.
+
+    Args:
+        document: its values.
+        file: what the faults call the file.
+        key: where in it the problem stands.
+
+    Raises:
+        InputError: with every fault.
+    """
+    name = document.get("name", "")
+    tables = {table: values for table, values in document.items() if table != "name"}
+    found = validated(tables, name if isinstance(name, str) else "")
+    if isinstance(found, list):
+        prefix = f"{key}." if key else ""
+        raise InputError([Fault(file, None, f"{prefix}{dotted(path)}", message) for path, message in found])
+    return found
 
 
 def _lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:

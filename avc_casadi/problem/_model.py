@@ -3,12 +3,14 @@
 Frozen pydantic models of plain numbers; a key's name carries its SI unit. ``problems/`` holds examples.
 """
 
-from typing import Literal, Self
+from collections.abc import Mapping
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import BaseModel, Field, model_validator
 
+from avc_casadi._errors import Fault, InputError
 from avc_casadi.problem._quantity import (
     Damping,
     DampingInterval,
@@ -153,6 +155,14 @@ class Frequency(Table):
         return np.geomspace(self.start_hz, self.stop_hz, self.points)
 
 
+def _merged(table: Any, change: Any) -> Any:
+    """Lay keys over those that a table was given; what is no mapping replaces it."""
+    if not isinstance(change, Mapping) or not isinstance(table, BaseModel):
+        return change
+    given = {key: getattr(table, key) for key in table.model_fields_set}
+    return given | {key: _merged(given.get(key), value) for key, value in change.items()}
+
+
 class Problem(Table):
     """A whole problem file.
 
@@ -188,6 +198,29 @@ class Problem(Table):
         if broken:
             raise refusal("\n".join(f"{dotted(path)}: {message}" for path, message in broken))
         return self
+
+    def changed(self, **tables: Mapping[str, Any] | BaseModel | str) -> Self:
+        """Return the problem with some keys changed, validated as a file is.
+
+        Args:
+            tables: by name, keys to change in a table (``stability={"scope": "hands"}``), a whole table, or a text.
+
+        Raises:
+            InputError: with every value that is refused and every rule that is broken.
+        """
+        from avc_casadi.problem._findings import validated  # noqa: PLC0415 - it reads this class
+
+        whole = {name: getattr(self, name) for name in type(self).model_fields if name != "name"}
+        found = validated(
+            {
+                name: _merged(whole.get(name), tables[name]) if name in tables else whole[name]
+                for name in {**whole, **tables}
+            },
+            self.name,
+        )
+        if isinstance(found, list):
+            raise InputError([Fault(self.name or "problem", None, dotted(path), message) for path, message in found])
+        return found  # type: ignore[return-value]
 
     def frequencies_hz(self) -> NDArray[np.float64]:
         """Return the frequencies of interaction, shape (n,), Hz."""

@@ -9,11 +9,10 @@ import numpy as np
 
 from avc_casadi.scene._execute import execute
 from avc_casadi.scene._explain import ns_per_step
-from avc_casadi.scene._simulate import compile_for, settled
+from avc_casadi.scene._simulate import AnyGains, compile_for, settled, staged
 from avc_casadi.scene.effects import build_effects
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import Gains, GainSchedule
     from avc_casadi.problem import Integrator, Problem
 
 CHOICES: tuple[tuple[Integrator, int], ...] = (
@@ -53,7 +52,7 @@ class IntegratorAccuracy:
 
 def integrator_accuracy(
     problem: Problem,
-    gains: Gains | GainSchedule | None = None,
+    gains: AnyGains,
     choices: tuple[tuple[Integrator, int], ...] = CHOICES,
 ) -> tuple[IntegratorAccuracy, ...]:
     """Run a scene by several integrators.
@@ -69,6 +68,7 @@ def integrator_accuracy(
         InputError: an impossible scene.
         UnsupportedError: an integrator that does not take the scene.
     """
+    problem = staged(problem, gains)
     effects, chosen, _ = settled(problem, build_effects(problem), gains)
     frictionless = all(effect.friction_n == 0 for effect in effects)
 

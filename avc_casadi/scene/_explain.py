@@ -11,11 +11,10 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi.coupling import Gains
 from avc_casadi.scene._compile import CompiledScene
-from avc_casadi.scene._simulate import compile_for, settled, without
+from avc_casadi.scene._simulate import AnyGains, compile_for, settled, staged, without
 from avc_casadi.scene.effects import KINDS, SceneEffect, build_effects
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import GainSchedule
     from avc_casadi.problem import Problem
 
 # About so many instructions are timed, in a few repeats of so many samples.
@@ -76,9 +75,7 @@ class Explanation:
         }
 
 
-def explain(
-    problem: Problem, gains: Gains | GainSchedule | None = None, *, interaction_hz: float | None = None
-) -> Explanation:
+def explain(problem: Problem, gains: AnyGains, *, interaction_hz: float | None = None) -> Explanation:
     """Say what each effect of a scene adds.
 
     Args:
@@ -86,6 +83,7 @@ def explain(
         gains: as in `simulate`.
         interaction_hz: as in `simulate`.
     """
+    problem = staged(problem, gains)
     effects, chosen, _ = settled(problem, build_effects(problem), gains, interaction_hz)
     return explain_effects(problem, effects, chosen)
 

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi.coupling import Gains
 from avc_casadi.scene._explain import EffectCost, explain_effects
 from avc_casadi.scene._run import Run
-from avc_casadi.scene._simulate import settled, simulate_effects
+from avc_casadi.scene._simulate import AnyGains, settled, simulate_effects, staged
 from avc_casadi.scene.effects import build_effects
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import GainSchedule
     from avc_casadi.problem import Problem
 
 
@@ -108,7 +106,7 @@ def _changes(found: Screened) -> dict[str, Any]:
 
 def screen(
     problem: Problem,
-    gains: Gains | GainSchedule | None = None,
+    gains: AnyGains,
     *,
     interaction_hz: float | None = None,
     seed: int = 0,
@@ -123,6 +121,7 @@ def screen(
         seed: as in `simulate`.
         tolerance: largest relative change of position, force and apparent stiffness that does not count.
     """
+    problem = staged(problem, gains)
     effects, chosen, coupling = settled(problem, build_effects(problem), gains, interaction_hz)
     whole = simulate_effects(problem, effects, chosen, coupling, seed=seed)
     costs = {cost.kind: cost for cost in explain_effects(problem, effects, chosen).effects}

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi.coupling import NO_COUPLING, Gains, gains_at
+from avc_casadi.coupling import (
+    NO_COUPLING,
+    RUNTIME_KINDS,
+    Coupling,
+    Gains,
+    GainSchedule,
+    GainTable,
+    check_sample_time,
+    gains_at,
+)
+from avc_casadi.problem import HandEffect, WallEffect
 from avc_casadi.scene._adapting import bind
 from avc_casadi.scene._compile import CompiledScene, compile_scene
 from avc_casadi.scene._execute import Engine, execute
@@ -19,14 +29,16 @@ from avc_casadi.scene.effects import CoulombFriction, Hand, SceneEffect, build_e
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import GainSchedule
     from avc_casadi.loop import HandSet
     from avc_casadi.problem import Problem
+
+AnyGains = Coupling | Gains | GainTable | GainSchedule
+"""What a scene runs with: a coupling, gains that do not vary, a gain table, or a schedule as a method left it."""
 
 
 def simulate(
     problem: Problem,
-    gains: Gains | GainSchedule | None = None,
+    gains: AnyGains,
     *,
     hand: Hand | None = None,
     interaction_hz: float | None = None,
@@ -37,7 +49,8 @@ def simulate(
 
     Args:
         problem: a validated problem.
-        gains: gains of the coupling, or a gain table; None takes the coupling that the scene names.
+        gains: a coupling, with what runs beside its gains in place of what of that the scene lists; gains, or a gain
+            table.
         hand: a hand in place of the scene's.
         interaction_hz: frequency at which a gain table is read; None is the scene's, or the table's lowest.
         seed: added to the seeds of all noises, so that one scene can be repeated with other draws.
@@ -47,9 +60,10 @@ def simulate(
         The run, with its claim: a stable run with dry friction is repeated without it.
 
     Raises:
-        InputError: an impossible scene, or gains that are not there.
+        InputError: an impossible scene, or gains that are not there or were made for another sample time.
         UnsupportedError: an effect that scenes do not simulate.
     """
+    problem = staged(problem, gains)
     effects = _with_hand(problem, build_effects(problem), hand)
     return simulate_effects(problem, *settled(problem, effects, gains, interaction_hz), seed=seed, engine=engine)
 
@@ -108,7 +122,7 @@ def simulate_effects(
 def simulate_batch(
     problem: Problem,
     hands: Hand | HandSet,
-    gains: Gains | GainSchedule | None = None,
+    gains: AnyGains,
     *,
     friction: bool = True,
     interaction_hz: float | None = None,
@@ -129,6 +143,7 @@ def simulate_batch(
     Returns:
         The judgement, with arrays of shape (n,).
     """
+    problem = staged(problem, gains)
     many = Hand(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)
     effects = _with_hand(problem, build_effects(problem), many)
     if not friction:
@@ -147,25 +162,37 @@ def simulate_batch(
 _CHUNK = 256
 
 
-def settled(
-    problem: Problem,
-    effects: tuple[SceneEffect, ...],
-    gains: Gains | GainSchedule | None,
-    interaction_hz: float | None = None,
-) -> tuple[tuple[SceneEffect, ...], Gains, str]:
-    """Return the effects with the table that they follow, the gains otherwise, and how these were chosen.
+def staged(problem: Problem, gains: AnyGains) -> Problem:
+    """Return the problem with the scene that gains run in: a coupling brings its own part of the control computer.
 
-    None solves for the coupling that the scene names.
+    Raises:
+        InputError: the gains were made for another sample time.
     """
+    if isinstance(gains, GainSchedule):
+        check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
+    if not isinstance(gains, Coupling):
+        return problem
+    check_sample_time(gains.sample_time_s, problem, f"coupling by {gains.method} for {gains.problem.name}")
+    listed = problem.scene.effects or (HandEffect(), WallEffect())
+    kept = tuple(effect for effect in listed if effect.kind not in RUNTIME_KINDS)
+    return problem.changed(scene={"effects": (*kept, *gains.runtime.effects(constant=gains.table.constant))})
+
+
+def settled(
+    problem: Problem, effects: tuple[SceneEffect, ...], gains: AnyGains, interaction_hz: float | None = None
+) -> tuple[tuple[SceneEffect, ...], Gains, str]:
+    """Return the effects with the table that they follow, the gains otherwise, and how these were chosen."""
     if isinstance(gains, Gains):
         return effects, gains, "none" if gains == NO_COUPLING else "given"
-    if gains is None:
-        if problem.scene.coupling == "none":
-            return effects, NO_COUPLING, "none"
-        from avc_casadi.design import solve  # noqa: PLC0415
-
-        gains = solve(problem, problem.scene.coupling)
-    return bind(effects, gains), gains_at(gains, interaction_hz), gains.method
+    if isinstance(gains, GainTable):
+        frequency = problem.scene.interaction_hz if interaction_hz is None else interaction_hz
+        at = gains.at_rest if frequency is None else Gains(*gains(frequency).tolist())
+        return bind(effects, gains), at, "given"
+    if isinstance(gains, Coupling):
+        found, at, _ = settled(problem, effects, gains.table, interaction_hz)
+        return found, at, gains.method
+    frequency = problem.scene.interaction_hz if interaction_hz is None else interaction_hz
+    return bind(effects, gains), gains_at(gains, frequency), gains.method
 
 
 def compile_for(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:

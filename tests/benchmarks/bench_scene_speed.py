@@ -205,7 +205,7 @@ def main() -> None:
         f"| {row.scene} | {row.integrator} | {row.substeps} | {row.error:.1e} "
         f"| {row.seconds / SAMPLES * 1e6:.2f} | {row.instructions} |"
         for name in ("scenes/stiff-wall-pressed", "scenes/texture-stroke", "scenes/soft-tissue")
-        for row in integrator_accuracy(avc.load_problem(name))
+        for row in integrator_accuracy(avc.load_problem(name), avc.solve(avc.load_problem(name), "exact"))
     ]
     versions = f"Python {platform.python_version()}, CasADi {ca.__version__}, numpy {np.__version__}"
     machine = f"{datetime.now(tz=UTC):%Y-%m-%d}; {platform.machine()}, {os.cpu_count()} cores shared with others"

@@ -11,10 +11,9 @@ from pathlib import Path
 from script_arguments import script_arguments
 
 from avc_casadi.coupling import NO_COUPLING
-from avc_casadi.design import solve
+from avc_casadi.design import simulate, solve
 from avc_casadi.figures import draw_traces, save_figure
 from avc_casadi.problem import load_problem
-from avc_casadi.scene import simulate
 
 HERE = Path(__file__).parent
 

@@ -107,6 +107,7 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
         solver="as-printed" if as_printed else None,
         reason=reasons,
         requested=(b, k),
+        requested_contact=contact,
         impedance=None if damped else projection.impedance,
         solve_seconds=time.perf_counter() - started,
         notes=pointwise_notes(problem),

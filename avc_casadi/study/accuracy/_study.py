@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import InputError, UnsupportedError
+from avc_casadi.design import scene_coupling
 from avc_casadi.design.pointwise import BACKENDS
 from avc_casadi.scene import IntegratorAccuracy, integrator_accuracy
 from avc_casadi.study.accuracy._grids import GridMiss, grid_misses
@@ -111,6 +112,6 @@ def study_accuracy(
 def _scenes(problem: Problem) -> tuple[tuple[IntegratorAccuracy, ...], str]:
     """Integrators on the problem's scene, or why it cannot be simulated."""
     try:
-        return integrator_accuracy(problem), ""
+        return integrator_accuracy(problem, scene_coupling(problem)), ""
     except (InputError, UnsupportedError) as error:
         return (), str(error)

@@ -1,0 +1,149 @@
+"""Coupling: what goes into a device, as one object that every verb shares."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.coupling._gain_table import GainTable
+from avc_casadi.coupling._reduction import reduce_rows
+from avc_casadi.coupling._runtime import Runtime
+from avc_casadi.coupling._schedule import Status, gain_schedule
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling._gains import Gains
+    from avc_casadi.coupling._schedule import GainSchedule
+    from avc_casadi.problem import Impedance, Problem
+
+THINNING = 1e-3
+"""Largest relative change of a gain where rows are left out; certificate, scene and device read what is left."""
+CAPACITY_ROWS = 256
+"""Rows that a device holds at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """Gains, what runs beside them, and the loop that they were made for.
+
+    What is certified, simulated, pushed and exported is the same table: `table`, thinned once, read by one look-up.
+
+    Attributes:
+        problem: the problem as stated: device, wall, hands, scene.
+        schedule: what the method found at each frequency, with its reasons.
+        table: the gains that run.
+        runtime: what runs beside them.
+        certificate: its certificate with the verdict on deployment, a JSON document; None before it was certified.
+        trial: how simulated hands fared with it, a JSON document; None before it was tried.
+        versions: of what made it, by package.
+        lacks: what an older file did not say, a sentence each.
+    """
+
+    problem: Problem
+    schedule: GainSchedule = field(repr=False)
+    table: GainTable
+    runtime: Runtime = field(default_factory=Runtime)
+    certificate: Mapping[str, Any] | None = field(default=None, repr=False)
+    trial: Mapping[str, Any] | None = field(default=None, repr=False)
+    versions: Mapping[str, str] = field(default_factory=dict, repr=False)
+    lacks: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, problem: Problem, schedule: GainSchedule, runtime: Runtime | None = None) -> Coupling:
+        """Make the coupling of a schedule: its rows with gains, thinned once.
+
+        Args:
+            problem: what the gains were made for.
+            schedule: gains by any method.
+            runtime: what runs beside them; None is the default.
+
+        Raises:
+            InputError: no row has gains.
+        """
+        return cls(problem, schedule, thinned(GainTable.of(schedule)), runtime or Runtime())
+
+    @classmethod
+    def constant(cls, problem: Problem, gains: Gains, method: str, runtime: Runtime | None = None) -> Coupling:
+        """Make a coupling of finite gains that do not vary, for example ones tuned by hand."""
+        table = GainTable.constant_gains(gains, float(problem.frequencies_hz()[0]))
+        return cls(problem, schedule_of(problem, table, method), table, runtime or Runtime())
+
+    def __repr__(self) -> str:
+        wall = self.wall
+        return (
+            f"Coupling({self.problem.name!r} by {self.method}: {self.table!r}, wall {wall.stiffness_n_per_m:g} N/m, "
+            f"T {1e3 * self.sample_time_s:g} ms)"
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both are the same coupling for the same problem, whatever is known of them by now."""
+        return isinstance(other, Coupling) and self.id == other.id and self.problem == other.problem
+
+    def __hash__(self) -> int:
+        return hash(self.id)
+
+    @property
+    def method(self) -> str:
+        """Name of the method that made the gains."""
+        return self.schedule.method
+
+    @property
+    def structure(self) -> str:
+        """Series or damped: whether a contact damper is in use."""
+        return "damped" if bool(np.any(self.table.rows[:, 3] > 0)) else "series"
+
+    @property
+    def wall(self) -> Impedance:
+        """The wall behind the coupling."""
+        return self.problem.environment
+
+    @property
+    def sample_time_s(self) -> float:
+        """T, at which alone the gains hold."""
+        return self.problem.device.sample_time_s
+
+    @property
+    def max_force_n(self) -> float | None:
+        """Largest force of the device; None where the problem knows none."""
+        return self.problem.device.max_force_n
+
+    @property
+    def id(self) -> str:
+        """Name of what runs, from its content: 8 hexadecimal digits."""
+        wall = self.wall
+        runs = {
+            "rows": self.table.rows.tolist(),
+            "runtime": vars(self.runtime),
+            "wall": [wall.damping_ns_per_m, wall.stiffness_n_per_m],
+            "sample_time_s": self.sample_time_s,
+            "max_force_n": self.max_force_n,
+        }
+        return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
+
+    def with_certificate(self, certificate: Mapping[str, Any]) -> Coupling:
+        """Return the same coupling with its certificate beside it."""
+        return replace(self, certificate=certificate)
+
+    def with_trial(self, trial: Mapping[str, Any]) -> Coupling:
+        """Return the same coupling with the record of its trial beside it."""
+        return replace(self, trial=trial)
+
+
+def thinned(table: GainTable) -> GainTable:
+    """Leave out what the other rows say: one row for constant gains, otherwise the fewest within `THINNING`."""
+    if table.constant:
+        return GainTable(table.rows[:1])
+    kept = reduce_rows(table, tolerance=THINNING).table
+    return kept if len(kept) <= CAPACITY_ROWS else reduce_rows(table, rows=CAPACITY_ROWS).table
+
+
+def schedule_of(problem: Problem, table: GainTable, method: str) -> GainSchedule:
+    """Return the schedule of a table whose rows are all that is known."""
+    b, k, contact = table.gains
+    return gain_schedule(
+        problem, method, (b, k, contact), (Status.SOLVED,) * len(table), frequency_hz=table.frequency_hz
+    )

@@ -1,0 +1,174 @@
+"""The file of a coupling: the `solve` document with problem, table, what runs beside it, certificate and trial."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.coupling._coupling import Coupling
+from avc_casadi.coupling._gain_check import COUPLING_SCHEMA, GainCheck
+from avc_casadi.coupling._gain_file import gain_document, read_document, read_gains
+from avc_casadi.coupling._gain_table import GainTable
+from avc_casadi.coupling._runtime import Runtime
+from avc_casadi.problem import Problem, problem_document, problem_of
+from avc_casadi.support import json_text, plain
+
+_TABLE = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+_SAME = 1e-9
+_RELEASE_0_1 = (
+    "the problem: wall, hands, device and force limit",
+    "what runs beside the gains: observer, estimator, adaptation, guard",
+    "its certificate on the loop as it is",
+)
+
+
+def coupling_document(coupling: Coupling) -> dict[str, Any]:
+    """Return the document of a coupling: JSON values only.
+
+    Beside the `solve` document's keys: ``id``, ``problem_file`` (the whole problem), ``table`` (the rows that run),
+    ``runtime``, ``wall``, ``max_force_n``, ``certificate``, ``trial``, ``versions`` and ``lacks``.
+    """
+    wall = coupling.wall
+    columns = zip(_TABLE, coupling.table.rows.T, strict=True)
+    return gain_document(coupling.schedule) | {
+        "schema": COUPLING_SCHEMA,
+        "id": coupling.id,
+        "title": coupling.problem.title,
+        "problem_file": problem_document(coupling.problem),
+        "structure": coupling.structure,
+        "constant": coupling.table.constant,
+        "table": {name: plain(column) for name, column in columns},
+        "runtime": dict(vars(coupling.runtime)),
+        "wall": {"damping_ns_per_m": wall.damping_ns_per_m, "stiffness_n_per_m": wall.stiffness_n_per_m},
+        "sample_time_s": coupling.sample_time_s,
+        "max_force_n": coupling.max_force_n,
+        "certificate": None if coupling.certificate is None else plain(dict(coupling.certificate)),
+        "trial": None if coupling.trial is None else plain(dict(coupling.trial)),
+        "versions": dict(coupling.versions),
+        "lacks": list(coupling.lacks),
+    }
+
+
+def write_coupling(coupling: Coupling, path: Path) -> None:
+    """Write a coupling file."""
+    path.write_text(json_text(coupling_document(coupling)), encoding="utf-8")
+
+
+def read_coupling(path: Path, problem: Problem | None = None) -> Coupling:
+    """Read a coupling file; or a gain file of release 0.1.0 or a CSV, beside the problem that it was made for.
+
+    Args:
+        path: .json or .csv.
+        problem: for files that do not carry theirs. A file that does is read for its own.
+
+    Raises:
+        InputError: with every fault of the file; or it knows no problem and none is given; or it was made for another
+            sample time.
+    """
+    if path.suffix.lower() != ".csv":
+        document = read_document(path)
+        if document.get("schema") == COUPLING_SCHEMA:
+            return _from_document(document, path)
+    schedule = read_gains(path)
+    if problem is None:
+        raise InputError.of(
+            f"is a table of gains alone; it lacks {'; '.join(_RELEASE_0_1)}. Give the problem too (--problem P), or "
+            "make the file again: avc solve P --out FILE",
+            file=str(path),
+        )
+    check_sample_time(schedule.sample_time_s, problem, str(path))
+    made = Coupling.of(problem, schedule)
+    return Coupling(problem, schedule, made.table, made.runtime, lacks=_RELEASE_0_1)
+
+
+def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None:
+    """Refuse gains of another sample time: frequencies and gains then mean another loop. Unknown (NaN) passes.
+
+    Raises:
+        InputError: says both.
+    """
+    own = problem.device.sample_time_s
+    if math.isfinite(sample_time_s) and not math.isclose(sample_time_s, own, rel_tol=_SAME):
+        raise InputError.of(
+            f"is {sample_time_s:g}, but device.sample_time_s of {problem.name} is {own:g}; give gains that were "
+            "solved for this sample time",
+            file=file,
+            key="sample_time_s",
+        )
+
+
+def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
+    faults: list[Fault] = []
+
+    def part(read: Any, *arguments: Any) -> Any:
+        try:
+            return read(*arguments)
+        except InputError as error:
+            faults.extend(error.faults)
+            return None
+
+    schedule = part(GainCheck(document, path).schedule)
+    problem = part(_problem, document, path)
+    table = part(_table, document, path)
+    runtime = part(_runtime, document, path)
+    if problem is not None and schedule is not None:
+        part(check_sample_time, schedule.sample_time_s, problem, str(path))
+    faults += [
+        Fault(str(path), None, key, "must be a table or null")
+        for key in ("certificate", "trial", "versions")
+        if not isinstance(document.get(key), Mapping | None)
+    ]
+    if faults:
+        raise InputError(faults)
+    return Coupling(
+        problem=problem,
+        schedule=schedule,
+        table=table,
+        runtime=runtime,
+        certificate=document.get("certificate"),
+        trial=document.get("trial"),
+        versions=document.get("versions") or {},
+        lacks=tuple(map(str, document.get("lacks") or ())),
+    )
+
+
+def _problem(document: Mapping[str, Any], path: Path) -> Problem:
+    found = document.get("problem_file")
+    if not isinstance(found, Mapping):
+        raise InputError.of("is missing; allowed: the tables of a problem file", file=str(path), key="problem_file")
+    return problem_of(found, file=str(path), key="problem_file")
+
+
+def _table(document: Mapping[str, Any], path: Path) -> GainTable:
+    found = document.get("table")
+    if not isinstance(found, Mapping):
+        raise InputError.of(f"is missing; allowed: a table with {', '.join(_TABLE)}", file=str(path), key="table")
+    rows = {name: found.get(name) for name in _TABLE} | {"structure": "damped"}
+    try:
+        return GainTable.of(GainCheck(rows, path).schedule())
+    except InputError as error:
+        raise InputError([Fault(one.file, one.line, f"table.{one.key}", one.message) for one in error.faults]) from None
+
+
+def _runtime(document: Mapping[str, Any], path: Path) -> Runtime:
+    found = document.get("runtime")
+    known = {item.name for item in fields(Runtime)}
+    if not isinstance(found, Mapping) or set(found) - known:
+        raise InputError.of(f"must be a table with {', '.join(sorted(known))}", file=str(path), key="runtime")
+    kinds: dict[str, tuple[type, ...]] = {"estimator": (str,), "guard": (str,), "passive": (bool,)}
+    wrong = [
+        Fault(str(path), None, f"runtime.{key}", f"is {value!r}, of the wrong type")
+        for key, value in found.items()
+        if not (value is None or isinstance(value, kinds.get(key, (int, float))))
+        or (value is True and key != "passive")
+    ]
+    if wrong:
+        raise InputError(wrong)
+    try:
+        return Runtime(**found)
+    except InputError as error:
+        raise InputError([Fault(str(path), None, f"runtime.{one.key}", one.message) for one in error.faults]) from None
