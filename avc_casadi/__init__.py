@@ -9,6 +9,7 @@ from avc_casadi._errors import Fault as Fault
 from avc_casadi._errors import InputError as InputError
 from avc_casadi._errors import LinkError as LinkError
 from avc_casadi._errors import MissingExtraError as MissingExtraError
+from avc_casadi._errors import NotDeployableError as NotDeployableError
 from avc_casadi._errors import UnsupportedError as UnsupportedError
 from avc_casadi._errors import fault_document as fault_document
 
@@ -16,7 +17,9 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from avc_casadi.certificate import Certificate as Certificate
+    from avc_casadi.certificate import Deployable as Deployable
     from avc_casadi.certificate import certify as certify
+    from avc_casadi.certificate import deployable as deployable
     from avc_casadi.coupling import Coupling as Coupling
     from avc_casadi.coupling import GainSchedule as GainSchedule
     from avc_casadi.coupling import read_coupling as read_coupling
@@ -29,6 +32,8 @@ if TYPE_CHECKING:
     from avc_casadi.problem import dump_problem as dump_problem
     from avc_casadi.problem import load_problem as load_problem
     from avc_casadi.problem import parse_problem as parse_problem
+    from avc_casadi.recommend import Recommendation as Recommendation
+    from avc_casadi.recommend import recommend as recommend
     from avc_casadi.scene import Run as Run
     from avc_casadi.scene import simulate_batch as simulate_batch
     from avc_casadi.study.comparison import Comparison as Comparison
@@ -38,6 +43,8 @@ else:
     _LAZY = {
         "Certificate": "certificate",
         "certify": "certificate",
+        "Deployable": "certificate",
+        "deployable": "certificate",
         "Coupling": "coupling",
         "GainSchedule": "coupling",
         "read_coupling": "coupling",
@@ -52,6 +59,8 @@ else:
         "Run": "scene",
         "simulate": "design",
         "simulate_batch": "scene",
+        "Recommendation": "recommend",
+        "recommend": "recommend",
         "Comparison": "study.comparison",
         "compare": "study.comparison",
     }

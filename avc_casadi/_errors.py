@@ -66,3 +66,7 @@ class MissingExtraError(AvcError, ImportError):
 
 class LinkError(AvcError, OSError):
     """The device link failed: no answer, refused, unplugged (command line: exit code 1)."""
+
+
+class NotDeployableError(AvcError):
+    """A coupling that may not go into a device: which claim fails and what to do (command line: exit code 1)."""

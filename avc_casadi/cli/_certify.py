@@ -4,47 +4,76 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._foreign import gains_for
+from avc_casadi.cli._subject import is_coupling, read_subject
 from avc_casadi.cli._text import number, table
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import GainSchedule
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
-        "Say which stability claims a gain table meets, with the worst margin of each and where it stands.\n"
-        "Exit code 1 if the claim of the problem file (stability.scope and model) is not met."
+        "Say which stability claims a coupling meets, with the worst margin of each and where it stands, and whether\n"
+        "it may go into a device: stable with every hand of [hands] and let go. Exit code 1 if it may not."
     )
-    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
-    parser.add_argument("gains", metavar="GAINS", help="gain file, .json or .csv")
+    parser.add_argument("problem", metavar="P", help="problem to judge against; or a coupling file, which has its own")
+    parser.add_argument("gains", metavar="GAINS", nargs="?", help="coupling or gain file, .json or .csv")
     parser.add_argument(
         "--requested", action="store_true", help="judge what unrealisable rows asked for in place of missing gains"
     )
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Certify; 1 if the problem's own claim is not met."""
-    problem = avc.load_problem(args.problem)
-    gains, notes = gains_for(problem, args.gains)
+    """Certify; 1 if the coupling is not deployable."""
+    from avc_casadi.coupling import Coupling
+
+    problem, gains, file, notes = _judged(args)
     with console.step(f"certificate of {gains.rows} rows"):
         certificate = avc.certify(problem, gains, requested=args.requested).document()
+        verdict = avc.deployable(Coupling.of(problem, gains)) if gains.usable.any() else None
     claimed = claimed_level(problem)
-    document = {"schema": "avc-certify/1", "claimed": claimed, "gains": args.gains, "notes": notes} | certificate
+    deployment = (
+        {"pass": False, "sentence": "not deployable: no row has gains"} if verdict is None else verdict.document()
+    )
+    document = {
+        "schema": "avc-certify/1",
+        "claimed": claimed,
+        "gains": file,
+        "notes": notes,
+        "deployable": deployment,
+    } | certificate
     claims = "\n".join(f"  {level}: {result['claim']}" for level, result in certificate["levels"].items())
     beside = "".join(f"note: {note}\n" for note in notes)
     text = (
-        f"{problem.name}: {gains.rows} rows of {args.gains}, {certificate['judged']}\n{beside}"
+        f"{deployment['sentence']}\n"
+        f"{problem.name}: {gains.rows} rows of {file}, {certificate['judged']}\n{beside}"
         f"{levels_text(certificate)}\n"
         f"{claims}\n{_beside_hands(certificate['levels']['L5'])}"
-        f"claimed by the problem file: {claimed} (scope {problem.stability.scope}, model {problem.stability.model})\n"
+        f"claimed by the problem file: {claimed} (scope {problem.stability.scope}, model {problem.stability.model}): "
+        f"{'met' if certificate['levels'][claimed]['pass'] else 'not met'}\n"
         f"no passive linear rendering on this device exceeds {number(certificate['passive_limit_n_per_m'])} N/m at DC "
         "(sampled-data)"
     )
-    complaint = not_met(problem, certificate)
+    complaint = "" if deployment["pass"] else f"avc: {deployment['sentence']}"
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
+
+
+def _judged(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, str, list[str]]:
+    """Return the problem, the gains, their file and notes."""
+    if args.gains is not None:
+        problem = avc.load_problem(args.problem)
+        gains, notes = gains_for(problem, args.gains)
+        return problem, gains, args.gains, notes
+    if not is_coupling(args.problem):
+        raise avc.InputError.of("is missing; give a coupling or gain file, .json or .csv", key="gains")
+    coupling = read_subject(args.problem, None)
+    return coupling.problem, coupling.schedule, args.problem, []
 
 
 def _beside_hands(level: Mapping[str, Any]) -> str:
@@ -79,13 +108,6 @@ def claimed_level(problem: avc.Problem) -> str:
     """Return the level that the problem file asks the gains to meet."""
     whole = "L2" if problem.stability.model == "paper" else "L3"
     return {"pointwise": "L0", "band": "L1", "all": whole, "hands": "L5"}[problem.stability.scope]
-
-
-def not_met(problem: avc.Problem, certificate: Mapping[str, Any]) -> str:
-    """Say that the problem's own claim is not met; empty if it is."""
-    level = claimed_level(problem)
-    found = certificate["levels"][level]
-    return "" if found["pass"] else f"avc: {level}, {found['title']}: {found['claim']}"
 
 
 def levels_text(certificate: Mapping[str, Any]) -> str:

@@ -1,45 +1,60 @@
-"""Write gains as a C header for firmware of your own."""
+"""Write a coupling as C for firmware of your own: avc_coupling.h and avc_coupling.c."""
 
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
-from avc_casadi import InputError
-from avc_casadi.cli._arguments import positive
+import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import output_file, write_text
+from avc_casadi.cli._files import write_text
+from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, read_subject, unsafe_note
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
-        "Write gains as a C header for firmware of your own: a const float table, a look-up and one control step."
+        f"{__doc__}\nThe whole coupling at its own sample time: wall, look-up, estimator, adaptation, observer, guard and "
+        "force limit, in C99 that is also C++11.\nA coupling that is not deployable is refused with exit code 1; --unsafe "
+        "overrides."
     )
-    parser.add_argument("gains", metavar="GAINS", help="gain file, .json or .csv")
-    parser.add_argument("--c", required=True, metavar="FILE", help="header to write, for example gains.h")
-    parser.add_argument(
-        "--sample-time-s", type=positive, metavar="T", help="needed with a .csv, which does not know its sample time"
-    )
+    parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
+    parser.add_argument("--c", required=True, metavar="DIR", help="folder for avc_coupling.h and avc_coupling.c")
+    add_problem_of_gains(parser)
+    add_unsafe(parser)
 
 
-def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
-    """Write the header."""
-    from avc_casadi.coupling import read_gains
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Write both files."""
+    from avc_casadi.certificate import require_deployable
     from avc_hardware import export_c
 
-    path = output_file(args.c, "--c", (".h", ".hpp", ".c"))
-    gains = read_gains(Path(args.gains))
-    if args.sample_time_s is None and not math.isfinite(gains.sample_time_s):
-        raise InputError.of(f"is missing; {args.gains} does not know its sample time", key="--sample-time-s")
-    write_text(path, export_c(gains, sample_time_s=args.sample_time_s), "--c")
-    rows = int(gains.usable.sum())
+    folder = Path(args.c)
+    if folder.exists() and not folder.is_dir():
+        raise avc.InputError.of(f"{args.c!r} is a file; give a folder", key="--c")
+    coupling = read_subject(args.gains, args.problem)
+    verdict = require_deployable(coupling, unsafe=args.unsafe)
+    with console.step("C"):
+        files = export_c(coupling, unsafe=args.unsafe)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise avc.InputError.of(f"{args.c!r} cannot be made ({error.strerror})", key="--c") from error
+    for name, text in files.items():
+        write_text(folder / name, text, "--c")
     document = {
-        "schema": "avc-export/1",
-        "path": str(path),
-        "rows": rows,
-        "left_out": gains.rows - rows,
+        "schema": "avc-export/2",
+        "coupling": coupling.id,
+        "files": [str(folder / name) for name in files],
+        "rows": len(coupling.table),
+        "sample_time_s": coupling.sample_time_s,
+        "deployable": verdict.document(),
+        "unsafe": unsafe_note(verdict),
+        "lacks": list(coupling.lacks),
     }
-    left = f" ({gains.rows - rows} without gains left out)" if gains.rows > rows else ""
-    return Answer(document, f"{rows} rows{left} written: {path}")
+    lines = [document["unsafe"]] if document["unsafe"] else []
+    lines.append(
+        f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {len(coupling.table)} rows: "
+        f"{', '.join(document['files'])}"
+    )
+    return Answer(document, "\n".join([*map(str, lines), *(f"lacks: {one}" for one in coupling.lacks)]))

@@ -12,7 +12,16 @@ from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from avc_casadi import AvcError, Fault, InputError, LinkError, UnsupportedError, __version__, fault_document
+from avc_casadi import (
+    AvcError,
+    Fault,
+    InputError,
+    LinkError,
+    NotDeployableError,
+    UnsupportedError,
+    __version__,
+    fault_document,
+)
 from avc_casadi.cli._console import Console
 from avc_casadi.cli._verbs import VERBS
 
@@ -144,7 +153,7 @@ def _refused(console: Console, error: AvcError | OSError) -> int:
         return BAD_INPUT
     key = error.key if isinstance(error, UnsupportedError) else ""
     console.refuse(_document(str(error), key), f"avc: {error}")
-    return NO if isinstance(error, LinkError) else BAD_INPUT
+    return NO if isinstance(error, LinkError | NotDeployableError) else BAD_INPUT
 
 
 def _as_options(error: InputError, options: Container[str]) -> InputError:

@@ -1,75 +1,96 @@
-"""Send a whole gain table to a device, swapped at once and read back."""
+"""Send a coupling to a device: its table, wall and limits, swapped at once and read back."""
 
 from __future__ import annotations
 
 import argparse
-from itertools import pairwise
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import avc_casadi as avc
 from avc_casadi.cli._arguments import add_port, positive_int
 from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, read_subject, unsafe_note
 from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import GainSchedule
-    from avc_hardware import TableSettings
+    from avc_casadi.coupling import Coupling
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("gains", metavar="GAINS", help="gain file, .json or .csv")
+    parser.description = (
+        f"{__doc__}\nA coupling that is not deployable (linearly stable with every hand of [hands] and let go) is refused "
+        "with exit code 1; --unsafe overrides.\nThe emulated device is a fresh one for every command; it runs at the "
+        "coupling's own sample time, encoder and force limit, with a hand on it."
+    )
+    parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
     add_port(parser)
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
+    add_problem_of_gains(parser)
+    add_unsafe(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Push; a refusal is raised."""
-    from avc_casadi.coupling import read_gains
+    from avc_casadi.certificate import require_deployable
     from avc_casadi.support import plain
-    from avc_hardware import push
+    from avc_hardware import EMULATOR, push, tried_in_the_loop
 
-    gains = read_gains(Path(args.gains))
+    coupling = read_subject(args.gains, args.problem)
+    verdict = require_deployable(coupling, unsafe=args.unsafe)
     with console.step(f"push to {args.port}"):
-        document = plain({"schema": "avc-push/1"} | push(gains, args.port, baud=args.baud).document())
-    document["widest_hole_hz"] = widest_hole(gains)
+        document = plain(
+            {"schema": "avc-push/2", "coupling": coupling.id, "deployable": verdict.document()}
+            | push(coupling, args.port, baud=args.baud, unsafe=args.unsafe).document()
+        )
+    document["unsafe"] = unsafe_note(verdict)
+    document["widest_hole_hz"] = widest_hole(coupling)
+    document["lacks"] = list(coupling.lacks)
+    if args.port == EMULATOR:
+        with console.step("firmware and plant in the loop"):
+            document["in_the_loop"] = plain(tried_in_the_loop(coupling).document())
     equal = document["readback_equal"]
-    lines = [
+    complaint = "" if equal else f"avc: {args.port}: the table read back is not the one sent; push again"
+    return Answer(document, "\n".join(_lines(document, coupling)), code=0 if equal else 1, complaint=complaint)
+
+
+def _lines(document: dict[str, Any], coupling: Coupling) -> list[str]:
+    wall = coupling.wall
+    limit = "the device's own" if coupling.max_force_n is None else f"{number(coupling.max_force_n)} N"
+    lines = [document["unsafe"]] if document["unsafe"] else []
+    lines += [
         (
             f"{document['rows']} rows on {document['port']} in {document['seconds']:.3g} s "
             f"({document['attempts']} attempt{'s' if document['attempts'] > 1 else ''}); table {document['table_id']}, "
             f"CRC {document['crc32']:08x}"
         ),
         (
-            f"read back {'equal' if equal else 'NOT EQUAL'}; rounding to single precision changed a gain by at most "
-            f"{document['rounding_max']:.1e} (relative)"
+            f"with them: wall {number(wall.stiffness_n_per_m)} N/m, {number(wall.damping_ns_per_m)} N.s/m, force limit "
+            f"{limit}, coupling {coupling.id}"
+        ),
+        (
+            f"read back {'equal' if document['readback_equal'] else 'NOT EQUAL'}; rounding to single precision changed "
+            f"a gain by at most {document['rounding_max']:.1e} (relative)"
         ),
     ]
-    if document["left_out"]:
-        lines.append(f"{document['left_out']} rows without gains were left out")
     if document["widest_hole_hz"] is not None:
         low, high = (number(end) for end in document["widest_hole_hz"])
-        lines.append(f"the device interpolates across the holes they leave; the widest is from {low} to {high} Hz")
-    if document["reduction_error"] is not None and document["reduced_from"] > document["rows"]:
         lines.append(
-            f"cut from {document['reduced_from']} rows to the device's capacity; that adds at most "
-            f"{document['reduction_error']:.1e} (relative)"
+            "rows without gains were left out; the device interpolates across the holes they leave; the widest is "
+            f"from {low} to {high} Hz"
         )
-    complaint = "" if equal else f"avc: {args.port}: the table read back is not the one sent; push again"
-    return Answer(document, "\n".join(lines), code=0 if equal else 1, complaint=complaint)
+    if "in_the_loop" in document:
+        lines.append(f"firmware and plant in the loop: {document['in_the_loop']['sentence']}")
+    return [
+        *lines,
+        *(f"note: {note}" for note in document.get("notes", ())),
+        *(f"lacks: {one}" for one in coupling.lacks),
+    ]
 
 
-def widest_hole(gains: GainSchedule) -> list[float] | None:
+def widest_hole(coupling: Coupling) -> list[float] | None:
     """Return the ends, in Hz, of the widest run of rows without gains between rows with gains; None without one."""
+    from itertools import pairwise
+
+    gains = coupling.schedule
     kept = [row for row in range(gains.rows) if gains.usable[row]]
     holes = [(gains.frequency_hz[a], gains.frequency_hz[b]) for a, b in pairwise(kept) if b > a + 1]
     return [float(end) for end in max(holes, key=lambda ends: ends[1] - ends[0])] if holes else None
-
-
-def wall_of(problem: avc.Problem) -> TableSettings:
-    """Return the settings that make the device render the problem's wall behind the coupling."""
-    from avc_hardware import TableSettings, Wall
-
-    wall = problem.environment
-    return TableSettings(wall=Wall(wall.damping_ns_per_m, wall.stiffness_n_per_m))

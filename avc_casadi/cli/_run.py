@@ -1,6 +1,7 @@
-"""Do everything: solve, compare, certify, draw, report, and push to the emulated device.
+"""Do everything: answer the paper's question, recommend a coupling, certify it, try it, draw, report and push.
 
-Writes gains.json, gains.csv, compare.json, the figures and one self-contained report.html.
+The gains that answer the paper's question are for comparison (gains.json). What goes into the device is the recommended
+coupling (coupling.json), or that of --method. Writes the figures and one self-contained report.html too.
 """
 
 from __future__ import annotations
@@ -10,15 +11,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._certify import not_met
 from avc_casadi.cli._compare import compared, infeasible
 from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._deploy import push_or_say
 from avc_casadi.cli._files import output_folder, write_text
-from avc_casadi.cli._solve import json_text, without_gains
+from avc_casadi.cli._recommend import conclusion_lines
+from avc_casadi.cli._solve import without_gains
+from avc_casadi.cli._subject import add_unsafe
 from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import GainSchedule
+    from avc_casadi.coupling import Coupling
     from avc_casadi.study.comparison import Comparison
 
 _CAPTIONS = {
@@ -32,21 +35,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
     parser.add_argument("--out", metavar="DIR", help="folder for the results; default avc-<name>")
+    parser.add_argument(
+        "--method", metavar="NAME", help="deploy the gains of this method, not the recommended coupling"
+    )
+    add_unsafe(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the main job."""
     problem = avc.load_problem(args.problem)
+    console.say(f"{problem.name}: {problem.title}")
     asked = f"avc-{problem.name.replace('/', '-')}" if args.out is None else args.out
     with output_folder(asked, "--out") as folder:
-        return _worked_through(problem, console, folder, Path(asked))
+        return _worked_through(problem, args, console, folder, Path(asked))
 
 
-def _worked_through(problem: avc.Problem, console: Console, folder: Path, shown: Path) -> Answer:
+def _worked_through(
+    problem: avc.Problem, args: argparse.Namespace, console: Console, folder: Path, shown: Path
+) -> Answer:
     """Do all of it, with files in one folder, told as files of another."""
-    from avc_casadi.coupling import gain_csv, gain_document
+    from avc_casadi.coupling import coupling_document, gain_csv, gain_document
     from avc_casadi.report import ReportContents, report_html, summarise, summary_lines
     from avc_casadi.study.comparison import comparison_document, with_delivered
+    from avc_casadi.support import json_text
 
     comparison = compared(problem, None, console)
     if comparison.scope != "pointwise":
@@ -55,30 +66,58 @@ def _worked_through(problem: avc.Problem, console: Console, folder: Path, shown:
     gains = comparison.methods[comparison.delivered]
     with console.step("certificate"):
         certificate = avc.certify(problem, gains).document()
+    with console.step(f"coupling to deploy: {args.method or 'recommended'}"):
+        deployment = _recommended(problem) if args.method is None else _by_method(problem, args.method)
     compare = comparison_document(comparison)
     files = {
         "gains.json": json_text(gain_document(gains) | {"certificate": certificate}),
         "gains.csv": gain_csv(gains),
         "compare.json": json_text(compare),
     }
+    coupling: Coupling | None = deployment.pop("of")
+    if coupling is not None:
+        files["coupling.json"] = json_text(coupling_document(coupling))
     with console.step("figures"):
         figures = _draw(comparison, folder)
     with console.step("device"):
-        push = _push(problem, gains)
+        push = push_or_say(coupling, unsafe=args.unsafe)
     summary = summarise(problem, comparison, gains, certificate, push)
-    contents = ReportContents(problem, comparison, summary, certificate, figures, package_versions())
+    conclusion = [*conclusion_lines(deployment), *([push["unsafe"]] if push.get("unsafe") else [])]
+    contents = ReportContents(
+        problem, comparison, summary, certificate, figures, package_versions(), conclusion, deployment
+    )
     files["report.html"] = report_html(contents)
     for name, text in files.items():
         write_text(folder / name, text, "--out")
     written = sorted([*files, *(f"{name}{ending}" for name in _CAPTIONS for ending in (".png", ".svg"))])
-    document = {"schema": "avc-run/1", "folder": str(shown), "files": written} | summary
-    lines = [*summary_lines(summary), f"written: {shown / 'report.html'} and {len(written) - 1} files beside it"]
+    document = {"schema": "avc-run/2", "folder": str(shown), "files": written, "deploy": deployment} | summary
+    lines = [
+        *conclusion,
+        *summary_lines(summary)[1:],
+        f"written: {shown / 'report.html'} and {len(written) - 1} files beside it",
+    ]
     scoped = comparison.delivered != comparison.optimum
-    missing = without_gains(gain_document(gains)) if scoped else infeasible(compare)
-    complaint = missing or not_met(problem, certificate)
+    complaints = [without_gains(gain_document(gains)) if scoped else infeasible(compare)]
+    if not deployment["deployable"]:
+        complaints.append(f"avc: {problem.name}: {deployment['reason']}")
     if "refused" in push:
-        complaint = f"{complaint}\navc: push refused: {push['refused']}".lstrip()
+        complaints.append(f"avc: push refused: {push['refused']}")
+    complaint = "\n".join(filter(None, complaints))
     return Answer(document, "\n".join(lines), code=1 if complaint else 0, complaint=complaint)
+
+
+def _recommended(problem: avc.Problem) -> dict[str, Any]:
+    """Return the `recommend` document, and the coupling itself as ``of``."""
+    found = avc.recommend(problem, versions=package_versions())
+    return found.document() | {"of": found.coupling}
+
+
+def _by_method(problem: avc.Problem, method: str) -> dict[str, Any]:
+    """Return what is known of the coupling of a method, in the keys of the `recommend` document."""
+    from avc_casadi.recommend import judged_as_recommended
+
+    found = judged_as_recommended(problem, avc.solve(problem, method), versions=package_versions())
+    return found.document() | {"of": found.coupling}
 
 
 def _draw(comparison: Comparison, folder: Path) -> list[tuple[str, str]]:
@@ -97,18 +136,3 @@ def _draw(comparison: Comparison, folder: Path) -> list[tuple[str, str]]:
         write_text(folder / f"{name}.svg", svg, "--out")
         texts.append((_CAPTIONS[name], svg))
     return texts
-
-
-def _push(problem: avc.Problem, gains: GainSchedule) -> dict[str, Any]:
-    """Push to the emulated device; a push that cannot be made is no reason to lose the rest."""
-    from avc_casadi.cli._push import wall_of
-    from avc_hardware import push
-
-    if not gains.usable.any():
-        return {"skipped": "no frequency has gains"}
-    try:
-        return push(gains, "emulator", settings=wall_of(problem)).document()
-    except avc.MissingExtraError as error:
-        return {"skipped": str(error)}
-    except avc.LinkError as error:
-        return {"refused": str(error)}

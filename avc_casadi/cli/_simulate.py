@@ -37,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Simulate the scene of a problem file, with its listed effects only, and say what the hand would feel.\n"
         "Exit code 1 if the device does not come to rest."
     )
-    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
-    parser.add_argument("--gains", metavar="GAINS", help="gain file in place of the scene's own coupling")
+    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue; or a coupling file")
+    parser.add_argument("--gains", metavar="GAINS", help="coupling or gain file in place of the scene's own coupling")
     parser.add_argument(
         "--against", metavar="C1,C2", help="simulate and draw other couplings too: up to 3 of none and the methods"
     )

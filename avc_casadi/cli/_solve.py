@@ -2,40 +2,42 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._certify import levels_text, not_met
+from avc_casadi.cli._certify import levels_text
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._text import counts, number, sample_rows, table
+from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
     import argparse
 
-    from avc_casadi.coupling import GainSchedule
+    from avc_casadi.coupling import Coupling, GainSchedule
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
-        f"{__doc__}\nExit code 1 if a frequency has no gains, or the gains do not meet the claim of the problem file"
-        " (stability.scope and model)."
+        f"{__doc__}\nExit code 1 if a frequency has no gains. Whether the gains may go into a device is said on"
+        " one line; the verbs that deploy refuse those that may not."
     )
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
-    parser.add_argument("--method", help="closed-form, direct (default), exact, schedule, static or static-tuned")
+    parser.add_argument("--method", help=f"{methods_help()}; default direct")
     parser.add_argument("--solver", help="backend of direct: edges (default), or for example ipopt or sqpmethod")
     parser.add_argument("--tolerance", type=float, metavar="TOL", help="tolerance asked of the backend")
     parser.add_argument(
         "--as-printed", action="store_true", help="closed form with the paper's errors, and a table of them"
     )
-    parser.add_argument("--out", metavar="FILE", help="write the gains: .json (everything) or .csv (the table)")
+    parser.add_argument(
+        "--out", metavar="FILE", help="write the coupling: .json (everything), or .csv (the bare table)"
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Solve, write and show."""
-    from avc_casadi.coupling import gain_csv
+    from avc_casadi.coupling import Coupling, gain_csv
 
     method = args.method or ("closed-form" if args.as_printed else "direct")
     out = None if args.out is None else output_file(args.out, "--out", (".json", ".csv"))
@@ -43,17 +45,28 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     with console.step(f"{method}: {len(problem.frequencies_hz())} frequencies"):
         gains = avc.solve(problem, method, solver=args.solver, tolerance=args.tolerance, as_printed=args.as_printed)
     document = solve_document(problem, gains)
+    coupling = Coupling.of(problem, gains, versions=package_versions()) if gains.usable.any() else None
+    document["deployable"] = None if coupling is None else avc.deployable(coupling).document()
     if args.as_printed:
         document["paper_errors"] = paper_errors()
     if out is not None:
-        write_text(out, gain_csv(gains) if out.suffix.lower() == ".csv" else json_text(document), "--out")
-    complaint = without_gains(document) or not_met(problem, document["certificate"])
+        write_text(out, gain_csv(gains) if out.suffix.lower() == ".csv" else _file_text(document, coupling), "--out")
+    complaint = without_gains(document)
     return Answer(document, _text(document, args.out), code=1 if complaint else 0, complaint=complaint)
 
 
-def json_text(document: dict[str, Any]) -> str:
-    """Return the text of a JSON file."""
-    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+def _file_text(document: dict[str, Any], coupling: Coupling | None) -> str:
+    """Return the text of the coupling file; where no row has gains, of the plain document."""
+    from avc_casadi.certificate import certified
+    from avc_casadi.coupling import coupling_document
+    from avc_casadi.support import json_text
+
+    return json_text(document if coupling is None else document | coupling_document(certified(coupling)))
+
+
+def methods_help() -> str:
+    """Return the names of the methods for a help text."""
+    return "closed-form, direct, exact, schedule, static or static-tuned"
 
 
 def solve_document(problem: avc.Problem, gains: GainSchedule) -> dict[str, Any]:
@@ -112,6 +125,7 @@ def _text(document: dict[str, Any], out: str | None) -> str:
         f"{counts(document['counts'])}; built in {seconds['build']:.3g} s, solved in {seconds['solve']:.3g} s",
         *document["notes"],
         levels_text(document["certificate"]),
+        *([document["deployable"]["sentence"]] if document["deployable"] else []),
         realism_text(document["realism"]),
         (
             "no passive linear rendering on this device exceeds "

@@ -1,4 +1,4 @@
-"""Stream gains live: read the device's frequency estimate, send (b, k) for it."""
+"""Stream a coupling's gains live: read the device's frequency estimate, send the gains for it."""
 
 from __future__ import annotations
 
@@ -8,32 +8,35 @@ from typing import TYPE_CHECKING, Any
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_port, positive, positive_int
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._solve import without_gains
+from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, is_coupling, read_subject, unsafe_note
 from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
     from avc_hardware import StreamSample
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue; solved by direct")
+    parser.add_argument(
+        "subject", metavar="COUPLING", help="coupling file; or a problem, whose recommended coupling is streamed"
+    )
     add_port(parser)
     parser.add_argument("--rate-hz", type=positive, default=50.0, metavar="HZ", help="messages a second; default 50")
     parser.add_argument("--seconds", type=positive, default=5.0, metavar="S", help="duration; default 5")
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
+    add_problem_of_gains(parser)
+    add_unsafe(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Solve, push the table as the safety net, stream."""
-    from avc_casadi.cli._push import wall_of
-    from avc_casadi.coupling import gain_document
+    """Push the table as the safety net, then stream; 1 if the device does not end on this coupling's table."""
+    from avc_casadi.certificate import require_deployable
     from avc_casadi.support import plain
     from avc_hardware import stream
 
-    problem = avc.load_problem(args.problem)
-    with console.step(f"direct: {len(problem.frequencies_hz())} frequencies"):
-        gains = avc.solve(problem, "direct")
+    coupling = _coupling(args, console)
+    verdict = require_deployable(coupling, unsafe=args.unsafe)
     shown = -1.0
 
     def show(sample: StreamSample) -> None:
@@ -47,25 +50,37 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             )
 
     result = stream(
-        gains,
+        coupling,
         args.port,
         rate_hz=args.rate_hz,
         seconds=args.seconds,
         baud=args.baud,
-        settings=wall_of(problem),
         on_sample=show,
+        unsafe=args.unsafe,
     )
     document: dict[str, Any] = plain(
-        {"schema": "avc-stream/1", "problem": problem.name}
+        {"schema": "avc-stream/2", "problem": coupling.problem.name, "coupling": coupling.id}
         | {key: value for key, value in vars(result).items() if key not in {"samples", "push", "status"}}
         | {"push": result.push.document(), "status": vars(result.status)}
+        | {"deployable": verdict.document(), "unsafe": unsafe_note(verdict)}
         | {"samples": [vars(sample) for sample in result.samples]}
     )
-    missing = without_gains(gain_document(gains))
     text = (
         f"{result.sent} messages in {result.seconds:.3g} s at {result.rate_hz:g} Hz on {result.port}: "
         f"{result.taken} taken, {result.late} late, {result.lost} lost; back to the table {result.fell_back} times\n"
         f"round trip: median {1e3 * result.round_trip_s:.3g} ms, largest {1e3 * result.round_trip_max_s:.3g} ms; "
         f"afterwards the device is on its table ({result.status.mode})"
     )
-    return Answer(document, text, code=1 if missing else 0, complaint=missing)
+    return Answer(document, "\n".join(filter(None, [unsafe_note(verdict), text])))
+
+
+def _coupling(args: argparse.Namespace, console: Console) -> Coupling:
+    """Read the coupling; or recommend one for a problem."""
+    if is_coupling(args.subject):
+        return read_subject(args.subject, args.problem)
+    problem = avc.load_problem(args.subject)
+    with console.step("recommended coupling"):
+        found = avc.recommend(problem)
+    if found.coupling is None:
+        raise avc.NotDeployableError(f"{problem.name}: {found.reason}")
+    return found.coupling

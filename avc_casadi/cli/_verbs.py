@@ -7,6 +7,7 @@ from __future__ import annotations
 
 VERBS: tuple[str, ...] = (
     "run",
+    "recommend",
     "list",
     "check",
     "solve",

@@ -53,18 +53,25 @@ class Coupling:
     lacks: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, problem: Problem, schedule: GainSchedule, runtime: Runtime | None = None) -> Coupling:
+    def of(
+        cls,
+        problem: Problem,
+        schedule: GainSchedule,
+        runtime: Runtime | None = None,
+        versions: Mapping[str, str] | None = None,
+    ) -> Coupling:
         """Make the coupling of a schedule: its rows with gains, thinned once.
 
         Args:
             problem: what the gains were made for.
             schedule: gains by any method.
             runtime: what runs beside them; None is the default.
+            versions: of what made it, by package.
 
         Raises:
             InputError: no row has gains.
         """
-        return cls(problem, schedule, thinned(GainTable.of(schedule)), runtime or Runtime())
+        return cls(problem, schedule, thinned(GainTable.of(schedule)), runtime or Runtime(), versions=versions or {})
 
     @classmethod
     def constant(cls, problem: Problem, gains: Gains, method: str, runtime: Runtime | None = None) -> Coupling:

@@ -42,7 +42,7 @@ class HandSet:
 
 
 def hand_set(hands: Hands, *, draws: int = 24, seed: int = 0) -> HandSet:
-    """All corners of the ranges and uniform draws within them.
+    """All corners of the ranges, the device let go where it belongs to the set, and uniform draws.
 
     Args:
         hands: ranges of mass, damping and stiffness.
@@ -50,7 +50,8 @@ def hand_set(hands: Hands, *, draws: int = 24, seed: int = 0) -> HandSet:
         seed: seed of the draws.
     """
     ranges = (hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)
-    corners = np.array(sorted(set(product(*ranges))), dtype=np.float64)
+    released = {(0.0, 0.0, 0.0)} if hands.let_go else set()
+    corners = np.array(sorted(set(product(*ranges)) | released), dtype=np.float64)
     low, high = np.array(ranges).T
     drawn = low + (high - low) * np.random.default_rng(seed).random((draws, 3))
     values = np.concatenate([corners, drawn])

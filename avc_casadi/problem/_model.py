@@ -128,11 +128,15 @@ class ScheduleSettings(Table):
 
 
 class Hands(Table):
-    """The set of hands, each value [lowest, highest]: corners and draws of it are used."""
+    """The set of hands, each value [lowest, highest]: corners and draws of it are used.
+
+    With `let_go` the device without any hand belongs to the set, as it must before a coupling may go into a device.
+    """
 
     mass_kg: MassInterval = (0.05, 0.3)
     damping_ns_per_m: DampingInterval = (3.0, 20.0)
     stiffness_n_per_m: StiffnessInterval = (200.0, 800.0)
+    let_go: bool = False
 
 
 class Frequency(Table):

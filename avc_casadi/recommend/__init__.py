@@ -10,6 +10,8 @@ from avc_casadi.recommend._designs import physical_wall as physical_wall
 from avc_casadi.recommend._designs import tuned_margin as tuned_margin
 from avc_casadi.recommend._designs import tuning_problem as tuning_problem
 from avc_casadi.recommend._error_curve import error_curve as error_curve
+from avc_casadi.recommend._helps import Help as Help
+from avc_casadi.recommend._helps import what_would_help as what_would_help
 from avc_casadi.recommend._limits import DampingRange as DampingRange
 from avc_casadi.recommend._limits import corner_subjects as corner_subjects
 from avc_casadi.recommend._limits import damping_range as damping_range
@@ -19,4 +21,6 @@ from avc_casadi.recommend._reach import reach as reach
 from avc_casadi.recommend._reach import tuned as tuned
 from avc_casadi.recommend._reach import with_observer as with_observer
 from avc_casadi.recommend._recommend import Recommendation as Recommendation
+from avc_casadi.recommend._recommend import judged_as_recommended as judged_as_recommended
 from avc_casadi.recommend._recommend import recommend as recommend
+from avc_casadi.recommend._recommend import stiffest as stiffest

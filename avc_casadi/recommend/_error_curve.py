@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.coupling import Gains, gains_at
+from avc_casadi.coupling import Gains, GainTable
 from avc_casadi.loop import NUMPY, SampleAngle, environment_impedance, loop_at, perceived_impedance
 from avc_casadi.support import ComplexArray, FloatArray
 
@@ -51,7 +51,7 @@ class ErrorCurve:
 
 def error_curve(
     problem: Problem,
-    gains: Gains | GainSchedule,
+    gains: Gains | GainTable | GainSchedule,
     frequency_hz: FloatArray = GRID_HZ,
     wall: Impedance | None = None,
 ) -> ErrorCurve:
@@ -79,14 +79,15 @@ def error_curve(
     return ErrorCurve(frequency_hz, _relative(felt, np.asarray(sampled)), _relative(felt, physical))
 
 
-def _rows(gains: Gains | GainSchedule, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _rows(
+    gains: Gains | GainTable | GainSchedule, frequency_hz: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     if isinstance(gains, Gains):
-        read = [gains] * len(frequency_hz)
-    else:
-        low, high = float(gains.frequency_hz.min()), float(gains.frequency_hz.max())
-        read = [gains_at(gains, min(max(float(f), low), high)) for f in frequency_hz]
-    b, k, b_p = np.array([tuple(vars(row).values()) for row in read], dtype=np.float64).T
-    return np.where(np.isinf(b), 0.0, b), np.where(np.isinf(k), _RIGID, k), b_p
+        b, k, b_p = (np.full(len(frequency_hz), value) for value in vars(gains).values())
+        return np.where(np.isinf(b), 0.0, b), np.where(np.isinf(k), _RIGID, k), b_p
+    table = gains if isinstance(gains, GainTable) else GainTable.of(gains)
+    b, k, b_p = table(frequency_hz)
+    return b, k, b_p
 
 
 def _relative(felt: ComplexArray, wanted: ComplexArray) -> FloatArray:

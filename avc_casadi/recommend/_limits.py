@@ -45,7 +45,7 @@ def loop_radius(
     """Spectral radius of the frozen loop in contact, shape (walls, people).
 
     Args:
-        device: mass, damping, sample time.
+        device: mass, damping, sample time, delay.
         subjects: the people.
         stiffness_n_per_m: K, shape (walls,).
         damping_ns_per_m: D, shape (walls,).
@@ -56,13 +56,20 @@ def loop_radius(
     subjects.effect.mechanics(plant)
     linear = plant.linear()
     moves = transition(linear, device.sample_time_s)
-    n = linear.states
+    n, d = linear.states, device.delay_samples
     rate = damping_ns_per_m / device.sample_time_s
-    loop = np.zeros((len(stiffness_n_per_m), len(subjects), n + 1, n + 1))
+    # States: those of the plant, the position before, and d forces under way, the newest first.
+    loop = np.zeros((len(stiffness_n_per_m), len(subjects), n + 1 + d, n + 1 + d))
     loop[:, :, :n, :n] = moves.matrix
     loop[:, :, n, 0] = 1.0
-    loop[:, :, :n, 0] += (stiffness_n_per_m + rate)[:, None, None] * moves.force
-    loop[:, :, :n, n] -= rate[:, None, None] * moves.force
+    asked = np.zeros((len(stiffness_n_per_m), n + 1 + d))
+    asked[:, 0], asked[:, n] = stiffness_n_per_m + rate, -rate
+    if d == 0:
+        loop[:, :, :n, :] += asked[:, None, None, :] * moves.force[..., None]
+    else:
+        loop[:, :, n + 1, :] = asked[:, None, :]
+        loop[:, :, np.arange(n + 2, n + 1 + d), np.arange(n + 1, n + d)] = 1.0
+        loop[:, :, :n, n + d] += moves.force
     return np.asarray(np.abs(np.linalg.eigvals(loop)).max(axis=-1))
 
 

@@ -1,138 +1,258 @@
-"""The default coupling of a device and a wall: what the training people say about its declared friction and encoder."""
+"""Recommend: which coupling to deploy, how stiff it feels, what holds it back, and what would help."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._errors import UnsupportedError
-from avc_casadi.recommend._designs import Coupling, Design, design
-from avc_casadi.recommend._reach import with_observer
-from avc_casadi.trial import (
-    MOTIONS,
-    PEOPLE_AT_ONCE,
-    Conditions,
-    all_motions,
-    choose,
-    distance,
-    draw_subjects,
-    reference_traces,
-    traces,
-)
+from avc_casadi.certificate import certified, deployable
+from avc_casadi.coupling import Coupling, coupling_document
+from avc_casadi.problem import Problem, load_problem
+from avc_casadi.recommend._candidates import candidates
+from avc_casadi.recommend._error_curve import error_curve
+from avc_casadi.recommend._helps import Help, what_would_help
+from avc_casadi.recommend._limits import stiffest_wall
+from avc_casadi.support import plain
+from avc_casadi.trial import CouplingTrial, extreme_subjects, subjects_of, try_coupling, with_let_go
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Problem
-    from avc_casadi.trial import Subjects
+    from avc_casadi.coupling import GainSchedule
 
-Claim = Literal["asymptotic", "held-by-friction", "none"]
-# Constant gains first: what is simpler wins where it is as good.
-_CANDIDATES: tuple[Coupling, ...] = ("static-tuned", "schedule", "static-tuned-series", "static-sampled")
-_CLAIMS: dict[Claim, str] = {
-    "asymptotic": "rest without dry friction",
-    "held-by-friction": "rest with the declared dry friction",
-    "none": "no rest for everybody",
-}
+SCHEMA = "avc-recommend/1"
+# Stiffnesses closer than this share are equal: the coupling nearer to the wall in motion wins.
+_AS_STIFF = 0.01
+_ERROR_HZ = (1.0, 10.0, 50.0)
 
 
 @dataclass(frozen=True)
 class Recommendation:
-    """The coupling to start with.
+    """The coupling to deploy and what is known of it.
 
     Attributes:
-        design: the coupling with its gains.
-        conditions: how it was judged; ``observer_mass_kg`` says whether it needs the observer behind the encoder.
-        claim: asymptotic: everybody comes to rest without dry friction; held-by-friction: only with that declared;
-            none: somebody does not come to rest with any candidate.
-        people: number of training people.
-        stable: how many of them come to rest in every motion.
-        reason: one sentence for people.
+        problem: the problem as stated.
+        coupling: certified and tried; None where no coupling is deployable.
+        trial: how simulated hands fared with it; None without a coupling.
+        deployable: whether the coupling may go into the device.
+        stiffest_wall_n_per_m: the stiffest wall that is linearly stable with every hand and let go for some contact
+            damping, on the loop that the design knows.
+        helps: what would allow a stiffer wall.
+        considered: how many couplings were judged.
+        reason: one sentence: why this one, or why none.
+        assumed: what is assumed.
+        not_used: what the problem declares and nothing here uses.
     """
 
-    design: Design
-    conditions: Conditions
-    claim: Claim
-    people: int
-    stable: int
+    problem: Problem
+    coupling: Coupling | None
+    trial: CouplingTrial | None
+    deployable: bool
+    stiffest_wall_n_per_m: float
+    helps: tuple[Help, ...]
+    considered: int
     reason: str
+    assumed: tuple[str, ...]
+    not_used: tuple[str, ...]
 
-    def __str__(self) -> str:
-        mass = self.conditions.observer_mass_kg
-        observer = "" if mass is None else f" with an observer of {mass:.4g} kg"
-        gains, _ = self.design.sentences()
-        what = f"{self.design.problem.name}: {self.design.coupling}{observer}, {_CLAIMS[self.claim]}"
-        return f"{what} ({self.stable} of {self.people} people at rest)\n{gains}\n{self.reason}"
+    def felt(self) -> dict[str, Any]:
+        """Return what the hand feels: stiffness, complex error against the physical wall, tap, vibration."""
+        if self.coupling is None or self.trial is None:
+            return {"stiffness_n_per_m": None, "share_of_wall": None}
+        tried = self.trial.document()
+        curve = error_curve(self.problem, self.coupling.table)
+        return {
+            "stiffness_n_per_m": tried["stiffness_n_per_m"]["median"],
+            "share_of_wall": tried["share_of_wall"],
+            "complex_error": {f"{hz:g}": curve.at(curve.physical, hz) for hz in _ERROR_HZ},
+            "tap_force_n": tried["tap_force_n"],
+            "tap_depth_m": tried["tap_depth_m"],
+            "vibration": tried["felt_vibration"],
+            "friction_n": self.problem.device.coulomb_friction_n,
+        }
+
+    def document(self) -> dict[str, Any]:
+        """Return the `recommend` document: JSON values only."""
+        found: dict[str, Any] = plain(
+            {
+                "schema": SCHEMA,
+                "problem": self.problem.name,
+                "deployable": self.deployable,
+                "reason": self.reason,
+                "coupling": None if self.coupling is None else coupling_document(self.coupling),
+                "felt": self.felt(),
+                "stiffest_wall_n_per_m": self.stiffest_wall_n_per_m,
+                "trial": None if self.trial is None else self.trial.document(),
+                "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
+                "what_would_help": [vars(one) for one in self.helps],
+                "considered": self.considered,
+                "assumed": list(self.assumed),
+                "not_used": list(self.not_used),
+            }
+        )
+        return found
 
 
-def recommend(problem: Problem, people: int = 100, seed: int = 0) -> Recommendation:
-    """Choose between constant and scheduled gains, with the observer behind the encoder only where it is needed.
-
-    Stability comes first, without friction if that can be had; the schedule is taken only where it brings more people
-    to rest than constant gains, or where more than half of them notice that it is nearer to the wall.
+def judged_as_recommended(
+    problem: Problem, gains: GainSchedule, hands: int = 100, seed: int = 0, *, versions: Mapping[str, str] | None = None
+) -> Recommendation:
+    """Certify and try the gains of a method as `recommend` does with its own, whatever the verdict.
 
     Args:
-        problem: device with what is known of its friction and encoder, and the wall.
-        people: number of training people.
-        seed: seed of their draw.
-
-    Raises:
-        UnsupportedError: no candidate has gains for this device and wall.
+        problem: what the gains were made for.
+        gains: by any method.
+        hands: number of simulated hands.
+        seed: of their draw.
+        versions: of what made it, by package.
     """
-    subjects = draw_subjects("A", people, seed, "training")
-    candidates = [design(problem, name) for name in _CANDIDATES]
-    designs = [found for found in candidates if found.gains is not None]
-    if not designs:
-        raise UnsupportedError(_none_left(problem, candidates))
-    tried = []
-    for claim, conditions in _conditions(problem):
-        for found in designs:
-            stable = int(all_motions(found.problem, found.in_force, subjects, conditions).sum())
-            if stable == people:
-                return _settled(Recommendation(found, conditions, claim, people, stable, ""), designs, subjects)
-            tried.append(Recommendation(found, conditions, "none", people, stable, ""))
-    best = max(tried, key=lambda one: one.stable)
-    return replace(best, reason=f"{best.design.coupling} leaves the fewest people restless: {people - best.stable}")
-
-
-def _none_left(problem: Problem, candidates: list[Design]) -> str:
-    why = "".join(f"\n  {found.coupling}: {found.reason}" for found in candidates)
-    return (
-        f"{problem.name}: no candidate has gains for this device and wall; widen the gain box of [coupling], shorten "
-        f"the sample time or the delay, or soften the wall{why}"
+    found = certified(Coupling.of(problem, gains, versions=versions))
+    tried = try_coupling(found, subjects_of(problem.hands, hands, seed), seed)
+    verdict = deployable(found)
+    extreme = extreme_subjects(problem.hands)
+    return Recommendation(
+        problem=problem,
+        coupling=found.with_trial(tried.document()),
+        trial=tried,
+        deployable=verdict.passed,
+        stiffest_wall_n_per_m=float(stiffest_wall(problem.device, with_let_go(extreme)).stiffness_n_per_m),
+        helps=what_would_help(problem, extreme),
+        considered=1,
+        reason=f"the gains of {gains.method}, as asked for; {verdict.sentence}",
+        assumed=_assumed(problem),
+        not_used=_not_used(problem),
     )
 
 
-def _conditions(problem: Problem) -> list[tuple[Claim, Conditions]]:
-    """From the strongest claim with the least effort to the weakest."""
-    declared = Conditions.declared(problem)
-    listed: list[tuple[Claim, Conditions]] = [("asymptotic", declared.without_friction())]
-    if declared.encoder_m > 0:
-        listed.append(("asymptotic", with_observer(problem, declared.without_friction())))
-    if declared.friction_n > 0:
-        listed.append(("held-by-friction", declared))
-        if declared.encoder_m > 0:
-            listed.append(("held-by-friction", with_observer(problem, declared)))
-    return listed
+@dataclass(frozen=True)
+class _Judged:
+    coupling: Coupling
+    trial: CouplingTrial
+    order: int
+
+    @property
+    def safety(self) -> int:
+        """0: everybody rests without dry friction and with it; 1: with the declared friction; 2: not everybody."""
+        everybody = bool(self.trial.stable.all())
+        if everybody and bool(self.trial.stable_without_friction.all()):
+            return 0
+        return 1 if everybody else 2
 
 
-def _settled(found: Recommendation, designs: list[Design], subjects: Subjects) -> Recommendation:
-    """Let the schedule take over from constant gains where people notice that it is nearer to the wall."""
-    plain = found.design
-    schedule = next((other for other in designs if other.coupling == "schedule"), None)
-    if plain.coupling != "static-tuned" or schedule is None:
-        return replace(found, reason=f"{plain.coupling} is the first candidate that brings everybody to rest")
-    press = MOTIONS["press"]
-    subjects = subjects.pick(slice(0, PEOPLE_AT_ONCE))
-    (reference,) = reference_traces(plain.problem, subjects, press, found.conditions.friction_n)
-    felt = [
-        distance(next(traces(one.problem, one.in_force, subjects, press, found.conditions)), reference)
-        for one in (plain, schedule)
+def stiffest(problem: Problem) -> dict[str, Any]:
+    """Search only the stiffest wall that the device can give to every hand and let go, and what would help.
+
+    Returns:
+        The document of `avc recommend P --stiffest`: JSON values.
+    """
+    extreme = extreme_subjects(problem.hands)
+    found = stiffest_wall(problem.device, with_let_go(extreme))
+    document: dict[str, Any] = plain(
+        {
+            "schema": SCHEMA,
+            "problem": problem.name,
+            "stiffest_wall_n_per_m": found.stiffness_n_per_m,
+            "damping_ns_per_m": [found.lowest_ns_per_m, found.highest_ns_per_m],
+            "what_would_help": [vars(one) for one in what_would_help(problem, extreme)],
+            "assumed": list(_assumed(problem)),
+            "not_used": list(_not_used(problem)),
+        }
+    )
+    return document
+
+
+def recommend(
+    problem: Problem | str | Path, hands: int = 100, seed: int = 0, *, versions: Mapping[str, str] | None = None
+) -> Recommendation:
+    """Choose the coupling to deploy.
+
+    Only couplings are considered that are linearly stable with every hand of [hands] and let go. Of these the safest
+    win: everybody at rest without dry friction, then with the declared one, then as many as possible; among equally
+    safe ones those whose rest nobody feels, then the stiffest, then those nearest to the wall in motion.
+
+    Args:
+        problem: device with what is known of it, wall and hands; or a problem file, or a name of the catalogue.
+        hands: number of simulated hands, corners of [hands] among them.
+        seed: of their draw.
+        versions: of what makes it, by package; written into the coupling.
+    """
+    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    people, extreme = subjects_of(problem.hands, hands, seed), extreme_subjects(problem.hands)
+    judged: list[_Judged] = []
+    considered = 0
+    for order, candidate in enumerate(candidates(problem, extreme)):
+        considered += 1
+        if deployable(candidate).passed:
+            judged.append(_Judged(candidate, try_coupling(candidate, people, seed), order))
+    limit = stiffest_wall(problem.device, with_let_go(extreme)).stiffness_n_per_m
+    best = _best(judged) if judged else None
+    return Recommendation(
+        problem=problem,
+        coupling=None
+        if best is None
+        else replace(certified(best.coupling).with_trial(best.trial.document()), versions=versions or {}),
+        trial=None if best is None else best.trial,
+        deployable=best is not None,
+        stiffest_wall_n_per_m=float(limit),
+        helps=what_would_help(problem, extreme),
+        considered=considered,
+        reason=_reason(best, judged, considered),
+        assumed=_assumed(problem),
+        not_used=_not_used(problem),
+    )
+
+
+def _best(judged: list[_Judged]) -> _Judged:
+    """Take the safest, of these the quiet, of these the stiffest, of these the simplest."""
+    safest = min(one.safety for one in judged)
+    left = [one for one in judged if one.safety == safest]
+    if safest == 2:
+        most = max(int(one.trial.stable.sum()) for one in left)
+        left = [one for one in left if int(one.trial.stable.sum()) == most]
+    quiet = [one for one in left if bool(one.trial.quiet.all())]
+    left = quiet or left
+    stiffness = [np.nan_to_num(one.trial.stiffness) for one in left]
+    as_stiff = [one for one, felt in zip(left, stiffness, strict=True) if felt >= (1 - _AS_STIFF) * max(stiffness)]
+    return min(as_stiff, key=lambda one: (round(_error(one.coupling), 3), one.order))
+
+
+def _error(coupling: Coupling) -> float:
+    """Root of the mean squared complex error against the physical wall at the frequencies that are told."""
+    curve = error_curve(coupling.problem, coupling.table)
+    return float(np.sqrt(np.mean([curve.at(curve.physical, hz) ** 2 for hz in _ERROR_HZ])))
+
+
+def _reason(best: _Judged | None, judged: list[_Judged], considered: int) -> str:
+    if best is None:
+        return f"none of {considered} couplings is linearly stable with every hand of [hands] and let go"
+    trial = best.trial
+    who = {
+        0: f"all of {trial.hands} simulated hands come to rest, with and without dry friction",
+        1: f"all of {trial.hands} simulated hands come to rest, but only thanks to the declared dry friction",
+        2: f"{int(trial.stable.sum())} of {trial.hands} simulated hands come to rest, as many as with any candidate",
+    }[best.safety]
+    return f"the stiffest of {len(judged)} deployable candidates that are as safe: {who}"
+
+
+def _assumed(problem: Problem) -> tuple[str, ...]:
+    """Say what is taken for granted."""
+    device = problem.device
+    gaps = [
+        "hands are linear, on one axis, and constant while they hold on",
+        "amplifier and structure are ideal: no bandwidth and no resonance is declared",
     ]
-    nearer = int(choose(felt[1], felt[0]).first.sum())
-    rests = all_motions(schedule.problem, schedule.in_force, subjects, found.conditions)
-    if bool(np.all(rests)) and 2 * nearer > len(subjects):
-        return replace(
-            found, design=schedule, reason=f"{nearer} of {len(subjects)} people notice the schedule as nearer"
-        )
-    return replace(found, reason=f"constant gains: {nearer} of {len(subjects)} people notice the schedule as nearer")
+    if device.coulomb_friction_n == 0:
+        gaps.append("no dry friction is declared: none is assumed, the cautious end")
+    if device.encoder_resolution_m == 0:
+        gaps.append("no encoder resolution is declared: the position is taken as exact, the ideal end")
+    if device.max_force_n is None:
+        gaps.append("no force limit is declared: any force is taken as given")
+    return tuple(gaps)
+
+
+def _not_used(problem: Problem) -> tuple[str, ...]:
+    """Name what the problem declares and no candidate, certificate or trial uses."""
+    kinds = {"noise", "jitter", "amplifier", "resonance", "viscous-friction", "velocity-filter"}
+    listed = [effect.kind for effect in problem.scene.effects if effect.kind in kinds]
+    return tuple(f"scene.effects: {kind} (simulated by avc simulate alone)" for kind in listed)

@@ -33,6 +33,8 @@ class ReportContents:
         certificate: the `certify` document.
         figures: caption and SVG text of each figure.
         versions: versions by package.
+        conclusion: what to deploy and why, or that nothing can be; one sentence a line.
+        deployment: the `recommend` document behind it.
     """
 
     problem: Problem
@@ -41,6 +43,8 @@ class ReportContents:
     certificate: Mapping[str, Any]
     figures: Sequence[tuple[str, str]]
     versions: Mapping[str, str]
+    conclusion: Sequence[str]
+    deployment: Mapping[str, Any]
 
 
 def report_html(contents: ReportContents) -> str:
@@ -51,6 +55,8 @@ def report_html(contents: ReportContents) -> str:
     return Template(_PAGE.read_text(encoding="utf-8")).substitute(
         title=escape(f"{contents.problem.name}: {contents.problem.title}"),
         source=escape(contents.problem.source),
+        conclusion="\n".join(f"<li>{escape(line)}</li>" for line in contents.conclusion),
+        deployment=_deployment(contents.deployment),
         summary="\n".join(f"<li>{escape(line)}</li>" for line in summary_lines(contents.summary)),
         figures="\n".join(_figure(caption, svg) for caption, svg in contents.figures),
         scope=escape(scope_line(contents.summary)),
@@ -71,6 +77,24 @@ def report_html(contents: ReportContents) -> str:
         ),
         versions=_table(("package", "version"), list(contents.versions.items())),
     )
+
+
+def _deployment(found: Mapping[str, Any]) -> str:
+    """Return what was proved of the coupling to deploy, how it was tried, what would help and what is assumed."""
+    claims = (found["certificate"] or {}).get("deployable", {}).get("claims", [])
+    parts = [
+        _table(
+            ("claim", "result", "what was found"),
+            [(claim["name"], "pass" if claim["pass"] else "FAIL", claim["sentence"]) for claim in claims],
+        ),
+        _table(
+            ("what would help", "stiffest wall, N/m"),
+            [(one["change"], _number(one["stiffest_wall_n_per_m"])) for one in found["what_would_help"]],
+            numbers=(1,),
+        ),
+        _table(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])]),
+    ]
+    return "\n".join(parts)
 
 
 def _figure(caption: str, svg: str) -> str:

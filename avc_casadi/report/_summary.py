@@ -182,7 +182,9 @@ def device_line(push: Mapping[str, Any]) -> str:
     if "refused" in push:
         return f"device: push refused; {push['refused']}"
     equal = "equal" if push["readback_equal"] else "NOT EQUAL"
+    tried = push.get("in_the_loop")
+    beside = "" if tried is None else f"; firmware and plant in the loop: {tried['sentence']}"
     return (
         f"device: {push['rows']} rows on {push['port']}, table {push['table_id']}, read back {equal}, "
-        f"rounding {push['rounding_max']:.1g} relative"
+        f"rounding {push['rounding_max']:.1g} relative{beside}"
     )

@@ -2,6 +2,8 @@
 
 from avc_casadi.trial._binomial import CONFIDENCE as CONFIDENCE
 from avc_casadi.trial._binomial import exact_interval as exact_interval
+from avc_casadi.trial._coupling_trial import CouplingTrial as CouplingTrial
+from avc_casadi.trial._coupling_trial import try_coupling as try_coupling
 from avc_casadi.trial._matching import WEBER as WEBER
 from avc_casadi.trial._matching import WEBER_SWEEP as WEBER_SWEEP
 from avc_casadi.trial._matching import choose as choose
@@ -11,6 +13,9 @@ from avc_casadi.trial._subjects import STYLUS_RANGES as STYLUS_RANGES
 from avc_casadi.trial._subjects import Population as Population
 from avc_casadi.trial._subjects import Subjects as Subjects
 from avc_casadi.trial._subjects import draw_subjects as draw_subjects
+from avc_casadi.trial._subjects import extreme_subjects as extreme_subjects
+from avc_casadi.trial._subjects import subjects_of as subjects_of
+from avc_casadi.trial._subjects import with_let_go as with_let_go
 from avc_casadi.trial._trial import MOTIONS as MOTIONS
 from avc_casadi.trial._trial import PEOPLE_AT_ONCE as PEOPLE_AT_ONCE
 from avc_casadi.trial._trial import Conditions as Conditions
@@ -18,3 +23,6 @@ from avc_casadi.trial._trial import Traces as Traces
 from avc_casadi.trial._trial import all_motions as all_motions
 from avc_casadi.trial._trial import judged as judged
 from avc_casadi.trial._trial import traces as traces
+from avc_casadi.trial._vibration import QUIET as QUIET
+from avc_casadi.trial._vibration import felt_vibration as felt_vibration
+from avc_casadi.trial._vibration import threshold_m as threshold_m

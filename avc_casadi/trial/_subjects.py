@@ -8,6 +8,7 @@ puts the means near the measured ones. The arm of van Beek et al. (Sci Rep 5:180
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -83,3 +84,30 @@ def draw_subjects(population: Population, count: int, seed: int, split: Split = 
     low, high = np.log(np.array(list(STYLUS_RANGES.values()))).T
     drawn = np.exp(low + (high - low) * random.random((count, len(low))))
     return Subjects("B", StylusHand(**dict(zip(STYLUS_RANGES, drawn.T, strict=True))))
+
+
+def subjects_of(hands: Hands, count: int, seed: int = 0) -> Subjects:
+    """Draw people from a problem's own set of hands, its corners among them.
+
+    Args:
+        hands: ranges of mass, damping and stiffness.
+        count: number of people; the corners come first.
+        seed: of the draw.
+    """
+    corners = extreme_subjects(hands)
+    low, high = np.array([hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m]).T
+    drawn = low + (high - low) * np.random.default_rng([seed, 5]).random((max(0, count - len(corners)), 3))
+    extremes = np.stack([np.asarray(value) for value in vars(corners.effect).values()], axis=1)
+    return Subjects("A", Hand(*np.concatenate([extremes, drawn])[:count].T))
+
+
+def extreme_subjects(hands: Hands) -> Subjects:
+    """Return every corner of a problem's set of hands."""
+    ends = sorted(set(product(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)))
+    return Subjects("A", Hand(*np.array(ends).T))
+
+
+def with_let_go(subjects: Subjects) -> Subjects:
+    """Add the device without any hand."""
+    values = [np.append(np.atleast_1d(np.asarray(value)), 0.0) for value in vars(subjects.effect).values()]
+    return Subjects(subjects.population, type(subjects.effect)(*values))

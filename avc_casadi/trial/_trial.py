@@ -23,6 +23,7 @@ from avc_casadi.problem import (
     Motion,
     ObserverEffect,
     Press,
+    SaturationEffect,
     Scene,
     Stroke,
     WallEffect,
@@ -33,7 +34,7 @@ from avc_casadi.support import BoolArray, FloatArray
 from avc_casadi.trial._subjects import Subjects
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import GainSchedule
+    from avc_casadi.coupling import Coupling, GainSchedule, GainTable
     from avc_casadi.problem import Problem
 
 
@@ -58,6 +59,7 @@ class Conditions:
         friction_n: dry friction.
         encoder_m: resolution of the encoder; 0 is none.
         delay_samples: whole samples of delay.
+        max_force_n: largest force of the actuator; None is no limit.
         dropped_share: share of the samples that the computer misses.
         observer_mass_kg: mass that the observer behind the encoder reckons with; None is no observer.
         guarded: with the passivity controller in the time domain.
@@ -67,6 +69,7 @@ class Conditions:
     friction_n: float = 0.0
     encoder_m: float = 0.0
     delay_samples: int = 0
+    max_force_n: float | None = None
     dropped_share: float = 0.0
     observer_mass_kg: float | None = None
     guarded: bool = False
@@ -77,6 +80,22 @@ class Conditions:
         """Take what the problem declares of its device."""
         device = problem.device
         return cls(device.coulomb_friction_n, device.encoder_resolution_m, device.delay_samples)
+
+    @classmethod
+    def of(cls, coupling: Coupling) -> Conditions:
+        """Take all that the problem of a coupling declares of its device, and what runs beside the gains."""
+        device, runtime = coupling.problem.device, coupling.runtime
+        return cls(
+            device.coulomb_friction_n,
+            device.encoder_resolution_m,
+            device.delay_samples,
+            device.max_force_n,
+            observer_mass_kg=runtime.observer_mass_kg,
+            guarded=runtime.guard is not None,
+            runtime=tuple(
+                effect for effect in runtime.effects(constant=False) if effect.kind in {"estimator", "adaptation"}
+            ),
+        )
 
     def without_friction(self) -> Conditions:
         """Leave dry friction out."""
@@ -95,6 +114,8 @@ class Conditions:
             listed.append(GuardEffect())
         if self.delay_samples > 0:
             listed.append(DelayEffect(samples=self.delay_samples))
+        if self.max_force_n is not None:
+            listed.append(SaturationEffect(force_n=self.max_force_n))
         if self.dropped_share > 0:
             listed.append(JitterEffect(rms_s=0.0, dropped_share=self.dropped_share))
         return tuple(listed)
@@ -122,7 +143,11 @@ class Traces:
 
 
 def traces(
-    problem: Problem, gains: Gains | GainSchedule, subjects: Subjects, motion: Motion, conditions: Conditions
+    problem: Problem,
+    gains: Gains | GainTable | GainSchedule,
+    subjects: Subjects,
+    motion: Motion,
+    conditions: Conditions,
 ) -> Iterator[Traces]:
     """Simulate everybody, some at a time.
 
@@ -138,10 +163,10 @@ def traces(
     )
     listed = conditions.effects() + (() if isinstance(gains, Gains) else conditions.runtime)
     scene = Scene(duration_s=DURATION_S, motion=motion, effects=listed, **how)
-    staged = problem.model_copy(update={"scene": scene})
-    effects = tuple(subjects.effect if isinstance(effect, Hand) else effect for effect in build_effects(staged))
-    effects, chosen, _ = settled(staged, effects, gains)
-    compiled = compile_for(staged, effects, chosen)
+    run = problem.changed(scene=scene)
+    effects = tuple(subjects.effect if isinstance(effect, Hand) else effect for effect in build_effects(run))
+    effects, chosen, _ = settled(run, effects, gains)
+    compiled = compile_for(run, effects, chosen)
     parameters, inputs = compiled.parameter_values(chosen), compiled.input_values()
     engine: Engine = "native" if compiler() is not None and len(parameters) > _FEW else "auto"
     for first in range(0, len(parameters), PEOPLE_AT_ONCE):

@@ -1,0 +1,153 @@
+"""Deployable: whether a coupling may go into a device, and which claim fails where it may not.
+
+One definition, for every verb: linearly stable with every hand of [hands] and with the device let go, over every corner
+of [device.range], on the loop with the device's sample time and delay; at the table's rows and between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.loop import device_corners, hand_set, no_hand
+from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, linear_stability
+from avc_casadi.support import plain
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling, GainTable
+    from avc_casadi.problem import Device, Problem
+    from avc_casadi.support import FloatArray
+
+# Points judged between two neighbouring rows, where the device interpolates.
+_BETWEEN = 3
+_DRAWS = 24
+
+
+@dataclass(frozen=True)
+class DeployClaim:
+    """One claim that a deployable coupling meets.
+
+    Attributes:
+        name: hands, or let-go.
+        passed: whether it holds.
+        sentence: what holds, or what does not and where.
+        advice: what to do where it does not hold; empty where it does.
+        radius: largest spectral radius found; not a number where nothing could be judged.
+    """
+
+    name: str
+    passed: bool
+    sentence: str
+    advice: str
+    radius: float
+
+
+@dataclass(frozen=True)
+class Deployable:
+    """The verdict on deployment.
+
+    Attributes:
+        claims: each claim with its result.
+    """
+
+    claims: tuple[DeployClaim, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the coupling may go into the device."""
+        return all(claim.passed for claim in self.claims)
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in one line: which claim fails and what to do."""
+        failed = [claim for claim in self.claims if not claim.passed]
+        if not failed:
+            return "deployable: linearly stable with every hand of [hands] and let go"
+        return "not deployable: " + "; ".join(f"{claim.name}: {claim.sentence}" for claim in failed)
+
+    @property
+    def advice(self) -> str:
+        """What to do, in one line; empty where nothing is to be done."""
+        return "; ".join(dict.fromkeys(claim.advice for claim in self.claims if claim.advice))
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {
+            "pass": self.passed,
+            "sentence": self.sentence,
+            "claims": [
+                {
+                    "name": claim.name,
+                    "pass": claim.passed,
+                    "sentence": claim.sentence,
+                    "advice": claim.advice,
+                    "spectral_radius": plain(claim.radius),
+                }
+                for claim in self.claims
+            ],
+        }
+
+
+def deployable(coupling: Coupling) -> Deployable:
+    """Judge a coupling on the loop of its own problem, whatever certificate it carries."""
+    problem, table = coupling.problem, coupling.table
+    frequency, gains = _judged(table)
+    try:
+        held = _claim(problem, frequency, gains, let_go=False)
+        released = _claim(problem, frequency, gains, let_go=True)
+    except UnsupportedError as refusal:
+        why = f"not judged: {refusal}"
+        advice = "shorten the delay, or judge the loop by other means"
+        return Deployable(tuple(DeployClaim(name, False, why, advice, np.nan) for name in ("hands", "let-go")))
+    return Deployable((held, released))
+
+
+def _judged(table: GainTable) -> tuple[FloatArray, FloatArray]:
+    """Return the frequencies at which a table is judged and its gains there, (3, n): the rows and points between."""
+    rows = table.frequency_hz
+    if len(rows) == 1:
+        return rows, table.gains
+    shares = np.linspace(0.0, 1.0, _BETWEEN + 1, endpoint=False)
+    log = np.log(rows)
+    between = np.exp((log[:-1, None] + shares * np.diff(log)[:, None]).ravel())
+    frequency = np.unique(np.concatenate([rows, between]))
+    return frequency, table(frequency)
+
+
+def _claim(problem: Problem, frequency: FloatArray, gains: FloatArray, *, let_go: bool) -> DeployClaim:
+    b, k, contact = gains
+    hands = no_hand() if let_go else hand_set(problem.hands, draws=_DRAWS)
+    parts = frozen_parts(problem, b, k)
+    corners = device_corners(problem)
+    radius = np.array([linear_stability(device, parts, contact, hands).radius for device in corners])
+    limit = np.full(len(b), 1 - RADIUS_TOLERANCE)
+    if let_go:
+        # Without a spring to the wall nothing calls a free device back: it keeps its place, which is no instability.
+        limit = np.where(parts.integral > 0, limit, 1 + RADIUS_TOLERANCE)
+    corner, row, hand = (int(index) for index in np.unravel_index(np.argmax(radius), radius.shape))
+    passed = bool((radius.max(axis=(0, 2)) < limit).all())
+    worst = float(radius[corner, row, hand])
+    name, who = ("let-go", "let go") if let_go else ("hands", f"with every hand of [hands] ({len(hands)} judged)")
+    if passed:
+        return DeployClaim(name, True, f"linearly stable {who}, spectral radius {worst:.6g} at most", "", worst)
+    if not let_go:
+        held = (
+            float(np.ravel(value)[hand]) for value in (hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)
+        )
+        who = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held)
+    failing = int(np.count_nonzero(~(radius.max(axis=(0, 2)) < limit)))
+    where = "" if len(b) == 1 else f" at {frequency[row]:.4g} Hz ({failing} of {len(b)} gains judged)"
+    sentence = f"linearly unstable {who}{where}: spectral radius {worst:.6g}{_of(corners[corner], corners)}"
+    return DeployClaim(name, False, sentence, _ADVICE, worst)
+
+
+_ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
+
+
+def _of(device: Device, corners: list[Device]) -> str:
+    if len(corners) == 1:
+        return ""
+    return f" (device {device.mass_kg:.4g} kg, {device.damping_ns_per_m:.4g} N.s/m)"

@@ -1,0 +1,41 @@
+"""The gate before a device: a coupling with its certificate, and the refusal of one that is not deployable."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from avc_casadi._errors import NotDeployableError
+from avc_casadi.certificate._certify import certify
+from avc_casadi.certificate._deployable import Deployable, deployable
+from avc_casadi.coupling import schedule_of
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+
+
+def certified(coupling: Coupling) -> Coupling:
+    """Return the coupling with the certificate of the table that runs, and the verdict on deployment.
+
+    The certificate is the `certify` document; ``deployable`` in it holds the verdict.
+    """
+    levels = certify(coupling.problem, schedule_of(coupling.problem, coupling.table, coupling.method)).document()
+    return coupling.with_certificate(levels | {"deployable": deployable(coupling).document()})
+
+
+def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployable:
+    """Judge a coupling before it goes into a device or into C; its own certificate is not relied on.
+
+    Args:
+        coupling: what is to be deployed.
+        unsafe: let it pass whatever the verdict; the caller writes down that it did.
+
+    Raises:
+        NotDeployableError: which claim fails, and what to do.
+    """
+    verdict = deployable(coupling)
+    if not verdict.passed and not unsafe:
+        raise NotDeployableError(
+            f"{coupling.problem.name} by {coupling.method}: {verdict.sentence}. {verdict.advice[0].upper()}"
+            f"{verdict.advice[1:]}; --unsafe (in Python unsafe=True) overrides."
+        )
+    return verdict

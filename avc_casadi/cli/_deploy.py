@@ -1,0 +1,29 @@
+"""What the verbs that deploy share: the device of --port, the push, and what is said of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi as avc
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+
+
+def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:
+    """Push to the emulated device and try it there; a push that cannot be made is no reason to lose the rest.
+
+    Returns:
+        The `push` document with ``in_the_loop``; or ``{"skipped": why}``, or ``{"refused": why}``.
+    """
+    from avc_hardware import push, tried_in_the_loop
+
+    if coupling is None:
+        return {"skipped": "no coupling is deployable"}
+    try:
+        pushed = push(coupling, "emulator", unsafe=unsafe).document()
+        return pushed | {"in_the_loop": tried_in_the_loop(coupling).document()}
+    except (avc.MissingExtraError, avc.UnsupportedError) as error:
+        return {"skipped": str(error)}
+    except (avc.LinkError, avc.NotDeployableError) as error:
+        return {"refused": str(error)}

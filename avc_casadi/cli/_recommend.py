@@ -1,0 +1,140 @@
+"""Recommend the coupling to deploy: its gains, how stiff it feels, what holds it back and what would help."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi as avc
+from avc_casadi.cli._arguments import positive_int
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._files import output_file, write_text
+from avc_casadi.cli._text import number, table
+from avc_casadi.cli._versions import package_versions
+
+if TYPE_CHECKING:
+    import argparse
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.description = (
+        f"{__doc__}\nExit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and let go."
+    )
+    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
+    parser.add_argument("--out", metavar="FILE", help="write the coupling, .json: for push, stream, export, simulate")
+    parser.add_argument(
+        "--stiffest", action="store_true", help="search only the stiffest wall that the device can give to every hand"
+    )
+    parser.add_argument("--hands", type=positive_int, default=100, metavar="N", help="simulated hands (default 100)")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Recommend, write and show; 1 if nothing can be deployed."""
+    from avc_casadi.coupling import coupling_document
+    from avc_casadi.recommend import recommend, stiffest
+    from avc_casadi.support import json_text
+
+    out = None if args.out is None else output_file(args.out, "--out", (".json",))
+    problem = avc.load_problem(args.problem)
+    if args.stiffest:
+        with console.step("stiffest wall"):
+            document = stiffest(problem)
+        return Answer(document, stiffest_text(document))
+    with console.step(f"candidates with {args.hands} hands"):
+        found = recommend(problem, args.hands, versions=package_versions())
+    if out is not None and found.coupling is not None:
+        write_text(out, json_text(coupling_document(found.coupling)), "--out")
+    document = found.document()
+    complaint = "" if found.deployable else f"avc: {problem.name}: {found.reason}"
+    text = "\n".join(recommendation_lines(document))
+    if out is not None and found.coupling is not None:
+        text += f"\nwritten: {out}"
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
+
+
+def recommendation_lines(document: dict[str, Any]) -> list[str]:
+    """Return the recommendation for people, the conclusion first."""
+    lines = [*conclusion_lines(document), ""]
+    if document["what_would_help"]:
+        rows = [[one["change"], number(one["stiffest_wall_n_per_m"])] for one in document["what_would_help"]]
+        lines += [
+            f"stiffest wall that this device can give to every hand: {number(document['stiffest_wall_n_per_m'])} N/m",
+            table(["what would help", "stiffest wall\nN/m"], rows, left=(0,)),
+        ]
+    if document["certificate"]:
+        lines += [f"claim: {claim['sentence']}" for claim in document["certificate"]["deployable"]["claims"]]
+    if document["trial"] is not None:
+        lines.append(
+            f"simulated only: {', '.join(document['trial']['effects'])}; {', '.join(document['trial']['motions'])}"
+        )
+    lines += [f"assumed: {gap}" for gap in document["assumed"]]
+    lines += [f"not used: {what}" for what in document["not_used"]]
+    return lines
+
+
+def conclusion_lines(document: dict[str, Any]) -> list[str]:
+    """Return what to deploy and what it feels like, or that nothing can be deployed."""
+    coupling, felt, trial = document["coupling"], document["felt"], document["trial"]
+    if coupling is None:
+        return [f"deploy nothing on {document['problem']}: {document['reason']}"]
+    errors = ", ".join(f"{100 * error:.3g} % at {hz} Hz" for hz, error in felt["complex_error"].items())
+    first = "deploy on" if document["deployable"] else "DO NOT deploy on"
+    return [
+        f"{first} {document['problem']}: {gains_line(coupling)}",
+        (
+            f"felt: {number(felt['stiffness_n_per_m'])} N/m, {100 * (felt['share_of_wall'] or 0):.3g} % of the wall; "
+            f"complex error {errors}"
+        ),
+        (
+            f"trial: {trial['at_rest']} of {trial['hands']} hands at rest, {trial['at_rest_without_friction']} without "
+            f"friction, {trial['quiet']} without a vibration that is felt; a tap reaches "
+            f"{number(trial['tap_force_n'], 3)} N and {number(1e3 * trial['tap_depth_m'], 3)} mm"
+        ),
+        f"why: {document['reason']}",
+    ]
+
+
+def gains_line(coupling: dict[str, Any]) -> str:
+    """Return the gains and what runs beside them, as numbers to type into any firmware."""
+    rows = coupling["table"]
+    named = (
+        ("b", "damping_ns_per_m", "N.s/m"),
+        ("k", "stiffness_n_per_m", "N/m"),
+        ("b_p", "contact_damping_ns_per_m", "N.s/m"),
+    )
+    gains = ", ".join(f"{symbol} = {_span(rows[key])} {unit}" for symbol, key, unit in named)
+    runtime = coupling["runtime"]
+    beside = []
+    if runtime["observer_mass_kg"] is not None:
+        beside.append(f"observer of {number(runtime['observer_mass_kg'])} kg")
+    if not coupling["constant"]:
+        beside.append(f"estimator {runtime['estimator']} and adaptation over {len(rows['frequency_hz'])} rows")
+    if runtime["guard"] is not None:
+        beside.append(f"guard {runtime['guard']}")
+    wall = coupling["wall"]
+    return (
+        f"{coupling['method']}: {gains}; beside them: {', '.join(beside) or 'nothing'}; wall "
+        f"{number(wall['stiffness_n_per_m'])} N/m, {number(wall['damping_ns_per_m'])} N.s/m; "
+        f"T {number(1e3 * coupling['sample_time_s'])} ms (coupling {coupling['id']})"
+    )
+
+
+def _span(values: list[float]) -> str:
+    low, high = min(values), max(values)
+    return number(low) if low == high else f"{number(low)} to {number(high)}"
+
+
+def stiffest_text(document: dict[str, Any]) -> str:
+    """Return the stiffest wall for people."""
+    low, high = document["damping_ns_per_m"]
+    rows = [[one["change"], number(one["stiffest_wall_n_per_m"])] for one in document["what_would_help"]]
+    return "\n".join(
+        [
+            (
+                f"{document['problem']}: stiffest wall that is linearly stable with every hand of [hands] and let go: "
+                f"{number(document['stiffest_wall_n_per_m'])} N/m, with {number(low)} to {number(high)} N.s/m of wall "
+                "and contact damping together"
+            ),
+            table(["what would help", "stiffest wall\nN/m"], rows, left=(0,)),
+        ]
+    )

@@ -1,0 +1,50 @@
+"""What would allow a stiffer wall: the same search on a device with one property changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi.recommend._limits import stiffest_wall
+from avc_casadi.trial import with_let_go
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem
+    from avc_casadi.trial import Subjects
+
+
+@dataclass(frozen=True)
+class Help:
+    """One change of the device.
+
+    Attributes:
+        change: in words.
+        stiffest_wall_n_per_m: the stiffest wall that is then stable with every hand and let go.
+    """
+
+    change: str
+    stiffest_wall_n_per_m: float
+
+
+def what_would_help(problem: Problem, extreme: Subjects) -> tuple[Help, ...]:
+    """Try each change on its own; the most helpful first.
+
+    Args:
+        problem: the device as it is.
+        extreme: the corners of its hands.
+    """
+    device = problem.device
+    changes: dict[str, dict[str, Any]] = {
+        "half the sample time": {"sample_time_s": device.sample_time_s / 2},
+        "twice the damping of the device": {"damping_ns_per_m": 2 * device.damping_ns_per_m, "range": {}},
+        "twice the mass of the device": {"mass_kg": 2 * device.mass_kg, "range": {}},
+    }
+    if device.delay_samples:
+        changes["no delay"] = {"delay_samples": 0}
+    people = with_let_go(extreme)
+    found = [
+        Help(change, float(stiffest_wall(device.model_copy(update=keys), people).stiffness_n_per_m))
+        for change, keys in changes.items()
+        if keys.get("damping_ns_per_m") != 0 and keys.get("mass_kg") != 0
+    ]
+    return tuple(sorted(found, key=lambda one: -one.stiffest_wall_n_per_m))

@@ -1,0 +1,149 @@
+"""A coupling tried in the scene of all that its problem declares of the device: many hands, three motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.support import BoolArray, FloatArray, plain
+from avc_casadi.trial._binomial import exact_interval
+from avc_casadi.trial._trial import MOTIONS, Conditions, traces
+from avc_casadi.trial._vibration import QUIET, felt_vibration
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.trial._subjects import Subjects
+
+# What of a scene a problem's [device] has no key for, or that is not a part of it.
+NOT_SIMULATED = ("hands that change while they hold on", "several axes")
+
+
+@dataclass(frozen=True)
+class CouplingTrial:
+    """How simulated hands fared; every array has shape (hands,).
+
+    Attributes:
+        seed: of the hands.
+        effects: what was simulated.
+        stable: at rest in every motion, by the published criterion of 5 mm/s.
+        stable_without_friction: the same without the declared dry friction.
+        by_motion: at rest in each motion.
+        vibration: felt at the end of a press, in detection thresholds.
+        stiffness_n_per_m: felt at the end of a press; not a number without contact.
+        tap_force_n: largest force of a tap.
+        tap_depth_m: how deep a tap goes.
+        wall_n_per_m: stiffness of the wall.
+    """
+
+    seed: int
+    effects: tuple[str, ...]
+    stable: BoolArray
+    stable_without_friction: BoolArray
+    by_motion: dict[str, BoolArray]
+    vibration: FloatArray
+    stiffness_n_per_m: FloatArray
+    tap_force_n: FloatArray
+    tap_depth_m: FloatArray
+    wall_n_per_m: float
+
+    @property
+    def hands(self) -> int:
+        """Number of hands."""
+        return len(self.stable)
+
+    @property
+    def quiet(self) -> BoolArray:
+        """At rest with a vibration that a hand does not detect."""
+        quiet: BoolArray = self.stable & (self.vibration < QUIET)
+        return quiet
+
+    @property
+    def stiffness(self) -> float:
+        """Median stiffness felt; not a number where nobody is in contact."""
+        felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
+        return float(np.median(felt)) if len(felt) else np.nan
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        low, high = exact_interval(int(self.stable.sum()), self.hands)
+        felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
+        document: dict[str, Any] = plain(
+            {
+                "hands": self.hands,
+                "seed": self.seed,
+                "effects": list(self.effects),
+                "motions": list(self.by_motion),
+                "at_rest": int(self.stable.sum()),
+                "at_rest_interval": [low, high],
+                "at_rest_without_friction": int(self.stable_without_friction.sum()),
+                "at_rest_by_motion": {name: int(runs.sum()) for name, runs in self.by_motion.items()},
+                "quiet": int(self.quiet.sum()),
+                "felt_vibration": float(np.median(self.vibration)),
+                "felt_vibration_worst": float(self.vibration.max()),
+                "stiffness_n_per_m": {
+                    "lowest": float(felt.min()) if len(felt) else None,
+                    "median": self.stiffness,
+                    "highest": float(felt.max()) if len(felt) else None,
+                },
+                "share_of_wall": self.stiffness / self.wall_n_per_m if self.wall_n_per_m else None,
+                "tap_force_n": float(self.tap_force_n.max()),
+                "tap_depth_m": float(self.tap_depth_m.max()),
+                "not_simulated": list(NOT_SIMULATED),
+            }
+        )
+        return document
+
+
+def try_coupling(coupling: Coupling, subjects: Subjects, seed: int = 0) -> CouplingTrial:
+    """Let everybody press, tap and hold, with all that the problem declares of the device.
+
+    Args:
+        coupling: what runs.
+        subjects: the people.
+        seed: of their draw, to be told.
+    """
+    problem = coupling.problem
+    conditions = Conditions.of(coupling)
+    chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
+    by_motion: dict[str, BoolArray] = {}
+    vibration: list[FloatArray] = []
+    stiffness: list[FloatArray] = []
+    force: list[FloatArray] = []
+    depth: list[FloatArray] = []
+    for name, motion in MOTIONS.items():
+        stable = []
+        for part in traces(problem, chosen, subjects, motion, conditions):
+            found = part.judged()
+            stable.append(found.stable)
+            if name == "press":
+                vibration.append(felt_vibration(part.position_m, part.sample_time_s))
+                stiffness.append(found.apparent_stiffness_n_per_m)
+            if name == "tap":
+                force.append(np.abs(part.force_n).max(axis=-1))
+                depth.append(part.position_m.max(axis=-1))
+        by_motion[name] = np.concatenate(stable)
+    whole = np.asarray(np.all(list(by_motion.values()), axis=0))
+    return CouplingTrial(
+        seed=seed,
+        effects=tuple(effect.kind for effect in conditions.effects()),
+        stable=whole,
+        stable_without_friction=_without_friction(coupling, subjects, conditions) if conditions.friction_n else whole,
+        by_motion=by_motion,
+        vibration=np.concatenate(vibration),
+        stiffness_n_per_m=np.concatenate(stiffness),
+        tap_force_n=np.concatenate(force),
+        tap_depth_m=np.concatenate(depth),
+        wall_n_per_m=coupling.wall.stiffness_n_per_m,
+    )
+
+
+def _without_friction(coupling: Coupling, subjects: Subjects, conditions: Conditions) -> BoolArray:
+    chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
+    free = conditions.without_friction()
+    runs = [
+        np.concatenate([part.judged().stable for part in traces(coupling.problem, chosen, subjects, motion, free)])
+        for motion in MOTIONS.values()
+    ]
+    return np.asarray(np.all(runs, axis=0))
