@@ -1,0 +1,127 @@
+"""A coupling read from its file is the coupling that was written; older files load beside their problem and say what
+they lack."""
+
+import json
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi import InputError
+from avc_casadi.coupling import THINNING, Coupling, Gains, GainTable, Runtime, gain_csv, gain_document
+from avc_casadi.support import json_text
+
+NAMES = ("figure5", "damped", "ve3", "soft", "hard/long-delay", "hard/resonance")
+CLOSED = ("figure5", "soft", "hard/long-delay")
+
+
+def coupling(name="figure5", method="exact", runtime=None):
+    problem = avc.load_problem(name)
+    return Coupling.of(problem, avc.solve(problem, method), runtime)
+
+
+@pytest.mark.parametrize(
+    ("name", "method"), [*((name, "exact") for name in NAMES), *((name, "closed-form") for name in CLOSED)]
+)
+def test_the_file_gives_back_the_same_coupling(name, method, tmp_path):
+    made = coupling(name, method, Runtime(observer_mass_kg=0.15, guard="passivity-controller", slew_per_s=None))
+    avc.write_coupling(made, tmp_path / "c.json")
+    again = avc.read_coupling(tmp_path / "c.json")
+    assert again == made
+    assert again.id == made.id
+    assert again.runtime == made.runtime
+    assert again.table == made.table
+    assert again.problem == made.problem
+    assert again.lacks == ()
+    requested = made.schedule.requested_stiffness_n_per_m
+    np.testing.assert_array_equal(again.schedule.requested_stiffness_n_per_m, requested)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_runs_is_within_the_thinning_of_every_row(name):
+    made = coupling(name)
+    full = GainTable.of(made.schedule)
+    found = made.table(full.frequency_hz)
+    scale = np.where(full.gains == 0, np.maximum(full.gains.max(axis=1, keepdims=True), 1.0), full.gains)
+    assert np.abs((found - full.gains) / scale).max() <= THINNING * (1 + 1e-9)
+    assert len(made.table) <= 256
+
+
+def test_constant_gains_are_one_row():
+    made = coupling("figure5", "static")
+    assert made.table.constant
+    assert len(made.table) == 1
+    assert made.table.at_rest.stiffness_n_per_m == made.schedule.stiffness_n_per_m[0]
+
+
+def test_the_name_of_a_coupling_follows_what_runs():
+    problem = avc.load_problem("ve3")
+    made = Coupling.constant(problem, Gains(5.0, 1e4), "mine")
+    assert made.id == Coupling.constant(problem, Gains(5.0, 1e4), "other").id
+    others = [
+        Coupling.constant(problem, Gains(5.0, 1.1e4), "mine"),
+        Coupling.constant(problem, Gains(5.0, 1e4), "mine", Runtime(guard="energy-tank")),
+        Coupling.constant(problem.changed(environment={"stiffness_n_per_m": 4000.0}), Gains(5.0, 1e4), "mine"),
+        Coupling.constant(problem.changed(device={"sample_time_s": 5e-4}), Gains(5.0, 1e4), "mine"),
+        Coupling.constant(problem.changed(device={"max_force_n": 3.0}), Gains(5.0, 1e4), "mine"),
+    ]
+    assert len({made.id, *(one.id for one in others)}) == 6
+
+
+def test_a_gain_file_of_the_first_release_loads_beside_its_problem(tmp_path):
+    problem = avc.load_problem("ve3")
+    gains = avc.solve(problem, "exact")
+    old = gain_document(gains)
+    for key in ("requested_rigid", "requested_contact_damping_ns_per_m"):
+        del old[key]
+    (tmp_path / "gains.json").write_text(json_text(old))
+    (tmp_path / "gains.csv").write_text(gain_csv(gains))
+    for name in ("gains.json", "gains.csv"):
+        with pytest.raises(InputError, match="lacks the problem: wall"):
+            avc.read_coupling(tmp_path / name)
+        found = avc.read_coupling(tmp_path / name, problem)
+        assert found.table == Coupling.of(problem, gains).table
+        assert any("wall" in one for one in found.lacks)
+        assert any("runs beside" in one for one in found.lacks)
+
+
+def test_another_sample_time_is_refused_by_name(tmp_path):
+    problem = avc.load_problem("ve3")
+    (tmp_path / "gains.json").write_text(json_text(gain_document(avc.solve(problem, "exact"))))
+    with pytest.raises(InputError, match="sample time") as refused:
+        avc.read_coupling(tmp_path / "gains.json", problem.changed(device={"sample_time_s": 5e-4}))
+    assert refused.value.faults[0].key == "sample_time_s"
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"problem_file": None}, "problem_file"),
+        ({"problem_file": {"device": {"mass_kg": -1.0}}}, "problem_file.device.mass_kg"),
+        ({"table": {}}, "table.frequency_hz"),
+        ({"runtime": {"estimator": "guess"}}, "runtime.estimator"),
+        ({"runtime": {"slew_per_s": "fast"}}, "runtime.slew_per_s"),
+        ({"runtime": {"colour": 1}}, "runtime"),
+        ({"certificate": 3}, "certificate"),
+        ({"sample_time_s": 2e-3}, "frequency_hz"),
+    ],
+)
+def test_every_fault_of_a_file_is_named(change, key, tmp_path):
+    made = coupling("ve3")
+    avc.write_coupling(made, tmp_path / "c.json")
+    document = json.loads((tmp_path / "c.json").read_text())
+    (tmp_path / "c.json").write_text(json.dumps(document | change))
+    with pytest.raises(InputError) as refused:
+        avc.read_coupling(tmp_path / "c.json")
+    assert key in {fault.key for fault in refused.value.faults}
+
+
+def test_all_faults_at_once(tmp_path):
+    avc.write_coupling(coupling("ve3"), tmp_path / "c.json")
+    document = json.loads((tmp_path / "c.json").read_text())
+    document |= {"runtime": {"guard": "dog"}, "table": {}, "problem_file": 1, "trial": []}
+    (tmp_path / "c.json").write_text(json.dumps(document))
+    with pytest.raises(InputError) as refused:
+        avc.read_coupling(tmp_path / "c.json")
+    keys = {fault.key for fault in refused.value.faults}
+    assert {"runtime.guard", "table.frequency_hz", "problem_file", "trial"} <= keys
