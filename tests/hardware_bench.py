@@ -97,4 +97,5 @@ def schedule(
         reason=("",) * rows,
         requested_damping_ns_per_m=b,
         requested_stiffness_n_per_m=k,
+        requested_contact_damping_ns_per_m=b_p,
     )

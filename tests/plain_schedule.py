@@ -27,7 +27,7 @@ def _series(x: Pair, y: Pair) -> Pair:
     return up[0] / scale, up[1] / scale
 
 
-def _perceived(problem: Problem, frequency_hz: float, damping: Any, stiffness: Any, wall: tuple[Any, Any]) -> Pair:
+def perceived(problem: Problem, frequency_hz: float, damping: Any, stiffness: Any, wall: tuple[Any, Any]) -> Pair:
     """Z_h of a spring and damper in series with a wall, before the device; no coupling where damping is None."""
     t = problem.device.sample_time_s
     phi = np.pi * frequency_hz * t
@@ -64,11 +64,11 @@ class PlainSchedule:
         for stage, frequency in enumerate(self.frequency):
             b = ca.exp(self.states[0, stage]) - floors[0]
             k = ca.exp(self.states[1, stage]) - floors[1]
-            z = _perceived(problem, frequency, b, k, wall)
-            target = np.hypot(*_perceived(problem, frequency, None, None, desired))
+            z = perceived(problem, frequency, b, k, wall)
+            target = np.hypot(*perceived(problem, frequency, None, None, desired))
             cost += weight[stage] * (1 - ca.sqrt(z[0] ** 2 + z[1] ** 2) / target) ** 2
             for end in (frequency / beta, min(frequency * beta, nyquist)):
-                real = _perceived(problem, end, b, k, wall)[0]
+                real = perceived(problem, end, b, k, wall)[0]
                 opti.subject_to(real >= problem.stability.margin_ns_per_m)
             for state, ends in enumerate((box.damping_ns_per_m, box.stiffness_n_per_m)):
                 low, high = (float(np.log(value + floors[state])) for value in ends)

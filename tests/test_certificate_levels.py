@@ -220,3 +220,18 @@ def test_no_deciding_frequencies_are_named_where_none_are_known():
     for unknown in ({"model": "paper", "scope": "band"}, {"model": "paper", "scope": "all"}, {"scope": "hands"}):
         assert deciding_frequencies_hz(problem(**unknown), own) is None
     assert deciding_frequencies_hz(problem(delay=1, model="sampled-data", scope="all"), own) is None
+
+
+def test_a_released_device_is_stable_only_if_every_corner_of_it_is():
+    """Without a hand a lean device diverges where a well damped one rests, and the range holds both."""
+
+    def detail(**device):
+        case = problem(b_d=3.0, rows=2).changed(device=device)
+        return certify(case, table(case, 1.1, 9300.0), draws=0).levels["L5"].detail
+
+    lean, rich = detail(damping_ns_per_m=1.0), detail(damping_ns_per_m=5.0)
+    assert not lean["released_pass"]
+    assert rich["released_pass"]
+    both = detail(range={"damping_ns_per_m": (1.0, 5.0)})
+    assert not both["released_pass"]
+    assert both["released_spectral_radius"] == max(lean["released_spectral_radius"], rich["released_spectral_radius"])

@@ -127,3 +127,22 @@ def test_constraint_is_a_disc_in_the_coupling_plane(b_e, side):
         coupling = centre + share * np.sqrt(radius2) * turn
         real = (loop.device + loop.hold * loop.environment * coupling / (loop.environment + coupling)).real
         assert np.all(np.sign(real[:, :50]) == sign)
+
+
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+@pytest.mark.parametrize("delay", [0, 1, 4])
+def test_a_contact_damper_is_held_and_late_like_every_other_force(model, delay):
+    """The computer's damper alone: b_p times the mean of two samples, or one sample old, and z^-delay."""
+    contact = 37.0
+    loop = loop_of(model, delay)
+    found = loop.perceived(0.0, 0.0, contact) - loop.device
+    held = (Z + 1) / (2 * Z) if model == "paper" else 1 / Z
+    np.testing.assert_allclose(found, contact * held * Z**-delay, rtol=1e-10, atol=1e-10)
+
+
+def test_a_held_damper_needs_as_much_damping_in_the_device():
+    """b_d >= b_p: at Nyquist the force of a damper that is held stands against the damping of the device."""
+    nearly_nyquist = np.array([499.99])
+    for contact, sign in ((1.99, 1), (2.01, -1)):
+        loop = loop_of("sampled-data", frequency=nearly_nyquist)
+        assert np.sign(loop.perceived(0.0, 0.0, contact).real[0]) == sign

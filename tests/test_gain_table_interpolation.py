@@ -98,6 +98,26 @@ def test_choice_is_the_best_of_all_subsets(name):
     assert found.error == pytest.approx(best[fewest], abs=1e-12)
 
 
+def test_rows_between_which_a_gain_would_fall_below_the_margin_are_not_neighbours():
+    """Pointwise optima stand on the margin: the nearest tables are active between their rows, and are left."""
+    problem = figure5(points=8)
+    table = GainTable.of(solve(problem, "exact"))
+    best = {True: {}, False: {}}
+    for count in range(2, 8):
+        for middle in itertools.combinations(range(1, 7), count - 2):
+            error, passive = deviation(problem, table.rows, (0, *middle, 7))
+            best[passive][count] = min(error, best[passive].get(count, np.inf))
+    refused = 0
+    for count in best[True]:
+        found = reduce_rows(table, problem, rows=count)
+        assert deviation(problem, table.rows, found.kept)[1]
+        assert found.error == pytest.approx(min(best[True][c] for c in best[True] if c <= count), abs=1e-12)
+        refused += best[False].get(count, np.inf) < 0.9 * found.error
+    assert refused >= 3
+    with pytest.raises(InputError, match="no table of 2 rows keeps Re Z_h at the margin"):
+        reduce_rows(table, problem, rows=2)
+
+
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
 def test_tolerance_holds_on_long_tables_too(tolerance):
     gains = solve(figure5(points=900), "schedule")

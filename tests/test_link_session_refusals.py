@@ -156,6 +156,27 @@ def test_host_names_every_limit_that_is_passed() -> None:
     assert core.image() is None
 
 
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ("max_damping_ns_per_m", "damping b is"),
+        ("max_stiffness_n_per_m", "stiffness k is"),
+        ("max_contact_damping_ns_per_m", "contact damping b_p is"),
+    ],
+)
+def test_host_sends_nothing_above_any_one_limit(limit: str, words: str) -> None:
+    """The largest gain of the table passes; the limit a little lower is named before a byte of the table travels."""
+    gains = schedule(9, largest=(80.0, 5e3, 60.0))
+    largest = float(np.float32(getattr(gains, limit.removeprefix("max_")).max()))
+    core = HostCore(host_library(), BoardLimits(**{limit: largest}))
+    assert push(gains, HostLink(core)).rows == 9
+    core = HostCore(host_library(), BoardLimits(**{limit: 0.999 * largest}))
+    with pytest.raises(LinkError, match=f"not sent: {words}") as caught:
+        push(gains, HostLink(core))
+    assert str(caught.value).count(";") == 1
+    assert core.image() is None
+
+
 def test_schedule_without_gains_is_refused_before_a_port_is_opened() -> None:
     with pytest.raises(InputError, match="none of the 5 rows"):
         push(schedule(5, unusable=5), "/dev/does-not-exist")

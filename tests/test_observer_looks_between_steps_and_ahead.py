@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scene_reference import scene_problem
 
-from avc_casadi.design import solve
+from avc_casadi.coupling import Gains
+from avc_casadi.design import simulate, solve
 from avc_casadi.problem import load_problem
 from avc_casadi.runtime import ObserverSettings, observer_step
 from avc_casadi.scene import simulate_batch
@@ -70,3 +72,30 @@ def test_one_sample_of_delay_is_predicted_away():
     effects = tuple(effect for effect in problem.scene.effects if effect.kind != "observer")
     blind = problem.model_copy(update={"scene": problem.scene.model_copy(update={"effects": effects})})
     assert not simulate_batch(blind, hands, gains).stable.any()
+
+
+DELAYED = """
+[device]
+mass_kg = 0.1
+damping_ns_per_m = 2.0
+encoder_resolution_m = 2e-5
+delay_samples = {delay}
+[environment]
+damping_ns_per_m = 10.0
+stiffness_n_per_m = 2e4
+"""
+
+
+def pressed(delay, samples):
+    """Position under a press with the effect delay as written, on a device of so many samples of delay."""
+    effects = ('kind = "hand"', 'kind = "wall"', 'kind = "encoder"', 'kind = "observer"', f'kind = "delay"\n{samples}')
+    case = scene_problem(effects, scene="duration_s = 0.5\n", head=DELAYED.format(delay=delay))
+    return simulate(case, Gains(20.0, 1e4)).position_m
+
+
+def test_a_delay_that_the_device_states_is_predicted_like_one_that_the_scene_states():
+    stated = pressed(2, "")
+    np.testing.assert_array_equal(stated, pressed(0, "samples = 2"))
+    np.testing.assert_array_equal(stated, pressed(5, "samples = 2"))
+    assert np.abs(stated - pressed(3, "")).max() > 1e-6
+    assert np.abs(stated - pressed(0, "samples = 1")).max() > 1e-6

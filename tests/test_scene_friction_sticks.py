@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from scene_reference import scene_problem
+from scene_reference import Reference, scene_problem
 
 from avc_casadi.coupling import NO_COUPLING, Gains
 from avc_casadi.design import simulate
+from avc_casadi.scene import compile_scene
 
 HEAD = """
 [device]
@@ -83,3 +84,20 @@ def test_friction_alone_can_hold_a_loop_at_rest_and_is_said_to():
     calm = simulate(scene_problem((hand, wall, 'kind = "coulomb-friction"')), Gains(5.0, 3e3))
     assert calm.claim == "asymptotic"
     assert calm.certificate()["pass"]
+
+
+@pytest.mark.parametrize(
+    ("mass", "k", "force", "frequency_hz"),
+    [(0.005, 28851.0, 8.788, 159.0), (0.005, 11014.0, 5.845, 218.0), (0.02, 110679.0, 32.18, 151.0)],
+)
+def test_it_stops_and_breaks_away_again_within_one_sample(mass, k, force, frequency_hz):
+    """A fast target pulls the mass loose in the sample in which it came to rest: as scipy finds both events."""
+    motion = f'kind = "free"\nstart_m = -0.02\namplitude_m = 0.001\nfrequency_hz = {frequency_hz}\n'
+    effects = (SPRING.format(k=k), FRICTION.format(force=force))
+    problem = scene_problem(effects, scene="duration_s = 0.05\n", motion=motion, head=HEAD.format(mass=mass))
+    run = simulate(problem, NO_COUPLING)
+    target = compile_scene(problem).target
+    reference = Reference(problem, NO_COUPLING, target.position_m, target.device_start_m)
+    position, velocity, _ = reference.run(len(run.position_m))
+    np.testing.assert_allclose(run.position_m, position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(run.velocity_m_per_s, velocity, rtol=0, atol=1e-8)
