@@ -66,7 +66,7 @@ METHODS: Mapping[MethodName, Method] = {
     ),
     "static-tuned": Method(
         "avc_casadi.design.constant:solve_static_tuned",
-        "the best constant gains with which every simulated hand of [hands] comes to rest",
+        "the best constant gains, stable with every hand of [hands] and at rest in the scene",
     ),
 }
 assert tuple(METHODS) == get_args(MethodName)  # noqa: S101 - the type and the registry name the same methods

@@ -1,13 +1,10 @@
 """Which coupling to start with, how stiff a wall can be, and how real it feels."""
 
 from avc_casadi.recommend._designs import COUPLINGS as COUPLINGS
-from avc_casadi.recommend._designs import TUNED_MARGIN_SHARE as TUNED_MARGIN_SHARE
 from avc_casadi.recommend._designs import Coupling as Coupling
 from avc_casadi.recommend._designs import Design as Design
-from avc_casadi.recommend._designs import constant as constant
 from avc_casadi.recommend._designs import design as design
 from avc_casadi.recommend._designs import physical_wall as physical_wall
-from avc_casadi.recommend._designs import tuned_margin as tuned_margin
 from avc_casadi.recommend._designs import tuning_problem as tuning_problem
 from avc_casadi.recommend._error_curve import error_curve as error_curve
 from avc_casadi.recommend._helps import Help as Help

@@ -11,8 +11,9 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import NO_COUPLING, Gains, GainSchedule, gains_at
 from avc_casadi.design import solve
+from avc_casadi.design.constant import tuned_margin
 from avc_casadi.design.pointwise import project
-from avc_casadi.problem import Boundaries, Impedance
+from avc_casadi.problem import Boundaries, Frequency, Impedance, Scene
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem, Structure
@@ -40,16 +41,12 @@ COUPLINGS: dict[Coupling, str] = {
     "schedule": "gains with a contact damper scheduled on frequency, tuned for the training hands",
 }
 
-# What both tuned designs are asked for: stability of the frozen loop with every training hand after the device has been
-# robbed of damping, as a share of k_e T/2, the damping that sampling takes from the wall. It leaves decay, not only the
-# absence of growth: 6 N.s/m at the wall of figure 5, where less lets a search find hands that bounce for ever.
-TUNED_MARGIN_SHARE = 0.12
 # From a press that is held for long, in which a damper without a spring would creep, to contact transients.
 TUNED_HZ = (0.01, 100.0)
 TUNED_POINTS = 50
 TUNED_SLOPE_PENALTY = 1e-4
-# A change of the gains by less than one in 10^5 from end to end.
-NO_SLOPE = 1e-6
+# The highest frequency as a share of Nyquist, where a slow device does not reach that far.
+_OF_NYQUIST = 0.9
 
 
 @dataclass(frozen=True)
@@ -120,41 +117,33 @@ def physical_wall(problem: Problem) -> Problem:
     wall = problem.environment
     made_up = wall.damping_ns_per_m + wall.stiffness_n_per_m * problem.device.sample_time_s / 2
     goal = Impedance(damping_ns_per_m=made_up, stiffness_n_per_m=wall.stiffness_n_per_m)
-    return problem.model_copy(update={"boundaries": Boundaries(upper=goal, lower=goal)})
-
-
-def tuned_margin(problem: Problem) -> float:
-    """Damping that the tuned designs keep in reserve, N.s/m."""
-    return TUNED_MARGIN_SHARE * problem.environment.stiffness_n_per_m * problem.device.sample_time_s / 2
+    return problem.changed(boundaries=Boundaries(upper=goal, lower=goal))
 
 
 def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: float | None = None) -> Problem:
     """State what both tuned designs solve: same goal, structure, gain box, frequencies and training hands.
 
-    The contact damper may reach 2 m/T of the device alone, beyond which it outruns the loop by itself.
+    The contact damper may reach 2 m/T of the device alone, beyond which it outruns the loop by itself. Constant gains
+    are tried in a press; whatever else people do with them is for a trial.
 
     Args:
         problem: device and wall.
         structure: series or damped.
-        margin_ns_per_m: damping in reserve; None is that of `tuned_margin`.
+        margin_ns_per_m: damping in reserve of which the device is robbed while every training hand must be stable;
+            None is that of `tuned_margin`.
     """
     device = problem.device
     margin = tuned_margin(problem) if margin_ns_per_m is None else margin_ns_per_m
     most = 2 * device.mass_kg / device.sample_time_s if structure == "damped" else 0.0
-    changes = {
-        "coupling": {"structure": structure, "contact_damping_ns_per_m": (0.0, most)},
-        "stability": {"model": "sampled-data", "scope": "hands", "margin_ns_per_m": margin},
-        "realism": {"objective": "complex"},
-        "schedule": {"slope_penalty": TUNED_SLOPE_PENALTY},
-        "frequency": {"start_hz": TUNED_HZ[0], "stop_hz": TUNED_HZ[1], "points": TUNED_POINTS, "values_hz": None},
-    }
-    tables = {name: getattr(problem, name).model_copy(update=change) for name, change in changes.items()}
-    return physical_wall(problem).model_copy(update=tables)
-
-
-def constant(problem: Problem) -> Problem:
-    """Let the gains of a schedule not change: whatever the schedule does better is then due to its freedom alone."""
-    return problem.model_copy(update={"schedule": problem.schedule.model_copy(update={"slope_limit": NO_SLOPE})})
+    stop = min(TUNED_HZ[1], _OF_NYQUIST * 0.5 / device.sample_time_s)
+    return physical_wall(problem).changed(
+        coupling={"structure": structure, "contact_damping_ns_per_m": (0.0, most)},
+        stability={"model": "sampled-data", "scope": "hands", "margin_ns_per_m": margin},
+        realism={"objective": "complex"},
+        schedule={"slope_penalty": TUNED_SLOPE_PENALTY},
+        frequency=Frequency(start_hz=TUNED_HZ[0], stop_hz=stop, points=TUNED_POINTS),
+        scene=Scene(),
+    )
 
 
 def design(problem: Problem, coupling: Coupling) -> Design:
@@ -177,11 +166,9 @@ def design(problem: Problem, coupling: Coupling) -> Design:
 def _stated(problem: Problem, coupling: Coupling) -> tuple[str, Problem]:
     if coupling.startswith(("static-tuned", "schedule")):
         structure: Structure = "series" if coupling.endswith("-series") else "damped"
-        stated = tuning_problem(problem, structure)
-        return "schedule", stated if coupling.startswith("schedule") else constant(stated)
+        return coupling.removesuffix("-series"), tuning_problem(problem, structure)
     if coupling == "static-sampled":
-        stability = problem.stability.model_copy(update={"model": "sampled-data"})
-        return "static", problem.model_copy(update={"stability": stability})
+        return "static", problem.changed(stability={"model": "sampled-data"})
     return coupling, problem
 
 
@@ -193,5 +180,5 @@ def _injection(problem: Problem) -> Design:
         stiffness_n_per_m=(bounds.upper.stiffness_n_per_m + bounds.lower.stiffness_n_per_m) / 2,
     )
     damper = float(project(problem).injected_damping_ns_per_m.max())
-    rendered = problem.model_copy(update={"environment": wall})
+    rendered = problem.changed(environment=wall)
     return Design("closed-form", rendered, Gains(math.inf, math.inf, damper))

@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi.coupling import Gains, gains_at
 from avc_casadi.design import solve
-from avc_casadi.recommend._designs import constant, tuning_problem
+from avc_casadi.recommend._designs import tuning_problem
 from avc_casadi.recommend._error_curve import TOLERANCE, error_curve
 from avc_casadi.trial import MOTIONS, Conditions, exact_interval, judged
 
@@ -34,7 +34,7 @@ def tuned(
         structure: series or damped.
     """
     stated = tuning_problem(problem, structure, margin_ns_per_m)
-    table = solve(stated if scheduled else constant(stated), "schedule")
+    table = solve(stated, "schedule" if scheduled else "static-tuned")
     if not table.usable.all():
         return None
     return table if scheduled else gains_at(table)

@@ -19,7 +19,6 @@ from avc_casadi.design import solve
 from avc_casadi.figures import draw_frontier, save_figure
 from avc_casadi.problem import AdaptationEffect, EstimatorEffect
 from avc_casadi.recommend import (
-    constant,
     corner_subjects,
     damping_range,
     design,
@@ -72,7 +71,7 @@ def ablated(problem, people):
     problems = {
         "whole": base,
         "without the contact damper": series,
-        "without adaptation": constant(base),
+        "without adaptation": base,
         "without margin": variant(stability={"margin_ns_per_m": 0.0}),
         "goal: the sampled wall": sampled_goal,
         "goal: the paper's bounds": base.model_copy(update={"boundaries": problem.boundaries}),
@@ -87,7 +86,7 @@ def ablated(problem, people):
         steady = name == "without adaptation"
 
         def make(stated=stated, steady=steady):
-            table = solve(stated, "schedule")
+            table = solve(stated, "static-tuned" if steady else "schedule")
             if not table.usable.all():
                 return None
             return gains_at(table) if steady else table

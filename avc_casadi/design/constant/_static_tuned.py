@@ -1,35 +1,32 @@
-"""Method `static-tuned`: the constant gains that a good engineer finds by trying them with many hands.
+"""Method `static-tuned`: the best constant gains with which every hand of the set comes to rest.
 
-Gains are ranked by their error and must be linearly stable with every hand of the set; the first whose simulated hands
-all come to rest, with dry friction and without, is taken. The search is then refined about it.
+The joint programme finds the gains of least error that are linearly stable with every hand while the device is robbed
+of a reserve of damping. They are tried in the problem's scene by all hands, without dry friction and with it; where
+somebody does not come to rest, the reserve is raised and the programme solved again.
 """
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.coupling import Gains, GainSchedule, Status, gain_schedule
-from avc_casadi.loop import HandSet, hand_set, loop_at, relative_errors
+from avc_casadi.coupling import Gains, GainSchedule, Status, gain_schedule, gains_at
+from avc_casadi.design.constant._tuning_grid import gains_on_grid, rms_errors
+from avc_casadi.design.joint import ScheduleSolver
+from avc_casadi.loop import hand_set
 from avc_casadi.scene import simulate_batch
-from avc_casadi.stability import frozen_parts, linear_stability
-from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
-
-# Gains are tried on a logarithmic scale down to this share of their largest value, and at their lower bound itself.
-_DECADES = 6
-_SHRINK = 0.35
-# Impedances held at a time while errors are computed.
-_NUMBERS_AT_ONCE = 1_000_000
+# Reserve where the problem states none, as a share of k_e T/2, the damping that sampling takes from the wall. It leaves
+# decay, not only the absence of growth: 6 N.s/m at the wall of figure 5, where with less somebody bounces for ever.
+TUNED_MARGIN_SHARE = 0.12
+_RAISE = 1.5
 
 
 @dataclass(frozen=True)
@@ -37,21 +34,14 @@ class Budget:
     """What the tuning may spend.
 
     Attributes:
-        series_points: gains tried for each of b and k.
-        damped_points: gains tried for each of b, k and b_p.
-        refinements: searches about the best gains, each in a smaller neighbourhood of 7 points a gain.
-        scenes: candidates simulated in each search before it gives up, and in the first search as many again among
-            the rest.
-        hands: hands of the set: the corners of its ranges and draws.
+        draws: hands tried in the scene beside the corners of their ranges.
         seed: seed of the draws.
+        raises: how often the reserve may be raised.
     """
 
-    series_points: int = 41
-    damped_points: int = 19
-    refinements: int = 3
-    scenes: int = 16
-    hands: int = 40
+    draws: int = 32
     seed: int = 0
+    raises: int = 8
 
 
 @dataclass(frozen=True)
@@ -59,41 +49,47 @@ class StaticTuned:
     """Tuned constant gains.
 
     Attributes:
-        gains: the gains; None where no candidate brought every hand to rest.
-        error: root of the mean squared relative error over the problem's frequencies, by the problem's objective.
-        tried: candidates judged by spectral radius.
-        linear: candidates that are linearly stable with every hand.
-        simulated: candidates simulated with every hand.
-        hands: number of hands.
-        seed: seed of the draws.
+        gains: the gains; None where none are found with which every hand comes to rest.
+        error: root of the mean squared relative error over the problem's frequencies, by the problem's objective;
+            infinite without gains.
+        reserve_ns_per_m: damping of which the device was robbed while every hand had to be linearly stable.
+        raised: how often it was raised.
+        rested: hands that came to rest in the scene in every trial of the last gains.
+        hands: hands that were tried in the scene.
+        seed: seed of their draws.
+        reason: why there are no gains; empty where there are.
     """
 
     gains: Gains | None
     error: float
-    tried: int
-    linear: int
-    simulated: int
+    reserve_ns_per_m: float
+    raised: int
+    rested: int
     hands: int
     seed: int
+    reason: str = ""
 
     def sentence(self) -> str:
-        """Say what was found at what expense."""
-        spent = (
-            f"{self.tried} candidates by spectral radius with {self.hands} hands (seed {self.seed}), "
-            f"{self.linear} of them linearly stable, {self.simulated} simulated with all hands"
-        )
+        """Say what was found and how it was tried."""
         if self.gains is None:
-            return f"no constant gains of the box bring every hand to rest: {spent}"
-        found = self.gains
-        contact = f", b_p = {found.contact_damping_ns_per_m:.6g} N.s/m" if found.contact_damping_ns_per_m else ""
+            return self.reason
+        b, k, b_p = vars(self.gains).values()
+        contact = f", b_p = {b_p:.6g} N.s/m" if b_p else ""
+        raised = f", raised {self.raised} times" if self.raised else ""
         return (
-            f"tuned constant gains: b = {found.damping_ns_per_m:.6g} N.s/m, k = {found.stiffness_n_per_m:.6g} N/m"
-            f"{contact}, error {100 * self.error:.4g} %; {spent}"
+            f"tuned constant gains: b = {b:.6g} N.s/m, k = {k:.6g} N/m{contact}, error {100 * self.error:.4g} %; "
+            f"linearly stable with every hand with {self.reserve_ns_per_m:.4g} N.s/m of damping in reserve{raised}; "
+            f"{self.hands} hands (seed {self.seed}) at rest in the scene"
         )
+
+
+def tuned_margin(problem: Problem) -> float:
+    """Damping that tuned gains keep in reserve where the problem states no margin, N.s/m."""
+    return TUNED_MARGIN_SHARE * problem.environment.stiffness_n_per_m * problem.device.sample_time_s / 2
 
 
 def tune_static(problem: Problem, budget: Budget | None = None) -> StaticTuned:
-    """Tune constant gains for the problem's set of hands, in the problem's structure and gain box.
+    """Tune constant gains for the problem's set of hands, in the problem's structure, gain box and frequencies.
 
     Args:
         problem: the problem; its scene is what the hands do, its objective what counts as error.
@@ -102,11 +98,31 @@ def tune_static(problem: Problem, budget: Budget | None = None) -> StaticTuned:
     Raises:
         UnsupportedError: a scene whose hand is not the effect ``hand``.
     """
-    return _Tuning(problem, budget or Budget()).run()
+    _check_hand(problem)
+    budget = budget or Budget()
+    hands = hand_set(problem.hands, draws=budget.draws, seed=budget.seed)
+    solver, reserve = ScheduleSolver(constant=True), problem.stability.margin_ns_per_m or tuned_margin(problem)
+    rested = raised = 0
+    for raised in range(1 + budget.raises):
+        # Realism is for the tables: a row may be unreal where the constant gains are the best that there are.
+        stated = problem.changed(stability={"scope": "hands", "margin_ns_per_m": reserve}, realism={"require": "none"})
+        table = solver.solve(stated)
+        gains = gains_at(table) if table.usable.all() else gains_on_grid(stated)
+        if gains is None:
+            why = table.reason[0] if not raised else f"{_restless(rested, len(hands))}, and with more none are found"
+            return StaticTuned(None, np.inf, reserve, raised, rested, len(hands), budget.seed, why)
+        rest = [simulate_batch(problem, hands, gains, friction=friction).stable for friction in _frictions(problem)]
+        rested = int(np.count_nonzero(np.all(rest, axis=0)))
+        if rested == len(hands):
+            error = float(rms_errors(stated, np.array([[value] for value in vars(gains).values()]))[0])
+            return StaticTuned(gains, error, reserve, raised, rested, len(hands), budget.seed)
+        reserve *= _RAISE
+    why = _restless(rested, len(hands))
+    return StaticTuned(None, np.inf, reserve / _RAISE, raised, rested, len(hands), budget.seed, why)
 
 
 def solve_static_tuned(problem: Problem) -> GainSchedule:
-    """Solve by tuned constant gains; every row has the same ones, and the notes say what they cost.
+    """Solve by tuned constant gains; every row has the same ones, and the notes say how they were tried.
 
     Raises:
         UnsupportedError: a scene whose hand is not the effect ``hand``.
@@ -114,127 +130,36 @@ def solve_static_tuned(problem: Problem) -> GainSchedule:
     started = time.perf_counter()
     found = tune_static(problem)
     n = len(problem.frequencies_hz())
-    if found.gains is None:
-        empty, status = np.full(n, np.nan), (Status.INFEASIBLE,) * n
-        gains, reason = (empty, empty, empty), (found.sentence(),) * n
-    else:
-        b, k, contact = (np.full(n, value) for value in vars(found.gains).values())
-        gains, status, reason = (b, k, contact), (Status.SOLVED,) * n, ("",) * n
+    values = (np.nan,) * 3 if found.gains is None else tuple(vars(found.gains).values())
+    b, k, contact = (np.full(n, value) for value in values)
     return gain_schedule(
         problem,
         "static-tuned",
-        gains,
-        status,
-        reason=reason,
+        (b, k, contact),
+        (Status.INFEASIBLE if found.gains is None else Status.SOLVED,) * n,
+        reason=(found.reason,) * n,
         solve_seconds=time.perf_counter() - started,
         notes=(found.sentence(),),
     )
 
 
-class _Tuning:
-    """One search; points are shares of the logarithmic ranges of b, k and, in the damped structure, b_p."""
+def _restless(rested: int, hands: int) -> str:
+    return (
+        f"no constant gains of the box bring every hand to rest in the scene: {rested} of {hands} with the last; "
+        "narrow [hands], widen the box of [coupling], add device damping or soften the wall"
+    )
 
-    def __init__(self, problem: Problem, budget: Budget) -> None:
-        kinds = {effect.kind for effect in problem.scene.effects} or {"hand"}
-        if "hand" not in kinds:
-            raise UnsupportedError(
-                f"{problem.name}: static-tuned tries the hands of [hands] in the scene, which needs the effect hand "
-                f"there; listed: {', '.join(sorted(kinds))}"
-            )
-        self.problem, self.budget = problem, budget
-        box = problem.coupling
-        ends = [box.damping_ns_per_m, box.stiffness_n_per_m]
-        if box.structure == "damped":
-            ends.append(box.contact_damping_ns_per_m)
-        self.low, self.high = np.array(ends, dtype=np.float64).T
-        self.loop = loop_at(problem, problem.frequencies_hz())
-        every = hand_set(problem.hands, draws=budget.hands, seed=budget.seed)
-        count = min(budget.hands, len(every))
-        self.hands = HandSet(
-            every.mass_kg[:count], every.damping_ns_per_m[:count], every.stiffness_n_per_m[:count],
-            min(every.corners, count), budget.seed,
-        )  # fmt: skip
-        self.tried = self.linear = self.simulated = 0
 
-    def run(self) -> StaticTuned:
-        """Search the whole box, then about what was found."""
-        size = len(self.low)
-        points = self.budget.series_points if size == 2 else self.budget.damped_points
-        best, cost = self._search(_grid(np.linspace(0, 1, points), size), math.inf)
-        reach = 1.0 / (points - 1)
-        for _ in range(self.budget.refinements):
-            if best is None:
-                break
-            near = np.clip(best + reach * _grid(np.linspace(-1, 1, 7), size), 0.0, 1.0)
-            better, lower = self._search(near, cost)
-            best, cost = (best, cost) if better is None else (better, lower)
-            reach *= _SHRINK
-        gains = None if best is None else Gains(*(float(value) for value in self._gains(best[None])[:, 0]))
-        return StaticTuned(
-            gains, math.sqrt(cost), self.tried, self.linear, self.simulated, len(self.hands), self.budget.seed
+def _frictions(problem: Problem) -> tuple[bool, ...]:
+    """Without dry friction, and with it where the scene lists it."""
+    listed = any(effect.kind == "coulomb-friction" for effect in problem.scene.effects)
+    return (False, True) if listed else (False,)
+
+
+def _check_hand(problem: Problem) -> None:
+    kinds = {effect.kind for effect in problem.scene.effects} or {"hand"}
+    if "hand" not in kinds:
+        raise UnsupportedError(
+            f"{problem.name}: static-tuned tries the hands of [hands] in the scene, which needs the effect hand "
+            f"there; listed: {', '.join(sorted(kinds))}"
         )
-
-    def _search(self, points: FloatArray, below: float) -> tuple[FloatArray | None, float]:
-        """Return the best point with a cost below the given one that brings every hand to rest, or None."""
-        gains = self._gains(points)
-        cost = self._cost(gains)
-        self.tried += len(points)
-        promising = cost < below
-        points, gains, cost = points[promising], gains[:, promising], cost[promising]
-        b, k, contact = gains
-        # The margin is a reserve: the hands must be held by a device robbed of that much damping, as in scope hands.
-        reserve = -self.problem.stability.margin_ns_per_m
-        stable = np.zeros(0, dtype=bool)
-        if len(points):
-            parts = frozen_parts(self.problem, b, k)
-            stable = linear_stability(self.problem.device, parts, contact, self.hands, reserve).stable
-        self.linear += int(np.count_nonzero(stable))
-        order = np.flatnonzero(stable)[np.argsort(cost[stable], kind="stable")]
-        for row in order[self._places(len(order), widely=math.isinf(below))]:
-            if self._rests(Gains(*(float(gain) for gain in gains[:, row]))):
-                return points[row], float(cost[row])
-        return None, below
-
-    def _places(self, candidates: int, *, widely: bool) -> NDArray[np.intp]:
-        """Return which of the ranked candidates to simulate: the first ones, then ever farther apart."""
-        first = np.arange(min(self.budget.scenes, candidates))
-        if not widely or candidates <= self.budget.scenes:
-            return first
-        rest = np.geomspace(self.budget.scenes, candidates - 1, self.budget.scenes).round().astype(np.intp)
-        return np.unique(np.concatenate([first, rest]))
-
-    def _rests(self, gains: Gains) -> bool:
-        self.simulated += 1
-        return all(
-            bool(simulate_batch(self.problem, self.hands, gains, friction=friction).stable.all())
-            for friction in self._frictions
-        )
-
-    @property
-    def _frictions(self) -> tuple[bool, ...]:
-        """Without dry friction, and with it where the scene lists it."""
-        listed = any(effect.kind == "coulomb-friction" for effect in self.problem.scene.effects)
-        return (False, True) if listed else (False,)
-
-    def _gains(self, points: FloatArray) -> FloatArray:
-        """Return b, k and b_p of points, shape (3, m)."""
-        scale = self.high * 10.0**-_DECADES
-        ratio = (self.high + scale) / np.where(self.high > 0, self.low + scale, 1.0)
-        values = (self.low + scale) * np.where(self.high > 0, ratio, 1.0) ** points - scale
-        values = np.clip(np.where(points <= 0, self.low, np.where(points >= 1, self.high, values)), self.low, self.high)
-        return np.concatenate([values.T, np.zeros((3 - values.shape[1], len(values)))])
-
-    def _cost(self, gains: FloatArray) -> FloatArray:
-        """Return the mean squared relative error of gains (3, m), shape (m,)."""
-        realism, target = self.problem.realism, self.loop.target[None]
-        at_once = max(1, _NUMBERS_AT_ONCE // target.size)
-        parts = []
-        for first in range(0, gains.shape[1], at_once):
-            b, k, contact = (gain[first : first + at_once, None] for gain in gains)
-            errors = relative_errors(self.loop.perceived(b, k, contact), target, realism.objective, realism.jnd)
-            parts.append(np.mean(errors**2, axis=1))
-        return np.concatenate(parts)
-
-
-def _grid(values: FloatArray, size: int) -> FloatArray:
-    return np.stack(np.meshgrid(*[values] * size, indexing="ij"), axis=-1).reshape(-1, size)
