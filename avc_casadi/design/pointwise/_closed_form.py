@@ -14,7 +14,8 @@ from avc_casadi.coupling import (
     gain_schedule,
 )
 from avc_casadi.design._rows import pointwise_notes
-from avc_casadi.loop import Loop, coupling_gains, loop_at
+from avc_casadi.design.pointwise._realisable import FREE_SPACE, NOTHING, RIGID, ROUNDING, Quotient, placed, why_not
+from avc_casadi.loop import Loop, coupling_gains, environment_impedance, loop_at
 from avc_casadi.support import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ class Projection:
     Attributes:
         impedance: Z of (13), N.s/m.
         rendered: Z_eavc of (15), N.s/m.
-        coupling: Z_avc of (16), N.s/m; infinite where the coupling would have to be rigid.
+        coupling: Z_avc of (16), N.s/m; infinite where the coupling would have to be rigid, 0 in free space.
         injected_damping_ns_per_m: delta = max(0, margin - Re Z_h_ds).
         virtual_mass_kg: delta T/2.
     """
@@ -51,21 +52,29 @@ def project(problem: Problem, *, as_printed: bool = False) -> Projection:
         as_printed: take s of (10) as printed, T(z-1)/(2(z+1)), which is T^2/4 times the right one.
     """
     loop = loop_at(problem, problem.frequencies_hz())
-    desired, gap = (_printed_desired(problem, loop)) if as_printed else (loop.desired, loop.desired_gap)
+    desired, gap = _desired(problem, loop, as_printed=as_printed)
     target = loop.device + loop.hold * desired
     delta = np.maximum(0.0, problem.stability.margin_ns_per_m - target.real)
-    rendered = desired + delta / loop.hold
-    difference = gap - delta / loop.hold
-    with np.errstate(divide="ignore", invalid="ignore"):
-        coupling = loop.environment * rendered / difference
-    coupling = np.where(difference == 0, np.inf, coupling)
-    return Projection(target + delta, rendered, coupling, delta, delta * problem.device.sample_time_s / 2)
+    return Projection(
+        target + delta,
+        desired + delta / loop.hold,
+        Quotient.of(loop, desired, gap, delta).coupling,
+        delta,
+        delta * problem.device.sample_time_s / 2,
+    )
 
 
-def _printed_desired(problem: Problem, loop: Loop) -> tuple[ComplexArray, ComplexArray]:
-    """Z_ds and Z_e - Z_ds with the printed s, whose inverse is 4/T^2 times too large."""
-    scale = 4 / problem.device.sample_time_s**2
-    desired = loop.desired.real + 1j * loop.desired.imag * scale
+def _desired(problem: Problem, loop: Loop, *, as_printed: bool) -> tuple[ComplexArray, ComplexArray]:
+    """Z_ds and Z_e - Z_ds; the printed s is imaginary as Tustin's, and puts the stiffness 4/T^2 times into Im alone."""
+    if not as_printed:
+        return loop.desired, loop.desired_gap
+    bounds = problem.boundaries
+    b, k = (
+        (getattr(bounds.upper, name) + getattr(bounds.lower, name)) / 2
+        for name in ("damping_ns_per_m", "stiffness_n_per_m")
+    )
+    tustin = environment_impedance(loop.angle, "paper", b, k)
+    desired = tustin.real + 4j / problem.device.sample_time_s**2 * tustin.imag
     return desired, loop.environment - desired
 
 
@@ -73,8 +82,9 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
     """Solve by the paper's closed form, corrected or as printed.
 
     In the series structure rows whose spring and damper would be negative, infinite or outside the gain box are marked
-    not realisable; their impedance is that of the projection. In the damped structure the spring and damper render the
-    desired wall and the contact damper b_p = delta/Re H injects the damping; only the virtual mass is left out.
+    not realisable; their impedance is that of the projection. Gains that leave the box by no more than their rounding
+    stand on its end. In the damped structure the spring and damper render the desired wall and the contact damper
+    b_p = delta/Re H injects the damping; only the virtual mass is left out.
 
     Args:
         problem: the problem.
@@ -83,21 +93,26 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
     started = time.perf_counter()
     loop = loop_at(problem, problem.frequencies_hz())
     projection = project(problem, as_printed=as_printed)
-    damped = problem.coupling.structure == "damped"
+    delta, box = projection.injected_damping_ns_per_m, problem.coupling
+    damped = box.structure == "damped"
+    desired, gap = _desired(problem, loop, as_printed=as_printed and not damped)
+    quotient = Quotient.of(loop, desired, gap, np.zeros(delta.shape) if damped else delta)
     with np.errstate(divide="ignore", invalid="ignore"):
-        coupling = projection.coupling
-        contact = np.zeros(coupling.shape)
-        if damped:
-            gap = loop.desired_gap
-            coupling = np.where(gap == 0, np.inf, loop.environment * loop.desired / gap)
-            contact = projection.injected_damping_ns_per_m / loop.hold.real
-        b, k = coupling_gains(loop.angle, coupling)
+        contact = np.where(delta > 0, delta / loop.hold.real, 0.0) if damped else np.zeros(delta.shape)
+        b, k = coupling_gains(loop.angle, quotient.coupling)
+        per_impedance = 2 / problem.device.sample_time_s * loop.angle.sin / loop.angle.cos
         if as_printed:
-            printed_s = problem.device.sample_time_s / 2 * loop.angle.sin / loop.angle.cos
-            b, k = coupling.real, -coupling.imag * printed_s
-    rigid = ~np.isfinite(coupling)
-    b, k = np.where(rigid, np.inf, b), np.where(rigid, np.inf, k)
-    reasons = tuple(_reason(problem, *row) for row in zip(b, k, contact, strict=True))
+            per_impedance = problem.device.sample_time_s / 2 * loop.angle.sin / loop.angle.cos
+            b, k = quotient.coupling.real, -quotient.coupling.imag * per_impedance
+        b = placed(b, quotient.rounding + ROUNDING * np.abs(quotient.coupling), box.damping_ns_per_m)
+        k = placed(k, per_impedance * quotient.rounding, box.stiffness_n_per_m)
+    b, k = (np.where(quotient.rigid, np.inf, np.where(quotient.impossible, np.nan, gain)) for gain in (b, k))
+    b = np.where(quotient.nothing, box.damping_ns_per_m[0], b)
+    k = np.where(quotient.nothing, box.stiffness_n_per_m[0], k)
+    reasons = tuple(
+        RIGID if rigid else FREE_SPACE if impossible else why_not(problem, *gains)
+        for rigid, impossible, *gains in zip(quotient.rigid, quotient.impossible, b, k, contact, strict=True)
+    )
     status = tuple(Status.NOT_REALISABLE if reason else Status.SOLVED for reason in reasons)
     return gain_schedule(
         problem,
@@ -110,23 +125,5 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
         requested_contact=contact,
         impedance=None if damped else projection.impedance,
         solve_seconds=time.perf_counter() - started,
-        notes=pointwise_notes(problem),
+        notes=(*pointwise_notes(problem), *((NOTHING,) if quotient.nothing.all() else ())),
     )
-
-
-def _reason(problem: Problem, b: float, k: float, contact: float) -> str:
-    """Say why a row cannot be built, or nothing."""
-    if not (np.isfinite(b) and np.isfinite(k)):
-        return "asks for a rigid coupling: the rendered impedance equals the environment"
-    faults = []
-    box = problem.coupling
-    for name, unit, value, (low, high) in (
-        ("stiffness", "N/m", k, box.stiffness_n_per_m),
-        ("damping", "N.s/m", b, box.damping_ns_per_m),
-        ("contact damping", "N.s/m", contact, box.contact_damping_ns_per_m),
-    ):
-        if value < 0 or not np.isfinite(value):
-            faults.append(f"asks for negative {name} {value:.6g} {unit}")
-        elif not low <= value <= high:
-            faults.append(f"asks for {name} {value:.6g} {unit} outside [{low:g}, {high:g}]")
-    return "; ".join(faults)

@@ -31,7 +31,10 @@ if TYPE_CHECKING:
 
 
 def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[FloatArray]:
-    """Corners, points of given magnitude and of given real part, extrema of the magnitude; one Newton step each."""
+    """Corners, points of given magnitude and of given real part, extrema of both; one Newton step each.
+
+    The extremum of Re Z is all that is left where the margin is met with no room.
+    """
     loop, arcs = edges.loop, edges.perceived()
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         on_circle = arcs.magnitude_roots(radius)
@@ -48,7 +51,7 @@ def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[Fl
             step = (z.real - guarded_margin(loop.device, loop.hold, rendered, margin)) / edges.derivative(on_line).real
             on_line = np.where(np.abs(step) < 1e-3 * on_line, on_line - step, on_line)
     ends = np.broadcast_to(np.stack((edges.low, edges.high)), on_line.shape)
-    t = np.concatenate((on_circle, on_line, arcs.magnitude_extrema(), ends))
+    t = np.concatenate((on_circle, on_line, arcs.magnitude_extrema(), arcs.level_extrema(), ends))
     return [gain.reshape(-1, t.shape[-1]) for gain in edges.gains(t)]
 
 

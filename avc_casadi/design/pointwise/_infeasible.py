@@ -25,12 +25,19 @@ def row_reasons(problem: Problem, status: tuple[Status, ...]) -> tuple[str, ...]
         margin = problem.stability.margin_ns_per_m
         best, b, k, _ = largest_real_part(problem, problem.frequencies_hz()[rows])
         for row, value, damping, stiffness in zip(rows, best, b, k, strict=True):
+            at = f"{value:.6g} N.s/m, at b = {damping:.6g} N.s/m, k = {stiffness:.6g} N/m"
+            claim = f"Re Z_h >= {margin:g} N.s/m (stability.margin_ns_per_m)"
+            if value >= margin:
+                reasons[row] = (
+                    f"{claim} is met in the gain box with no room: {at}; missed by no more than rounding: add device"
+                    " damping, or widen the box of [coupling]"
+                )
+                continue
             missing = _rounded_up(margin - value)
             # A margin cannot be lowered below 0.
             lower = "lower the margin by that, " if margin >= missing else ""
             reasons[row] = (
-                f"Re Z_h >= {margin:g} N.s/m (stability.margin_ns_per_m) cannot be met in the gain box: at most"
-                f" {value:.6g} N.s/m, at b = {damping:.6g} N.s/m, k = {stiffness:.6g} N/m; missed by"
+                f"{claim} cannot be met in the gain box: at most {at}; missed by"
                 f" {missing:.6g} N.s/m: {lower}add as much device damping, or widen the box of [coupling]"
             )
     return tuple(reasons)
@@ -39,7 +46,7 @@ def row_reasons(problem: Problem, status: tuple[Status, ...]) -> tuple[str, ...]
 def _rounded_up(value: float) -> float:
     """Round to six digits, upwards, so that a relaxation by what is shown suffices."""
     step = 10.0 ** (np.floor(np.log10(value)) - 5)
-    return float(np.ceil(value / step) * step)
+    return float(np.ceil(value / step) * step) if step > 0 else value
 
 
 def largest_real_part(
