@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from avc_casadi.problem import dump_problem as dump_problem
     from avc_casadi.problem import load_problem as load_problem
     from avc_casadi.problem import parse_problem as parse_problem
-    from avc_casadi.recommend import Recommendation as Recommendation
-    from avc_casadi.recommend import recommend as recommend
+    from avc_casadi.recommendation import Recommendation as Recommendation
+    from avc_casadi.recommendation import recommend as recommend
     from avc_casadi.scene import Run as Run
     from avc_casadi.scene import simulate_batch as simulate_batch
     from avc_casadi.study.comparison import Comparison as Comparison
@@ -59,8 +59,8 @@ else:
         "Run": "scene",
         "simulate": "design",
         "simulate_batch": "scene",
-        "Recommendation": "recommend",
-        "recommend": "recommend",
+        "Recommendation": "recommendation",
+        "recommend": "recommendation",
         "Comparison": "study.comparison",
         "compare": "study.comparison",
     }

@@ -114,14 +114,19 @@ def test_infeasible_box_names_the_constraint_and_the_smallest_relaxation():
     assert avc("compare", "hard/infeasible-box", "--json").returncode == 1
 
 
-def test_refused_push_is_a_no(tmp_path):
-    assert avc("solve", "soft", "--out", "gains.json", cwd=tmp_path).returncode == 0
-    document = json.loads((tmp_path / "gains.json").read_text())
-    (tmp_path / "fast.json").write_text(json.dumps(document | {"sample_time_s": 1e-4}))
-    done = avc("push", "fast.json", "--port", "emulator", "--json", cwd=tmp_path)
-    assert done.returncode == 1
-    (error,) = strict_json(done.stdout)["errors"]
-    assert "sample_time_s" in error["message"]
+def test_what_is_not_deployable_is_refused_and_names_the_claim(tmp_path):
+    assert avc("solve", "figure5", "--out", "c.json", cwd=tmp_path).returncode == 0
+    for verb in (("push", "c.json", "--port", "emulator"), ("export", "c.json", "--c", "c")):
+        done = avc(*verb, "--json", cwd=tmp_path)
+        assert done.returncode == 1
+        (error,) = strict_json(done.stdout)["errors"]
+        assert "hands: linearly unstable with a hand of" in error["message"]
+        assert "avc recommend" in error["message"]
+        assert avc(*verb, "--unsafe", cwd=tmp_path).returncode == 0
+    said = avc("push", "c.json", "--port", "emulator", "--unsafe", "--json", cwd=tmp_path)
+    document = strict_json(said.stdout)
+    assert document["unsafe"].startswith("UNSAFE, went on by request: not deployable: hands")
+    assert document["deployable"]["pass"] is False
 
 
 WEAK = """\
@@ -140,20 +145,38 @@ values_hz = [5.0, 50.0]
 
 
 @pytest.mark.parametrize(("scope", "level"), [("pointwise", "L0"), ("band", "L1"), ("all", "L3"), ("hands", "L5")])
-def test_certify_says_no_where_the_problems_own_claim_is_not_met(scope, level, tmp_path):
+def test_certify_says_no_to_what_may_not_be_deployed_whatever_the_problem_claims(scope, level, tmp_path):
     (tmp_path / "weak.toml").write_text(WEAK.format(scope=scope))
     (tmp_path / "stiff.csv").write_text(
         "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n5.0,1000.0,1e7\n50.0,1000.0,1e7\n"
     )
     done = avc("certify", "weak.toml", "stiff.csv", cwd=tmp_path)
     assert done.returncode == 1
-    assert text_of(done).startswith(f"avc: {level}, ")
+    assert text_of(done).startswith("avc: not deployable: hands: linearly unstable")
     assert f"claimed by the problem file: {level}" in done.stdout.decode()
+    (tmp_path / "soft.csv").write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n5.0,5.0,1e3\n50.0,5.0,1e3\n")
+    done = avc("certify", "weak.toml", "soft.csv", "--json", cwd=tmp_path)
+    assert done.returncode == 0
+    document = strict_json(done.stdout)
+    assert document["deployable"]["pass"] is True
+    assert document["claimed"] == level
 
 
-def test_gain_file_is_the_solve_document(tmp_path):
-    done = avc("solve", "soft", "--out", "gains.json", "--json", cwd=tmp_path)
-    assert json.loads((tmp_path / "gains.json").read_text()) == strict_json(done.stdout)
+def test_the_problem_that_diverges_is_not_deployable(tmp_path):
+    assert avc("solve", "diverging", "--method", "exact", "--out", "c.json", cwd=tmp_path).returncode == 0
+    done = avc("certify", "c.json", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "let-go: linearly unstable let go" in text_of(done)
+
+
+def test_the_coupling_file_holds_the_solve_document(tmp_path):
+    done = avc("solve", "soft", "--out", "c.json", "--json", cwd=tmp_path)
+    solved, written = strict_json(done.stdout), json.loads((tmp_path / "c.json").read_text())
+    assert written["schema"] == "avc-coupling/1"
+    assert written["certificate"]["levels"] == solved["certificate"]["levels"]
+    assert written["certificate"]["deployable"] == solved["deployable"]
+    own = {"schema", "certificate", "structure"}
+    assert {key: value for key, value in solved.items() if key not in own}.items() <= written.items()
 
 
 SLOW = """\
@@ -252,13 +275,15 @@ def test_version(capsys):
 
 
 @pytest.mark.parametrize(("scope", "level"), [("pointwise", ""), ("band", "L1"), ("all", "L3")])
-def test_solve_says_no_where_the_problems_own_claim_is_not_met(scope, level, tmp_path):
+def test_solve_says_yes_where_gains_were_found_and_tells_whether_they_are_deployable(scope, level, tmp_path):
     (tmp_path / "weak.toml").write_text(WEAK.format(scope=scope).replace("0.01", "2.0"))
-    done = avc("solve", "weak.toml", "--method", "exact", "--json", cwd=tmp_path)
-    document = strict_json(done.stdout)
+    done = avc("solve", "weak.toml", "--method", "exact", cwd=tmp_path)
+    assert done.returncode == 0
+    (line,) = [line for line in done.stdout.decode().splitlines() if "deployable" in line]
+    assert line.startswith("not deployable: hands: ")
+    document = strict_json(avc("solve", "weak.toml", "--method", "exact", "--json", cwd=tmp_path).stdout)
     assert None not in document["damping_ns_per_m"]
-    assert done.returncode == (1 if level else 0)
-    assert text_of(done)[: 7 + len(level)] == (f"avc: {level}, " if level else "")
+    assert document["deployable"]["pass"] is False
     for notes in (
         document["notes"],
         strict_json(avc("solve", "weak.toml", "--as-printed", "--json", cwd=tmp_path).stdout)["notes"],

@@ -69,13 +69,15 @@ def test_certify(tmp_path):
     assert avc("solve", "figure5", "--out", "gains.json", cwd=tmp_path).returncode == 0
     done = avc("certify", "figure5", "gains.json", "--json", cwd=tmp_path)
     document = strict_json(done.stdout)
-    assert done.returncode == 0
+    assert done.returncode == 1
+    assert document["deployable"]["pass"] is False
     assert document["claimed"] == "L0"
     assert document["levels"]["L0"]["pass"] is True
     assert set(document["levels"]["L3"]) >= {"pass", "margin_ns_per_m", "frequency_hz", "model", "claim"}
     assert document["passive_limit_n_per_m"] == pytest.approx(4000.0)
     solved = strict_json((tmp_path / "gains.json").read_bytes())["certificate"]
     assert solved["levels"] == document["levels"]
+    assert solved["deployable"] == document["deployable"]
 
 
 @pytest.mark.parametrize("verb", [("list",), ("check", "soft"), ("ports",), ("doctor",)], ids=" ".join)
@@ -87,20 +89,33 @@ def test_other_verbs(verb):
 
 
 def test_device_verbs(tmp_path):
-    assert avc("solve", "figure5", "--out", "gains.csv", cwd=tmp_path).returncode == 0
-    push = strict_json(avc("push", "gains.csv", *DEVICE, cwd=tmp_path).stdout)
+    assert avc("solve", "soft", "--method", "static-tuned", "--out", "c.json", cwd=tmp_path).returncode == 0
+    push = strict_json(avc("push", "c.json", *DEVICE, cwd=tmp_path).stdout)
     assert push["readback_equal"] is True
-    assert push["rows"] == 200
-    export = strict_json(
-        avc("export", "gains.csv", "--c", "g.h", "--sample-time-s", "1e-3", "--json", cwd=tmp_path).stdout
-    )
-    assert export["rows"] == 200
-    assert "avc_step" in (tmp_path / "g.h").read_text()
-    stream = strict_json(avc("stream", "figure5", *DEVICE, "--seconds", "0.2").stdout)
+    assert push["rows"] == 1
+    assert push["in_the_loop"]["at_rest"] is True
+    export = strict_json(avc("export", "c.json", "--c", "c", "--json", cwd=tmp_path).stdout)
+    assert export["coupling"] == push["coupling"]
+    assert "avc_coupling_step" in (tmp_path / "c" / "avc_coupling.h").read_text()
+    stream = strict_json(avc("stream", "c.json", *DEVICE, "--seconds", "0.2", cwd=tmp_path).stdout)
     assert stream["sent"] == 10
     assert len(stream["samples"]) == 10
     monitor = strict_json(avc("monitor", *DEVICE, "--seconds", "0.4").stdout)
     assert len(monitor["samples"]) == 3
+
+
+def test_recommend(tmp_path):
+    done = avc("recommend", "ve3", "--hands", "16", "--out", "c.json", "--json", cwd=tmp_path)
+    assert done.returncode == 0
+    document = strict_json(done.stdout)
+    assert document["schema"] == "avc-recommend/1"
+    assert document["deployable"] is True
+    assert document["coupling"] == strict_json((tmp_path / "c.json").read_bytes())
+    assert document["felt"]["share_of_wall"] == pytest.approx(1.0, abs=0.02)
+    assert document["trial"]["at_rest"] == document["trial"]["hands"] == 16
+    assert set(document) >= {"certificate", "what_would_help", "assumed", "not_used", "stiffest_wall_n_per_m"}
+    only = strict_json(avc("recommend", "ve3", "--stiffest", "--json").stdout)
+    assert only["stiffest_wall_n_per_m"] == document["stiffest_wall_n_per_m"]
 
 
 NOISE = """

@@ -13,7 +13,8 @@ TABLE = "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n"
     ("arguments", "key", "words"),
     [
         (("solve", "hard/undamped-device", "--method", "static"), "device.damping_ns_per_m", "static needs"),
-        (("export", "gains.csv", "--c", "g.h"), "--sample-time-s", "is missing"),
+        (("export", "gains.csv", "--c", "c"), "", "Give the problem too (--problem P)"),
+        (("export", "gains.csv", "--c", "gains.csv", "--problem", "soft"), "--c", "is a file"),
         (("compare", "soft", "--mine", "-1,nan"), "--mine", "--mine=VALUE"),
         (("compare", "soft", "--mine=-1,nan"), "--mine", "finite and >= 0"),
     ],
@@ -26,15 +27,6 @@ def test_refusals_name_what_to_change(arguments, key, words, tmp_path, monkeypat
     (error,) = json.loads(capsys.readouterr().out)["errors"]
     assert error["key"] == key
     assert words in error["message"]
-
-
-@pytest.mark.parametrize(("method", "advised"), [("direct", False), ("closed-form", True)])
-def test_nobody_is_told_to_do_what_was_done(method, advised, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["solve", "hard/infeasible-box", "--method", method, "--out", "gains.json"]) == 1
-    capsys.readouterr()
-    assert main(["export", "gains.json", "--c", "g.h"]) == 2
-    assert ("--method direct" in capsys.readouterr().err) == advised
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ ROOMS = (
     "design.joint",
     "design.constant",
     "design",
-    "recommend",
+    "recommendation",
     "study.comparison",
     "study.accuracy",
     "study.pareto",

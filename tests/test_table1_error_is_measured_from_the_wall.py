@@ -6,7 +6,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.coupling import Gains
 from avc_casadi.loop import loop_at
-from avc_casadi.recommend import error_curve, physical_wall
+from avc_casadi.recommendation import error_curve, physical_wall
 
 PROBLEM = avc.load_problem("ve7")
 LOW_HZ = np.array([0.5, 1.0, 2.0])

@@ -7,7 +7,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.coupling import NO_COUPLING
-from avc_casadi.recommend import reach, tuned, with_observer
+from avc_casadi.recommendation import reach, tuned, with_observer
 from avc_casadi.study.table1 import worst_case
 from avc_casadi.trial import Conditions, draw_subjects, exact_interval
 

@@ -7,7 +7,7 @@ import avc_casadi as avc
 from avc_casadi.coupling import NO_COUPLING, Gains
 from avc_casadi.loop import HandSet
 from avc_casadi.problem import Hold
-from avc_casadi.recommend import corner_subjects, damping_range, loop_radius, stiffest_wall
+from avc_casadi.recommendation import corner_subjects, damping_range, loop_radius, stiffest_wall
 from avc_casadi.stability import frozen_parts, linear_stability
 from avc_casadi.trial import Conditions, judged
 

@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING
 from avc_casadi._errors import NotDeployableError
 from avc_casadi.certificate._certify import certify
 from avc_casadi.certificate._deployable import Deployable, deployable
-from avc_casadi.coupling import schedule_of
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
 def certified(coupling: Coupling) -> Coupling:
-    """Return the coupling with the certificate of the table that runs, and the verdict on deployment.
+    """Return the coupling with its certificate: the levels of its rows, and the verdict on the table that runs.
 
     The certificate is the `certify` document; ``deployable`` in it holds the verdict.
     """
-    levels = certify(coupling.problem, schedule_of(coupling.problem, coupling.table, coupling.method)).document()
+    levels = certify(coupling.problem, coupling.schedule).document()
     return coupling.with_certificate(levels | {"deployable": deployable(coupling).document()})
 
 

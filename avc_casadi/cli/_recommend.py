@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Recommend, write and show; 1 if nothing can be deployed."""
     from avc_casadi.coupling import coupling_document
-    from avc_casadi.recommend import recommend, stiffest
+    from avc_casadi.recommendation import recommend, stiffest
     from avc_casadi.support import json_text
 
     out = None if args.out is None else output_file(args.out, "--out", (".json",))

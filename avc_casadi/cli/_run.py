@@ -114,7 +114,7 @@ def _recommended(problem: avc.Problem) -> dict[str, Any]:
 
 def _by_method(problem: avc.Problem, method: str) -> dict[str, Any]:
     """Return what is known of the coupling of a method, in the keys of the `recommend` document."""
-    from avc_casadi.recommend import judged_as_recommended
+    from avc_casadi.recommendation import judged_as_recommended
 
     found = judged_as_recommended(problem, avc.solve(problem, method), versions=package_versions())
     return found.document() | {"of": found.coupling}

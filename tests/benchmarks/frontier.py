@@ -18,7 +18,7 @@ from avc_casadi.coupling import gains_at
 from avc_casadi.design import solve
 from avc_casadi.figures import draw_frontier, save_figure
 from avc_casadi.problem import AdaptationEffect, EstimatorEffect
-from avc_casadi.recommend import (
+from avc_casadi.recommendation import (
     corner_subjects,
     damping_range,
     design,

@@ -13,7 +13,7 @@ from script_arguments import script_arguments
 
 import avc_casadi as avc
 from avc_casadi.design.constant import tuned_margin
-from avc_casadi.recommend import reach, tuned, with_observer
+from avc_casadi.recommendation import reach, tuned, with_observer
 from avc_casadi.study.table1 import run_campaign
 from avc_casadi.trial import Conditions, draw_subjects
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from script_arguments import script_arguments
 
 import avc_casadi as avc
-from avc_casadi.recommend import design
+from avc_casadi.recommendation import design
 from avc_casadi.study.table1 import WIDER_BOUNDS, run_campaign, worst_case
 from avc_casadi.trial import Conditions, all_motions, draw_subjects, exact_interval
 

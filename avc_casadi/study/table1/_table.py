@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi.design.constant import TUNED_MARGIN_SHARE
-from avc_casadi.recommend import COUPLINGS, Coupling, Design
+from avc_casadi.recommendation import COUPLINGS, Coupling, Design
 from avc_casadi.study.table1._paper import PAPER, PEOPLE
 from avc_casadi.study.table1._wall import all_designs, rows, try_wall
 from avc_casadi.study.table1._workers import in_processes

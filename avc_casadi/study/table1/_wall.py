@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.recommend import COUPLINGS, Coupling, Design, design
+from avc_casadi.recommendation import COUPLINGS, Coupling, Design, design
 from avc_casadi.study.table1._paper import PAPER
 from avc_casadi.support import BoolArray, FloatArray
 from avc_casadi.trial import (

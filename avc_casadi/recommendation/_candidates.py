@@ -9,9 +9,9 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.recommend._designs import tuned_margin
-from avc_casadi.recommend._limits import damping_range
-from avc_casadi.recommend._reach import tuned
+from avc_casadi.recommendation._designs import tuned_margin
+from avc_casadi.recommendation._limits import damping_range
+from avc_casadi.recommendation._reach import tuned
 from avc_casadi.trial import with_let_go
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ import numpy as np
 from avc_casadi.certificate import certified, deployable
 from avc_casadi.coupling import Coupling, coupling_document
 from avc_casadi.problem import Problem, load_problem
-from avc_casadi.recommend._candidates import candidates
-from avc_casadi.recommend._error_curve import error_curve
-from avc_casadi.recommend._helps import Help, what_would_help
-from avc_casadi.recommend._limits import stiffest_wall
+from avc_casadi.recommendation._candidates import candidates
+from avc_casadi.recommendation._error_curve import error_curve
+from avc_casadi.recommendation._helps import Help, what_would_help
+from avc_casadi.recommendation._limits import stiffest_wall
 from avc_casadi.support import plain
 from avc_casadi.trial import CouplingTrial, extreme_subjects, subjects_of, try_coupling, with_let_go
 

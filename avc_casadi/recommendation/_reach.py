@@ -9,8 +9,8 @@ import numpy as np
 
 from avc_casadi.coupling import Gains, gains_at
 from avc_casadi.design import solve
-from avc_casadi.recommend._designs import tuning_problem
-from avc_casadi.recommend._error_curve import TOLERANCE, error_curve
+from avc_casadi.recommendation._designs import tuning_problem
+from avc_casadi.recommendation._error_curve import TOLERANCE, error_curve
 from avc_casadi.trial import MOTIONS, Conditions, exact_interval, judged
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.recommend._limits import stiffest_wall
+from avc_casadi.recommendation._limits import stiffest_wall
 from avc_casadi.trial import with_let_go
 
 if TYPE_CHECKING:

@@ -1,0 +1,23 @@
+"""Which coupling to start with, how stiff a wall can be, and how real it feels."""
+
+from avc_casadi.recommendation._designs import COUPLINGS as COUPLINGS
+from avc_casadi.recommendation._designs import Coupling as Coupling
+from avc_casadi.recommendation._designs import Design as Design
+from avc_casadi.recommendation._designs import design as design
+from avc_casadi.recommendation._designs import physical_wall as physical_wall
+from avc_casadi.recommendation._designs import tuning_problem as tuning_problem
+from avc_casadi.recommendation._error_curve import error_curve as error_curve
+from avc_casadi.recommendation._helps import Help as Help
+from avc_casadi.recommendation._helps import what_would_help as what_would_help
+from avc_casadi.recommendation._limits import DampingRange as DampingRange
+from avc_casadi.recommendation._limits import corner_subjects as corner_subjects
+from avc_casadi.recommendation._limits import damping_range as damping_range
+from avc_casadi.recommendation._limits import loop_radius as loop_radius
+from avc_casadi.recommendation._limits import stiffest_wall as stiffest_wall
+from avc_casadi.recommendation._reach import reach as reach
+from avc_casadi.recommendation._reach import tuned as tuned
+from avc_casadi.recommendation._reach import with_observer as with_observer
+from avc_casadi.recommendation._recommend import Recommendation as Recommendation
+from avc_casadi.recommendation._recommend import judged_as_recommended as judged_as_recommended
+from avc_casadi.recommendation._recommend import recommend as recommend
+from avc_casadi.recommendation._recommend import stiffest as stiffest

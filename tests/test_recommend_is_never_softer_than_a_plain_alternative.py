@@ -1,0 +1,117 @@
+"""What is recommended is deployable, as safe and as stiff as any plain alternative, and never gets worse on a better
+device."""
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.coupling import Coupling, Gains, Runtime
+from avc_casadi.trial import subjects_of, try_coupling
+
+
+def wall(stiffness, **device):
+    problem = avc.load_problem("ve7").changed(
+        environment={"stiffness_n_per_m": stiffness, "damping_ns_per_m": 1e-4 * stiffness}
+    )
+    return problem.changed(device=device) if device else problem
+
+
+def found(problem, hands=24):
+    return avc.recommend(problem, hands=hands)
+
+
+def safety(trial):
+    """Everybody at rest without friction, with it only, or not everybody: smaller is safer."""
+    if trial.stable.all():
+        return 0 if trial.stable_without_friction.all() else 1
+    return 2
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "device"),
+    [
+        (1e5, {}),
+        (2e4, {}),
+        (1e5, {"encoder_resolution_m": 20e-6}),
+        (2e4, {"delay_samples": 1}),
+        (8e3, {"coulomb_friction_n": 1.0, "encoder_resolution_m": 38e-6, "max_force_n": 8.0}),
+    ],
+    ids=["figure 5", "softer", "20 um", "one sample of delay", "a Falcon"],
+)
+def test_no_plain_pair_is_deployable_as_safe_and_stiffer(stiffness, device):
+    problem = wall(stiffness, **device)
+    best = found(problem)
+    assert best.deployable
+    assert avc.deployable(best.coupling).passed
+    people = subjects_of(problem.hands, 24)
+    for k in (1e3, 1e4, 3e4, 1e5, 2e5, 1e8):
+        for b in (0.0, 10.0):
+            for b_p in (0.0, 0.25, 0.5, 1.0):
+                plain = Gains(b, k, b_p * stiffness * problem.device.sample_time_s)
+                for runtime in (Runtime(), Runtime(observer_mass_kg=0.15)):
+                    other = Coupling.constant(problem, plain, "plain", runtime)
+                    if runtime.observer_mass_kg and not problem.device.encoder_resolution_m:
+                        continue
+                    if not avc.deployable(other).passed:
+                        continue
+                    tried = try_coupling(other, people)
+                    if safety(tried) < safety(best.trial):
+                        pytest.fail(f"{other} is safer than {best.coupling}")
+                    if safety(tried) == safety(best.trial) < 2 and tried.quiet.all():
+                        assert tried.stiffness <= 1.1 * best.trial.stiffness, (other, best.coupling)
+
+
+def test_a_stiffer_wall_is_never_felt_softer():
+    felt = [found(wall(stiffness)).trial.stiffness for stiffness in (1e3, 5e3, 2e4, 5e4, 1e5, 3e5)]
+    assert np.all(np.diff(felt) > -0.02 * np.array(felt[:-1]))
+    assert felt[0] == pytest.approx(1e3, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("delay_samples", (3, 2, 1, 0)),
+        ("damping_ns_per_m", (0.5, 2.0, 8.0)),
+        ("encoder_resolution_m", (5e-5, 5e-6, 0.0)),
+    ],
+)
+def test_a_better_device_is_never_felt_softer(key, values):
+    felt = [found(wall(5e4, **{key: value})).trial.stiffness for value in values]
+    assert np.all(np.diff(felt) > -0.02 * np.array(felt[:-1]))
+
+
+def test_the_plain_wall_is_recommended_where_it_is_as_good():
+    best = found(avc.load_problem("soft"))
+    assert best.trial.stiffness == pytest.approx(best.problem.environment.stiffness_n_per_m, rel=1e-3)
+
+
+def test_hands_are_those_of_the_problem():
+    heavy = avc.load_problem("ve7").changed(hands={"mass_kg": [1.0, 1.5], "damping_ns_per_m": [20.0, 30.0]})
+    assert set(np.round(subjects_of(heavy.hands, 8).effect.mass_kg, 6)) == {1.0, 1.5}
+
+
+def test_nothing_is_promised_that_does_not_hold():
+    best = found(wall(1e5, encoder_resolution_m=1e-3, coulomb_friction_n=0.0), hands=12)
+    trial = best.trial.document()
+    assert trial["at_rest"] < trial["hands"]
+    assert f"{trial['at_rest']} of {trial['hands']}" in best.reason
+
+
+def test_where_nothing_is_deployable_it_says_so():
+    problem = wall(1e6, damping_ns_per_m=0.0, delay_samples=5).changed(
+        coupling={"damping_ns_per_m": [1e4, 1e5], "stiffness_n_per_m": [1e6, 1e7]}
+    )
+    best = found(problem, hands=8)
+    assert not best.deployable
+    assert best.coupling is None
+    assert "linearly stable" in best.reason
+    assert best.document()["coupling"] is None
+
+
+def test_what_would_help_is_what_the_device_then_holds():
+    problem = wall(1e5, delay_samples=1)
+    best = found(problem, hands=8)
+    told = {one.change: one.stiffest_wall_n_per_m for one in best.helps}
+    assert told["no delay"] == pytest.approx(avc.recommend(wall(1e5), hands=8).stiffest_wall_n_per_m, rel=1e-3)
+    assert min(told.values()) >= best.stiffest_wall_n_per_m
+    assert list(told.values()) == sorted(told.values(), reverse=True)
