@@ -38,7 +38,7 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
         result = level_result(rows, "L5", "sampled-data", claim, np.zeros(len(rows.b), bool), nothing, nothing, nothing)
         return replace(result, claim=f"Not judged: more than {MAX_DELAY_SAMPLES} samples of delay")
     parts = frozen_parts(problem, rows.b, rows.k)
-    devices = device_corners(problem)
+    devices = [corner.device for corner in device_corners(problem)]
     found = [linear_stability(device, parts, rows.contact, hands) for device in devices]
     radii = np.concatenate([one.radius for one in found], axis=1)
     worst_case = np.argmax(radii, axis=1)[:, None]

@@ -20,8 +20,7 @@ def rendered_wall(problem: Problem, gains: GainSchedule) -> tuple[FloatArray, Fl
     Contact damping counts as damping of the wall. The loop is the one that runs (sampled-data), whatever model the
     gains were designed for. Rows without gains are not numbers.
     """
-    stability = problem.stability.model_copy(update={"model": "sampled-data"})
-    loop = loop_at(problem.model_copy(update={"stability": stability}), gains.frequency_hz)
+    loop = loop_at(problem.changed(stability={"model": "sampled-data"}), gains.frequency_hz)
     usable = gains.usable
     b, k, contact = (
         np.where(usable, gain, 1.0)

@@ -34,18 +34,21 @@ def admissible(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) ->
     return inside
 
 
-def best_candidate(problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p: FloatArray) -> GainArrays:
+def best_candidate(
+    problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p: FloatArray, margin_ns_per_m: float | None = None
+) -> GainArrays:
     """Choose per frequency, of candidates (m, n), the first in lexicographic order.
 
     The order: inside the box and Re Z_h >= margin, strictly; smallest magnitude error; smallest distance to Z_h_ds;
-    smallest b_p, k, b. The two tie tolerances of this module apply.
+    smallest b_p, k, b. The two tie tolerances of this module apply. A margin of None is the problem's.
 
     Returns:
         (b, k, b_p), each (n,); not a number where no candidate is feasible.
     """
+    margin = problem.stability.margin_ns_per_m if margin_ns_per_m is None else margin_ns_per_m
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         z = loop.perceived(b, k, p)
-        feasible = admissible(problem, b, k, p) & (z.real >= problem.stability.margin_ns_per_m)
+        feasible = admissible(problem, b, k, p) & (z.real >= margin)
         radius = np.abs(loop.target)
         error = np.where(feasible, np.abs(np.abs(z) - radius), np.inf)
     lowest = error.min(axis=0)

@@ -63,8 +63,7 @@ def error_curve(
         frequency_hz: where; a table is read at its end beyond it.
         wall: the wall that should be felt; None is the one that is rendered.
     """
-    stability = problem.stability.model_copy(update={"model": "sampled-data"})
-    loop = loop_at(problem.model_copy(update={"stability": stability}), frequency_hz)
+    loop = loop_at(problem.changed(stability={"model": "sampled-data"}), frequency_hz)
     b, k, b_p = _rows(gains, frequency_hz)
     felt = np.asarray(loop.perceived(b, k, b_p))
     wall, device = wall or problem.environment, problem.device

@@ -73,8 +73,8 @@ def integrator_accuracy(
     frictionless = all(effect.friction_n == 0 for effect in effects)
 
     def run(integrator: Integrator, substeps: int) -> tuple[np.ndarray, float, int]:
-        scene = problem.scene.model_copy(update={"integrator": integrator, "substeps": substeps})
-        compiled = compile_for(problem.model_copy(update={"scene": scene}), effects, chosen)
+        integrated = problem.changed(scene={"integrator": integrator, "substeps": substeps})
+        compiled = compile_for(integrated, effects, chosen)
         traces = execute(compiled, compiled.parameter_values(chosen), compiled.input_values(), engine="casadi")
         return traces["position_m"][0], ns_per_step(compiled, chosen) * 1e-9 * compiled.samples, compiled.instructions
 

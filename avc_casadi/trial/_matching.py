@@ -39,8 +39,7 @@ def reference_problem(problem: Problem) -> Problem:
         damping_ns_per_m=wall.damping_ns_per_m + wall.stiffness_n_per_m * step_s / 2,
         stiffness_n_per_m=wall.stiffness_n_per_m,
     )
-    device = problem.device.model_copy(update={"sample_time_s": step_s, "delay_samples": 0})
-    return problem.model_copy(update={"device": device, "environment": made_up})
+    return problem.changed(device={"sample_time_s": step_s, "delay_samples": 0}, environment=made_up)
 
 
 def reference_traces(problem: Problem, subjects: Subjects, motion: Motion, friction_n: float) -> Iterator[Traces]:

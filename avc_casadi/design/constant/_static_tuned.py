@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 # decay, not only the absence of growth: 6 N.s/m at the wall of figure 5, where with less somebody bounces for ever.
 TUNED_MARGIN_SHARE = 0.12
 _RAISE = 1.5
+# The smallest margin that a problem can state.
+_LEAST_NS_PER_M = 1e-9
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,8 @@ class StaticTuned:
 
 def tuned_margin(problem: Problem) -> float:
     """Damping that tuned gains keep in reserve where the problem states no margin, N.s/m."""
-    return TUNED_MARGIN_SHARE * problem.environment.stiffness_n_per_m * problem.device.sample_time_s / 2
+    reserve = TUNED_MARGIN_SHARE * problem.environment.stiffness_n_per_m * problem.device.sample_time_s / 2
+    return reserve if reserve >= _LEAST_NS_PER_M else 0.0
 
 
 def tune_static(problem: Problem, budget: Budget | None = None) -> StaticTuned:

@@ -9,9 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from avc_casadi.design.joint._scope import device_corners
 from avc_casadi.design.joint._states import States
-from avc_casadi.loop import hand_set
+from avc_casadi.loop import device_corners, hand_set
 from avc_casadi.problem import Problem
 from avc_casadi.stability import frozen_parts, linear_stability
 from avc_casadi.support import FloatArray

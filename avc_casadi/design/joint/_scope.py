@@ -8,7 +8,7 @@ import numpy as np
 
 from avc_casadi.design._rows import GainArrays
 from avc_casadi.design.joint._stage import loop_parameters
-from avc_casadi.loop import Loop, loop_at
+from avc_casadi.loop import Loop, device_corners, least_damped, loop_at
 from avc_casadi.problem import Problem
 from avc_casadi.stability import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
 from avc_casadi.support import BoolArray, FloatArray
@@ -23,24 +23,17 @@ _INSIDE = 1 - 1e-9
 """Share of Nyquist at which a slot stands for Nyquist itself, where Im Z_d is infinite."""
 
 
-def device_corners(problem: Problem) -> list[Problem]:
-    """The problem at every corner of the ranges of device mass and damping, with the credit for the hand's damping."""
-    device, credit = problem.device, problem.schedule.hand_damping_ns_per_m
-    masses = sorted(set(device.range.mass_kg or (device.mass_kg,)))
-    dampings = sorted(set(device.range.damping_ns_per_m or (device.damping_ns_per_m,)))
-    if problem.stability.scope != "hands":
-        # Re Z_h does not depend on the mass and grows with the damping: one corner decides.
-        masses, dampings = masses[:1], [dampings[0] + credit]
-    return [
-        problem.model_copy(update={"device": device.model_copy(update={"mass_kg": mass, "damping_ns_per_m": damping})})
-        for mass in masses
-        for damping in dampings
-    ]
+def deciding_corners(problem: Problem) -> tuple[Problem, ...]:
+    """The problem at the corners of its device that decide: all for hands, the least damped one for Re Z_h."""
+    if problem.stability.scope == "hands":
+        return device_corners(problem)
+    # Re Z_h does not depend on the mass and grows with the damping; the hand's is credited.
+    return (least_damped(problem, problem.schedule.hand_damping_ns_per_m),)
 
 
 def worst_slack(problem: Problem, frequency_hz: FloatArray, gains: GainArrays) -> ScopeSlack:
     """The exact slack of each row over its whole scope, at the worst corner of the device."""
-    corners = device_corners(problem)
+    corners = deciding_corners(problem)
     deciding = deciding_frequencies_hz(problem, frequency_hz)
     if deciding is not None:
         at = _evaluable(problem, deciding.T)
@@ -96,13 +89,13 @@ class Slots:
         """Put the worst frequency of each stage ``missed`` (n,) in place of the one that binds these gains least."""
         if len(self.frequency_hz) == self.fixed:
             return
-        free = loop_at(device_corners(problem)[0], self.frequency_hz[self.fixed :]).perceived(*gains).real
+        free = loop_at(deciding_corners(problem)[0], self.frequency_hz[self.fixed :]).perceived(*gains).real
         slot, stages = self.fixed + free.argmax(axis=0), np.flatnonzero(missed)
         self.frequency_hz[slot[stages], stages] = _evaluable(problem, worst.frequency_hz[stages])
 
     def loops(self, problem: Problem) -> list[Loop]:
         """The loop at each slot, with the device that decides."""
-        corner = device_corners(problem)[0]
+        corner = deciding_corners(problem)[0]
         return [loop_at(corner, row) for row in self.frequency_hz]
 
     def parameters(self, problem: Problem) -> FloatArray:

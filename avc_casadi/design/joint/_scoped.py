@@ -30,7 +30,7 @@ from avc_casadi.design.joint._scope import Slots, worst_slack
 from avc_casadi.design.joint._task import Task
 from avc_casadi.design.pointwise import EDGES, edge_search_gains, solve_direct
 from avc_casadi.loop import Loop, loop_at
-from avc_casadi.problem import Frequency, Problem
+from avc_casadi.problem import Problem
 from avc_casadi.support import BoolArray, FloatArray
 
 _TIE = 1e-7
@@ -46,6 +46,8 @@ _SWEEPS = 3
 """How often gains are tried at other frequencies than their own."""
 _SAME = 1e-6
 """Solutions whose states differ by less than this are one."""
+_NO_MARGIN = -1e30
+"""Margin on Re Z_h that every gain keeps."""
 _BLOCK = 16
 """Frequencies solved at once: the slowest of them sets the number of iterations of all."""
 
@@ -133,7 +135,8 @@ def solve_scoped(problem: Problem, *, solver: str | None = None) -> GainSchedule
 def scoped_gains(problem: Problem, loop: Loop) -> ScopedGains:
     """Minimise (11) at each frequency subject to the problem's scope, met exactly, and to the gain box."""
     frequency = problem.frequencies_hz()
-    b, k, p = edge_search_gains(_relaxed(problem), loop)
+    # Where every hand must be stable, (12) need not hold: only then do these gains include all that meet the scope.
+    b, k, p = edge_search_gains(problem, loop, _NO_MARGIN if problem.stability.scope == "hands" else None)
     found = np.isfinite(b)
     b0, k0, p0 = (np.where(found, gain, 0.0) for gain in (b, k, p))
     separate = found & worst_slack(problem, frequency, (b0, k0, p0)).met
@@ -141,7 +144,7 @@ def scoped_gains(problem: Problem, loop: Loop) -> ScopedGains:
     rest = np.flatnonzero(~separate)
     failed, reasons = np.zeros(len(frequency), dtype=bool), [""] * len(frequency)
     if rest.size:
-        task = Task.of(_unlinked(problem, frequency[rest]))
+        task = Task.of(_unlinked(problem), frequency[rest], objective="tied")
         missing = missing_rows(task)
         best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK))
         best = _from_others(task, missing, best)
@@ -153,21 +156,11 @@ def scoped_gains(problem: Problem, loop: Loop) -> ScopedGains:
     return ScopedGains((b, k, p), failed, tuple(reasons), separate)
 
 
-def _relaxed(problem: Problem) -> Problem:
-    """A problem whose admissible gains include those of the scope: the pointwise one, or for hands no (12) at all."""
-    if problem.stability.scope != "hands":
-        return problem
-    return problem.model_copy(update={"stability": problem.stability.model_copy(update={"margin_ns_per_m": -1e30})})
-
-
-def _unlinked(problem: Problem, frequency_hz: FloatArray) -> Problem:
-    """Some frequencies of a problem, with nothing that joins them."""
-    schedule = problem.schedule.model_copy(
-        update={"slope_penalty": 0.0, "slope_limit": None, "interaction_hz": None, "contact_damping_penalty": 0.0}
+def _unlinked(problem: Problem) -> Problem:
+    """Return the problem with nothing that joins its frequencies."""
+    return problem.changed(
+        schedule={"slope_penalty": 0.0, "slope_limit": None, "interaction_hz": None, "contact_damping_penalty": 0.0}
     )
-    realism = problem.realism.model_copy(update={"objective": "tied"})
-    frequency = Frequency(values_hz=tuple(frequency_hz.tolist()))
-    return problem.model_copy(update={"schedule": schedule, "frequency": frequency, "realism": realism})
 
 
 def _in_parts(task: Task, missing: Missing, relaxed: GainArrays, parts: int) -> GainArrays:
@@ -254,8 +247,7 @@ def _outcomes(light: Task, task: Task, solution: Solution, slots: Slots, missing
 
     Twice with (11) alone: where a frequency was missed, more was asked for than is needed once it is known.
     """
-    realism = task.problem.realism.model_copy(update={"objective": "magnitude"})
-    alone = replace(task, problem=task.problem.model_copy(update={"realism": realism}))
+    alone = replace(task, objective="magnitude")
     outcome = refined(light, solution, slots, missing, solved=True)
     weight = light.weight
     for stage in (task, alone, alone):

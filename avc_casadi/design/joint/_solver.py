@@ -77,8 +77,8 @@ def _kind(problem: Problem, task: Task) -> tuple[object, ...]:
     limited = problem.schedule.slope_limit is not None
     slots = Slots.of(problem, task.frequency_hz)
     sizes = len(task.states.floors), *slots.frequency_hz.shape
-    realism = problem.realism
-    return problem.stability.scope, problem.stability.model, realism.objective, realism.require, limited, sizes
+    stability, require = problem.stability, problem.realism.require
+    return stability.scope, stability.model, task.objective, require, limited, sizes
 
 
 def _from_before(task: Task, before: Outcome) -> Outcome | None:

@@ -14,7 +14,7 @@ from avc_casadi.design.joint._scope import Slots
 from avc_casadi.design.joint._stage import loop_parameters, stage_functions
 from avc_casadi.design.joint._states import States
 from avc_casadi.loop import Loop, loop_at
-from avc_casadi.problem import Frequency, Problem
+from avc_casadi.problem import Problem
 from avc_casadi.support import BoolArray, FloatArray
 
 _BACKOFF = 1e-7
@@ -36,6 +36,7 @@ class Task:
         states: map between gains and states.
         scale_ns_per_m: scale of the constraints on Re Z_h at each stage, (n,).
         hands: sigma -> 1 - spectral radius, for scope hands; else None.
+        objective: what counts as error: the problem's, or tied, the magnitude with a small share of the rest.
         weight: of the whole goal; a large one makes the solver's tolerance finer.
         constant: whether the gains may not vary with frequency.
     """
@@ -46,36 +47,43 @@ class Task:
     states: States
     scale_ns_per_m: FloatArray
     hands: Any
+    objective: str
     weight: float = 1.0
     constant: bool = False
 
     @classmethod
-    def of(cls, problem: Problem, *, constant: bool = False) -> Task:
-        """Evaluate everything that does not depend on the gains."""
-        frequency = problem.frequencies_hz()
+    def of(
+        cls,
+        problem: Problem,
+        frequency_hz: FloatArray | None = None,
+        *,
+        objective: str | None = None,
+        constant: bool = False,
+    ) -> Task:
+        """Evaluate everything that does not depend on the gains.
+
+        Args:
+            problem: the problem.
+            frequency_hz: stages, (n,), increasing; None are the problem's frequencies.
+            objective: what counts as error; None is the problem's.
+            constant: whether the gains may not vary with frequency.
+        """
+        frequency = problem.frequencies_hz() if frequency_hz is None else frequency_hz
         loop = loop_at(problem, frequency)
         states = States.of(problem, loop)
         hands = hands_spline(problem, states) if problem.stability.scope == "hands" else None
-        return cls(problem, frequency, loop, states, _scale(problem, loop), hands, constant=constant)
+        objective = objective or problem.realism.objective
+        return cls(problem, frequency, loop, states, _scale(problem, loop), hands, objective, constant=constant)
 
     def at(self, frequency_hz: FloatArray) -> Task:
         """Return the same problem with other stages, (m,), but these states and hands."""
-        frequency = Frequency(values_hz=tuple(frequency_hz.tolist()))
-        problem = self.problem.model_copy(update={"frequency": frequency})
-        loop = loop_at(problem, frequency_hz)
-        return replace(
-            self, problem=problem, frequency_hz=frequency_hz, loop=loop, scale_ns_per_m=_scale(problem, loop)
-        )
+        loop = loop_at(self.problem, frequency_hz)
+        return replace(self, frequency_hz=frequency_hz, loop=loop, scale_ns_per_m=_scale(self.problem, loop))
 
     @property
     def log_frequency(self) -> FloatArray:
         """ln(omega) but for a constant, (n,)."""
         return np.asarray(np.log(self.frequency_hz))
-
-    @property
-    def objective(self) -> str:
-        """What counts as error."""
-        return self.problem.realism.objective
 
     @property
     def tolerance(self) -> float:
@@ -137,7 +145,7 @@ class Task:
 
     def lattice_cost(self, data: Data, nodes: FloatArray, stage: int) -> FloatArray:
         """Cost of states (d, m) at a stage with a penalty for missed constraints, (m,)."""
-        size = data.size(self.problem.realism.objective)
+        size = data.size(self.objective)
         functions = stage_functions(size.objective, size.states, size.slots, size.require)
         cost = functions.cost(nodes, data.cost[:, stage]).full()[0]
         margins = functions.margins(nodes, data.cost[:, stage], data.slots[:, stage]).full()

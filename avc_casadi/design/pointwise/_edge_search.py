@@ -29,20 +29,26 @@ _STATIONARY = {"tolerance": 1e-9, "rounding": 1e-13}
 between an end of a piece and a stationary point so near that the slope has almost vanished there."""
 
 
-def edge_search_gains(problem: Problem, loop: Loop) -> GainArrays:
-    """Return the optimal (b, k, b_p), each (n,); not a number where the search meets no feasible gains."""
+def edge_search_gains(problem: Problem, loop: Loop, margin_ns_per_m: float | None = None) -> GainArrays:
+    """Return the optimal (b, k, b_p), each (n,); not a number where the search meets no feasible gains.
+
+    Args:
+        problem: the problem.
+        loop: its loop at n frequencies.
+        margin_ns_per_m: least Re Z_h; None is the problem's.
+    """
     lowest, highest = problem.coupling.contact_damping_ns_per_m
-    margin = problem.stability.margin_ns_per_m
+    margin = problem.stability.margin_ns_per_m if margin_ns_per_m is None else margin_ns_per_m
     groups = [
         _inner_points(problem, loop, margin),
-        *_curve_points(_box_edges(problem, loop, {lowest, highest}), margin),
+        *_curve_points(_box_edges(problem, loop, {lowest, highest}, margin), margin),
     ]
     if highest > lowest:
         groups += _swept_points(problem, loop, margin)
-    return best_candidate(problem, loop, *_dense(join(groups), len(loop.target)))
+    return best_candidate(problem, loop, *_dense(join(groups), len(loop.target)), margin)
 
 
-def _box_edges(problem: Problem, loop: Loop, contacts: set[float]) -> Curves:
+def _box_edges(problem: Problem, loop: Loop, contacts: set[float], margin: float) -> Curves:
     """The four edges of the (b, k) box at each contact damping, for every frequency."""
     (b0, b1), (k0, k1) = problem.coupling.damping_ns_per_m, problem.coupling.stiffness_n_per_m
     shapes = [
@@ -55,7 +61,7 @@ def _box_edges(problem: Problem, loop: Loop, contacts: set[float]) -> Curves:
             (0, k1, 0, b0, b1),
         )
     ]
-    n, margin = len(loop.target), problem.stability.margin_ns_per_m
+    n = len(loop.target)
     b, k, p, moving, low, high = (np.repeat(np.array(column), n) for column in zip(*shapes, strict=True))
     row = np.tile(np.arange(n), len(shapes))
     return Curves.of(loop, Points(row, b.astype(float), k.astype(float), p), moving, low, high, margin)
@@ -114,7 +120,7 @@ def _inner_points(problem: Problem, loop: Loop, margin: float) -> Points:
 def _swept_points(problem: Problem, loop: Loop, margin: float) -> list[Points]:
     """What contact damping adds: it sweeps corners and edges along H and reaches inner points from an edge."""
     lowest, highest = problem.coupling.contact_damping_ns_per_m
-    edges = _box_edges(problem, loop, {lowest})
+    edges = _box_edges(problem, loop, {lowest}, margin)
     pieces = Pieces.sampled(edges)
     (fold,) = find_roots(edges, [(pieces, lambda _z, dz, _at: dz.imag)], **_STATIONARY)
     starts = join([edges.ends(), edges.points(fold.above, fold.curve)])

@@ -139,9 +139,7 @@ def compare(
     if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
         raise InputError.of(f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: finite numbers >= 0", key="mine")
     scope = _demanded(problem)
-    stability = problem.stability.model_copy(update={"scope": "pointwise"})
-    realism = problem.realism.model_copy(update={"require": "none"})
-    problem = problem.model_copy(update={"stability": stability, "realism": realism})
+    problem = problem.changed(stability={"scope": "pointwise"}, realism={"require": "none"})
     loop = loop_at(problem, problem.frequencies_hz())
     gains = {method: solver(problem, method) for method in dict.fromkeys(methods)}
     scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
 
+# The largest damper that a problem can state.
+_MOST_NS_PER_M = 1e9
+
+
 @dataclass(frozen=True)
 class DampingInjection:
     """The projection read as damping injection; arrays of shape (n,), 0 where the desired wall is passive already.
@@ -66,5 +70,4 @@ def damping_injection(problem: Problem, loop: Loop) -> DampingInjection:
 
 def _damped(problem: Problem) -> Problem:
     """The same problem in the damped structure, any contact damping allowed."""
-    box = {"structure": "damped", "contact_damping_ns_per_m": (0.0, float(np.finfo(float).max))}
-    return problem.model_copy(update={"coupling": problem.coupling.model_copy(update=box)})
+    return problem.changed(coupling={"structure": "damped", "contact_damping_ns_per_m": (0.0, _MOST_NS_PER_M)})

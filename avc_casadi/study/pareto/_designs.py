@@ -48,7 +48,7 @@ def designs(problem: Problem) -> list[Design]:
     is measured.
     """
     if problem.schedule.interaction_hz is None:
-        problem = _with(problem, schedule={"interaction_hz": HANDS_HZ})
+        problem = problem.changed(schedule={"interaction_hz": HANDS_HZ})
     found: list[Design] = []
     settings = problem.stability
     factors = sorted({*_BAND_FACTORS, settings.band_factor} - {1.0})
@@ -59,7 +59,7 @@ def designs(problem: Problem) -> list[Design]:
         ("hands", None, {"scope": "hands"}),
     ]
     for label, value, keys in scopes:
-        scoped = _with(problem, stability=keys)
+        scoped = problem.changed(stability=keys)
         found += [
             Design("scope", label, value, False, scoped),
             Design("scope", label, value, True, scoped),
@@ -67,11 +67,10 @@ def designs(problem: Problem) -> list[Design]:
     found.append(Design("slope", "constant", 0.0, True, problem))
     for limit in (*_SLOPE_LIMITS, None):
         label = "no limit" if limit is None else f"{limit:g}"
-        found.append(Design("slope", label, limit, False, _with(problem, schedule={"slope_limit": limit})))
+        found.append(Design("slope", label, limit, False, problem.changed(schedule={"slope_limit": limit})))
     largest = 2 * problem.device.mass_kg / problem.device.sample_time_s
     for share in _CONTACT_SHARES if largest > 0 else (0.0,):
-        damped = _with(
-            problem,
+        damped = problem.changed(
             coupling={"structure": "damped", "contact_damping_ns_per_m": (0.0, share * largest)},
             stability={"scope": "hands"},
             realism={"objective": "complex"},
@@ -82,8 +81,3 @@ def designs(problem: Problem) -> list[Design]:
             Design("contact", f"{value:g} N.s/m", value, True, damped),
         ]
     return found
-
-
-def _with(problem: Problem, **tables: dict[str, Any]) -> Problem:
-    updated = {name: getattr(problem, name).model_copy(update=keys) for name, keys in tables.items()}
-    return problem.model_copy(update=updated)

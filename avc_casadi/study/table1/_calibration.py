@@ -36,16 +36,9 @@ def with_wall(problem: Problem, stiffness_n_per_m: float) -> Problem:
         return {name: value * ratio for name, value in vars(impedance).items()}
 
     bounds = problem.boundaries
-    return problem.model_copy(
-        update={
-            "environment": problem.environment.model_copy(update=scaled(problem.environment)),
-            "boundaries": bounds.model_copy(
-                update={
-                    name: getattr(bounds, name).model_copy(update=scaled(getattr(bounds, name)))
-                    for name in ("upper", "lower")
-                }
-            ),
-        }
+    return problem.changed(
+        environment=scaled(problem.environment),
+        boundaries={"upper": scaled(bounds.upper), "lower": scaled(bounds.lower)},
     )
 
 
