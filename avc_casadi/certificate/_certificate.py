@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from avc_casadi.support import BoolArray, FloatArray, plain
+from avc_casadi.support import BoolArray, Columns, Comparable, FloatArray, Tabular, plain
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Model
@@ -24,8 +24,8 @@ TITLES: dict[str, str] = {
 }
 
 
-@dataclass(frozen=True)
-class LevelResult:
+@dataclass(frozen=True, eq=False)
+class LevelResult(Comparable):
     """One level of a certificate; row arrays have shape (n,) in the order of the gains.
 
     Attributes:
@@ -56,6 +56,14 @@ class LevelResult:
     row_frequency_hz: FloatArray
     detail: dict[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"LevelResult({self.level}, {'pass' if self.passed else 'fail'}: {self.claim})"
+
+    @property
+    def rows_failed(self) -> int:
+        """How many rows do not meet it."""
+        return int(np.count_nonzero(~self.row_passed))
+
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
         return {
@@ -67,7 +75,7 @@ class LevelResult:
             "claim": self.claim,
             "tolerance_ns_per_m": plain(self.tolerance_ns_per_m),
             "row": self.row,
-            "rows_failed": int(np.count_nonzero(~self.row_passed)),
+            "rows_failed": self.rows_failed,
             "row_pass": plain(self.row_passed),
             "row_margin_ns_per_m": plain(self.row_margin_ns_per_m),
             "row_frequency_hz": plain(self.row_frequency_hz),
@@ -75,8 +83,8 @@ class LevelResult:
         }
 
 
-@dataclass(frozen=True)
-class Certificate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificate(Tabular):
     """What is known of a gain table, level by level; passivity and stability are different claims.
 
     Attributes:
@@ -96,6 +104,25 @@ class Certificate:
     levels: dict[Level, LevelResult]
     passive_limit_n_per_m: float
     dc_stiffness_n_per_m: FloatArray
+
+    def to_dict(self) -> Columns:
+        """Return the levels as columns, each of shape (6,)."""
+        levels = list(self.levels.values())
+        return {
+            "level": np.array([found.level for found in levels]),
+            "title": np.array([TITLES[found.level] for found in levels]),
+            "passed": np.array([found.passed for found in levels]),
+            "margin_ns_per_m": np.array([found.margin_ns_per_m for found in levels]),
+            "frequency_hz": np.array([found.frequency_hz for found in levels]),
+            "model": np.array([found.model for found in levels]),
+            "rows_failed": np.array([found.rows_failed for found in levels]),
+            "claim": np.array([found.claim for found in levels]),
+        }
+
+    def _summary(self) -> str:
+        marks = ", ".join(f"{level} {'pass' if found.passed else 'fail'}" for level, found in self.levels.items())
+        judged = "requested gains" if self.requested else "gains"
+        return f"{self.problem!r}, {judged} of {len(self.frequency_hz)} rows: {marks}"
 
     def document(self) -> dict[str, Any]:
         """Return the `certify` document: JSON values only."""

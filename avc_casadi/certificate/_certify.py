@@ -32,12 +32,12 @@ def certify(
         seed: seed of the draws.
     """
     b, k, contact = (
-        (gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m, gains.contact_damping_ns_per_m)
+        (gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m, gains.requested_contact_damping_ns_per_m)
         if requested
         else (gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
     )
-    present = ~(np.isnan(b) | np.isnan(k))
-    contact = np.where(np.isnan(contact), 0.0, contact)
+    # A rigid spring or damper is a limit with a meaning; a contact damper without bound is none.
+    present = ~(np.isnan(b) | np.isnan(k)) & np.isfinite(contact)
     rows = Rows(problem, gains.frequency_hz, present, b[present], k[present], contact[present])
     model = problem.stability.model
     # A range of the device's damping is judged at its lower end, a range of mass and damping at all corners in L5.

@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.passivity import SampledLoop, largest_llewellyn_stiffness
-from avc_casadi.support import FloatArray
+from avc_casadi.support import Columns, FloatArray, Tabular, short
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 _RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.175, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 7.5, 7.9, 8.0)
 
 
-@dataclass(frozen=True)
-class LlewellynTable:
+@dataclass(frozen=True, eq=False, repr=False)
+class LlewellynTable(Tabular):
     """k_c T/b_d against b_c/b_d for both holds, each of shape (n,); not a number where nothing is allowed.
 
     Attributes:
@@ -33,6 +33,17 @@ class LlewellynTable:
     paper: FloatArray
     sampled_data: FloatArray
     delay_samples: int
+
+    def to_dict(self) -> Columns:
+        """Return the table as columns, each of shape (n,)."""
+        return {
+            "damping_ratio": self.damping_ratio,
+            "paper_kc_t_over_b_d": self.paper,
+            "sampled_data_kc_t_over_b_d": self.sampled_data,
+        }
+
+    def _summary(self) -> str:
+        return f"b_c/b_d {short(self.damping_ratio)}: k_c T/b_d {short(self.paper)} with the paper's hold"
 
 
 def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -> LlewellynTable:

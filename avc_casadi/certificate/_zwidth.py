@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi.loop import HandSet, hand_set, no_hand
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m, worst_margin
 from avc_casadi.stability import linear_stability
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import BoolArray, Columns, Comparable, FloatArray, Tabular, short
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,8 +23,8 @@ _SCAN = 60
 _BISECTIONS = 40
 
 
-@dataclass(frozen=True)
-class Curve:
+@dataclass(frozen=True, eq=False)
+class Curve(Comparable):
     """Largest stiffness of a wall at each wall damping for one claim.
 
     Attributes:
@@ -39,9 +39,12 @@ class Curve:
     delay_samples: int
     stiffness_n_per_m: FloatArray
 
+    def __repr__(self) -> str:
+        return f"Curve({self.key}: {short(self.stiffness_n_per_m, 'N/m')})"
 
-@dataclass(frozen=True)
-class ZWidth:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ZWidth(Tabular):
     """The K-B region of a device.
 
     Attributes:
@@ -60,6 +63,15 @@ class ZWidth:
     encoder_limit_n_per_m: float | None
     passive_limit_n_per_m: float
     hands: int
+
+    def to_dict(self) -> Columns:
+        """Return B and the largest K of each claim as columns, each of shape (n,)."""
+        curves = {f"{curve.key}_stiffness_n_per_m": curve.stiffness_n_per_m for curve in self.curves}
+        return {"damping_ns_per_m": self.damping_ns_per_m, **curves}
+
+    def _summary(self) -> str:
+        spans = ", ".join(f"{curve.key} {short(curve.stiffness_n_per_m)}" for curve in self.curves)
+        return f"{self.problem!r}, B {short(self.damping_ns_per_m, 'N.s/m')}; largest K in N/m: {spans}"
 
 
 def zwidth(problem: Problem) -> ZWidth:

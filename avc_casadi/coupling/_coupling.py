@@ -14,6 +14,7 @@ from avc_casadi.coupling._gain_table import GainTable
 from avc_casadi.coupling._reduction import reduce_rows
 from avc_casadi.coupling._runtime import Runtime
 from avc_casadi.coupling._schedule import Status, gain_schedule
+from avc_casadi.support import columns_html
 
 if TYPE_CHECKING:
     from avc_casadi.coupling._gains import Gains
@@ -85,6 +86,9 @@ class Coupling:
             f"Coupling({self.problem.name!r} by {self.method}: {self.table!r}, wall {wall.stiffness_n_per_m:g} N/m, "
             f"T {1e3 * self.sample_time_s:g} ms)"
         )
+
+    def _repr_html_(self) -> str:
+        return columns_html(repr(self), self.table.to_dict())
 
     def __eq__(self, other: object) -> bool:
         """Whether both are the same coupling for the same problem, whatever is known of them by now."""

@@ -89,7 +89,7 @@ class GainCheck:
             notes=notes,
             requested_damping_ns_per_m=np.where(rigid, np.inf, requested[0]),
             requested_stiffness_n_per_m=np.where(rigid, np.inf, requested[1]),
-            requested_contact_damping_ns_per_m=np.where(np.isnan(requested[2]), contact, requested[2]),
+            requested_contact_damping_ns_per_m=self._requested_contact(requested[2], contact, structure),
         )
 
     def _fault(self, key: str, message: str, row: int | None = None) -> None:
@@ -200,6 +200,12 @@ class GainCheck:
             self._fault(
                 CONTACT, f"is {contact[row]:g} in the series structure; allowed: 0, or structure 'damped'", int(row)
             )
+
+    def _requested_contact(self, requested: FloatArray, contact: FloatArray, structure: str) -> FloatArray:
+        """What was asked for; where the file does not say, the gains' own, and none in the series structure."""
+        if self.document.get(f"requested_{CONTACT}") is not None:
+            return requested
+        return np.where(np.isnan(contact), 0.0, contact) if structure == "series" else contact
 
     def _status(self, present: BoolArray) -> tuple[Status, ...]:
         """The status of each row must say whether it has gains, as the gains do."""

@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi.coupling._gains import Gains
 from avc_casadi.coupling._interpolation import interpolate
-from avc_casadi.support import Float32Array, FloatArray
+from avc_casadi.support import Columns, Float32Array, FloatArray, Tabular, short
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 _SAME = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
-class GainTable:
+@dataclass(frozen=True, eq=False, repr=False)
+class GainTable(Tabular):
     """Gains against frequency, linear in ln(frequency) between rows and constant beyond the ends.
 
     Attributes:
@@ -64,15 +64,18 @@ class GainTable:
     def __eq__(self, other: object) -> bool:
         return isinstance(other, GainTable) and np.array_equal(self.rows, other.rows)
 
-    def __hash__(self) -> int:
+    def __hash__(self) -> int:  # type: ignore[override]
         return hash(self.rows.tobytes())
 
-    def __repr__(self) -> str:
-        low, high = self.rows[:, 1:].min(axis=0), self.rows[:, 1:].max(axis=0)
-        spans = (f"{a:.4g}" if a == b else f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True))
-        return "GainTable({} row{}: b {} N.s/m, k {} N/m, b_p {} N.s/m)".format(
-            len(self), "s" if len(self) > 1 else "", *spans
-        )
+    def to_dict(self) -> Columns:
+        """Return the rows as columns by name with unit, each of shape (n,)."""
+        names = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+        return dict(zip(names, self.rows.T, strict=True))
+
+    def _summary(self) -> str:
+        b, k, contact = self.gains
+        spans = f"b {short(b, 'N.s/m')}, k {short(k, 'N/m')}, b_p {short(contact, 'N.s/m')}"
+        return f"{len(self)} row{'s' if len(self) > 1 else ''}: {spans}"
 
     @property
     def frequency_hz(self) -> FloatArray:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.loop import loop_at
-from avc_casadi.support import BoolArray, ComplexArray, FloatArray
+from avc_casadi.support import BoolArray, Columns, ComplexArray, FloatArray, Tabular, short
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem, Structure
@@ -31,8 +31,8 @@ class Status(StrEnum):
         return self in {Status.SOLVED, Status.ACTIVE_BOUND}
 
 
-@dataclass(frozen=True)
-class GainSchedule:
+@dataclass(frozen=True, eq=False, repr=False)
+class GainSchedule(Tabular):
     """Gains against interaction frequency; every array has shape (n,) in the order of ``frequency_hz``.
 
     Attributes:
@@ -75,9 +75,9 @@ class GainSchedule:
     requested_damping_ns_per_m: FloatArray
     requested_stiffness_n_per_m: FloatArray
     requested_contact_damping_ns_per_m: FloatArray
-    build_seconds: float = 0.0
-    solve_seconds: float = 0.0
-    notes: tuple[str, ...] = field(default=())
+    build_seconds: float = field(default=0.0, compare=False)
+    solve_seconds: float = field(default=0.0, compare=False)
+    notes: tuple[str, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -112,6 +112,28 @@ class GainSchedule:
     def real_part(self) -> FloatArray:
         """Re Z_h_avc, N.s/m: what (12) keeps at or above the margin."""
         return np.real(self.impedance)
+
+    def to_dict(self) -> Columns:
+        """Return the rows as columns by name with unit, each of shape (n,)."""
+        return {
+            "frequency_hz": self.frequency_hz,
+            "damping_ns_per_m": self.damping_ns_per_m,
+            "stiffness_n_per_m": self.stiffness_n_per_m,
+            "contact_damping_ns_per_m": self.contact_damping_ns_per_m,
+            "impedance_ns_per_m": self.impedance,
+            "target_ns_per_m": self.target,
+            "magnitude_error_ns_per_m": self.magnitude_error,
+            "complex_error": self.complex_error,
+            "status": np.array([status.value for status in self.status]),
+        }
+
+    def _summary(self) -> str:
+        found = ", ".join(f"{count} {status}" for status, count in self.counts().items())
+        return (
+            f"{self.problem!r} by {self.method}, {self.rows} rows {short(self.frequency_hz, 'Hz')}: {found};\n"
+            f"  b {short(self.damping_ns_per_m, 'N.s/m')}, k {short(self.stiffness_n_per_m, 'N/m')}, "
+            f"b_p {short(self.contact_damping_ns_per_m, 'N.s/m')}"
+        )
 
     def counts(self) -> dict[str, int]:
         """Return how many rows have each status."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi.loop._at_frequency import loop_at
 from avc_casadi.loop._equations import environment_impedance, perceived_impedance
-from avc_casadi.support import BoolArray, ComplexArray, FloatArray
+from avc_casadi.support import BoolArray, Comparable, ComplexArray, FloatArray
 
 if TYPE_CHECKING:
     from avc_casadi.loop._at_frequency import Loop
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-12
 
 
-@dataclass(frozen=True)
-class RealismResult:
+@dataclass(frozen=True, eq=False)
+class RealismResult(Comparable):
     """Realism at each frequency; arrays of shape (n,). Frequencies without gains are not inside.
 
     Attributes:

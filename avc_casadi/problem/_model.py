@@ -3,7 +3,8 @@
 Frozen pydantic models of plain numbers; a key's name carries its SI unit. ``problems/`` holds examples.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from html import escape
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -38,6 +39,8 @@ from avc_casadi.problem._rules import broken_rules
 from avc_casadi.problem._scene_file import Scene
 from avc_casadi.problem._table import Table
 from avc_casadi.problem._values import Values, dotted
+from avc_casadi.support import Table as ShownTable
+from avc_casadi.support import short
 
 Model = Literal["paper", "sampled-data"]
 Structure = Literal["series", "damped"]
@@ -167,6 +170,14 @@ def _merged(table: Any, change: Any) -> Any:
     return given | {key: _merged(given.get(key), value) for key, value in change.items()}
 
 
+def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        elif value is not None:
+            yield f"{prefix}{key}", value
+
+
 class Problem(Table):
     """A whole problem file.
 
@@ -225,6 +236,22 @@ class Problem(Table):
         if isinstance(found, list):
             raise InputError([Fault(self.name or "problem", None, dotted(path), message) for path, message in found])
         return found  # type: ignore[return-value]
+
+    def __repr__(self) -> str:
+        device, wall, f = self.device, self.environment, self.frequencies_hz()
+        return (
+            f"Problem({self.name!r}: wall {wall.stiffness_n_per_m:g} N/m, {wall.damping_ns_per_m:g} N.s/m; device "
+            f"{device.mass_kg:g} kg, {device.damping_ns_per_m:g} N.s/m, T {1e3 * device.sample_time_s:g} ms, delay "
+            f"{device.delay_samples};\n  {self.coupling.structure}, model {self.stability.model}, scope "
+            f"{self.stability.scope}, {short(f, 'Hz')} in {len(f)} rows)"
+        )
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        keys = self.model_dump(include={"device", "environment", "boundaries", "coupling", "stability", "hands"})
+        rows = tuple((key, str(value)) for key, value in _flat(keys))
+        return f"<p>{escape(repr(self))}</p>\n{ShownTable(('key', 'value'), rows, left=(0, 1)).html()}"
 
     def frequencies_hz(self) -> NDArray[np.float64]:
         """Return the frequencies of interaction, shape (n,), Hz."""

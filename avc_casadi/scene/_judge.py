@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import BoolArray, Columns, FloatArray, Tabular
 
 JUDGED_S = 0.5
 AT_REST_M_PER_S = 5e-3
@@ -24,8 +24,8 @@ CRITERION = (
 )
 
 
-@dataclass(frozen=True)
-class Judgement:
+@dataclass(frozen=True, eq=False, repr=False)
+class Judgement(Tabular):
     """Figures of one or many runs; every array has the shape of the runs.
 
     Attributes:
@@ -52,6 +52,15 @@ class Judgement:
     force_ripple_n: FloatArray
     apparent_stiffness_n_per_m: FloatArray
     rate_hardness_n_per_m: FloatArray
+
+    def to_dict(self) -> Columns:
+        """Return the figures as columns, a row for each run."""
+        figures = {name: np.atleast_1d(value).ravel() for name, value in vars(self).items()}
+        return {"run": np.arange(len(figures["stable"])), **figures}
+
+    def _summary(self) -> str:
+        stable = np.atleast_1d(self.stable)
+        return f"{int(stable.sum())} of {stable.size} runs at rest, {int(np.sum(self.buzzing))} buzzing"
 
 
 def judge(position_m: FloatArray, velocity_m_per_s: FloatArray, force_n: FloatArray, sample_time_s: float) -> Judgement:

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avc_casadi.scene.loop import Environment
-from avc_casadi.support import FloatArray
+from avc_casadi.support import Comparable, FloatArray
 
 
-@dataclass(frozen=True)
-class Ledger:
+@dataclass(frozen=True, eq=False)
+class Ledger(Comparable):
     """Energies at the samples, each of shape (..., samples), J.
 
     Attributes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from avc_casadi.scene._judge import CRITERION, LOST_M, Judgement
 from avc_casadi.scene._ledger import Ledger
-from avc_casadi.support import FloatArray
+from avc_casadi.support import Columns, FloatArray, Tabular
 
 Claim = Literal["asymptotic", "held-by-friction", "unstable"]
 
@@ -23,8 +23,12 @@ _CLAIMS: dict[Claim, str] = {
 }
 
 
-@dataclass(frozen=True)
-class Run:
+_TRACES = ("position_m", "velocity_m_per_s", "force_n", "tool_m", "target_m")
+_GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Tabular):
     """One simulated scene; every trace has shape (samples,).
 
     Attributes:
@@ -68,8 +72,17 @@ class Run:
     claim: Claim
     states: int
     instructions: int
-    build_seconds: float
-    seconds: float
+    build_seconds: float = field(compare=False)
+    seconds: float = field(compare=False)
+
+    def to_dict(self) -> Columns:
+        """Return the traces against time as columns, each of shape (samples,)."""
+        names = ("time_s", *_TRACES, *_GAINS, *(() if self.interaction_hz is None else ("interaction_hz",)))
+        return {name: getattr(self, name) for name in names}
+
+    def _summary(self) -> str:
+        duration = self.samples * self.sample_time_s
+        return f"{self.problem!r}, coupling {self.coupling}, {duration:g} s: {_CLAIMS[self.claim]}"
 
     @property
     def samples(self) -> int:
@@ -152,13 +165,9 @@ class Run:
     def save(self, path: Path | str) -> Path:
         """Write the traces to `path` (npz) and the manifest beside it (the same name, ``.json``)."""
         target = Path(path).with_suffix(".npz")
-        names = ("position_m", "velocity_m_per_s", "force_n", "tool_m", "target_m")
-        gains = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-        estimate = () if self.interaction_hz is None else ("interaction_hz",)
-        traces = {name: getattr(self, name) for name in ("time_s", *names, *gains, *estimate)}
         np.savez_compressed(
             target,
-            **traces,
+            **self.to_dict(),  # type: ignore[arg-type]
             absorbed_j=self.ledger.absorbed_j,
             stored_j=self.ledger.stored_j,
             dissipated_j=self.ledger.dissipated_j,

@@ -12,13 +12,14 @@ from avc_casadi.scene._explain import EffectCost, explain_effects
 from avc_casadi.scene._run import Run
 from avc_casadi.scene._simulate import AnyGains, settled, simulate_effects, staged
 from avc_casadi.scene.effects import build_effects
-from avc_casadi.support import FloatArray
+from avc_casadi.support import Columns, FloatArray, Tabular
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
 
 DEFAULT_TOLERANCE = 0.01
+_CHANGES = ("position_change", "force_change", "stiffness_change", "outcome", "outcome_changed", "needed")
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,8 @@ class Screened:
         return max(self.position_change, self.force_change, self.stiffness_change or 0.0)
 
 
-@dataclass(frozen=True)
-class Screening:
+@dataclass(frozen=True, eq=False, repr=False)
+class Screening(Tabular):
     """Effects in the order of what they change; together those that the scene does not need.
 
     Attributes:
@@ -66,6 +67,20 @@ class Screening:
     effects: tuple[tuple[Screened, EffectCost], ...]
     essential: tuple[str, ...]
     together: Screened | None
+
+    def to_dict(self) -> Columns:
+        """Return the effects as columns, a row for each that can be left out."""
+        found = [{"effect": one.kinds[0]} | _changes(one) for one, _ in self.effects]
+        columns = {
+            name: np.array([np.nan if row[name] is None else row[name] for row in found])
+            for name in ("effect", *_CHANGES)
+        }
+        return columns | {"instructions": np.array([cost.instructions for _, cost in self.effects], dtype=float)}
+
+    def _summary(self) -> str:
+        whole = self.whole
+        what = f"not needed: {', '.join(self.unneeded)}" if self.unneeded else "all effects are needed"
+        return f"{whole.problem!r}, coupling {whole.coupling}, tolerance {100 * self.tolerance:g} %: {what}"
 
     @property
     def unneeded(self) -> tuple[str, ...]:
@@ -97,8 +112,7 @@ class Screening:
 
 
 def _changes(found: Screened) -> dict[str, Any]:
-    names = ("position_change", "force_change", "stiffness_change", "outcome", "outcome_changed", "needed")
-    values = {name: getattr(found, name) for name in names}
+    values = {name: getattr(found, name) for name in _CHANGES}
     return {
         name: None if isinstance(value, float) and not np.isfinite(value) else value for name, value in values.items()
     }

@@ -19,7 +19,7 @@ from avc_casadi.study.comparison._hand_tuned import HandTuned, constant_pair, ju
 from avc_casadi.study.comparison._injection import DampingInjection, damping_injection
 from avc_casadi.study.comparison._judged import Judged, judge_gains
 from avc_casadi.study.comparison._verdict import AGREEMENT, Verdict, judge, largest_difference
-from avc_casadi.support import ComplexArray, FloatArray
+from avc_casadi.support import Columns, ComplexArray, FloatArray, Tabular, short
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Impedance, Problem
 
 OPTIMISERS = ("direct", "exact")
+_SHARED = {"frequency_hz", "target_ns_per_m"}
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,8 @@ class CrossCheck:
         return self.magnitude_error <= AGREEMENT and self.only_one == 0
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Tabular):
     """All methods at the same frequencies; every array has shape (n,), impedances in N.s/m.
 
     The comparison is pointwise, each frequency on its own, as (12) is in the paper.
@@ -101,6 +102,24 @@ class Comparison:
     mine: HandTuned | None
     judged: Mapping[str, Judged]
     passive_limit_n_per_m: float
+
+    def to_dict(self) -> Columns:
+        """Return frequency x method as columns "method: quantity with unit", each of shape (n,)."""
+        columns: Columns = {"frequency_hz": self.frequency_hz}
+        for name, gains in self.methods.items():
+            rows = gains.to_dict()
+            columns |= {f"{name}: {key}": column for key, column in rows.items() if key not in _SHARED}
+        return columns | {
+            "target_ns_per_m": self.target,
+            "verdict": np.array([verdict.value for verdict in self.verdict]),
+        }
+
+    def _summary(self) -> str:
+        found = ", ".join(f"{count} {verdict}" for verdict, count in self.counts().items() if count)
+        return (
+            f"{self.problem!r}, {short(self.frequency_hz, 'Hz')}, by {', '.join(self.methods)}:\n"
+            f"  closed form against {self.optimum}: {found}"
+        )
 
     def counts(self) -> dict[str, int]:
         """Return how many frequencies have each verdict; verdicts that do not occur count 0."""

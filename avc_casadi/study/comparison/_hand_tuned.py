@@ -12,7 +12,7 @@ from avc_casadi.coupling import (
     Status,
     gain_schedule,
 )
-from avc_casadi.support import ComplexArray, FloatArray
+from avc_casadi.support import Comparable, ComplexArray, FloatArray
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
 
-@dataclass(frozen=True)
-class HandTuned:
+@dataclass(frozen=True, eq=False)
+class HandTuned(Comparable):
     """One constant series coupling at every frequency; arrays of shape (n,).
 
     Attributes:

@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi.design import solve
 from avc_casadi.design.pointwise import project
 from avc_casadi.loop import Loop, tustin
-from avc_casadi.support import FloatArray
+from avc_casadi.support import Comparable, FloatArray
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 _MOST_NS_PER_M = 1e9
 
 
-@dataclass(frozen=True)
-class DampingInjection:
+@dataclass(frozen=True, eq=False)
+class DampingInjection(Comparable):
     """The projection read as damping injection; arrays of shape (n,), 0 where the desired wall is passive already.
 
     Z_h = Z_h_ds + delta with delta = max(0, margin - Re Z_h_ds), so that the coupling renders Z_ds + delta/H. In the

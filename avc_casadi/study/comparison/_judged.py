@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi.certificate import certify
 from avc_casadi.loop import judge_realism
 from avc_casadi.passivity import SampledLoop, fractions, real_part
-from avc_casadi.support import FloatArray, plain
+from avc_casadi.support import Comparable, FloatArray, plain
 
 if TYPE_CHECKING:
     from avc_casadi.certificate import Certificate
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Model, Problem
 
 
-@dataclass(frozen=True)
-class Judged:
+@dataclass(frozen=True, eq=False)
+class Judged(Comparable):
     """One gain table judged; arrays have shape (n,).
 
     Attributes:
@@ -57,8 +57,9 @@ def judge_gains(problem: Problem, gains: GainSchedule) -> Judged:
 
 def _real_part(problem: Problem, gains: GainSchedule, model: Model) -> FloatArray:
     b, k = gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m
-    contact = np.where(np.isfinite(gains.contact_damping_ns_per_m), gains.contact_damping_ns_per_m, 0.0)
-    known = np.isfinite(b) & np.isfinite(k)
+    contact = gains.requested_contact_damping_ns_per_m
+    known = np.isfinite(b) & np.isfinite(k) & np.isfinite(contact)
     loop = SampledLoop.of(problem, model)
     parts = fractions(loop, np.where(known, b, 0.0), np.where(known, k, 0.0))
+    contact = np.where(known, contact, 0.0)
     return np.where(known, real_part(loop, parts, contact, gains.frequency_hz), np.nan)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from avc_casadi.coupling import GainSchedule
 from avc_casadi.design.joint import solve_schedule
 from avc_casadi.passivity import passive_limit_n_per_m
 from avc_casadi.study.pareto._designs import HANDS_HZ, Design, Study, designs
-from avc_casadi.support import FloatArray, plain
+from avc_casadi.support import Columns, Comparable, FloatArray, Tabular, plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
 
-@dataclass(frozen=True)
-class Point:
+@dataclass(frozen=True, eq=False)
+class Point(Comparable):
     """One design, its errors and what is certified of it; not a number where it has no gains at some frequency.
 
     Attributes:
@@ -57,11 +57,11 @@ class Point:
     rows_without_gains: int
     passed: dict[str, bool]
     margin_ns_per_m: dict[str, float]
-    seconds: float
+    seconds: float = field(compare=False)
 
 
-@dataclass(frozen=True)
-class Pareto:
+@dataclass(frozen=True, eq=False, repr=False)
+class Pareto(Tabular):
     """The study of one problem.
 
     Attributes:
@@ -85,6 +85,29 @@ class Pareto:
     desired_stiffness_n_per_m: float
     passive_limit_n_per_m: float
     points: tuple[Point, ...]
+
+    def to_dict(self) -> Columns:
+        """Return the designs as columns, a row for each."""
+        names = (
+            "label",
+            "study",
+            "constant",
+            "scope",
+            "objective",
+            "magnitude_error",
+            "complex_error",
+            "dc_stiffness_n_per_m",
+            "steepest",
+            "contact_damping_ns_per_m",
+            "rows_without_gains",
+        )
+        columns = {name: np.array([getattr(point, name) for point in self.points]) for name in names}
+        levels = self.points[0].passed if self.points else ()
+        return columns | {f"{level}_passed": np.array([p.passed[level] for p in self.points]) for level in levels}
+
+    def _summary(self) -> str:
+        low, high = self.band_hz
+        return f"{self.problem!r}: {len(self.points)} designs, errors from {low:.4g} to {high:.4g} Hz"
 
     def of(self, study: Study, *, constant: bool | None = None) -> list[Point]:
         """Points of one study, in order; adaptive or constant ones, or both."""
