@@ -143,13 +143,14 @@ def _mine(document: dict[str, Any]) -> list[str]:
     lowest = min(range(len(meets)), key=mine["real_part"].__getitem__)
     ours = document["methods"][mine["compared"]]
     return [
-        f"mine ({number(mine['stiffness_n_per_m'])} N/m, {number(mine['damping_ns_per_m'])} N.s/m): meets (12) at "
+        f"{mine['safety_reason']}; realism:",
+        f"  mine ({number(mine['stiffness_n_per_m'])} N/m, {number(mine['damping_ns_per_m'])} N.s/m): meets (12) at "
         f"{sum(meets)} of {len(meets)} frequencies, lowest Re Z_h {number(mine['real_part'][lowest])} N.s/m at "
         f"{number(document['frequency_hz'][lowest])} Hz"
         + ("" if mine["inside_box"] else "; outside the problem's gain box"),
         (
             f"  median error of |Z| {number(_median(mine['magnitude_error']))} N.s/m, {mine['compared']} "
-            f"{number(_median(ours['magnitude_error']))}; {mine['compared']} is better at "
+            f"{number(_median(ours['magnitude_error']))}; {mine['compared']} is nearer or alone meets (12) at "
             f"{100 * mine['share_schedule_better']:.3g} % of the frequencies, mine at "
             f"{100 * mine['share_pair_better']:.3g} %"
         ),

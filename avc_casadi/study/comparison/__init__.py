@@ -10,5 +10,8 @@ from avc_casadi.study.comparison._injection import DampingInjection as DampingIn
 from avc_casadi.study.comparison._injection import damping_injection as damping_injection
 from avc_casadi.study.comparison._judged import Judged as Judged
 from avc_casadi.study.comparison._judged import judge_gains as judge_gains
+from avc_casadi.study.comparison._safety import Safety as Safety
+from avc_casadi.study.comparison._safety import safer as safer
+from avc_casadi.study.comparison._safety import safety_reason as safety_reason
 from avc_casadi.study.comparison._verdict import Verdict as Verdict
 from avc_casadi.study.comparison._verdict import judge as judge

@@ -165,6 +165,7 @@ def compare(
     verdict, reason = judge(gains["closed-form"], gains[optimum], scale)
     both = all(method in gains for method in OPTIMISERS)
     tables = dict(gains) if mine is None else {**gains, "mine": constant_pair(problem, mine)}
+    judged = {name: judge_gains(problem, table) for name, table in tables.items()}
     device = problem.device
     return Comparison(
         problem=problem.name,
@@ -185,8 +186,12 @@ def compare(
         reason=reason,
         injection=damping_injection(problem, loop),
         cross_check=CrossCheck(*largest_difference(gains["direct"], gains["exact"], scale)) if both else None,
-        mine=None if mine is None else judge_hand_tuned(problem, loop, mine, gains[optimum], AGREEMENT * scale),
-        judged={name: judge_gains(problem, table) for name, table in tables.items()},
+        mine=None
+        if mine is None
+        else judge_hand_tuned(
+            problem, loop, mine, gains[optimum], AGREEMENT * scale, (judged["mine"].safety, judged[optimum].safety)
+        ),
+        judged=judged,
         passive_limit_n_per_m=passive_limit_n_per_m(
             device.damping_ns_per_m, device.sample_time_s, device.delay_samples
         ),

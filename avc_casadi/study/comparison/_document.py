@@ -37,6 +37,7 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         **_parts("upper", comparison.upper),
         **_parts("lower", comparison.lower),
         "damping_injection": plain(vars(comparison.injection)),
+        "safety": {name: judged.safety.document() for name, judged in comparison.judged.items()},
         "cross_check": _cross_check(comparison),
         "mine": _mine(comparison),
         "passive_limit_n_per_m": comparison.passive_limit_n_per_m,
@@ -57,4 +58,9 @@ def _mine(comparison: Comparison) -> dict[str, Any] | None:
     if mine is None:
         return None
     values = {name: value for name, value in vars(mine).items() if name != "impedance"}
-    return {**plain(values), **_parts("impedance", mine.impedance), **comparison.judged["mine"].document()}
+    return {
+        **plain(values),
+        "better": mine.better,
+        **_parts("impedance", mine.impedance),
+        **comparison.judged["mine"].document(),
+    }

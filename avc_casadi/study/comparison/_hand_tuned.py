@@ -12,6 +12,7 @@ from avc_casadi.coupling import (
     Status,
     gain_schedule,
 )
+from avc_casadi.study.comparison._safety import Safety, safer, safety_reason
 from avc_casadi.support import Comparable, ComplexArray, FloatArray
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ class HandTuned(Comparable):
             where the pair does not.
         share_pair_better: share where the pair meets (12) and has the smaller magnitude error, or the schedule has no
             gains; possible only with gains outside the box.
+        safer: which is safe for more, "mine", the method's name or "equal"; errors count only where it is "equal".
+        safety_reason: why, in one sentence.
     """
 
     stiffness_n_per_m: float
@@ -52,6 +55,15 @@ class HandTuned(Comparable):
     compared: str
     share_schedule_better: float
     share_pair_better: float
+    safer: str
+    safety_reason: str
+
+    @property
+    def better(self) -> str:
+        """Which is better, "mine", the method's name or "equal": the safer; of equally safe ones the nearer."""
+        if self.safer != "equal" or self.share_pair_better == self.share_schedule_better:
+            return self.safer
+        return "mine" if self.share_pair_better > self.share_schedule_better else self.compared
 
 
 def constant_pair(problem: Problem, pair: tuple[float, float]) -> GainSchedule:
@@ -63,7 +75,12 @@ def constant_pair(problem: Problem, pair: tuple[float, float]) -> GainSchedule:
 
 
 def judge_hand_tuned(
-    problem: Problem, loop: Loop, pair: tuple[float, float], schedule: GainSchedule, tolerance: FloatArray
+    problem: Problem,
+    loop: Loop,
+    pair: tuple[float, float],
+    schedule: GainSchedule,
+    tolerance: FloatArray,
+    safety: tuple[Safety, Safety],
 ) -> HandTuned:
     """Judge a constant pair.
 
@@ -73,6 +90,7 @@ def judge_hand_tuned(
         pair: (k in N/m, b in N.s/m).
         schedule: the designed gains.
         tolerance: differences in magnitude error below this count as equal, N.s/m, shape (n,).
+        safety: what the pair and the designed gains are safe for.
     """
     k, b = pair
     box = problem.coupling
@@ -97,4 +115,6 @@ def judge_hand_tuned(
         compared=schedule.method,
         share_schedule_better=float(np.mean(usable & (~meets | (ours + tolerance < error)))),
         share_pair_better=float(np.mean(meets & (error + tolerance < ours))),
+        safer=safer(*safety, schedule.method),
+        safety_reason=safety_reason(*safety, schedule.method),
     )

@@ -10,6 +10,7 @@ import numpy as np
 from avc_casadi.certificate import certify
 from avc_casadi.loop import judge_realism
 from avc_casadi.passivity import SampledLoop, fractions, real_part
+from avc_casadi.study.comparison._safety import Safety
 from avc_casadi.support import Comparable, FloatArray, plain
 
 if TYPE_CHECKING:
@@ -35,6 +36,11 @@ class Judged(Comparable):
     certificate: Certificate
     realism: RealismResult
     real_part: dict[Model, FloatArray]
+
+    @property
+    def safety(self) -> Safety:
+        """What the gains are safe for."""
+        return Safety.of(self.certificate)
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
