@@ -6,17 +6,22 @@ import argparse
 from pathlib import Path
 
 
-def script_arguments(about: str | None, *, people: int | None = None, out: Path | None = None) -> argparse.Namespace:
+def script_arguments(
+    about: str | None, *, people: int | None = None, out: Path | None = None, only: tuple[str, ...] = ()
+) -> argparse.Namespace:
     """Parse the command line of a script; --help ends it before it does anything.
 
     Args:
         about: the script's docstring, which names the files that it overwrites.
         people: default of the argument PEOPLE; None is a script without it.
         out: default of the argument OUT; None is a script without it.
+        only: choices of the option --only; empty is a script without it.
     """
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     if people is not None:
         parser.add_argument("people", metavar="PEOPLE", nargs="?", type=int, default=people, help=f"default {people}")
     if out is not None:
         parser.add_argument("out", metavar="OUT", nargs="?", type=Path, default=out, help=f"default {out.name}")
+    if only:
+        parser.add_argument("--only", metavar="AREA", choices=only, help=f"one of {', '.join(only)}")
     return parser.parse_args()
