@@ -14,9 +14,9 @@ from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, read_subje
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
-        f"{__doc__}\nThe whole coupling at its own sample time: wall, look-up, estimator, adaptation, observer, guard and "
-        "force limit, in C99 that is also C++11.\nA coupling that is not deployable is refused with exit code 1; --unsafe "
-        "overrides."
+        f"{__doc__}\nThe whole coupling at its own sample time: wall, look-up, estimator, adaptation, observer, guard\n"
+        "and force limit, in C99 that is also C++11. A coupling that is not deployable is refused with exit\n"
+        "code 1; --unsafe overrides."
     )
     parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
     parser.add_argument("--c", required=True, metavar="DIR", help="folder for avc_coupling.h and avc_coupling.c")

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
-        f"{__doc__}\nA coupling that is not deployable (linearly stable with every hand of [hands] and let go) is refused "
-        "with exit code 1; --unsafe overrides.\nThe emulated device is a fresh one for every command; it runs at the "
-        "coupling's own sample time, encoder and force limit, with a hand on it."
+        f"{__doc__}\nA coupling that is not deployable (linearly stable with every hand of [hands] and let go) is\n"
+        "refused with exit code 1; --unsafe overrides. The emulated device is a fresh one for every command;\n"
+        "it runs at the coupling's own sample time, encoder and force limit, with a hand on it."
     )
     parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
     add_port(parser)

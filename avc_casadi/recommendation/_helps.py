@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi.problem import DeviceRange
 from avc_casadi.recommendation._limits import stiffest_wall
 from avc_casadi.trial import with_let_go
 
@@ -36,14 +37,14 @@ def what_would_help(problem: Problem, extreme: Subjects) -> tuple[Help, ...]:
     device = problem.device
     changes: dict[str, dict[str, Any]] = {
         "half the sample time": {"sample_time_s": device.sample_time_s / 2},
-        "twice the damping of the device": {"damping_ns_per_m": 2 * device.damping_ns_per_m, "range": {}},
-        "twice the mass of the device": {"mass_kg": 2 * device.mass_kg, "range": {}},
+        "twice the damping of the device": {"damping_ns_per_m": 2 * device.damping_ns_per_m, "range": DeviceRange()},
+        "twice the mass of the device": {"mass_kg": 2 * device.mass_kg, "range": DeviceRange()},
     }
     if device.delay_samples:
         changes["no delay"] = {"delay_samples": 0}
     people = with_let_go(extreme)
     found = [
-        Help(change, float(stiffest_wall(device.model_copy(update=keys), people).stiffness_n_per_m))
+        Help(change, float(stiffest_wall(problem.changed(device=keys).device, people).stiffness_n_per_m))
         for change, keys in changes.items()
         if keys.get("damping_ns_per_m") != 0 and keys.get("mass_kg") != 0
     ]
