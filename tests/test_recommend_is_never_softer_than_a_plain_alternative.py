@@ -16,7 +16,7 @@ def wall(stiffness, **device):
     return problem.changed(device=device) if device else problem
 
 
-def found(problem, hands=24):
+def found(problem, hands=12):
     return avc.recommend(problem, hands=hands)
 
 
@@ -43,10 +43,10 @@ def test_no_plain_pair_is_deployable_as_safe_and_stiffer(stiffness, device):
     best = found(problem)
     assert best.deployable
     assert avc.deployable(best.coupling).passed
-    people = subjects_of(problem.hands, 24)
-    for k in (1e3, 1e4, 3e4, 1e5, 2e5, 1e8):
+    people = subjects_of(problem.hands, 12)
+    for k in (1e4, 5e4, 2e5, 1e8):
         for b in (0.0, 10.0):
-            for b_p in (0.0, 0.25, 0.5, 1.0):
+            for b_p in (0.0, 0.5, 1.0):
                 plain = Gains(b, k, b_p * stiffness * problem.device.sample_time_s)
                 for runtime in (Runtime(), Runtime(observer_mass_kg=0.15)):
                     other = Coupling.constant(problem, plain, "plain", runtime)
@@ -62,7 +62,7 @@ def test_no_plain_pair_is_deployable_as_safe_and_stiffer(stiffness, device):
 
 
 def test_a_stiffer_wall_is_never_felt_softer():
-    felt = [found(wall(stiffness)).trial.stiffness for stiffness in (1e3, 5e3, 2e4, 5e4, 1e5, 3e5)]
+    felt = [found(wall(stiffness)).trial.stiffness for stiffness in (1e3, 2e4, 1e5, 3e5)]
     assert np.all(np.diff(felt) > -0.02 * np.array(felt[:-1]))
     assert felt[0] == pytest.approx(1e3, rel=0.02)
 
@@ -91,7 +91,7 @@ def test_hands_are_those_of_the_problem():
 
 
 def test_nothing_is_promised_that_does_not_hold():
-    best = found(wall(1e5, encoder_resolution_m=1e-3, coulomb_friction_n=0.0), hands=12)
+    best = found(wall(1e5, encoder_resolution_m=1e-3, coulomb_friction_n=0.0), hands=60)
     trial = best.trial.document()
     assert trial["at_rest"] < trial["hands"]
     assert f"{trial['at_rest']} of {trial['hands']}" in best.reason

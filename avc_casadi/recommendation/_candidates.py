@@ -9,8 +9,8 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.recommendation._designs import tuned_margin
-from avc_casadi.recommendation._limits import damping_range
+from avc_casadi.design.constant import tuned_margin
+from avc_casadi.recommendation._limits import DampingRange, damping_range
 from avc_casadi.recommendation._reach import tuned
 from avc_casadi.trial import with_let_go
 
@@ -21,54 +21,63 @@ if TYPE_CHECKING:
 # A spring that no hand tells from a rigid joint, and that a device still holds in single precision.
 RIGID_N_PER_M = 1e8
 # Damping kept in reserve, as multiples of the tuned designs' own: a coarse encoder asks for more.
-_RESERVES = (1.0, 2.5, 5.0)
-# Where in the interval of stable dampings the damper of a rigid coupling stands.
+_RESERVES = (1.0, 3.0)
+# Where in the interval of stable dampings the contact damper stands.
 _SHARES = (0.5, 0.25)
+# Stiffness felt before a wall that is too stiff, as a share of the stiffest that is stable with everybody.
+_OF_STIFFEST = (0.9, 0.75)
 
 
-def candidates(problem: Problem, subjects: Subjects) -> Iterator[Coupling]:
-    """Yield the couplings to be judged, the simplest first.
+def candidates(problem: Problem, subjects: Subjects, stiffest: DampingRange) -> Iterator[Coupling]:
+    """Yield the couplings to be judged.
 
-    No coupling but the wall itself; a rigid coupling with a contact damper; constant gains tuned for every hand and the
-    device let go, with a contact damper and without, with growing reserves; the same scheduled on frequency.
+    No coupling but the wall itself; a rigid coupling with a contact damper; for a wall beyond what the device can give,
+    springs that soften it to just below that; constant gains with a contact damper, tuned for every hand and the device
+    let go, with growing reserves. Each behind an observer too where the encoder or a delay may call for it.
 
     Args:
         problem: device, wall and hands.
         subjects: the extreme hands.
+        stiffest: the stiffest wall that is stable with everybody and let go.
     """
-    for gains, name in _rigid(problem, subjects):
+    people = with_let_go(subjects)
+    for gains, name in (*_rigid(problem, people), *_softened(problem, people, stiffest)):
         yield from _with_observer(Coupling.constant(problem, gains, name))
     safe = problem.changed(hands={"let_go": True})
     for share in _RESERVES:
-        found = _tuned(safe, share, scheduled=False)
+        found = _tuned(safe, share)
         if isinstance(found, Gains):
             yield from _with_observer(Coupling.constant(problem, found, "static-tuned"))
-    series = _tuned(safe, 1.0, scheduled=False, structure="series")
-    if isinstance(series, Gains):
-        yield from _with_observer(Coupling.constant(problem, series, "static-tuned, series"))
 
 
-def _tuned(problem: Problem, share: float, *, scheduled: bool, structure: str = "damped") -> object:
+def _tuned(problem: Problem, share: float) -> object:
     try:
-        return tuned(
-            problem,
-            scheduled=scheduled,
-            margin_ns_per_m=share * tuned_margin(problem),
-            structure="series" if structure == "series" else "damped",
-        )
+        return tuned(problem, scheduled=False, margin_ns_per_m=share * tuned_margin(problem))
     except UnsupportedError:
         return None
 
 
-def _rigid(problem: Problem, subjects: Subjects) -> Iterator[tuple[Gains, str]]:
+def _rigid(problem: Problem, people: Subjects) -> Iterator[tuple[Gains, str]]:
     yield Gains(0.0, RIGID_N_PER_M), "none"
     wall = problem.environment
-    found = damping_range(problem.device, with_let_go(subjects), wall.stiffness_n_per_m)
-    if np.isnan(found.lowest_ns_per_m):
-        return
-    for share in _SHARES:
-        total = found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m)
+    for total in _dampings(damping_range(problem.device, people, wall.stiffness_n_per_m)):
         yield Gains(0.0, RIGID_N_PER_M, max(0.0, total - wall.damping_ns_per_m)), "contact damper"
+
+
+def _softened(problem: Problem, people: Subjects, stiffest: DampingRange) -> Iterator[tuple[Gains, str]]:
+    """Put a spring before a wall that is too stiff, so that both together are a share of the stiffest one."""
+    wall = problem.environment.stiffness_n_per_m
+    for share in _OF_STIFFEST:
+        felt = share * stiffest.stiffness_n_per_m
+        if felt < wall:
+            for total in _dampings(damping_range(problem.device, people, felt)):
+                yield Gains(0.0, felt * wall / (wall - felt), total), "softened wall"
+
+
+def _dampings(found: DampingRange) -> list[float]:
+    if np.isnan(found.lowest_ns_per_m):
+        return []
+    return [found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m) for share in _SHARES]
 
 
 def _with_observer(coupling: Coupling) -> Iterator[Coupling]:

@@ -17,14 +17,14 @@ import numpy as np
 from avc_casadi.loop import DEVICE, GROUND, Plant, transition
 from avc_casadi.problem import Hands
 from avc_casadi.scene.effects import Hand, StylusHand
-from avc_casadi.support import FloatArray
+from avc_casadi.support import FloatArray, IndexArray
 from avc_casadi.trial import STYLUS_RANGES, Population, Subjects
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Device
 
 
-_SCAN = 241
+_SCAN = 121
 _HALVINGS = 40
 
 
@@ -93,24 +93,37 @@ def damping_range(device: Device, subjects: Subjects, stiffness_n_per_m: float) 
 
     The stable damping of each hand is an interval below 2 m/T of all that moves.
     """
-    most = 2 * (device.mass_kg + float(np.max(np.asarray(subjects.effect.mass_kg)))) / device.sample_time_s
+    radius = _radius(device, subjects, stiffness_n_per_m)
+    scan, inside = _stable_dampings(radius, _most_damping(device, subjects))
+    if len(inside) == 0:
+        return DampingRange(stiffness_n_per_m, np.nan, np.nan)
+    low = 0.0 if scan[inside[0]] == 0 else _edge(radius, scan[inside[0] - 1], scan[inside[0]])
+    last = len(scan) - 1
+    high = scan[-1] if inside[-1] == last else _edge(radius, scan[inside[-1] + 1], scan[inside[-1]])
+    return DampingRange(stiffness_n_per_m, float(low), float(high))
 
+
+def _most_damping(device: Device, subjects: Subjects) -> float:
+    return 2 * (device.mass_kg + float(np.max(np.asarray(subjects.effect.mass_kg)))) / device.sample_time_s
+
+
+def _radius(device: Device, subjects: Subjects, stiffness_n_per_m: float) -> Callable[[FloatArray], FloatArray]:
     def radius(damping: FloatArray) -> FloatArray:
         every = loop_radius(device, subjects, np.full(len(damping), stiffness_n_per_m), damping)
         return np.asarray(every.max(axis=1))
 
+    return radius
+
+
+def _stable_dampings(radius: Callable[[FloatArray], FloatArray], most: float) -> tuple[FloatArray, IndexArray]:
+    """Return a scan of dampings and which of them are stable; finer about the least radius where none is."""
     scan = np.linspace(0.0, most, _SCAN)
-    inside = np.flatnonzero(radius(scan) < 1)
-    if len(inside) == 0:
-        # The interval may be narrower than the scan: narrow in on the least radius.
-        best = int(np.argmin(radius(scan)))
+    found = radius(scan)
+    if not (found < 1).any():
+        best = int(np.argmin(found))
         scan = np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, _SCAN - 1)], _SCAN)
-        inside = np.flatnonzero(radius(scan) < 1)
-        if len(inside) == 0:
-            return DampingRange(stiffness_n_per_m, np.nan, np.nan)
-    low = 0.0 if inside[0] == 0 else _edge(radius, scan[inside[0] - 1], scan[inside[0]])
-    high = most if inside[-1] == _SCAN - 1 else _edge(radius, scan[inside[-1] + 1], scan[inside[-1]])
-    return DampingRange(stiffness_n_per_m, low, high)
+        found = radius(scan)
+    return scan, np.flatnonzero(found < 1)
 
 
 def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: float) -> float:
@@ -125,13 +138,12 @@ def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: fl
 
 def stiffest_wall(device: Device, subjects: Subjects) -> DampingRange:
     """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %."""
-    low, high = 1.0, 8 * (device.mass_kg + float(np.max(np.asarray(subjects.effect.mass_kg)))) / device.sample_time_s**2
-    found = damping_range(device, subjects, low)
+    most = _most_damping(device, subjects)
+    low, high = 1.0, 4 * most / device.sample_time_s
     while high > 1.0001 * low:
-        middle = np.sqrt(low * high)
-        tried = damping_range(device, subjects, float(middle))
-        if np.isnan(tried.lowest_ns_per_m):
-            high = middle
+        middle = float(np.sqrt(low * high))
+        if len(_stable_dampings(_radius(device, subjects, middle), most)[1]):
+            low = middle
         else:
-            low, found = middle, tried
-    return found
+            high = middle
+    return damping_range(device, subjects, low)

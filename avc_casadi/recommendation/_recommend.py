@@ -21,6 +21,7 @@ from avc_casadi.trial import CouplingTrial, extreme_subjects, subjects_of, try_c
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
+    from avc_casadi.trial import Subjects
 
 SCHEMA = "avc-recommend/1"
 # Stiffnesses closer than this share are equal: the coupling nearer to the wall in motion wins.
@@ -179,13 +180,10 @@ def recommend(
     """
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     people, extreme = subjects_of(problem.hands, hands, seed), extreme_subjects(problem.hands)
-    judged: list[_Judged] = []
-    considered = 0
-    for order, candidate in enumerate(candidates(problem, extreme)):
-        considered += 1
-        if deployable(candidate).passed:
-            judged.append(_Judged(candidate, try_coupling(candidate, people, seed), order))
-    limit = stiffest_wall(problem.device, with_let_go(extreme)).stiffness_n_per_m
+    limit = stiffest_wall(problem.device, with_let_go(extreme))
+    every = list(candidates(problem, extreme, limit))
+    judged = _tried([one for one in every if deployable(one).passed], people, seed)
+    considered = len(every)
     best = _best(judged) if judged else None
     return Recommendation(
         problem=problem,
@@ -194,13 +192,31 @@ def recommend(
         else replace(certified(best.coupling).with_trial(best.trial.document()), versions=versions or {}),
         trial=None if best is None else best.trial,
         deployable=best is not None,
-        stiffest_wall_n_per_m=float(limit),
+        stiffest_wall_n_per_m=limit.stiffness_n_per_m,
         helps=what_would_help(problem, extreme),
         considered=considered,
         reason=_reason(best, judged, considered),
         assumed=_assumed(problem),
         not_used=_not_used(problem),
     )
+
+
+def _tried(safe: list[Coupling], people: Subjects, seed: int) -> list[_Judged]:
+    """Try deployable couplings, the stiffest first, until nothing that is left could win."""
+    ranked = sorted(enumerate(safe), key=lambda pair: (-_expected(pair[1]), pair[0]))
+    judged: list[_Judged] = []
+    for order, one in ranked:
+        enough = [found for found in judged if found.safety == 0 and bool(found.trial.quiet.all())]
+        if enough and _expected(one) < (1 - 2 * _AS_STIFF) * max(_expected(found.coupling) for found in enough):
+            break
+        judged.append(_Judged(one, try_coupling(one, people, seed), order))
+    return judged
+
+
+def _expected(coupling: Coupling) -> float:
+    """Stiffness of coupling and wall in series at rest, N/m."""
+    k, wall = coupling.table.at_rest.stiffness_n_per_m, coupling.wall.stiffness_n_per_m
+    return k * wall / (k + wall) if k + wall else 0.0
 
 
 def _best(judged: list[_Judged]) -> _Judged:
