@@ -98,10 +98,7 @@ def test_nothing_is_promised_that_does_not_hold():
 
 
 def test_where_nothing_is_deployable_it_says_so():
-    problem = wall(1e6, damping_ns_per_m=0.0, delay_samples=5).changed(
-        coupling={"damping_ns_per_m": [1e4, 1e5], "stiffness_n_per_m": [1e6, 1e7]}
-    )
-    best = found(problem, hands=8)
+    best = found(wall(1e4, delay_samples=40), hands=8)
     assert not best.deployable
     assert best.coupling is None
     assert "linearly stable" in best.reason
