@@ -21,8 +21,7 @@ from avc_casadi.study.accuracy import (
 
 def fewer(name, points):
     problem = avc.load_problem(name)
-    grid = problem.frequency.model_copy(update={"points": points})
-    return problem.model_copy(update={"frequency": grid})
+    return problem.changed(frequency={"points": points})
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +120,7 @@ def test_a_problem_without_gains_or_with_one_frequency_has_no_tables():
     problem = avc.load_problem("hard/infeasible-box")
     assert table_errors(problem, rows=(10,)) == []
     assert grid_misses(problem, points=(10,)) == []
-    single = problem.model_copy(update={"frequency": type(problem.frequency)(values_hz=(3.0,))})
+    single = problem.changed(frequency=type(problem.frequency)(values_hz=(3.0,)))
     assert table_errors(single, rows=(10,)) == []
 
 

@@ -11,7 +11,7 @@ from avc_casadi import load_problem, parse_problem
 from avc_casadi.certificate import TITLES, certify
 from avc_casadi.coupling import Status, gain_schedule
 from avc_casadi.design import solve
-from avc_casadi.loop import hand_set
+from avc_casadi.loop import hand_corners
 from avc_casadi.passivity import SampledLoop, llewellyn_margin, worst_margin
 from avc_casadi.stability import deciding_frequencies_hz, frozen_parts, linear_stability, scope_slack
 
@@ -127,7 +127,7 @@ def test_damping_reserve_is_the_edge_of_stability(k):
         if damping < 0:  # the whole damping of the device can go, and some of the hand's
             continue
         radius = linear_stability(
-            shifted.device, frozen_parts(shifted, 20.0, k), 0.0, hand_set(shifted.hands, draws=0)
+            shifted.device, frozen_parts(shifted, 20.0, k), 0.0, hand_corners(shifted.hands)
         ).radius.max()
         assert (radius < 1) == stable
     assert result.passed == (result.margin_ns_per_m > 0)
@@ -182,7 +182,7 @@ def test_catalogue_has_the_example_that_diverges():
 def test_device_known_to_a_range_is_judged_at_its_worst():
     case = problem(b_d=3.0, rows=3)
     lean = case.device.range.model_copy(update={"damping_ns_per_m": (1.0, 5.0), "mass_kg": (0.05, 0.2)})
-    vague = case.model_copy(update={"device": case.device.model_copy(update={"range": lean})})
+    vague = case.changed(device={"range": lean})
     worst = problem(b_d=1.0, rows=3)
     exact, known = certify(worst, table(worst, 2.0, 5e3)), certify(vague, table(vague, 2.0, 5e3))
     for level in ("L0", "L1", "L2", "L3", "L4"):
@@ -191,8 +191,7 @@ def test_device_known_to_a_range_is_judged_at_its_worst():
     radii = []
     for mass in (0.05, 0.2):
         for damping in (1.0, 5.0):
-            device = case.device.model_copy(update={"mass_kg": mass, "damping_ns_per_m": damping})
-            corner = case.model_copy(update={"device": device})
+            corner = case.changed(device={"mass_kg": mass, "damping_ns_per_m": damping})
             radii.append(certify(corner, table(corner, 2.0, 5e3)).levels["L5"].detail["spectral_radius"])
     assert known.levels["L5"].detail["spectral_radius"] == max(radii)
 

@@ -107,7 +107,7 @@ def test_bounds_are_what_the_hand_meets_where_they_are_rendered():
 def one_row(status, error):
     """A schedule of one row with this status and this magnitude error, target 1 N.s/m."""
     problem = avc.load_problem("soft")
-    problem = problem.model_copy(update={"frequency": problem.frequency.model_copy(update={"points": 1})})
+    problem = problem.changed(frequency={"points": 1})
     gains = avc.solve(problem, "exact")
     return replace(gains, status=(status,), impedance=np.array([1 + error + 0j]), target=np.array([1 + 0j]))
 

@@ -50,7 +50,7 @@ def wall() -> Problem:
         EstimatorEffect(),
         AdaptationEffect(hold_s=figures.hold_s, slew_per_s=figures.slew_per_s),
     )
-    return problem.model_copy(update={"scene": problem.scene.model_copy(update={"effects": effects})})
+    return problem.changed(scene={"effects": effects})
 
 
 @functools.cache
@@ -208,7 +208,7 @@ def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:
 def test_bench_refuses_what_it_does_not_have() -> None:
     with pytest.raises(UnsupportedError, match="coulomb-friction"):
         FirmwareInTheLoop(avc.load_problem("damped").model_copy(update={"scene": friction()}))
-    other = wall().model_copy(update={"device": wall().device.model_copy(update={"sample_time_s": 5e-4})})
+    other = wall().changed(device={"sample_time_s": 5e-4})
     with pytest.raises(InputError, match="the firmware's"):
         FirmwareInTheLoop(other)
 

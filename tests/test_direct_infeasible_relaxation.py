@@ -13,12 +13,7 @@ from tests.drawn_problems import drawn_problem
 def relaxed(problem, *, device=0.0, margin=0.0):
     damping = problem.device.damping_ns_per_m + device
     lowered = problem.stability.margin_ns_per_m - margin
-    return problem.model_copy(
-        update={
-            "device": problem.device.model_copy(update={"damping_ns_per_m": damping}),
-            "stability": problem.stability.model_copy(update={"margin_ns_per_m": lowered}),
-        }
-    )
+    return problem.changed(device={"damping_ns_per_m": damping}, stability={"margin_ns_per_m": lowered})
 
 
 def missing(reason):

@@ -92,8 +92,7 @@ def test_infeasible_scope_says_by_how_much_and_relaxing_by_it_makes_it_feasible(
     assert not gains.usable[worst]
     for share, usable in ((1.001, True), (0.99, False)):
         damping = problem.device.damping_ns_per_m + share * missed[worst]
-        device = problem.device.model_copy(update={"damping_ns_per_m": damping})
-        assert bool(solve(problem.model_copy(update={"device": device})).usable[worst]) is usable
+        assert bool(solve(problem.changed(device={"damping_ns_per_m": damping})).usable[worst]) is usable
 
 
 def test_solver_that_knows_no_scope_is_refused_by_name() -> None:

@@ -31,7 +31,7 @@ SURE = {"ipopt", "sqpmethod"}
 
 def some_frequencies(name, *values):
     problem = avc.load_problem(name)
-    return problem.model_copy(update={"frequency": type(problem.frequency)(values_hz=values)})
+    return problem.changed(frequency=type(problem.frequency)(values_hz=values))
 
 
 STIFF = some_frequencies("figure5", 1.0, 18.0, 60.0, 300.0)
@@ -130,7 +130,7 @@ def test_a_success_with_a_violated_constraint_is_counted(monkeypatch):
 
 def test_infeasible_problems_are_told_apart_from_failures():
     problem = avc.load_problem("hard/infeasible-box")
-    problem = problem.model_copy(update={"frequency": type(problem.frequency)(values_hz=(1.0, 100.0))})
+    problem = problem.changed(frequency=type(problem.frequency)(values_hz=(1.0, 100.0)))
     for name in ("ipopt", "sqpmethod"):
         schedule = solve(problem, "direct", solver=name)
         assert set(schedule.status) == {"infeasible"}

@@ -10,7 +10,7 @@ from tests.drawn_problems import drawn_problem
 
 def pointwise(problem):
     """`exact` solves (11)-(12) frequency by frequency; so does `direct` with the scope pointwise."""
-    return problem.model_copy(update={"stability": problem.stability.model_copy(update={"scope": "pointwise"})})
+    return problem.changed(stability={"scope": "pointwise"})
 
 
 def agree(problem, *, error_within):

@@ -18,20 +18,18 @@ DRAWERS = (draw_boundaries, draw_perceived, draw_comparison)
 
 def single_frequency():
     problem = avc.load_problem("soft")
-    return problem.model_copy(update={"frequency": problem.frequency.model_copy(update={"values_hz": (30.0,)})})
+    return problem.changed(frequency=type(problem.frequency)(values_hz=(30.0,)))
 
 
 def unsorted_frequencies():
     problem = avc.load_problem("figure5")
     values = (300.0, 3.0, 30.0, 31.0, 3.5, 120.0)
-    return problem.model_copy(update={"frequency": problem.frequency.model_copy(update={"values_hz": values})})
+    return problem.model_copy(update={"frequency": type(problem.frequency)(values_hz=values)})
 
 
 def hands():
     problem = avc.load_problem("figure5")
-    stability = problem.stability.model_copy(update={"scope": "hands"})
-    frequency = problem.frequency.model_copy(update={"points": 12})
-    return problem.model_copy(update={"stability": stability, "frequency": frequency})
+    return problem.changed(stability={"scope": "hands"}, frequency={"points": 12})
 
 
 PROBLEMS = {

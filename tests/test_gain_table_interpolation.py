@@ -71,13 +71,7 @@ def deviation(problem, rows, kept):
 
 @pytest.mark.parametrize("name", ["figure5", "soft", "damper"])
 def test_choice_is_the_best_of_all_subsets(name):
-    problem = (
-        figure5(points=10)
-        if name == "figure5"
-        else load_problem(name).model_copy(
-            update={"frequency": load_problem(name).frequency.model_copy(update={"points": 10})}
-        )
-    )
+    problem = figure5(points=10) if name == "figure5" else load_problem(name).changed(frequency={"points": 10})
     gains = solve(problem, "schedule")
     rows = GainTable.of(gains).rows
     best = {}

@@ -205,7 +205,7 @@ def test_resonance_where_the_goal_nearly_vanishes():
     nearest = np.argsort(np.abs(loop.target))[:3]
     assert np.abs(loop.target[nearest[0]]) < 0.05 * np.abs(loop.device[nearest[0]])
     values = tuple(sorted(float(frequency[row]) for row in nearest))
-    assert_right(problem.model_copy(update={"frequency": type(problem.frequency)(values_hz=values)}))
+    assert_right(problem.changed(frequency=type(problem.frequency)(values_hz=values)))
 
 
 # Gain box
@@ -291,4 +291,4 @@ def test_every_hard_problem_of_the_catalogue(name):
     frequency = problem.frequencies_hz()
     rows = np.unique(np.linspace(0, len(frequency) - 1, 8).round().astype(int))
     values = tuple(float(frequency[row]) for row in rows)
-    assert_right(problem.model_copy(update={"frequency": type(problem.frequency)(values_hz=values)}))
+    assert_right(problem.changed(frequency=type(problem.frequency)(values_hz=values)))

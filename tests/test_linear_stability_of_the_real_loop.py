@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from avc_casadi import UnsupportedError, parse_problem
-from avc_casadi.loop import HandSet, hand_set, no_hand
+from avc_casadi.loop import Hand, hand_corners, hand_set, no_hand
 from avc_casadi.passivity import SampledLoop, fractions, llewellyn_margin, worst_margin
 from avc_casadi.stability import (
     common_lyapunov,
@@ -68,7 +68,7 @@ def test_delay_leaves_nothing_of_a_heavily_damped_wall():
 
 
 def test_delay_leaves_a_third_with_a_hand():
-    hand = HandSet(np.array([0.2]), np.array([10.0]), np.array([500.0]), 1, 0)
+    hand = Hand(0.2, 10.0, 500.0)
     free, delayed = largest_wall(2.0, 0.0, 0, hand), largest_wall(2.0, 0.0, 1, hand)
     assert delayed / free == pytest.approx(0.335, abs=2e-3)
     assert delayed == pytest.approx(2 / 3 * (2 + 10) / T, rel=0.02)
@@ -89,9 +89,9 @@ def step_by_step(case, b, k, contact, hand, samples):
     """The same loop as a program would run it: sampled position, joint of coupling and wall, held and delayed force."""
     device, wall = case.device, case.environment
     step = mechanics(
-        device.mass_kg + hand.mass_kg[0],
-        device.damping_ns_per_m + hand.damping_ns_per_m[0],
-        hand.stiffness_n_per_m[0],
+        device.mass_kg + hand.mass_kg,
+        device.damping_ns_per_m + hand.damping_ns_per_m,
+        hand.stiffness_n_per_m,
         T,
     )[0]
     x, v, before, joint = 1e-3, 0.0, 1e-3, 0.0
@@ -113,7 +113,7 @@ def step_by_step(case, b, k, contact, hand, samples):
 @pytest.mark.parametrize(("b", "k", "contact"), [(5.0, 3e3, 0.0), (1.0, 2e4, 0.0), (50.0, 5e4, 20.0)])
 def test_spectral_radius_is_the_growth_of_the_running_loop(delay, b, k, contact):
     case = problem(delay=delay)
-    hand = HandSet(np.array([0.05]), np.array([3.0]), np.array([800.0]), 1, 0)
+    hand = Hand(0.05, 3.0, 800.0)
     radius = linear_stability(case.device, frozen_parts(case, b, k), contact, hand).radius[0, 0]
     trace = np.abs(step_by_step(case, b, k, contact, hand, 1200))
     early, late = trace[400:800].max(), trace[800:1200].max()
@@ -134,10 +134,13 @@ def test_both_realisations_have_the_same_eigenvalues(delay):
 
 def test_hands_are_corners_and_seeded_draws():
     hands = problem().hands
-    one, two = hand_set(hands, draws=5, seed=3), hand_set(hands, draws=5, seed=3)
-    assert one.corners == 8
-    np.testing.assert_array_equal(one.mass_kg, two.mass_kg)
-    assert {*one.mass_kg[:8]} == {*hands.mass_kg}
+    one = hand_set(hands, draws=5, seed=3)
+    assert len(one) == 13
+    assert one == hand_set(hands, draws=5, seed=3) != hand_set(hands, draws=5, seed=4)
+    corners = one.pick(slice(0, 8))
+    assert corners == hand_corners(hands)
+    assert len({tuple(corners.values(row).values()) for row in range(8)}) == 8
+    assert {*corners.mass_kg} == {*hands.mass_kg}
     assert ((one.mass_kg >= hands.mass_kg[0]) & (one.mass_kg <= hands.mass_kg[1])).all()
 
 
@@ -154,7 +157,7 @@ def test_undefined_mechanics_is_not_called_stable():
 def test_common_lyapunov_is_a_proof():
     case = problem()
     slow = np.linspace(2, 4, 30), np.linspace(3e3, 6e3, 30), np.zeros(30)
-    hands = hand_set(case.hands, draws=0)
+    hands = hand_corners(case.hands)
     proof = switching_proof(case, *slow, hands)
     assert proof.proved == proof.pairs == 29
     # A pair of stable matrices whose product is unstable has none.
@@ -175,7 +178,7 @@ def test_doubling_solves_the_lyapunov_equation():
 
 def test_switching_search_is_not_offered_where_it_has_no_meaning():
     case = problem()
-    hands = hand_set(case.hands, draws=0)
+    hands = hand_corners(case.hands)
     row = np.ones(3)
     assert switching_proof(case, row[:1], row[:1], row[:1], hands) is None
     assert switching_proof(case, row * np.inf, row, row, hands) is None

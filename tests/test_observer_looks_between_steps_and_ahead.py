@@ -6,10 +6,10 @@ from scene_reference import scene_problem
 
 from avc_casadi.coupling import Gains
 from avc_casadi.design import simulate, solve
+from avc_casadi.loop import Hand
 from avc_casadi.problem import load_problem
 from avc_casadi.runtime import ObserverSettings, observer_step
 from avc_casadi.scene import simulate_batch
-from avc_casadi.scene.effects import Hand
 
 T, MASS, STEP_M = 1e-3, 0.2, 2e-5
 

@@ -106,8 +106,8 @@ def test_reason_states_the_smallest_relaxation(method: str) -> None:
     assert "scope pointwise" in found.reason[row]
     error = float(found.reason[row].split("at best ")[1].split(" ")[0])
     for share, usable in ((1.0001, True), (0.9999, False)):
-        relaxed = problem.realism.model_copy(update={"jnd": error * share})
-        assert bool(solve(problem.model_copy(update={"realism": relaxed}), method).usable[row]) is usable
+        relaxed = problem.changed(realism={"jnd": error * share})
+        assert bool(solve(relaxed, method).usable[row]) is usable
 
 
 def test_bounds_that_cannot_be_met_are_named_with_the_miss() -> None:

@@ -40,9 +40,7 @@ def test_bounds_do_not_see_phase_and_the_difference_does():
 
 def test_bounds_are_the_impedances_of_u_and_l():
     for bound in (CASE.boundaries.upper, CASE.boundaries.lower):
-        rendered = CASE.model_copy(
-            update={"boundaries": CASE.boundaries.model_copy(update={"upper": bound, "lower": bound})}
-        )
+        rendered = CASE.changed(boundaries={"upper": bound, "lower": bound})
         z = np.asarray(loop_at(rendered, CASE.frequencies_hz()).target)
         outwards = 1.001 if bound is CASE.boundaries.upper else 0.999
         assert judge_realism(CASE, z).inside_bounds.all()

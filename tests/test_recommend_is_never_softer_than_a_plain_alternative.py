@@ -6,7 +6,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.trial import subjects_of, try_coupling
+from avc_casadi.trial import people_of, try_coupling
 
 
 def wall(stiffness, **device):
@@ -43,7 +43,7 @@ def test_no_plain_pair_is_deployable_as_safe_and_stiffer(stiffness, device):
     best = found(problem)
     assert best.deployable
     assert avc.deployable(best.coupling).passed
-    people = subjects_of(problem.hands, 12)
+    people = people_of(problem.hands, 12)
     for k in (1e4, 5e4, 2e5, 1e8):
         for b in (0.0, 10.0):
             for b_p in (0.0, 0.5, 1.0):
@@ -87,7 +87,7 @@ def test_the_plain_wall_is_recommended_where_it_is_as_good():
 
 def test_hands_are_those_of_the_problem():
     heavy = avc.load_problem("ve7").changed(hands={"mass_kg": [1.0, 1.5], "damping_ns_per_m": [20.0, 30.0]})
-    assert set(np.round(subjects_of(heavy.hands, 8).effect.mass_kg, 6)) == {1.0, 1.5}
+    assert set(np.round(people_of(heavy.hands, 8).mass_kg, 6)) == {1.0, 1.5}
 
 
 def test_nothing_is_promised_that_does_not_hold():

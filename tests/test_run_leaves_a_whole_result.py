@@ -86,11 +86,8 @@ def test_gain_files_hold_the_direct_gains(results):
 @pytest.mark.parametrize("scope", ["hands", "all"])
 def test_the_gains_of_the_problems_own_scope_are_those_drawn_and_told(scope, tmp_path):
     problem = load_problem("figure5")
-    stability = problem.stability.model_copy(update={"scope": scope, "model": "sampled-data"})
-    frequency = problem.frequency.model_copy(update={"points": 12})
-    (tmp_path / "wide.toml").write_text(
-        dump_problem(problem.model_copy(update={"stability": stability, "frequency": frequency}))
-    )
+    changed = problem.changed(stability={"scope": scope, "model": "sampled-data"}, frequency={"points": 12})
+    (tmp_path / "wide.toml").write_text(dump_problem(changed))
     done = avc("run", "wide.toml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.decode().splitlines()

@@ -7,10 +7,11 @@ import pytest
 from avc_casadi import InputError
 from avc_casadi.coupling import GainTable, thinned
 from avc_casadi.design import simulate, solve
+from avc_casadi.loop import Hand
 from avc_casadi.problem import load_problem, parse_problem
 from avc_casadi.runtime import HoldSettings, hold_step
 from avc_casadi.scene import compile_scene, energy_ledger, execute, simulate_batch
-from avc_casadi.scene.effects import Adaptation, Hand, build_effects
+from avc_casadi.scene.effects import Adaptation, build_effects
 from avc_hardware._reference import lookup
 
 T = 1e-3

@@ -10,8 +10,8 @@ from scene_reference import HEAD, scene_problem
 import avc_casadi as avc
 from avc_casadi.coupling import NO_COUPLING, Gains, gains_at
 from avc_casadi.design import simulate
+from avc_casadi.loop import Hand
 from avc_casadi.scene import compile_scene, simulate_batch
-from avc_casadi.scene.effects import Hand
 
 HAND, WALL, FRICTION = 'kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"'
 

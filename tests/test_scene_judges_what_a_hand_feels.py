@@ -11,8 +11,8 @@ import avc_casadi as avc
 from avc_casadi.coupling import NO_COUPLING, Gains
 from avc_casadi.design import simulate
 from avc_casadi.design.constant import static_coupling
+from avc_casadi.loop import Hand
 from avc_casadi.scene import judge, screen, simulate_batch
-from avc_casadi.scene.effects import Hand
 
 T = 1e-3
 TIME = np.arange(3000) * T

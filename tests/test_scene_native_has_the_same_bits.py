@@ -7,8 +7,9 @@ from test_scene_agrees_with_solve_ivp import CASES, FRICTION, HAND, QUICK, WALL
 
 import avc_casadi as avc
 from avc_casadi.coupling import Gains
+from avc_casadi.loop import Hand
 from avc_casadi.scene import NativeScene, compile_for, compile_scene, compiler, execute, settled, simulate_batch
-from avc_casadi.scene.effects import Hand, build_effects
+from avc_casadi.scene.effects import build_effects
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 

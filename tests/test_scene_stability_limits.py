@@ -9,9 +9,8 @@ from scene_reference import scene_problem
 
 from avc_casadi.coupling import NO_COUPLING, Gains
 from avc_casadi.design import simulate
-from avc_casadi.loop import HandSet
+from avc_casadi.loop import Hand
 from avc_casadi.scene import compile_scene
-from avc_casadi.scene.effects import Hand
 from avc_casadi.stability import frozen_parts, linear_stability
 
 T = 1e-3
@@ -48,7 +47,7 @@ def test_the_jacobian_of_a_sample_has_the_independent_spectral_radius(gains, del
     problem = two_sided(1e5, 10.0, delay, hand)
     device = problem.device.model_copy(update={"delay_samples": delay})
     parts = frozen_parts(problem, np.array([gains.damping_ns_per_m]), np.array([gains.stiffness_n_per_m]))
-    hands = HandSet(*(np.array([value]) for value in hand), 1, 0)
+    hands = Hand(*hand)
     independent = linear_stability(device, parts, gains.contact_damping_ns_per_m, hands).radius[0, 0]
     assert scene_radius(problem, gains) == pytest.approx(independent, abs=1e-10)
 

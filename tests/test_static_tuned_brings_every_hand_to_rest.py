@@ -11,10 +11,9 @@ from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Gains, Status
 from avc_casadi.design.constant import Budget, tune_static, tuned_margin
 from avc_casadi.design.joint import ScheduleSolver
-from avc_casadi.loop import hand_set, loop_at
+from avc_casadi.loop import Hand, hand_set, loop_at
 from avc_casadi.problem import Frequency
 from avc_casadi.scene import simulate_batch
-from avc_casadi.scene.effects import Hand
 from avc_casadi.stability import frozen_parts, linear_stability
 
 SMALL = Budget(draws=8)

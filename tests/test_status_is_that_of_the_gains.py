@@ -9,7 +9,7 @@ from avc_casadi import load_problem, solve
 @pytest.mark.parametrize("solver", ["ipopt", "sqpmethod"])
 def test_equal_gains_have_equal_status_whoever_found_them(solver):
     problem = load_problem("figure5")
-    problem = problem.model_copy(update={"frequency": problem.frequency.model_copy(update={"points": 40})})
+    problem = problem.changed(frequency={"points": 40})
     root, found = solve(problem, "direct"), solve(problem, "direct", solver=solver)
     (_, most_b), (_, most_k) = problem.coupling.damping_ns_per_m, problem.coupling.stiffness_n_per_m
     equal = np.abs(root.damping_ns_per_m - found.damping_ns_per_m) <= 1e-7 * most_b

@@ -28,7 +28,7 @@ def test_sampling_takes_half_a_period_of_stiffness_from_the_damping():
 
 def test_the_goal_is_the_physical_wall_up_to_second_order():
     stated = physical_wall(PROBLEM)
-    stated = stated.model_copy(update={"stability": stated.stability.model_copy(update={"model": "sampled-data"})})
+    stated = stated.changed(stability={"model": "sampled-data"})
     wall = PROBLEM.environment
     errors = []
     for frequency in (np.array([5.0]), np.array([10.0])):

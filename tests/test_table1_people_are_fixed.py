@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.trial import STYLUS_RANGES, draw_subjects
+from avc_casadi.trial import STYLUS_RANGES, draw_hands, draw_subjects
 
 
 def numbers(subjects):
@@ -34,6 +34,15 @@ def test_people_stay_in_their_ranges_and_fill_them():
         for column, (low, high) in zip(drawn.T, ranges.values(), strict=True):
             assert low <= column.min() <= low + 0.02 * (high - low)
             assert high - 0.05 * (high - low) <= column.max() <= high
+
+
+def test_people_of_a_problem_are_drawn_from_its_hands():
+    problem = avc.load_problem("figure5")
+    assert draw_hands(problem.hands, 20, 4, "training") == draw_subjects("A", 20, 4, "training")
+    heavy = problem.changed(hands={"mass_kg": (0.5, 0.6)}).hands
+    drawn = draw_hands(heavy, 50, 4)
+    assert 0.5 <= drawn.mass_kg.min() <= drawn.mass_kg.max() <= 0.6
+    assert np.array_equal(drawn.damping_ns_per_m, draw_subjects("A", 50, 4).damping_ns_per_m)
 
 
 def test_stylus_means_are_near_the_measured_ones():

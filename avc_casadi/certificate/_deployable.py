@@ -147,7 +147,7 @@ def _claim(problem: Problem, frequency: FloatArray, gains: FloatArray, *, let_go
 _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
 
 
-def _of(device: Device, corners: list[Problem]) -> str:
+def _of(device: Device, corners: tuple[Problem, ...]) -> str:
     if len(corners) == 1:
         return ""
     return f" (device {device.mass_kg:.4g} kg, {device.damping_ns_per_m:.4g} N.s/m)"

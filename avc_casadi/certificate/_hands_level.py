@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi.certificate._levels import Rows, level_result
-from avc_casadi.loop import device_corners, hand_set, no_hand
+from avc_casadi.loop import device_corners, hand_corners, hand_set, no_hand
 from avc_casadi.stability import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_parts, linear_stability, switching_proof
 from avc_casadi.support import FloatArray
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from avc_casadi.certificate._certificate import (
         LevelResult,
     )
-    from avc_casadi.loop import HandSet
+    from avc_casadi.loop import Hand
     from avc_casadi.passivity import Fractions
     from avc_casadi.problem import Device
 
@@ -31,7 +31,7 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
     """
     problem = rows.problem
     hands = hand_set(problem.hands, draws=draws, seed=seed)
-    name = f"{hands.corners} corners and {draws} draws (seed {seed}) of the hands"
+    name = f"{len(hand_corners(problem.hands))} corners and {draws} draws (seed {seed}) of the hands"
     claim = f"each frozen row is linearly stable, with no friction, with {name}; this says nothing of switching"
     if problem.device.delay_samples > MAX_DELAY_SAMPLES:
         nothing = np.full(len(rows.b), np.nan)
@@ -55,14 +55,10 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
         return replace(result, detail=detail)
     worst = int(np.count_nonzero(rows.present[: result.row]))
     corner, index = divmod(int(worst_case[worst, 0]), len(hands))
-    hand, device = hands.pick(index), devices[corner]
+    hand, device = hands.pick(slice(index, index + 1)), devices[corner]
     only = slice(worst, worst + 1)
     margin = damping_reserve(device, parts.pick(only), rows.contact[only], hand)
-    held = {
-        "mass_kg": float(hand.mass_kg[0]),
-        "damping_ns_per_m": float(hand.damping_ns_per_m[0]),
-        "stiffness_n_per_m": float(hand.stiffness_n_per_m[0]),
-    }
+    held = hand.values(0)
     detail["worst_hand"] = held
     detail["worst_device"] = {"mass_kg": device.mass_kg, "damping_ns_per_m": device.damping_ns_per_m}
     if not stable[worst]:
@@ -86,8 +82,7 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
 def _beside(rows: Rows, parts: Fractions, devices: list[Device], radius: FloatArray) -> dict[str, Any]:
     """What stands beside the verdict: the device let go, and whether gains may switch between neighbouring rows."""
     released = [linear_stability(device, parts, rows.contact, no_hand()) for device in devices]
-    corners = hand_set(rows.problem.hands, draws=0)
-    switching = switching_proof(rows.problem, rows.b, rows.k, rows.contact, corners)
+    switching = switching_proof(rows.problem, rows.b, rows.k, rows.contact, hand_corners(rows.problem.hands))
     return {
         "spectral_radius": float(np.max(radius)) if len(radius) else None,
         "row_spectral_radius": rows.spread(radius),
@@ -99,7 +94,7 @@ def _beside(rows: Rows, parts: Fractions, devices: list[Device], radius: FloatAr
     }
 
 
-def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand: HandSet) -> float:
+def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand: Hand) -> float:
     """Device damping to spare before one row with one hand becomes unstable, N.s/m; negative where it lacks.
 
     Not a number where no damping up to 1e6 N.s/m stabilises the loop.
@@ -109,7 +104,7 @@ def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand:
         return bool(linear_stability(device, parts, contact, hand, shift).stable[0])
 
     starts_stable = stable(0.0)
-    available = device.damping_ns_per_m + float(hand.damping_ns_per_m[0])
+    available = device.damping_ns_per_m + hand.values(0)["damping_ns_per_m"]
     near, far = 0.0, 1e-3 * (1.0 + available)
     sign = -1.0 if starts_stable else 1.0
     limit = available if starts_stable else _LARGEST_SHIFT

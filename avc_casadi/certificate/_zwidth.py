@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop import HandSet, hand_set, no_hand
+from avc_casadi.loop import Hand, hand_set, no_hand
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m, worst_margin
 from avc_casadi.stability import linear_stability
 from avc_casadi.support import BoolArray, Columns, Comparable, FloatArray, Tabular, short
@@ -93,7 +93,7 @@ def zwidth(problem: Problem) -> ZWidth:
     def passive(model: Model, samples: int) -> FloatArray:
         return _largest(damping, scan, lambda b, k: _passive(device, model, samples, b, k))
 
-    def stable(some: HandSet) -> FloatArray:
+    def stable(some: Hand) -> FloatArray:
         return _largest(damping, scan, lambda b, k: _stable(device, some, b, k))
 
     curves = [
@@ -123,7 +123,7 @@ def _passive(device: Device, model: Model, delay_samples: int, damping: FloatArr
     return worst_margin(loop, np.inf, 1.0).passive
 
 
-def _stable(device: Device, hands: HandSet, damping: FloatArray, stiffness: FloatArray) -> BoolArray:
+def _stable(device: Device, hands: Hand, damping: FloatArray, stiffness: FloatArray) -> BoolArray:
     loop = SampledLoop(
         device.damping_ns_per_m, damping, stiffness, device.sample_time_s, device.delay_samples, "sampled-data"
     )

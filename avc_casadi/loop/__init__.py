@@ -17,9 +17,13 @@ from avc_casadi.loop._equations import series as series
 from avc_casadi.loop._equations import spring_damper as spring_damper
 from avc_casadi.loop._equations import tustin as tustin
 from avc_casadi.loop._expm import expm as expm
-from avc_casadi.loop._hands import HandSet as HandSet
+from avc_casadi.loop._hands import Hand as Hand
+from avc_casadi.loop._hands import StylusHand as StylusHand
+from avc_casadi.loop._hands import hand_corners as hand_corners
+from avc_casadi.loop._hands import hand_ranges as hand_ranges
 from avc_casadi.loop._hands import hand_set as hand_set
 from avc_casadi.loop._hands import no_hand as no_hand
+from avc_casadi.loop._hands import with_let_go as with_let_go
 from avc_casadi.loop._numbers import NUMPY as NUMPY
 from avc_casadi.loop._numbers import Complex as Complex
 from avc_casadi.loop._numbers import ComplexExpr as ComplexExpr

@@ -10,13 +10,13 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import Coupling, Gains, Runtime
 from avc_casadi.design.constant import tuned_margin
+from avc_casadi.loop import with_let_go
 from avc_casadi.recommendation._limits import DampingRange, damping_range
 from avc_casadi.recommendation._reach import tuned
-from avc_casadi.trial import with_let_go
 
 if TYPE_CHECKING:
+    from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
-    from avc_casadi.trial import Subjects
 
 # A spring that no hand tells from a rigid joint, and that a device still holds in single precision.
 RIGID_N_PER_M = 1e8
@@ -28,7 +28,7 @@ _SHARES = (0.5, 0.25)
 _OF_STIFFEST = (0.9, 0.75)
 
 
-def candidates(problem: Problem, subjects: Subjects, stiffest: DampingRange) -> Iterator[Coupling]:
+def candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange) -> Iterator[Coupling]:
     """Yield the couplings to be judged.
 
     No coupling but the wall itself; a rigid coupling with a contact damper; for a wall beyond what the device can give,
@@ -57,14 +57,14 @@ def _tuned(problem: Problem, share: float) -> object:
         return None
 
 
-def _rigid(problem: Problem, people: Subjects) -> Iterator[tuple[Gains, str]]:
+def _rigid(problem: Problem, people: Hand | StylusHand) -> Iterator[tuple[Gains, str]]:
     yield Gains(0.0, RIGID_N_PER_M), "none"
     wall = problem.environment
     for total in _dampings(damping_range(problem.device, people, wall.stiffness_n_per_m)):
         yield Gains(0.0, RIGID_N_PER_M, max(0.0, total - wall.damping_ns_per_m)), "contact damper"
 
 
-def _softened(problem: Problem, people: Subjects, stiffest: DampingRange) -> Iterator[tuple[Gains, str]]:
+def _softened(problem: Problem, people: Hand | StylusHand, stiffest: DampingRange) -> Iterator[tuple[Gains, str]]:
     """Put a spring before a wall that is too stiff, so that both together are a share of the stiffest one."""
     wall = problem.environment.stiffness_n_per_m
     for share in _OF_STIFFEST:

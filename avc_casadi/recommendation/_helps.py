@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi.loop import with_let_go
 from avc_casadi.problem import DeviceRange
 from avc_casadi.recommendation._limits import stiffest_wall
-from avc_casadi.trial import with_let_go
 
 if TYPE_CHECKING:
+    from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
-    from avc_casadi.trial import Subjects
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Help:
     stiffest_wall_n_per_m: float
 
 
-def what_would_help(problem: Problem, extreme: Subjects) -> tuple[Help, ...]:
+def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help, ...]:
     """Try each change on its own; the most helpful first.
 
     Args:

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop import DEVICE, GROUND, Plant, transition
+from avc_casadi.loop import DEVICE, GROUND, Hand, Plant, StylusHand, hand_corners, transition
 from avc_casadi.problem import Hands
-from avc_casadi.scene.effects import Hand, StylusHand
 from avc_casadi.support import FloatArray, IndexArray
-from avc_casadi.trial import STYLUS_RANGES, Population, Subjects
+from avc_casadi.trial import STYLUS_RANGES, Population
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Device
@@ -28,19 +27,16 @@ _SCAN = 121
 _HALVINGS = 40
 
 
-def corner_subjects(population: Population) -> Subjects:
+def corner_subjects(population: Population) -> Hand | StylusHand:
     """Every corner of the ranges of a population: the extreme people."""
     if population == "A":
-        hands = Hands()
-        ends = product(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)
-        return Subjects("A", Hand(*np.array(list(ends)).T))
-    names = tuple(STYLUS_RANGES)
+        return hand_corners(Hands())
     corners = np.array(list(product(*STYLUS_RANGES.values())))
-    return Subjects("B", StylusHand(**dict(zip(names, corners.T, strict=True))))
+    return StylusHand(**dict(zip(STYLUS_RANGES, corners.T, strict=True)))
 
 
 def loop_radius(
-    device: Device, subjects: Subjects, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray
+    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray
 ) -> FloatArray:
     """Spectral radius of the frozen loop in contact, shape (walls, people).
 
@@ -53,7 +49,7 @@ def loop_radius(
     plant = Plant()
     plant.add_mass(DEVICE, device.mass_kg)
     plant.join(DEVICE, GROUND, 0.0, device.damping_ns_per_m)
-    subjects.effect.mechanics(plant)
+    subjects.mechanics(plant)
     linear = plant.linear()
     moves = transition(linear, device.sample_time_s)
     n, d = linear.states, device.delay_samples
@@ -88,7 +84,7 @@ class DampingRange:
     highest_ns_per_m: float
 
 
-def damping_range(device: Device, subjects: Subjects, stiffness_n_per_m: float) -> DampingRange:
+def damping_range(device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float) -> DampingRange:
     """Find the damping with which a wall is stable with everybody.
 
     The stable damping of each hand is an interval below 2 m/T of all that moves.
@@ -103,11 +99,13 @@ def damping_range(device: Device, subjects: Subjects, stiffness_n_per_m: float) 
     return DampingRange(stiffness_n_per_m, float(low), float(high))
 
 
-def _most_damping(device: Device, subjects: Subjects) -> float:
-    return 2 * (device.mass_kg + float(np.max(np.asarray(subjects.effect.mass_kg)))) / device.sample_time_s
+def _most_damping(device: Device, subjects: Hand | StylusHand) -> float:
+    return 2 * (device.mass_kg + float(np.max(subjects.mass_kg))) / device.sample_time_s
 
 
-def _radius(device: Device, subjects: Subjects, stiffness_n_per_m: float) -> Callable[[FloatArray], FloatArray]:
+def _radius(
+    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float
+) -> Callable[[FloatArray], FloatArray]:
     def radius(damping: FloatArray) -> FloatArray:
         every = loop_radius(device, subjects, np.full(len(damping), stiffness_n_per_m), damping)
         return np.asarray(every.max(axis=1))
@@ -136,7 +134,7 @@ def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: fl
     return inside
 
 
-def stiffest_wall(device: Device, subjects: Subjects) -> DampingRange:
+def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
     """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %."""
     most = _most_damping(device, subjects)
     low, high = 1.0, 4 * most / device.sample_time_s

@@ -15,8 +15,9 @@ from avc_casadi.trial import MOTIONS, Conditions, exact_interval, judged
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
+    from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Impedance, Problem, Structure
-    from avc_casadi.trial import Subjects
+    from avc_casadi.trial import Population
 
 # DC stiffness that counts as the wall's.
 STIFFNESS_TOLERANCE = 0.08
@@ -43,9 +44,11 @@ def tuned(
 def reach(
     problem: Problem,
     gains: Gains | GainSchedule,
-    subjects: Subjects,
+    subjects: Hand | StylusHand,
     conditions: Conditions,
     wall: Impedance | None = None,
+    *,
+    population: Population = "A",
 ) -> dict[str, Any]:
     """Try everybody in every motion.
 
@@ -55,6 +58,7 @@ def reach(
         subjects: the people.
         conditions: what of the device is simulated.
         wall: the wall that should be felt; None is the one that is rendered.
+        population: the one from which the people come.
 
     Returns:
         Counts with exact intervals, the stiffness that was felt, and the frequencies up to which the complex error
@@ -70,7 +74,7 @@ def reach(
     first = gains if isinstance(gains, Gains) else gains_at(gains)
     return {
         "people": len(whole),
-        "population": subjects.population,
+        "population": population,
         "conditions": {name: value for name, value in asdict(conditions).items() if name != "runtime"},
         "stable": int(whole.sum()),
         "stable_low": interval[0],

@@ -11,17 +11,18 @@ import numpy as np
 
 from avc_casadi.certificate import certified, deployable
 from avc_casadi.coupling import Coupling, coupling_document
+from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.problem import Problem, load_problem
 from avc_casadi.recommendation._candidates import candidates
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
 from avc_casadi.recommendation._limits import stiffest_wall
 from avc_casadi.support import plain
-from avc_casadi.trial import CouplingTrial, extreme_subjects, subjects_of, try_coupling, with_let_go
+from avc_casadi.trial import CouplingTrial, people_of, try_coupling
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
-    from avc_casadi.trial import Subjects
+    from avc_casadi.loop import Hand, StylusHand
 
 SCHEMA = "avc-recommend/1"
 # Stiffnesses closer than this share are equal: the coupling nearer to the wall in motion wins.
@@ -109,9 +110,9 @@ def judged_as_recommended(
         versions: of what made it, by package.
     """
     found = certified(Coupling.of(problem, gains, versions=versions))
-    tried = try_coupling(found, subjects_of(problem.hands, hands, seed), seed)
+    tried = try_coupling(found, people_of(problem.hands, hands, seed), seed)
     verdict = deployable(found)
-    extreme = extreme_subjects(problem.hands)
+    extreme = hand_corners(problem.hands)
     return Recommendation(
         problem=problem,
         coupling=found.with_trial(tried.document()),
@@ -147,7 +148,7 @@ def stiffest(problem: Problem) -> dict[str, Any]:
     Returns:
         The document of `avc recommend P --stiffest`: JSON values.
     """
-    extreme = extreme_subjects(problem.hands)
+    extreme = hand_corners(problem.hands)
     found = stiffest_wall(problem.device, with_let_go(extreme))
     document: dict[str, Any] = plain(
         {
@@ -179,7 +180,7 @@ def recommend(
         versions: of what makes it, by package; written into the coupling.
     """
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
-    people, extreme = subjects_of(problem.hands, hands, seed), extreme_subjects(problem.hands)
+    people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
     limit = stiffest_wall(problem.device, with_let_go(extreme))
     every = list(candidates(problem, extreme, limit))
     judged = _tried([one for one in every if deployable(one).passed], people, seed)
@@ -201,7 +202,7 @@ def recommend(
     )
 
 
-def _tried(safe: list[Coupling], people: Subjects, seed: int) -> list[_Judged]:
+def _tried(safe: list[Coupling], people: Hand | StylusHand, seed: int) -> list[_Judged]:
     """Try deployable couplings, the stiffest first, until nothing that is left could win."""
     ranked = sorted(enumerate(safe), key=lambda pair: (-_expected(pair[1]), pair[0]))
     judged: list[_Judged] = []

@@ -22,6 +22,7 @@ from avc_casadi.scene._screen import Screening as Screening
 from avc_casadi.scene._screen import screen as screen
 from avc_casadi.scene._simulate import AnyGains as AnyGains
 from avc_casadi.scene._simulate import compile_for as compile_for
+from avc_casadi.scene._simulate import held_by as held_by
 from avc_casadi.scene._simulate import settled as settled
 from avc_casadi.scene._simulate import simulate as simulate
 from avc_casadi.scene._simulate import simulate_batch as simulate_batch

@@ -25,11 +25,11 @@ from avc_casadi.scene._execute import Engine, execute
 from avc_casadi.scene._judge import Judgement, judge
 from avc_casadi.scene._ledger import energy_ledger
 from avc_casadi.scene._run import Claim, Run
-from avc_casadi.scene.effects import CoulombFriction, Hand, SceneEffect, build_effects
+from avc_casadi.scene.effects import CoulombFriction, Grip, SceneEffect, build_effects
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.loop import HandSet
+    from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
 
 AnyGains = Coupling | Gains | GainTable | GainSchedule
@@ -40,7 +40,7 @@ def simulate(
     problem: Problem,
     gains: AnyGains,
     *,
-    hand: Hand | None = None,
+    hand: Hand | StylusHand | None = None,
     interaction_hz: float | None = None,
     seed: int = 0,
     engine: Engine = "auto",
@@ -64,7 +64,8 @@ def simulate(
         UnsupportedError: an effect that scenes do not simulate.
     """
     problem = staged(problem, gains)
-    effects = _with_hand(problem, build_effects(problem), hand)
+    effects = build_effects(problem)
+    effects = effects if hand is None else held_by(problem, effects, hand)
     return simulate_effects(problem, *settled(problem, effects, gains, interaction_hz), seed=seed, engine=engine)
 
 
@@ -121,7 +122,7 @@ def simulate_effects(
 
 def simulate_batch(
     problem: Problem,
-    hands: Hand | HandSet,
+    hands: Hand | StylusHand,
     gains: AnyGains,
     *,
     friction: bool = True,
@@ -133,7 +134,7 @@ def simulate_batch(
 
     Args:
         problem: a validated problem whose scene has the effect ``hand`` (or lists none).
-        hands: their masses, dampings and stiffnesses, arrays of shape (n,).
+        hands: who holds the device, in place of the scene's hand.
         gains: as in `simulate`.
         friction: False leaves dry friction out, to tell asymptotic stability from being held by friction.
         interaction_hz: as in `simulate`.
@@ -144,8 +145,7 @@ def simulate_batch(
         The judgement, with arrays of shape (n,).
     """
     problem = staged(problem, gains)
-    many = Hand(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)
-    effects = _with_hand(problem, build_effects(problem), many)
+    effects = held_by(problem, build_effects(problem), hands)
     if not friction:
         effects = without(effects, CoulombFriction.kind)
     effects, chosen, _ = settled(problem, effects, gains, interaction_hz)
@@ -205,16 +205,19 @@ def without(effects: tuple[SceneEffect, ...], kind: str) -> tuple[SceneEffect, .
     return tuple(effect for effect in effects if effect.kind != kind)
 
 
-def _with_hand(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | None) -> tuple[SceneEffect, ...]:
-    if hand is None:
-        return effects
-    if not any(isinstance(effect, Hand) for effect in effects):
+def held_by(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | StylusHand) -> tuple[SceneEffect, ...]:
+    """Let a hand, or many, hold the device in place of the effect ``hand``.
+
+    Raises:
+        InputError: the scene does not have this effect.
+    """
+    if not any(effect.kind == Grip.kind for effect in effects):
         raise InputError.of(
             "lists no hand that another one could replace; allowed: the effect hand, or no effects at all",
             file=problem.name,
             key="scene.effects",
         )
-    return tuple(hand if isinstance(effect, Hand) else effect for effect in effects)
+    return tuple(Grip(hand) if effect.kind == Grip.kind else effect for effect in effects)
 
 
 def _estimate(traces: dict[str, FloatArray]) -> FloatArray | None:

@@ -12,7 +12,7 @@ from avc_casadi.stability._transition import joint_rendering, transition
 from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.loop import HandSet
+    from avc_casadi.loop import Hand
     from avc_casadi.problem import Problem
 
 _DOUBLINGS = 40
@@ -43,7 +43,7 @@ def switching_proof(
     damping_ns_per_m: FloatArray,
     stiffness_n_per_m: FloatArray,
     contact_damping_ns_per_m: FloatArray,
-    hands: HandSet,
+    hands: Hand,
 ) -> SwitchingProof | None:
     """Look for a common Lyapunov function of each pair of neighbouring rows, one function for each hand.
 
@@ -68,7 +68,7 @@ def switching_proof(
     if not np.isfinite(matrices).all():
         return None
     # Forces under way are counted in the distance that they move the device.
-    mass = max(device.mass_kg + float(hands.mass_kg.mean()), np.finfo(np.float64).tiny)
+    mass = max(device.mass_kg + float(np.mean(hands.mass_kg)), np.finfo(np.float64).tiny)
     unit = np.ones(matrices.shape[-1])
     unit[4:] = device.sample_time_s**2 / mass
     matrices = matrices * unit[:, None] / unit[None, :]

@@ -13,9 +13,7 @@ from avc_casadi.stability._transition import fraction_rendering, transition
 from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.loop import (
-        HandSet,
-    )
+    from avc_casadi.loop import Hand
     from avc_casadi.passivity import (
         Fractions,
         Values,
@@ -51,7 +49,7 @@ def linear_stability(
     device: Device,
     parts: Fractions,
     contact_damping_ns_per_m: Values,
-    hands: HandSet,
+    hands: Hand,
     damping_shift_ns_per_m: float = 0.0,
 ) -> LinearStability:
     """Spectral radius of each frozen rendering with each hand, on the loop that runs on a device.

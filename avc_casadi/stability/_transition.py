@@ -15,9 +15,7 @@ from avc_casadi.loop import expm
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.loop import (
-        HandSet,
-    )
+    from avc_casadi.loop import Hand
     from avc_casadi.passivity import Fractions, Values
     from avc_casadi.problem import Device, Problem
 
@@ -120,7 +118,7 @@ def joint_rendering(
     return Rendering(force, joint)
 
 
-def transition(device: Device, rendering: Rendering, hands: HandSet, damping_shift_ns_per_m: float = 0.0) -> FloatArray:
+def transition(device: Device, rendering: Rendering, hands: Hand, damping_shift_ns_per_m: float = 0.0) -> FloatArray:
     """Transition matrices of every frozen rendering with every hand.
 
     Args:

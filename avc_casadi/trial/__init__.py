@@ -11,11 +11,9 @@ from avc_casadi.trial._matching import distance as distance
 from avc_casadi.trial._matching import reference_traces as reference_traces
 from avc_casadi.trial._subjects import STYLUS_RANGES as STYLUS_RANGES
 from avc_casadi.trial._subjects import Population as Population
-from avc_casadi.trial._subjects import Subjects as Subjects
+from avc_casadi.trial._subjects import draw_hands as draw_hands
 from avc_casadi.trial._subjects import draw_subjects as draw_subjects
-from avc_casadi.trial._subjects import extreme_subjects as extreme_subjects
-from avc_casadi.trial._subjects import subjects_of as subjects_of
-from avc_casadi.trial._subjects import with_let_go as with_let_go
+from avc_casadi.trial._subjects import people_of as people_of
 from avc_casadi.trial._trial import MOTIONS as MOTIONS
 from avc_casadi.trial._trial import PEOPLE_AT_ONCE as PEOPLE_AT_ONCE
 from avc_casadi.trial._trial import Conditions as Conditions

@@ -14,7 +14,7 @@ from avc_casadi.trial._vibration import QUIET, felt_vibration
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.trial._subjects import Subjects
+    from avc_casadi.loop import Hand, StylusHand
 
 # What of a scene a problem's [device] has no key for, or that is not a part of it.
 NOT_SIMULATED = ("hands that change while they hold on", "several axes")
@@ -96,7 +96,7 @@ class CouplingTrial:
         return document
 
 
-def try_coupling(coupling: Coupling, subjects: Subjects, seed: int = 0) -> CouplingTrial:
+def try_coupling(coupling: Coupling, subjects: Hand | StylusHand, seed: int = 0) -> CouplingTrial:
     """Let everybody press, tap and hold, with all that the problem declares of the device.
 
     Args:
@@ -139,7 +139,7 @@ def try_coupling(coupling: Coupling, subjects: Subjects, seed: int = 0) -> Coupl
     )
 
 
-def _without_friction(coupling: Coupling, subjects: Subjects, conditions: Conditions) -> BoolArray:
+def _without_friction(coupling: Coupling, subjects: Hand | StylusHand, conditions: Conditions) -> BoolArray:
     chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
     free = conditions.without_friction()
     runs = [

@@ -21,8 +21,8 @@ from avc_casadi.support import BoolArray, FloatArray
 from avc_casadi.trial._trial import Conditions, Traces, traces
 
 if TYPE_CHECKING:
+    from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Motion, Problem
-    from avc_casadi.trial._subjects import Subjects
 
 
 WEBER = 0.10
@@ -42,7 +42,9 @@ def reference_problem(problem: Problem) -> Problem:
     return problem.changed(device={"sample_time_s": step_s, "delay_samples": 0}, environment=made_up)
 
 
-def reference_traces(problem: Problem, subjects: Subjects, motion: Motion, friction_n: float) -> Iterator[Traces]:
+def reference_traces(
+    problem: Problem, subjects: Hand | StylusHand, motion: Motion, friction_n: float
+) -> Iterator[Traces]:
     """Simulate the reference for everybody, some at a time, and keep the samples of the device's own clock."""
     for found in traces(reference_problem(problem), NO_COUPLING, subjects, motion, Conditions(friction_n)):
         position, velocity, force = (

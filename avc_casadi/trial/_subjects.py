@@ -7,15 +7,12 @@ puts the means near the measured ones. The arm of van Beek et al. (Sci Rep 5:180
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from itertools import product
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avc_casadi.loop import Hand, StylusHand, hand_corners, hand_ranges
 from avc_casadi.problem import Hands
-from avc_casadi.scene.effects import Hand, StylusHand
 
 Population = Literal["A", "B", "arm"]
 Split = Literal["training", "test"]
@@ -37,32 +34,7 @@ _STREAMS: dict[tuple[Population, Split], int] = {
 }
 
 
-@dataclass(frozen=True)
-class Subjects:
-    """Simulated people.
-
-    Attributes:
-        population: A, B or arm.
-        effect: their hands; every number is an array of shape (n,).
-    """
-
-    population: Population
-    effect: Hand | StylusHand
-
-    def __len__(self) -> int:
-        return len(np.atleast_1d(np.asarray(self.effect.mass_kg)))
-
-    def pick(self, rows: slice | NDArray[np.intp]) -> Subjects:
-        """Take some of them."""
-        chosen = {item.name: np.atleast_1d(getattr(self.effect, item.name))[rows] for item in fields(self.effect)}
-        return Subjects(self.population, type(self.effect)(**chosen))
-
-    def values(self, row: int) -> dict[str, float]:
-        """Return the numbers of one person."""
-        return {item.name: float(np.atleast_1d(getattr(self.effect, item.name))[row]) for item in fields(self.effect)}
-
-
-def draw_subjects(population: Population, count: int, seed: int, split: Split = "test") -> Subjects:
+def draw_subjects(population: Population, count: int, seed: int, split: Split = "test") -> Hand | StylusHand:
     """Draw a population; those drawn for training are never those drawn for a test.
 
     Args:
@@ -72,42 +44,38 @@ def draw_subjects(population: Population, count: int, seed: int, split: Split = 
         split: which stream of the seed.
     """
     if population == "arm":
-        return Subjects(
-            "arm", Hand(*(np.array([value]) for value in (ARM.mass_kg, ARM.damping_ns_per_m, ARM.stiffness_n_per_m)))
-        )
-    random = np.random.default_rng([seed, _STREAMS[population, split]])
+        return ARM
     if population == "A":
-        uniform = random.random((count, 3))
-        ranges = Hands()
-        ends = np.array([ranges.mass_kg, ranges.damping_ns_per_m, ranges.stiffness_n_per_m])
-        return Subjects("A", Hand(*(ends[:, 0] + (ends[:, 1] - ends[:, 0]) * uniform).T))
+        return draw_hands(Hands(), count, seed, split)
     low, high = np.log(np.array(list(STYLUS_RANGES.values()))).T
+    random = np.random.default_rng([seed, _STREAMS[population, split]])
     drawn = np.exp(low + (high - low) * random.random((count, len(low))))
-    return Subjects("B", StylusHand(**dict(zip(STYLUS_RANGES, drawn.T, strict=True))))
+    return StylusHand(**dict(zip(STYLUS_RANGES, drawn.T, strict=True)))
 
 
-def subjects_of(hands: Hands, count: int, seed: int = 0) -> Subjects:
-    """Draw people from a problem's own set of hands, its corners among them.
+def draw_hands(hands: Hands, count: int, seed: int, split: Split = "test") -> Hand:
+    """Draw people uniformly within the ranges of a problem's hands, as set A within the default ones.
 
     Args:
         hands: ranges of mass, damping and stiffness.
-        count: number of people; the corners come first.
+        count: number of people.
+        seed: as in `draw_subjects`.
+        split: as in `draw_subjects`.
+    """
+    low, high = hand_ranges(hands).T
+    random = np.random.default_rng([seed, _STREAMS["A", split]])
+    return Hand(*(low + (high - low) * random.random((count, len(low)))).T)
+
+
+def people_of(hands: Hands, count: int, seed: int = 0) -> Hand:
+    """Draw people from a problem's own set of hands, its corners first.
+
+    Args:
+        hands: ranges of mass, damping and stiffness.
+        count: number of people.
         seed: of the draw.
     """
-    corners = extreme_subjects(hands)
-    low, high = np.array([hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m]).T
-    drawn = low + (high - low) * np.random.default_rng([seed, 5]).random((max(0, count - len(corners)), 3))
-    extremes = np.stack([np.asarray(value) for value in vars(corners.effect).values()], axis=1)
-    return Subjects("A", Hand(*np.concatenate([extremes, drawn])[:count].T))
-
-
-def extreme_subjects(hands: Hands) -> Subjects:
-    """Return every corner of a problem's set of hands."""
-    ends = sorted(set(product(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)))
-    return Subjects("A", Hand(*np.array(ends).T))
-
-
-def with_let_go(subjects: Subjects) -> Subjects:
-    """Add the device without any hand."""
-    values = [np.append(np.atleast_1d(np.asarray(value)), 0.0) for value in vars(subjects.effect).values()]
-    return Subjects(subjects.population, type(subjects.effect)(*values))
+    corners = hand_corners(hands)
+    drawn = draw_hands(hands, max(0, count - len(corners)), seed)
+    both = (np.append(np.atleast_1d(getattr(corners, name)), value) for name, value in vars(drawn).items())
+    return Hand(*both).pick(slice(0, count))

@@ -28,13 +28,13 @@ from avc_casadi.problem import (
     Stroke,
     WallEffect,
 )
-from avc_casadi.scene import Engine, Judgement, compile_for, compiler, execute, judge, settled
-from avc_casadi.scene.effects import Hand, build_effects
+from avc_casadi.scene import Engine, Judgement, compile_for, compiler, execute, held_by, judge, settled
+from avc_casadi.scene.effects import build_effects
 from avc_casadi.support import BoolArray, FloatArray
-from avc_casadi.trial._subjects import Subjects
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainSchedule, GainTable
+    from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
 
 
@@ -145,7 +145,7 @@ class Traces:
 def traces(
     problem: Problem,
     gains: Gains | GainTable | GainSchedule,
-    subjects: Subjects,
+    subjects: Hand | StylusHand,
     motion: Motion,
     conditions: Conditions,
 ) -> Iterator[Traces]:
@@ -164,8 +164,7 @@ def traces(
     listed = conditions.effects() + (() if isinstance(gains, Gains) else conditions.runtime)
     scene = Scene(duration_s=DURATION_S, motion=motion, effects=listed, **how)
     run = problem.changed(scene=scene)
-    effects = tuple(subjects.effect if isinstance(effect, Hand) else effect for effect in build_effects(run))
-    effects, chosen, _ = settled(run, effects, gains)
+    effects, chosen, _ = settled(run, held_by(run, build_effects(run), subjects), gains)
     compiled = compile_for(run, effects, chosen)
     parameters, inputs = compiled.parameter_values(chosen), compiled.input_values()
     engine: Engine = "native" if compiler() is not None and len(parameters) > _FEW else "auto"
@@ -176,14 +175,16 @@ def traces(
 
 
 def judged(
-    problem: Problem, gains: Gains | GainSchedule, subjects: Subjects, motion: Motion, conditions: Conditions
+    problem: Problem, gains: Gains | GainSchedule, subjects: Hand | StylusHand, motion: Motion, conditions: Conditions
 ) -> Judgement:
     """Judge everybody's run; every array has shape (people,)."""
     parts = [part.judged() for part in traces(problem, gains, subjects, motion, conditions)]
     return Judgement(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
 
 
-def all_motions(problem: Problem, gains: Gains | GainSchedule, subjects: Subjects, conditions: Conditions) -> BoolArray:
+def all_motions(
+    problem: Problem, gains: Gains | GainSchedule, subjects: Hand | StylusHand, conditions: Conditions
+) -> BoolArray:
     """Whether each person comes to rest in every motion."""
     runs = [judged(problem, gains, subjects, motion, conditions).stable for motion in MOTIONS.values()]
     return np.asarray(np.all(runs, axis=0))

@@ -24,6 +24,7 @@ from script_arguments import script_arguments  # noqa: E402
 
 import avc_casadi as avc  # noqa: E402
 from avc_casadi.coupling import Gains  # noqa: E402
+from avc_casadi.loop import Hand  # noqa: E402
 from avc_casadi.scene import (  # noqa: E402
     NativeScene,
     compile_for,
@@ -33,7 +34,7 @@ from avc_casadi.scene import (  # noqa: E402
     ns_per_step,
     settled,
 )
-from avc_casadi.scene.effects import Hand, build_effects  # noqa: E402
+from avc_casadi.scene.effects import build_effects  # noqa: E402
 
 try:
     from numba import njit

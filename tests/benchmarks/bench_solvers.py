@@ -157,7 +157,7 @@ def timed(run: Callable[[], object], repeats: int) -> float:
 
 def measure(name: str, points: int) -> list[Row]:
     whole = avc.load_problem(name)
-    few = whole.model_copy(update={"frequency": whole.frequency.model_copy(update={"points": points})})
+    few = whole.changed(frequency={"points": points})
     loop = loop_at(few, few.frequencies_hz())
     ones = each(few, loop)
     optimum = exact_gains(few, loop)

@@ -13,9 +13,9 @@ import numpy as np
 
 from avc_casadi.coupling import GainSchedule
 from avc_casadi.design import solve
+from avc_casadi.loop import Hand
 from avc_casadi.problem import CoulombFrictionEffect, EncoderEffect, Problem, load_problem
 from avc_casadi.scene import Judgement, simulate_batch
-from avc_casadi.scene.effects import Hand
 
 HERE = Path(__file__).parent
 PROBLEMS = {"damped": "scenes/adaptive-press", "series": "scenes/adaptive-press-series"}

@@ -43,7 +43,7 @@ def main() -> None:
     for label, (name, method) in places.items():
         problem = load_problem(name)
         effects = tuple(effect for effect in problem.scene.effects if effect.kind != "delay")
-        problem = problem.model_copy(update={"scene": problem.scene.model_copy(update={"effects": effects})})
+        problem = problem.changed(scene={"effects": effects})
         gains, runs = solve(problem, method), cases(problem)
         head = list(runs)
         rows.append(

@@ -66,7 +66,7 @@ def walled(problem, stiffness_n_per_m, sample_time_s):
 def _cell(problem, scheduled, margin, population, people, conditions):
     started = time.perf_counter()
     gains = tuned(problem, scheduled=scheduled, margin_ns_per_m=margin)
-    found = reach(problem, gains, draw_subjects(population, people, SEED), conditions)
+    found = reach(problem, gains, draw_subjects(population, people, SEED), conditions, population=population)
     return found | {"margin_ns_per_m": margin, "seconds": round(time.perf_counter() - started, 1)}
 
 

@@ -21,7 +21,7 @@ HERE = Path(__file__).parent
 
 def without_encoder(problem: Problem) -> Problem:
     kept = tuple(effect for effect in problem.scene.effects if effect.kind not in {"encoder", "observer"})
-    return problem.model_copy(update={"scene": problem.scene.model_copy(update={"effects": kept})})
+    return problem.changed(scene={"effects": kept})
 
 
 def main() -> None:

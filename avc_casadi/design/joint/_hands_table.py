@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from avc_casadi.design.joint._states import States
-from avc_casadi.loop import device_corners, hand_set
+from avc_casadi.loop import device_corners, hand_corners
 from avc_casadi.problem import Problem
 from avc_casadi.stability import frozen_parts, linear_stability
 from avc_casadi.support import FloatArray
@@ -29,7 +29,7 @@ def hands_slack(problem: Problem, states: States, at: FloatArray) -> FloatArray:
         at: states, (d, m).
     """
     b, k, contact = states.gains(at)
-    hands, margin = hand_set(problem.hands, draws=0), problem.stability.margin_ns_per_m
+    hands, margin = hand_corners(problem.hands), problem.stability.margin_ns_per_m
     slack = [
         1 - linear_stability(corner.device, frozen_parts(corner, b, k), contact, hands, -margin).radius.max(axis=1)
         for corner in device_corners(problem)

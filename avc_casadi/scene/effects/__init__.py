@@ -10,7 +10,8 @@ from avc_casadi.scene.effects._encoder import Encoder as Encoder
 from avc_casadi.scene.effects._environment import TwoSidedEnvironment as TwoSidedEnvironment
 from avc_casadi.scene.effects._estimator import Estimator as Estimator
 from avc_casadi.scene.effects._guard import Guard as Guard
-from avc_casadi.scene.effects._hand import Hand as Hand
+from avc_casadi.scene.effects._hand import Grip as Grip
+from avc_casadi.scene.effects._hand import StylusGrip as StylusGrip
 from avc_casadi.scene.effects._jitter import Jitter as Jitter
 from avc_casadi.scene.effects._noise import Noise as Noise
 from avc_casadi.scene.effects._observer import Observer as Observer
@@ -18,7 +19,6 @@ from avc_casadi.scene.effects._registry import KINDS as KINDS
 from avc_casadi.scene.effects._registry import build_effects as build_effects
 from avc_casadi.scene.effects._resonance import Resonance as Resonance
 from avc_casadi.scene.effects._saturation import Saturation as Saturation
-from avc_casadi.scene.effects._stylus_hand import StylusHand as StylusHand
 from avc_casadi.scene.effects._velocity_filter import VelocityFilter as VelocityFilter
 from avc_casadi.scene.effects._viscous_friction import ViscousFriction as ViscousFriction
 from avc_casadi.scene.effects._wall import Wall as Wall

@@ -1,45 +1,49 @@
-"""A hand that holds the device: a mass, and a spring and a damper towards its moving target."""
+"""A hand in a scene: it holds the device and follows its moving target."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Self
 
-from numpy.typing import ArrayLike
-
-from avc_casadi.loop import TARGET, Plant
+from avc_casadi.loop import Hand, Plant, StylusHand
 from avc_casadi.problem import Problem
-from avc_casadi.scene.effects._base import SceneEffect, Station
+from avc_casadi.scene.effects._base import SceneEffect, Station, settled
 
 
 @dataclass(frozen=True)
-class Hand(SceneEffect):
-    """Mass moving with the device, spring and damper to the target; arrays stand for many hands.
+class Grip(SceneEffect):
+    """Whoever holds the device; a hand of many stands for as many scenes.
 
     Attributes:
-        mass_kg: m_h.
-        damping_ns_per_m: b_h.
-        stiffness_n_per_m: k_h.
+        hand: the hand, or many.
     """
 
     kind: ClassVar[str] = "hand"
     station: ClassVar[Station] = Station.HAND
 
-    mass_kg: ArrayLike
-    damping_ns_per_m: ArrayLike
-    stiffness_n_per_m: ArrayLike
+    hand: Hand | StylusHand
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
         """Take what is left out from the middle of the problem's set of hands."""
+        given = {item.name: getattr(table, item.name) for item in fields(Hand)}
         return cls(
-            *(
-                sum(getattr(problem.hands, key)) / 2 if getattr(table, key) is None else getattr(table, key)
-                for key in ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
-            )
+            Hand(**{key: sum(getattr(problem.hands, key)) / 2 if one is None else one for key, one in given.items()})
         )
 
     def mechanics(self, plant: Plant) -> None:
-        """Add the mass to the body that the hand holds, and join that to the target."""
-        plant.add_mass(plant.grip, self.mass_kg)
-        plant.join(plant.grip, TARGET, self.stiffness_n_per_m, self.damping_ns_per_m)
+        """Add the hand to what it holds."""
+        self.hand.mechanics(plant)
+
+
+@dataclass(frozen=True)
+class StylusGrip(Grip):
+    """The same with a hand on a stylus."""
+
+    kind: ClassVar[str] = "stylus-hand"
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take the table as it stands; the hand needs a mass."""
+        settled(table.mass_kg, None, key="mass_kg", place=place, problem=problem, source="")
+        return cls(StylusHand(**{item.name: getattr(table, item.name) for item in fields(StylusHand)}))

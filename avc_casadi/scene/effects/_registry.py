@@ -15,13 +15,12 @@ from avc_casadi.scene.effects._encoder import Encoder
 from avc_casadi.scene.effects._environment import TwoSidedEnvironment
 from avc_casadi.scene.effects._estimator import Estimator
 from avc_casadi.scene.effects._guard import Guard
-from avc_casadi.scene.effects._hand import Hand
+from avc_casadi.scene.effects._hand import Grip, StylusGrip
 from avc_casadi.scene.effects._jitter import Jitter
 from avc_casadi.scene.effects._noise import Noise
 from avc_casadi.scene.effects._observer import Observer
 from avc_casadi.scene.effects._resonance import Resonance
 from avc_casadi.scene.effects._saturation import Saturation
-from avc_casadi.scene.effects._stylus_hand import StylusHand
 from avc_casadi.scene.effects._velocity_filter import VelocityFilter
 from avc_casadi.scene.effects._viscous_friction import ViscousFriction
 from avc_casadi.scene.effects._wall import Wall
@@ -31,8 +30,8 @@ _EFFECTS: tuple[type[SceneEffect], ...] = (
     Resonance,
     ViscousFriction,
     CoulombFriction,
-    Hand,
-    StylusHand,
+    Grip,
+    StylusGrip,
     Noise,
     Encoder,
     Observer,

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi.loop import Hand
 from avc_casadi.problem import Hands, Motion, Press, Stroke
-from avc_casadi.scene.effects import Hand
 from avc_casadi.support import FloatArray
-from avc_casadi.trial import Conditions, Subjects, judged
+from avc_casadi.trial import Conditions, judged
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Gains, GainSchedule
@@ -97,8 +97,7 @@ def worst_case(
         """Points share their motion; shape (n, d) in shares of the box."""
         nonlocal tried, broken
         values = low + (high - low) * points
-        subjects = Subjects("A", Hand(*values[:, :hands].T))
-        result = judged(problem, gains, subjects, _motion(values[0, hands:]), conditions)
+        result = judged(problem, gains, Hand(*values[:, :hands].T), _motion(values[0, hands:]), conditions)
         peak = np.where(np.isfinite(result.peak_velocity_m_per_s), result.peak_velocity_m_per_s, np.inf)
         tried, broken = tried + len(points), broken + int((~result.stable).sum())
         found.extend((float(peak[row]), bool(result.stable[row]), points[row]) for row in np.argsort(-peak)[:_KEPT])

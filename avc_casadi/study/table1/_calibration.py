@@ -15,8 +15,8 @@ from avc_casadi.coupling import NO_COUPLING
 from avc_casadi.trial import Conditions, all_motions, draw_subjects
 
 if TYPE_CHECKING:
+    from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
-    from avc_casadi.trial import Subjects
 
 TRIALS_OF_THE_PAPER = 10
 # Damping of the walls over their stiffness, as in figure 5: 10 N.s/m to 1e5 N/m.
@@ -42,7 +42,7 @@ def with_wall(problem: Problem, stiffness_n_per_m: float) -> Problem:
     )
 
 
-def share_without_coupling(problem: Problem, subjects: Subjects) -> float:
+def share_without_coupling(problem: Problem, subjects: Hand | StylusHand) -> float:
     """Share of people who are stable without coupling in every motion."""
     return float(all_motions(problem, NO_COUPLING, subjects, Conditions.declared(problem)).mean())
 

@@ -25,9 +25,9 @@ from avc_casadi.trial import (
 )
 
 if TYPE_CHECKING:
+    from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
     from avc_casadi.scene import Judgement
-    from avc_casadi.trial import Subjects
 
 
 # Whom each coupling is compared with: the paper compared static and adaptive; all others are set against the schedule.
@@ -58,7 +58,7 @@ class Outcome:
 
 def try_wall(
     problem: Problem,
-    subjects: Subjects,
+    subjects: Hand | StylusHand,
     designs: tuple[Design, ...],
     *,
     matching: bool = True,
