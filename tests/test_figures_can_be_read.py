@@ -21,12 +21,6 @@ def single_frequency():
     return problem.changed(frequency=type(problem.frequency)(values_hz=(30.0,)))
 
 
-def unsorted_frequencies():
-    problem = avc.load_problem("figure5")
-    values = (300.0, 3.0, 30.0, 31.0, 3.5, 120.0)
-    return problem.model_copy(update={"frequency": type(problem.frequency)(values_hz=values)})
-
-
 def hands():
     problem = avc.load_problem("figure5")
     return problem.changed(stability={"scope": "hands"}, frequency={"points": 12})
@@ -36,7 +30,6 @@ PROBLEMS = {
     **dict.fromkeys(("figure5", "damped", "soft", "hard/pinned-box", "hard/near-rigid", "hard/resonance")),
     **dict.fromkeys(("hard/infeasible-box", "hard/free-space")),
     "single-frequency": single_frequency,
-    "unsorted": unsorted_frequencies,
     "hands": hands,
 }
 

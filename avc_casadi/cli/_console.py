@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
-import signal
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, TextIO
-
-
-@contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Pass over Ctrl-C while something short is done that must not be left half done."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
 
 
 @dataclass(frozen=True)
@@ -69,9 +53,11 @@ class Console:
         Raises:
             OSError: standard output cannot be written to.
         """
+        from avc_casadi.support import json_text, uninterrupted
+
         with uninterrupted():
             if self.as_json:
-                self._write(json.dumps(answer.document, indent=1, allow_nan=False) + "\n")
+                self._write(json_text(answer.document))
             elif answer.text:
                 self._write(answer.text.rstrip("\n") + "\n")
             if answer.complaint:
@@ -84,9 +70,11 @@ class Console:
 
     def refuse(self, document: dict[str, Any], text: str) -> None:
         """Print why there is no answer: as a document with ``--json``, on standard error otherwise."""
+        from avc_casadi.support import json_text, uninterrupted
+
         with uninterrupted():
             if self.as_json:
-                self._write(json.dumps(document, indent=1, allow_nan=False) + "\n")
+                self._write(json_text(document))
             else:
                 self.complain(text)
 

@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from avc_casadi import AvcError, InputError
-from avc_casadi.cli._console import uninterrupted
 
 
 def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
@@ -61,6 +60,8 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
         raise InputError.of(f"{text!r} cannot be written ({why}); choose another folder", key=key) from error
     try:
         yield gathered
+        from avc_casadi.support import uninterrupted
+
         with uninterrupted():
             for file in sorted(gathered.iterdir()):
                 file.replace(path / file.name)

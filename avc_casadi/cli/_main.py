@@ -22,7 +22,7 @@ from avc_casadi import (
     __version__,
     fault_document,
 )
-from avc_casadi.cli._console import Console
+from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._verbs import VERBS
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _answered(args: argparse.Namespace, console: Console) -> int:
     """Run the verb; whatever happens in it ends in a document or a message, and an exit code."""
     try:
-        answer = args.run(args, console)
+        answer = _run(args, console)
     except BrokenPipeError:
         raise
     except InputError as error:
@@ -121,8 +121,6 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
     except KeyboardInterrupt:
         return _interrupted(console)
     except Exception as error:  # noqa: BLE001 - an internal error must not end in the code of a plain no
-        if _came_from_interrupt(error):
-            return _interrupted(console)
         console.complain(traceback.format_exc())
         console.refuse(_document(f"internal error: {error!r}"), "avc: internal error; please report it")
         return INTERNAL
@@ -130,13 +128,16 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
     return int(answer.code)
 
 
-def _came_from_interrupt(error: BaseException | None) -> bool:
-    """Tell whether CasADi has made an error of its own out of Ctrl-C, in words or as what the error came from."""
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt) or str(error).rstrip().endswith("KeyboardInterrupt"):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
+def _run(args: argparse.Namespace, console: Console) -> Answer:
+    """Run the verb; CasADi makes errors of its own out of Ctrl-C."""
+    try:
+        answer: Answer = args.run(args, console)
+    except Exception as error:
+        from avc_casadi.support import reraise_interrupt
+
+        reraise_interrupt(error)
+        raise
+    return answer
 
 
 def _interrupted(console: Console) -> int:

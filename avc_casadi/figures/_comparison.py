@@ -73,10 +73,9 @@ def draw_comparison(comparison: Comparison) -> Figure:
 
 
 def _verdicts(axes: Axes, comparison: Comparison) -> list[Patch]:
-    """Draw one band for each run of equal verdicts; frequencies in ascending order."""
-    order = np.argsort(comparison.frequency_hz, kind="stable")
-    frequency = comparison.frequency_hz[order]
-    verdicts = [comparison.verdict[row].value for row in order]
+    """Draw one band for each run of equal verdicts."""
+    frequency = comparison.frequency_hz
+    verdicts = [verdict.value for verdict in comparison.verdict]
     middle = np.sqrt(frequency[1:] * frequency[:-1])
     edges = np.concatenate([frequency[:1], middle, frequency[-1:]])
     start = 0

@@ -11,6 +11,9 @@ from avc_casadi.support._display import columns_html as columns_html
 from avc_casadi.support._display import data_frame as data_frame
 from avc_casadi.support._display import short as short
 from avc_casadi.support._interrupt import HeldInterrupt as HeldInterrupt
+from avc_casadi.support._interrupt import reraise_interrupt as reraise_interrupt
+from avc_casadi.support._interrupt import starting_processes as starting_processes
+from avc_casadi.support._interrupt import uninterrupted as uninterrupted
 from avc_casadi.support._json import json_text as json_text
 from avc_casadi.support._json import plain as plain
 from avc_casadi.support._same import Comparable as Comparable

@@ -11,7 +11,7 @@ import numpy as np
 
 from avc_casadi.design.joint._assembly import Size, schedule_nlp
 from avc_casadi.design.joint._stage import LOOP_ROWS
-from avc_casadi.support import FloatArray
+from avc_casadi.support import FloatArray, reraise_interrupt
 
 _COLD: dict[str, Any] = {
     "print_time": False,
@@ -155,8 +155,7 @@ def solve_program(
         arguments |= {"lam_x0": warm.multipliers[0], "lam_g0": warm.multipliers[1]}
     result = solver(**arguments)
     stats = solver.stats()
-    if stats["return_status"] == "NonIpopt_Exception_Thrown":
-        raise KeyboardInterrupt
+    reraise_interrupt(stats["return_status"])
     states = result["x"].full().reshape((d, free), order="F")
     return Solution(
         states=np.repeat(states, n, axis=1) if data.constant else states,

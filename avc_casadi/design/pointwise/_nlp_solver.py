@@ -13,10 +13,10 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi.design._rows import GainArrays, best_candidate
 from avc_casadi.design.pointwise._backends import Backend, backend
 from avc_casadi.design.pointwise._nlp import coupling_nlp, nlp_parameters
-from avc_casadi.design.pointwise._solver_call import Interrupt, silent_terminal
+from avc_casadi.design.pointwise._silent_terminal import silent_terminal
 from avc_casadi.design.pointwise._wanted import guarded_margin
 from avc_casadi.loop import Loop, coupling_impedance
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import BoolArray, FloatArray, HeldInterrupt
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -131,9 +131,11 @@ def nlp_gains(problem: Problem, loop: Loop, name: str, tolerance: float, starts:
     claims: list[BoolArray] = []
     calls = 0
     before = starts[0]
-    with Interrupt() as interrupt, silent_terminal(active=solvers.backend.prints):
+    with HeldInterrupt() as interrupt, silent_terminal(active=solvers.backend.prints):
         for values in parameters.T:
-            run = _Run(solvers, interrupt, values, bounds)
+            if interrupt.came:
+                break
+            run = _Run(solvers, values, bounds)
             for start in (*starts, before):
                 run.solve_from(start)
             before = run.best_share()
@@ -153,8 +155,8 @@ def nlp_gains(problem: Problem, loop: Loop, name: str, tolerance: float, starts:
 class _Run:
     """The solves of one frequency: their points as gains, and whether the solver claimed success for each."""
 
-    def __init__(self, solvers: _Solvers, interrupt: Interrupt, parameters: FloatArray, bounds: FloatArray) -> None:
-        self._solvers, self._interrupt, self._parameters = solvers, interrupt, parameters
+    def __init__(self, solvers: _Solvers, parameters: FloatArray, bounds: FloatArray) -> None:
+        self._solvers, self._parameters = solvers, parameters
         self._low, self._high = bounds.T
         self._scales = parameters[-3:]
         self._shares = tuple(np.minimum(end / (self._scales + end), _LAST_SHARE) for end in (self._low, self._high))
@@ -204,10 +206,9 @@ class _Run:
         try:
             result = solver(x0=start, p=self._parameters, lbx=box[0], ubx=box[1], lbg=low, ubg=high)
         except RuntimeError:
-            # Some solvers throw where others return a status; Ctrl-C comes in the same guise.
-            self._interrupt.check()
+            # Some solvers throw where others return a status.
+            pass
         else:
-            self._interrupt.check()
             x = np.asarray(result["x"], dtype=np.float64).ravel()
             claimed = bool(solver.stats()["success"]) and bool(np.isfinite(x).all())
             x = np.where(np.isfinite(x), np.clip(x, *box), start)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from multiprocessing import active_children, get_context, parent_process
 from typing import TypeVar
+
+from avc_casadi.support import starting_processes
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -28,7 +28,7 @@ def in_processes(work: Callable[[T], R], tasks: Sequence[T], workers: int) -> It
     # A fresh interpreter for each process: CasADi's threads do not survive a fork.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_follow_parent) as pool:
         try:
-            with _interrupts_held():
+            with starting_processes():
                 futures = [pool.submit(work, task) for task in tasks]
             for future in futures:
                 yield future.result()
@@ -36,19 +36,6 @@ def in_processes(work: Callable[[T], R], tasks: Sequence[T], workers: int) -> It
             for child in set(active_children()) - others:
                 child.terminate()
             raise
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Let Ctrl-C wait; processes started meanwhile never see it, not even while they import."""
-    if sys.platform == "win32":
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _follow_parent() -> None:
