@@ -1,4 +1,20 @@
-"""avc-casadi: design, certify, simulate and deploy adaptive virtual couplings for haptic devices."""
+"""avc-casadi: design, certify, simulate and deploy adaptive virtual couplings for haptic devices.
+
+A problem is a file (`load_problem`), a name of the catalogue (`catalogue`), or a `Problem`; every call takes any of
+the three. Six calls answer most questions:
+
+    import avc_casadi as avc
+
+    avc.recommend("figure5")                       # the coupling to deploy, and why
+    gains = avc.solve("figure5", "direct")         # gains against frequency, by one of the methods
+    avc.certify("figure5", gains)                  # which stability claims they meet, and where they fail
+    avc.compare("figure5", mine=(2000.0, 7.0))     # the methods and your own (k, b), frequency by frequency
+    avc.simulate("scenes/stiff-wall-pressed")      # what a hand would feel
+    avc.zwidth("figure5")                          # which walls the device can render at all
+
+Results print themselves in a line, show a table in a notebook, and give their columns with ``to_dict()`` and
+``to_pandas()``; ``avc.figures`` draws them. Errors derive from `AvcError` and say what is wrong, where, and what to do.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +31,55 @@ from avc_casadi._errors import fault_document as fault_document
 
 __version__ = "0.1.0"
 
+__all__ = [
+    "AvcError",
+    "Certificate",
+    "Comparison",
+    "Coupling",
+    "Deployable",
+    "Fault",
+    "GainSchedule",
+    "InputError",
+    "LinkError",
+    "MissingExtraError",
+    "NotDeployableError",
+    "Problem",
+    "Recommendation",
+    "Run",
+    "UnsupportedError",
+    "catalogue",
+    "catalogue_path",
+    "certify",
+    "compare",
+    "deployable",
+    "dump_problem",
+    "fault_document",
+    "figures",
+    "load_problem",
+    "pareto",
+    "parse_problem",
+    "read_coupling",
+    "recommend",
+    "screen",
+    "simulate",
+    "simulate_batch",
+    "solve",
+    "write_coupling",
+    "zwidth",
+]
+
 if TYPE_CHECKING:
+    from avc_casadi import figures as figures
     from avc_casadi.certificate import Certificate as Certificate
     from avc_casadi.certificate import Deployable as Deployable
     from avc_casadi.certificate import certify as certify
     from avc_casadi.certificate import deployable as deployable
+    from avc_casadi.certificate import zwidth as zwidth
     from avc_casadi.coupling import Coupling as Coupling
     from avc_casadi.coupling import GainSchedule as GainSchedule
     from avc_casadi.coupling import read_coupling as read_coupling
     from avc_casadi.coupling import write_coupling as write_coupling
+    from avc_casadi.design import screen as screen
     from avc_casadi.design import simulate as simulate
     from avc_casadi.design import solve as solve
     from avc_casadi.problem import Problem as Problem
@@ -38,17 +94,23 @@ if TYPE_CHECKING:
     from avc_casadi.scene import simulate_batch as simulate_batch
     from avc_casadi.study.comparison import Comparison as Comparison
     from avc_casadi.study.comparison import compare as compare
+    from avc_casadi.study.pareto import pareto as pareto
 else:
     # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
     _LAZY = {
         "Certificate": "certificate",
         "certify": "certificate",
+        "zwidth": "certificate",
         "Deployable": "certificate",
         "deployable": "certificate",
+        "Recommendation": "recommendation",
+        "recommend": "recommendation",
         "Coupling": "coupling",
         "GainSchedule": "coupling",
         "read_coupling": "coupling",
         "write_coupling": "coupling",
+        "screen": "design",
+        "simulate": "design",
         "solve": "design",
         "Problem": "problem",
         "catalogue": "problem",
@@ -57,22 +119,22 @@ else:
         "load_problem": "problem",
         "parse_problem": "problem",
         "Run": "scene",
-        "simulate": "design",
         "simulate_batch": "scene",
-        "Recommendation": "recommendation",
-        "recommend": "recommendation",
         "Comparison": "study.comparison",
         "compare": "study.comparison",
+        "pareto": "study.pareto",
     }
 
     def __getattr__(name):
-        if name not in _LAZY:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module  # noqa: PLC0415 - paid at first use only
 
+        if name == "figures":
+            return import_module(f"{__name__}.{name}")
+        if name not in _LAZY:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         value = getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)
         globals()[name] = value
         return value
 
     def __dir__():
-        return sorted({*globals(), *_LAZY})
+        return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

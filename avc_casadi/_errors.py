@@ -6,7 +6,15 @@ from dataclasses import asdict, dataclass
 
 
 class AvcError(Exception):
-    """Base of every error raised on purpose; the command line prints it without a traceback."""
+    """Base of every error raised on purpose; the command line prints it without a traceback.
+
+    Example:
+        >>> try:
+        ...     avc.solve("figure5", "exakt")
+        ... except avc.AvcError as error:
+        ...     print(str(error).partition(";")[0])
+        method: 'exakt' is no method, did you mean exact?
+    """
 
 
 @dataclass(frozen=True)
@@ -18,6 +26,13 @@ class Fault:
         line: 1-based line of the key, or None where the fault belongs to no line.
         key: dotted key, for example ``device.mass_kg``; empty for the whole file.
         message: what is wrong (with the value) and what is allowed.
+
+    Example:
+        >>> try:
+        ...     avc.parse_problem("[device]")
+        ... except avc.InputError as error:
+        ...     print(error.faults[0].key, error.faults[0].line)
+        device.mass_kg 1
     """
 
     file: str
@@ -31,7 +46,15 @@ class Fault:
 
 
 class InputError(AvcError, ValueError):
-    """A file or an argument is wrong; carries all faults at once (command line: exit code 2)."""
+    """A file or an argument is wrong; carries all faults at once (command line: exit code 2).
+
+    Example:
+        >>> try:
+        ...     avc.load_problem("figur5")
+        ... except avc.InputError as error:
+        ...     print(len(error.faults))
+        1
+    """
 
     def __init__(self, faults: list[Fault] | tuple[Fault, ...]) -> None:
         self.faults = tuple(faults)
@@ -44,7 +67,12 @@ class InputError(AvcError, ValueError):
 
 
 def fault_document(error: InputError) -> dict[str, list[dict[str, str | int | None]]]:
-    """Return the JSON document of bad input: ``{"errors": [{file, line, key, message}]}``."""
+    """Return the JSON document of bad input: ``{"errors": [{file, line, key, message}]}``.
+
+    Example:
+        >>> avc.fault_document(avc.InputError.of("is wrong", file="p.toml", key="device"))
+        {'errors': [{'file': 'p.toml', 'line': None, 'key': 'device', 'message': 'is wrong'}]}
+    """
     return {"errors": [asdict(fault) for fault in error.faults]}
 
 
@@ -53,6 +81,13 @@ class UnsupportedError(AvcError, NotImplementedError):
 
     Attributes:
         key: dotted key or option that asks for it; empty where none does alone.
+
+    Example:
+        >>> try:
+        ...     avc.solve("hard/undamped-device", "static")
+        ... except avc.UnsupportedError as error:
+        ...     print(error.key)
+        device.damping_ns_per_m
     """
 
     def __init__(self, message: str = "", *, key: str = "") -> None:
@@ -61,12 +96,35 @@ class UnsupportedError(AvcError, NotImplementedError):
 
 
 class MissingExtraError(AvcError, ImportError):
-    """An optional dependency is not installed; says the command that installs it."""
+    """An optional dependency is not installed; says the command that installs it.
+
+    Example:
+        >>> try:
+        ...     table = avc.solve("soft").to_pandas()
+        ... except avc.MissingExtraError as error:
+        ...     table = avc.solve("soft").to_dict()
+    """
 
 
 class LinkError(AvcError, OSError):
-    """The device link failed: no answer, refused, unplugged (command line: exit code 1)."""
+    """The device link failed: no answer, refused, unplugged (command line: exit code 1).
+
+    Example:
+        >>> try:
+        ...     raise avc.LinkError("no answer")
+        ... except avc.AvcError as error:
+        ...     print(error)
+        no answer
+    """
 
 
 class NotDeployableError(AvcError):
-    """A coupling that may not go into a device: which claim fails and what to do (command line: exit code 1)."""
+    """A coupling that may not go into a device: which claim fails and what to do (command line: exit code 1).
+
+    Example:
+        >>> try:
+        ...     raise avc.NotDeployableError("let-go: linearly unstable")
+        ... except avc.AvcError as error:
+        ...     print(error)
+        let-go: linearly unstable
+    """

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
+from avc_casadi.problem import Frequency
 
 PROBLEM = avc.load_problem("figure5")
 
@@ -40,7 +41,7 @@ def test_judged_by_the_same_equations(k, b):
 
 
 def test_the_optimum_itself_is_a_tie():
-    problem = PROBLEM.changed(frequency=type(PROBLEM.frequency)(values_hz=(40.0,)))
+    problem = PROBLEM.changed(frequency=Frequency(values_hz=(40.0,)))
     gains = avc.solve(problem, "exact")
     pair = (float(gains.stiffness_n_per_m[0]), float(gains.damping_ns_per_m[0]))
     mine = avc.compare(problem, methods=("closed-form", "exact"), mine=pair).mine
@@ -55,5 +56,5 @@ def test_outside_the_box_is_said():
 
 @pytest.mark.parametrize("pair", [(np.nan, 1.0), (1.0, np.inf), (-1.0, 1.0)], ids=str)
 def test_bad_pairs_are_refused(pair):
-    with pytest.raises(avc.InputError, match="finite numbers >= 0"):
+    with pytest.raises(avc.InputError, match="finite and >= 0"):
         avc.compare(PROBLEM, methods=("closed-form", "exact"), mine=pair)

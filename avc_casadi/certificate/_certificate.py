@@ -95,6 +95,11 @@ class Certificate(Tabular):
         levels: results by level.
         passive_limit_n_per_m: 2 b_d/((1 + d) T): the largest DC stiffness of any passive linear rendering.
         dc_stiffness_n_per_m: DC stiffness k k_e/(k + k_e) of each row, shape (n,).
+
+    Example:
+        >>> certificate = avc.certify("soft", avc.solve("soft", "exact"))
+        >>> certificate.levels["L5"].passed
+        True
     """
 
     problem: str

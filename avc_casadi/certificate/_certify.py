@@ -10,27 +10,41 @@ import numpy as np
 from avc_casadi.certificate._certificate import Certificate, Level, LevelResult
 from avc_casadi.certificate._hands_level import hands_level
 from avc_casadi.certificate._levels import Rows, llewellyn_level, passivity_level
+from avc_casadi.coupling import check_sample_time
 from avc_casadi.loop import least_damped
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m
+from avc_casadi.problem import as_problem
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from avc_casadi.coupling import GainSchedule
     from avc_casadi.problem import Problem
 
 
 def certify(
-    problem: Problem, gains: GainSchedule, *, requested: bool = False, draws: int = 24, seed: int = 0
+    problem: Problem | str | Path, gains: GainSchedule, *, requested: bool = False, draws: int = 24, seed: int = 0
 ) -> Certificate:
     """Say which stability claims a gain table meets, with the worst margin of each and where it stands.
 
     Args:
-        problem: device, environment, models and hands to judge against.
+        problem: device, environment, models and hands to judge against; or a problem file, or a name of the catalogue.
         gains: the table; rows without gains fail every level.
         requested: judge the gains that unrealisable rows asked for as well. Rows that asked for an infinite gain are
             judged as a rigid coupling.
         draws: hands drawn for L5 beside the corners of the range.
         seed: seed of the draws.
+
+    Raises:
+        InputError: gains of another sample time.
+
+    Example:
+        >>> certificate = avc.certify("soft", avc.solve("soft", "exact"))
+        >>> certificate.levels["L0"].passed
+        True
     """
+    problem = as_problem(problem)
+    check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
     b, k, contact = (
         (gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m, gains.requested_contact_damping_ns_per_m)
         if requested

@@ -9,11 +9,13 @@ import numpy as np
 
 from avc_casadi.loop import Hand, hand_set, no_hand
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m, worst_margin
+from avc_casadi.problem import as_problem
 from avc_casadi.stability import linear_stability
 from avc_casadi.support import BoolArray, Columns, Comparable, FloatArray, Tabular, short
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from avc_casadi.problem import Device, Model, Problem
 
@@ -74,12 +76,21 @@ class ZWidth(Tabular):
         return f"{self.problem!r}, B {short(self.damping_ns_per_m, 'N.s/m')}; largest K in N/m: {spans}"
 
 
-def zwidth(problem: Problem) -> ZWidth:
+def zwidth(problem: Problem | str | Path) -> ZWidth:
     """Compute the region for the problem's device and hands; its environment and coupling do not enter.
 
     Where the device has no delay the passive region of one sample of delay stands beside the others. Passive regions
     are convex in (B, K); the stable ones are followed from soft walls up to the first unstable one.
+
+    Args:
+        problem: the problem; or a problem file, or a name of the catalogue.
+
+    Example:
+        >>> region = avc.zwidth("figure5")
+        >>> round(region.passive_limit_n_per_m)
+        4000
     """
+    problem = as_problem(problem)
     device = problem.device
     mass = device.mass_kg + max(problem.hands.mass_kg)
     top = 2 * max(mass / device.sample_time_s, 2 * device.damping_ns_per_m, 1e-3)

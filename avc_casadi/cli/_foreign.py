@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,8 +10,6 @@ import avc_casadi as avc
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
 
-_SAME = 1e-9
-
 
 def gains_for(problem: avc.Problem, file: str) -> tuple[GainSchedule, list[str]]:
     """Read a gain file, and say in notes what it was designed for other than this problem.
@@ -20,17 +17,10 @@ def gains_for(problem: avc.Problem, file: str) -> tuple[GainSchedule, list[str]]
     Raises:
         InputError: faults of the file, or another sample time: frequencies and gains then mean another loop.
     """
-    from avc_casadi.coupling import read_gains
+    from avc_casadi.coupling import check_sample_time, read_gains
 
     gains = read_gains(Path(file))
-    own = problem.device.sample_time_s
-    if math.isfinite(gains.sample_time_s) and not math.isclose(gains.sample_time_s, own, rel_tol=_SAME):
-        raise avc.InputError.of(
-            f"is {gains.sample_time_s:g}, but device.sample_time_s of {problem.name} is {own:g}; give gains that were "
-            "solved for this sample time",
-            file=file,
-            key="sample_time_s",
-        )
+    check_sample_time(gains.sample_time_s, problem, file)
     pairs: list[tuple[str, str, str]] = [("structure", gains.structure, problem.coupling.structure)]
     if gains.method != "file":  # a bare table names neither problem nor model
         pairs = [

@@ -29,8 +29,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.coupling import NO_COUPLING
     from avc_casadi.scene import screen
 
-    if not 0 <= args.tolerance < 1:
-        raise avc.InputError.of(f"is {args.tolerance:g}; allowed: 0 or more and below 1", key="--tolerance")
     problem = avc.load_problem(args.problem)
     gains, notes = gains_of(args.gains, problem, console)
     with console.step("the scene without each of its effects"):

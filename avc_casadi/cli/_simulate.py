@@ -50,18 +50,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate, measure the cost of each effect, write and show; 1 if the device does not come to rest."""
-    from avc_casadi.coupling import NO_COUPLING
+    from avc_casadi.coupling import NO_COUPLING, without_start
     from avc_casadi.scene import explain
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     trace = None if args.trace is None else output_file(args.trace, "--trace", (".npz",))
-    if args.seed < 0:
-        raise avc.InputError.of(f"is {args.seed}; allowed: 0 or more", key="--seed")
     problem = avc.load_problem(args.problem)
     others = _others(args.against)
     gains, notes = gains_of(args.gains, problem, console)
-    no = _without_start(gains, args.gains, problem)
-    if no is not None:
+    why = "" if gains is None else without_start(gains)
+    if why:
+        file, key = (problem.name, "scene.coupling") if args.gains is None else (args.gains, "--gains")
+        no = avc.InputError.of(why, file=file, key=key)
         return Answer(avc.fault_document(no), "", code=1, complaint=f"avc: {no}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
         found = avc.simulate(problem, gains, seed=args.seed)
@@ -99,8 +99,9 @@ def _others(text: str | None) -> list[str]:
 
 def _gains_by(name: str, problem: avc.Problem) -> Gains | GainSchedule:
     from avc_casadi.coupling import NO_COUPLING
+    from avc_casadi.design import method_named
 
-    return NO_COUPLING if name == "none" else avc.solve(problem, name)
+    return NO_COUPLING if name == "none" else avc.solve(problem, method_named(name))
 
 
 def gains_of(file: str | None, problem: avc.Problem, console: Console) -> tuple[GainSchedule | None, list[str]]:
@@ -112,22 +113,6 @@ def gains_of(file: str | None, problem: avc.Problem, console: Console) -> tuple[
         return None, []
     with console.step(f"coupling: {method}"):
         return avc.solve(problem, method), []
-
-
-def _without_start(gains: GainSchedule | None, file: str | None, problem: avc.Problem) -> avc.InputError | None:
-    """Say that the table has no gains at its lowest frequency, where a hand at rest begins; None where it has."""
-    if gains is None:
-        return None
-    row = int(gains.frequency_hz.argmin())
-    if gains.status[row].has_gains:
-        return None
-    why = gains.reason[row].rstrip(".")
-    return avc.InputError.of(
-        f"no gains at {gains.frequency_hz[row]:g} Hz, where a hand at rest begins ({gains.status[row]}"
-        f"{f': {why}' if why else ''}). Choose another method, or gains that hold at the lowest frequency.",
-        file=file or problem.name,
-        key="scene.coupling" if file is None else "--gains",
-    )
 
 
 def _text(document: dict[str, Any], args: argparse.Namespace) -> str:

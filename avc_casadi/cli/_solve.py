@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import argparse
 
     from avc_casadi.coupling import Coupling, GainSchedule
+    from avc_casadi.design import MethodName
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Solve, write and show."""
     from avc_casadi.coupling import Coupling, gain_csv
 
-    method = args.method or ("closed-form" if args.as_printed else "direct")
+    method: MethodName = args.method or ("closed-form" if args.as_printed else "direct")
     out = None if args.out is None else output_file(args.out, "--out", (".json", ".csv"))
     problem = avc.load_problem(args.problem)
     with console.step(f"{method}: {len(problem.frequencies_hz())} frequencies"):

@@ -17,6 +17,7 @@ from avc_casadi.coupling._gain_table import GainTable as GainTable
 from avc_casadi.coupling._gains import NO_COUPLING as NO_COUPLING
 from avc_casadi.coupling._gains import Gains as Gains
 from avc_casadi.coupling._gains import gains_at as gains_at
+from avc_casadi.coupling._gains import without_start as without_start
 from avc_casadi.coupling._interpolation import interpolate as interpolate
 from avc_casadi.coupling._interpolation import single_ln as single_ln
 from avc_casadi.coupling._reduction import ReducedRows as ReducedRows

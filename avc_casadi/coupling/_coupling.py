@@ -42,6 +42,12 @@ class Coupling:
         trial: how simulated hands fared with it, a JSON document; None before it was tried.
         versions: of what made it, by package.
         lacks: what an older file did not say, a sentence each.
+
+    Example:
+        >>> problem = avc.load_problem("soft")
+        >>> coupling = avc.Coupling.of(problem, avc.solve(problem))
+        >>> coupling.structure
+        'series'
     """
 
     problem: Problem

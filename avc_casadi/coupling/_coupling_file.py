@@ -14,7 +14,7 @@ from avc_casadi.coupling._gain_check import COUPLING_SCHEMA, GainCheck
 from avc_casadi.coupling._gain_file import gain_document, read_document, read_gains
 from avc_casadi.coupling._gain_table import GainTable
 from avc_casadi.coupling._runtime import Runtime
-from avc_casadi.problem import Problem, problem_document, problem_of
+from avc_casadi.problem import Problem, as_problem, problem_document, problem_of
 from avc_casadi.support import json_text, plain
 
 _TABLE = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
@@ -53,12 +53,16 @@ def coupling_document(coupling: Coupling) -> dict[str, Any]:
     }
 
 
-def write_coupling(coupling: Coupling, path: Path) -> None:
-    """Write a coupling file."""
-    path.write_text(json_text(coupling_document(coupling)), encoding="utf-8")
+def write_coupling(coupling: Coupling, path: str | Path) -> None:
+    """Write a coupling file.
+
+    Example:
+        >>> avc.write_coupling(avc.Coupling.of(avc.load_problem("soft"), avc.solve("soft")), "soft.json")
+    """
+    Path(path).write_text(json_text(coupling_document(coupling)), encoding="utf-8")
 
 
-def read_coupling(path: Path, problem: Problem | None = None) -> Coupling:
+def read_coupling(path: str | Path, problem: Problem | str | Path | None = None) -> Coupling:
     """Read a coupling file; or a gain file of release 0.1.0 or a CSV, beside the problem that it was made for.
 
     Args:
@@ -68,7 +72,13 @@ def read_coupling(path: Path, problem: Problem | None = None) -> Coupling:
     Raises:
         InputError: with every fault of the file; or it knows no problem and none is given; or it was made for another
             sample time.
+
+    Example:
+        >>> avc.write_coupling(avc.Coupling.of(avc.load_problem("soft"), avc.solve("soft")), "soft.json")
+        >>> avc.read_coupling("soft.json").method
+        'direct'
     """
+    path = Path(path)
     if path.suffix.lower() != ".csv":
         document = read_document(path)
         if document.get("schema") == COUPLING_SCHEMA:
@@ -80,9 +90,10 @@ def read_coupling(path: Path, problem: Problem | None = None) -> Coupling:
             "make the file again: avc solve P --out FILE",
             file=str(path),
         )
-    check_sample_time(schedule.sample_time_s, problem, str(path))
-    made = Coupling.of(problem, schedule)
-    return Coupling(problem, schedule, made.table, made.runtime, lacks=_RELEASE_0_1)
+    stated = as_problem(problem)
+    check_sample_time(schedule.sample_time_s, stated, str(path))
+    made = Coupling.of(stated, schedule)
+    return Coupling(stated, schedule, made.table, made.runtime, lacks=_RELEASE_0_1)
 
 
 def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None:

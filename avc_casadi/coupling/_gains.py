@@ -43,6 +43,18 @@ class Gains:
 NO_COUPLING = Gains(math.inf, math.inf)
 
 
+def without_start(schedule: GainSchedule) -> str:
+    """Say that a schedule has no gains at its lowest frequency, where a hand at rest begins; empty where it has."""
+    row = int(schedule.frequency_hz.argmin())
+    if schedule.status[row].has_gains:
+        return ""
+    why = schedule.reason[row].rstrip(".")
+    return (
+        f"no gains at {schedule.frequency_hz[row]:g} Hz, where a hand at rest begins ({schedule.status[row]}"
+        f"{f': {why}' if why else ''}). Choose another method, or gains that hold at the lowest frequency."
+    )
+
+
 def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains:
     """Take the gains of a table at one interaction frequency.
 
@@ -63,6 +75,8 @@ def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains
             file=schedule.problem,
             key="frequency_hz",
         )
+    if frequency == grid.min() and without_start(schedule):
+        raise InputError.of(without_start(schedule), file=schedule.problem, key=schedule.method)
     above = int(np.searchsorted(grid, frequency))
     rows = (above,) if grid[above] == frequency else (above - 1, above)
     for row in rows:

@@ -56,6 +56,11 @@ class GainSchedule(Tabular):
         build_seconds: time to set the method up.
         solve_seconds: time to solve all rows.
         notes: further facts for people, for example a quality statement.
+
+    Example:
+        >>> gains = avc.solve("soft", "exact")
+        >>> gains.rows, len(gains.stiffness_n_per_m)
+        (200, 200)
     """
 
     problem: str

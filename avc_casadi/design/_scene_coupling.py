@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from avc_casadi.coupling import NO_COUPLING
 from avc_casadi.design._solve import solve
-from avc_casadi.problem import Problem, load_problem
+from avc_casadi.problem import Problem, as_problem
+from avc_casadi.scene import screen as screen_with
 from avc_casadi.scene import simulate as simulate_with
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling, Gains, GainSchedule, GainTable
-    from avc_casadi.scene import Run
+    from avc_casadi.coupling import Gains, GainSchedule
+    from avc_casadi.scene import AnyGains, Engine, Run, Screening
+    from avc_casadi.scene.effects import Hand
 
 
 def scene_coupling(problem: Problem) -> Gains | GainSchedule:
@@ -23,8 +25,12 @@ def scene_coupling(problem: Problem) -> Gains | GainSchedule:
 
 def simulate(
     problem: Problem | str | Path,
-    gains: Coupling | Gains | GainTable | GainSchedule | None = None,
-    **options: Any,
+    gains: AnyGains | None = None,
+    *,
+    hand: Hand | None = None,
+    interaction_hz: float | None = None,
+    seed: int = 0,
+    engine: Engine = "auto",
 ) -> Run:
     """Simulate the scene of a problem.
 
@@ -32,11 +38,49 @@ def simulate(
         problem: the problem; or a problem file, or a name of the catalogue.
         gains: a coupling, which brings its table and what runs beside it; gains or a gain table; None takes the one
             that the scene names.
-        options: hand, interaction_hz, seed and engine, as in `avc_casadi.scene.simulate`.
+        hand: a hand in place of the scene's.
+        interaction_hz: frequency at which a gain table is read, Hz; None is the scene's, or the table's lowest.
+        seed: added to the seeds of all noises, 0 or more.
+        engine: what runs the samples; all give the same bits.
 
     Raises:
         InputError: an impossible scene, or gains that are not there or were made for another sample time.
         UnsupportedError: an effect that scenes do not simulate.
+
+    Example:
+        >>> run = avc.simulate("scenes/stiff-wall-pressed")
+        >>> run.claim
+        'asymptotic'
     """
-    stated = problem if isinstance(problem, Problem) else load_problem(problem)
-    return simulate_with(stated, scene_coupling(stated) if gains is None else gains, **options)
+    stated = as_problem(problem)
+    chosen = scene_coupling(stated) if gains is None else gains
+    return simulate_with(stated, chosen, hand=hand, interaction_hz=interaction_hz, seed=seed, engine=engine)
+
+
+def screen(
+    problem: Problem | str | Path,
+    gains: AnyGains | None = None,
+    *,
+    interaction_hz: float | None = None,
+    seed: int = 0,
+    tolerance: float = 0.01,
+) -> Screening:
+    """Leave out each effect of a scene in turn and say which ones it needs.
+
+    Args:
+        problem: the problem; or a problem file, or a name of the catalogue.
+        gains: as in `simulate`.
+        interaction_hz: as in `simulate`.
+        seed: as in `simulate`.
+        tolerance: largest relative change of position, force and stiffness that does not count, from 0 to below 1.
+
+    Raises:
+        InputError: as `simulate`; or the tolerance is outside its range.
+
+    Example:
+        >>> avc.screen("scenes/free-motion", tolerance=0.05).unneeded
+        ()
+    """
+    stated = as_problem(problem)
+    chosen = scene_coupling(stated) if gains is None else gains
+    return screen_with(stated, chosen, interaction_hz=interaction_hz, seed=seed, tolerance=tolerance)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._errors import InputError
 from avc_casadi.design._methods import METHODS, Method, MethodName
-from avc_casadi.problem import Problem, load_problem
+from avc_casadi.problem import Problem, as_problem
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def solve(
     problem: Problem | str | Path,
-    method: MethodName | str = "direct",
+    method: MethodName = "direct",
     *,
     solver: str | None = None,
     tolerance: float | None = None,
@@ -34,8 +34,13 @@ def solve(
 
     Raises:
         InputError: unknown method or solver, or an option that the method does not have.
+
+    Example:
+        >>> gains = avc.solve("figure5", "direct")
+        >>> gains.counts()
+        {'active-bound': 105, 'solved': 95}
     """
-    chosen = method_named(method)
+    chosen = METHODS[method_named(method)]
     given = {"solver": solver, "tolerance": tolerance, "as_printed": as_printed or None}
     options = {name: value for name, value in given.items() if value is not None}
     foreign = [name for name in options if name not in chosen.options]
@@ -47,19 +52,19 @@ def solve(
         )
     if tolerance is not None and not 1e-14 <= tolerance <= 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 1e-14 to 1", key="tolerance")
-    stated = problem if isinstance(problem, Problem) else load_problem(problem)
+    stated = as_problem(problem)
     return _noted(stated, chosen, chosen.solver(stated, **options))
 
 
-def method_named(name: str) -> Method:
-    """Return a method of the registry.
+def method_named(name: str) -> MethodName:
+    """Return the name of a method that the registry knows.
 
     Raises:
         InputError: there is none of that name; says which is near and lists all.
     """
-    for known, method in METHODS.items():
+    for known in METHODS:
         if known == name:
-            return method
+            return known
     near = difflib.get_close_matches(name, METHODS, n=1)
     hint = f", did you mean {near[0]}?" if near else ""
     raise InputError.of(f"{name!r} is no method{hint}; allowed: {', '.join(METHODS)}", key="method")

@@ -6,6 +6,7 @@ from avc_casadi.problem._catalogue import catalogue_path as catalogue_path
 from avc_casadi.problem._dump import dump_problem as dump_problem
 from avc_casadi.problem._dump import problem_document as problem_document
 from avc_casadi.problem._dump import problem_of as problem_of
+from avc_casadi.problem._load import as_problem as as_problem
 from avc_casadi.problem._load import load_problem as load_problem
 from avc_casadi.problem._load import parse_problem as parse_problem
 from avc_casadi.problem._model import Boundaries as Boundaries

@@ -36,7 +36,12 @@ def catalogue_names() -> dict[str, Path]:
 
 
 def catalogue() -> tuple[CatalogueEntry, ...]:
-    """Return every problem of the catalogue with its title and source."""
+    """Return every problem of the catalogue with its title and source.
+
+    Example:
+        >>> "figure5" in [entry.name for entry in avc.catalogue()]
+        True
+    """
     entries = []
     for name, path in catalogue_names().items():
         table = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -49,6 +54,10 @@ def catalogue_path(name: str) -> Path:
 
     Raises:
         InputError: no such name; lists the nearest ones.
+
+    Example:
+        >>> avc.catalogue_path("figure5").name
+        'figure5.toml'
     """
     names = catalogue_names()
     if name in names:

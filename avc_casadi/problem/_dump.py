@@ -22,6 +22,11 @@ def dump_problem(problem: Problem) -> str:
 
     Returns:
         Text from which `parse_problem` makes an equal problem.
+
+    Example:
+        >>> text = avc.dump_problem(avc.load_problem("figure5"))
+        >>> avc.parse_problem(text, name="figure5") == avc.load_problem("figure5")
+        True
     """
     tables = problem.model_dump(exclude={"name"}, exclude_none=True)
     if "values_hz" in tables["frequency"]:

@@ -35,10 +35,23 @@ def load_problem(source: str | Path) -> Problem:
 
     Raises:
         InputError: with every fault of the file at once, each with its line and key.
+
+    Example:
+        >>> avc.load_problem("figure5").environment.stiffness_n_per_m
+        100000.0
     """
     path = _path_of(source)
     names = {file: name for name, file in catalogue_names().items()}
     return parse_problem(_text_of(path), file=str(source), name=names.get(path.resolve(), path.stem))
+
+
+def as_problem(problem: Problem | str | Path) -> Problem:
+    """Return a problem as it is, or load the file or the name of the catalogue.
+
+    Raises:
+        InputError: with every fault of the file, or no problem has that name.
+    """
+    return problem if isinstance(problem, Problem) else load_problem(problem)
 
 
 def _path_of(source: str | Path) -> Path:
@@ -81,7 +94,7 @@ def _text_of(path: Path) -> str:
 
 
 def parse_problem(text: str, *, file: str = "problem.toml", name: str = "") -> Problem:
-    """Validate the text of a problem file.
+    r"""Validate the text of a problem file.
 
     Args:
         text: TOML.
@@ -93,6 +106,11 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "") -> P
 
     Raises:
         InputError: with every fault of the text at once, each with its line and key.
+
+    Example:
+        >>> wall = "[environment]\ndamping_ns_per_m = 10\nstiffness_n_per_m = 1e5"
+        >>> avc.parse_problem("[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2\n" + wall).device.mass_kg
+        0.1
     """
     try:
         result = validated(_tables(text, file), name)

@@ -189,6 +189,11 @@ class Problem(Table):
 
     Raises:
         pydantic.ValidationError: a value is refused, or a rule between values is broken.
+
+    Example:
+        >>> problem = avc.load_problem("figure5")
+        >>> problem.changed(device={"damping_ns_per_m": 5.0}).device.damping_ns_per_m
+        5.0
     """
 
     name: Text = ""

@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import NO_COUPLING, Gains, GainSchedule, gains_at
-from avc_casadi.design import solve
+from avc_casadi.design import method_named, solve
 from avc_casadi.design.constant import tuned_margin
 from avc_casadi.design.pointwise import project
 from avc_casadi.problem import Boundaries, Frequency, Impedance, Scene
@@ -154,7 +154,7 @@ def design(problem: Problem, coupling: Coupling) -> Design:
         return _injection(problem)
     method, stated = _stated(problem, coupling)
     try:
-        table = solve(stated, method)
+        table = solve(stated, method_named(method))
     except UnsupportedError as refusal:
         return Design(coupling, stated, None, reason=str(refusal))
     rows = np.flatnonzero(table.usable)

@@ -96,7 +96,13 @@ class CompiledScene:
         return Counter(self.owners)[kind]
 
     def input_values(self, seed: int = 0) -> FloatArray:
-        """Return the inputs at every sample, shape (inputs, samples)."""
+        """Return the inputs at every sample, shape (inputs, samples).
+
+        Raises:
+            InputError: a seed below 0.
+        """
+        if seed < 0:
+            raise InputError.of(f"is {seed}; allowed: 0 or more", key="seed")
         columns = [slot.values(self.samples, seed) for slot in self._tick.inputs if slot.values is not None]
         return np.array(columns, dtype=np.float64).reshape(len(columns), self.samples)
 

@@ -52,6 +52,11 @@ class Run(Tabular):
         instructions: number of instructions of one sample.
         build_seconds: time to compile.
         seconds: time to run.
+
+    Example:
+        >>> run = avc.simulate("scenes/free-motion")
+        >>> run.position_m.shape == run.time_s.shape == (run.samples,)
+        True
     """
 
     problem: str

@@ -133,8 +133,13 @@ def screen(
         gains: as in `simulate`.
         interaction_hz: as in `simulate`.
         seed: as in `simulate`.
-        tolerance: largest relative change of position, force and apparent stiffness that does not count.
+        tolerance: largest relative change of position, force and apparent stiffness that does not count, 0 to below 1.
+
+    Raises:
+        InputError: as `simulate`; or the tolerance is outside its range.
     """
+    if not 0 <= tolerance < 1:
+        raise InputError.of(f"is {tolerance:g}; allowed: 0 or more and below 1", key="tolerance")
     problem = staged(problem, gains)
     effects, chosen, coupling = settled(problem, build_effects(problem), gains, interaction_hz)
     whole = simulate_effects(problem, effects, chosen, coupling, seed=seed)

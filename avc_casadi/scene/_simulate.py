@@ -143,6 +143,13 @@ def simulate_batch(
 
     Returns:
         The judgement, with arrays of shape (n,).
+
+    Example:
+        >>> from avc_casadi.loop import hand_set
+        >>> problem = avc.load_problem("scenes/stiff-wall-pressed")
+        >>> hands = hand_set(problem.hands, draws=2)
+        >>> avc.simulate_batch(problem, hands, avc.solve(problem, "static")).stable.shape == (len(hands),)
+        True
     """
     problem = staged(problem, gains)
     effects = held_by(problem, build_effects(problem), hands)

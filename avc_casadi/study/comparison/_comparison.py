@@ -12,9 +12,10 @@ from avc_casadi._errors import InputError
 from avc_casadi.coupling import (
     GainSchedule,
 )
-from avc_casadi.design import solve
+from avc_casadi.design import MethodName, method_named, solve
 from avc_casadi.loop import Loop, environment_impedance, loop_at, perceived_impedance
 from avc_casadi.passivity import passive_limit_n_per_m
+from avc_casadi.problem import as_problem
 from avc_casadi.study.comparison._hand_tuned import HandTuned, constant_pair, judge_hand_tuned
 from avc_casadi.study.comparison._injection import DampingInjection, damping_injection
 from avc_casadi.study.comparison._judged import Judged, judge_gains
@@ -23,6 +24,7 @@ from avc_casadi.support import Columns, ComplexArray, FloatArray, Tabular, short
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
 
     from avc_casadi.problem import Impedance, Problem
 
@@ -79,6 +81,11 @@ class Comparison(Tabular):
         judged: certificate and realism of each method, and of the pair under the name "mine".
         passive_limit_n_per_m: largest DC stiffness of any passive linear time-invariant rendering, sampled-data:
             2 b_d/((1 + delay) T).
+
+    Example:
+        >>> comparison = avc.compare("soft")
+        >>> len(comparison.verdict) == len(comparison.frequency_hz)
+        True
     """
 
     problem: str
@@ -128,18 +135,18 @@ class Comparison(Tabular):
 
 
 def compare(
-    problem: Problem,
-    methods: Sequence[str] = ("closed-form", "direct", "exact"),
+    problem: Problem | str | Path,
+    methods: Sequence[MethodName] = ("closed-form", "direct", "exact"),
     mine: tuple[float, float] | None = None,
     *,
-    solver: Callable[[Problem, str], GainSchedule] = solve,
+    solver: Callable[[Problem, MethodName], GainSchedule] = solve,
 ) -> Comparison:
     """Solve by each method and compare.
 
     The paper's (12) is pointwise, and so is the comparison, whatever scope and realism the problem demands.
 
     Args:
-        problem: the problem.
+        problem: the problem; or a problem file, or a name of the catalogue.
         methods: must hold "closed-form" and at least one of "direct" and "exact"; the first of these two is what the
             closed form is compared with.
         mine: a hand-tuned constant pair (k in N/m, b in N.s/m).
@@ -147,7 +154,14 @@ def compare(
 
     Raises:
         InputError: ``methods`` or ``mine`` cannot be compared.
+
+    Example:
+        >>> comparison = avc.compare("figure5", mine=(2000.0, 7.0))
+        >>> comparison.mine.safer
+        'mine'
     """
+    for method in methods:
+        method_named(method)
     optimum = next((method for method in methods if method in OPTIMISERS), None)
     if "closed-form" not in methods or optimum is None:
         raise InputError.of(
@@ -156,11 +170,16 @@ def compare(
             key="methods",
         )
     if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
-        raise InputError.of(f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: finite numbers >= 0", key="mine")
-    scope = _demanded(problem)
-    problem = problem.changed(stability={"scope": "pointwise"}, realism={"require": "none"})
+        raise InputError.of(
+            f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: stiffness in N/m and damping in N.s/m, finite and "
+            ">= 0, as 7000,10",
+            key="mine",
+        )
+    stated = as_problem(problem)
+    scope = _demanded(stated)
+    problem = stated.changed(stability={"scope": "pointwise"}, realism={"require": "none"})
     loop = loop_at(problem, problem.frequencies_hz())
-    gains = {method: solver(problem, method) for method in dict.fromkeys(methods)}
+    gains: dict[str, GainSchedule] = {method: solver(problem, method) for method in dict.fromkeys(methods)}
     scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
     verdict, reason = judge(gains["closed-form"], gains[optimum], scale)
     both = all(method in gains for method in OPTIMISERS)

@@ -12,11 +12,13 @@ from avc_casadi.certificate import certify
 from avc_casadi.coupling import GainSchedule
 from avc_casadi.design.joint import solve_schedule
 from avc_casadi.passivity import passive_limit_n_per_m
+from avc_casadi.problem import as_problem
 from avc_casadi.study.pareto._designs import HANDS_HZ, Design, Study, designs
 from avc_casadi.support import Columns, Comparable, FloatArray, Tabular, plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from avc_casadi.problem import Problem
 
@@ -120,14 +122,20 @@ class Pareto(Tabular):
 
 
 def pareto(
-    problem: Problem, progress: Callable[[str], AbstractContextManager[None]] = lambda _: nullcontext()
+    problem: Problem | str | Path, progress: Callable[[str], AbstractContextManager[None]] = lambda _: nullcontext()
 ) -> Pareto:
     """Study a problem: about thirty schedules, each certified.
 
     Args:
-        problem: the problem.
+        problem: the problem; or a problem file, or a name of the catalogue.
         progress: called with the name of each design; a context that lasts as long as its solution.
+
+    Example:
+        >>> study = avc.pareto("figure5")
+        >>> study.of("scope", constant=False)[0].label
+        'own frequency'
     """
+    problem = as_problem(problem)
     frequency = problem.frequencies_hz()
     low, high = problem.schedule.interaction_hz or HANDS_HZ
     inside = (frequency >= low) & (frequency <= high)
