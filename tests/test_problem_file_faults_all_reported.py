@@ -10,8 +10,8 @@ import avc_casadi as avc
 
 FIGURE5 = avc.catalogue_path("figure5").read_text(encoding="utf-8")
 LINES = FIGURE5.split("\n")
-# Without its kind nothing is known of the other keys of a motion.
-KEY_LINES = [number for number, line in enumerate(LINES, start=1) if re.match(r"(?!kind)\w+ = ", line)]
+# Without its kind nothing is known of the other keys of a motion, and let_go may be true.
+KEY_LINES = [number for number, line in enumerate(LINES, start=1) if re.match(r"(?!kind|let_go)\w+ = ", line)]
 WRONG_FOR_EVERY_KEY = ["{}", "[[]]", "1979-05-27", "true", "nan"]
 SMALL = """[device]
 mass_kg = 0.1
@@ -20,6 +20,7 @@ damping_ns_per_m = 2.0
 damping_ns_per_m = 10.0
 stiffness_n_per_m = 1e5
 """
+MODE = "[device.resonance]\nfrequency_hz = 100\ndamping_ratio = 0.1\nmass_ratio = 0.3\n"
 
 
 def faults_of(text):
@@ -147,6 +148,30 @@ def test_windows_line_ends_do_not_move_the_lines():
         ("[coupling]\ncontact_damping_ns_per_m = [0, 1]", "coupling.contact_damping_ns_per_m", "damped"),
         ("[device.range]\nmass_kg = [0.2, 0.3]", "device.range.mass_kg", "device.mass_kg = 0.1"),
         ("[device.range]\ndamping_ns_per_m = [0, 1]", "device.range.damping_ns_per_m", "= 2.0"),
+        ("[device.range]\ndelay_samples = [1, 2.5]", "device.range.delay_samples", "device.delay_samples = 0"),
+        ("[device.range]\nbacklash_m = [1e-3, 2e-3]", "device.range.backlash_m", "device.backlash_m = 0.0"),
+        ("[device.range]\nmax_force_n = [1, 2]", "device.range.max_force_n", "device.max_force_n is missing"),
+        (
+            "[device.range.resonance]\nmass_ratio = [0.2, 0.4]",
+            "device.range.resonance.mass_ratio",
+            "device.resonance.mass_ratio is missing",
+        ),
+        (
+            MODE + "[device.range.resonance]\nmass_ratio = [0.4, 0.5]",
+            "device.range.resonance.mass_ratio",
+            "device.resonance.mass_ratio = 0.3",
+        ),
+        (
+            "[device.resonance]\nfrequency_hz = 100\ndamping_ratio = 0.1\nmass_ratio = 1.0",
+            "device.resonance.mass_ratio",
+            "1e-6 to 0.999999",
+        ),
+        (
+            MODE + "[device.range]\nmass_kg = [0, 0.2]",
+            "device.range.mass_kg",
+            "device.resonance divides the mass",
+        ),
+        ("[device.resonance]\nfrequency_hz = 100\ndamping_ratio = 0.1", "device.resonance.mass_ratio", "is missing"),
         ("[boundaries.upper]\ndamping_ns_per_m = 1\nstiffness_n_per_m = 1", "boundaries.lower", "is missing"),
         (
             "[scene]\nduration_s = 5e-4",

@@ -1,5 +1,6 @@
 """What `dump_problem` writes loads as an equal problem, for any problem."""
 
+import json
 import tomllib
 
 import pytest
@@ -17,9 +18,12 @@ from avc_casadi.problem import (
     Impedance,
     Problem,
     Realism,
+    Resonance,
+    ResonanceRange,
     Scene,
     ScheduleSettings,
     Stability,
+    problem_document,
 )
 
 EFFECTS = {
@@ -87,6 +91,7 @@ def problems(draw):
     nominal = draw(st.floats(1e-3, 10))
     sample_time = draw(st.floats(1e-6, 0.1))
     structure = draw(st.sampled_from(["series", "damped"]))
+    mode = draw(st.one_of(st.none(), st.just(Resonance(frequency_hz=150.0, damping_ratio=0.05, mass_ratio=0.5))))
     kinds = draw(st.lists(st.sampled_from(sorted(EFFECTS)), max_size=4))
     return Problem(
         name=draw(text),
@@ -96,9 +101,21 @@ def problems(draw):
             mass_kg=nominal,
             damping_ns_per_m=draw(damping),
             sample_time_s=sample_time,
-            delay_samples=draw(st.integers(0, 1000)),
+            delay_samples=draw(st.one_of(st.integers(0, 1000), st.floats(1e-3, 1000))),
+            position_noise_rms_m=draw(number(1e-12, 1)),
+            amplifier_bandwidth_hz=draw(st.one_of(st.none(), st.floats(1e-6, 1e7))),
+            amplifier_order=draw(st.sampled_from([1, 2])),
             max_force_n=draw(st.one_of(st.none(), st.floats(1e-6, 1e6))),
-            range=DeviceRange(mass_kg=draw(st.one_of(st.none(), about(nominal)))),
+            backlash_m=draw(number(1e-12, 1)),
+            resonance=mode,
+            encoder_at=draw(st.sampled_from(["motor", "handle"])),
+            range=DeviceRange(
+                mass_kg=draw(st.one_of(st.none(), about(nominal))),
+                delay_samples=draw(st.just((0, 1000)) | st.none()),
+                resonance=ResonanceRange(frequency_hz=(50.0, 400.0)) if draw(st.booleans()) else ResonanceRange(),
+            )
+            if mode
+            else DeviceRange(),
         ),
         environment=draw(st.builds(Impedance, damping_ns_per_m=damping, stiffness_n_per_m=stiffness)),
         boundaries=Boundaries(upper=high, lower=low),
@@ -152,3 +169,13 @@ def test_every_effect_kind_is_tried():
     (fault,) = caught.value.faults
     assert all(f'"{kind}"' in fault.message for kind in EFFECTS)
     assert fault.message.count('"') == 2 * (len(EFFECTS) + 1)
+
+
+@pytest.mark.parametrize(("written", "kind"), [("2", int), ("2.0", int), ("0.5", float)])
+def test_a_whole_delay_stays_an_integer_in_every_document(written, kind):
+    text = f"[device]\nmass_kg=0.1\ndamping_ns_per_m=2\ndelay_samples={written}\n"
+    problem = avc.parse_problem(text + "[environment]\ndamping_ns_per_m=1\nstiffness_n_per_m=1e3\n")
+    assert type(problem.device.delay_samples) is kind
+    document = json.loads(json.dumps(problem_document(problem)))
+    assert type(document["device"]["delay_samples"]) is kind
+    assert f"delay_samples = {problem.device.delay_samples!r}\n" in avc.dump_problem(problem)

@@ -93,7 +93,8 @@ class Certificate(Tabular):
         frequency_hz: interaction frequencies of the rows, shape (n,).
         rows_without_gains: how many rows have none; each fails every level.
         levels: results by level.
-        passive_limit_n_per_m: 2 b_d/((1 + d) T): the largest DC stiffness of any passive linear rendering.
+        passive_limit_n_per_m: 2 b_d/((1 + d) T): the largest DC stiffness of any passive linear rendering; not a number
+            for a fractional delay.
         dc_stiffness_n_per_m: DC stiffness k k_e/(k + k_e) of each row, shape (n,).
 
     Example:
@@ -137,6 +138,6 @@ class Certificate(Tabular):
             "frequency_hz": plain(self.frequency_hz),
             "rows_without_gains": self.rows_without_gains,
             "levels": {level: result.document() for level, result in self.levels.items()},
-            "passive_limit_n_per_m": self.passive_limit_n_per_m,
+            "passive_limit_n_per_m": plain(self.passive_limit_n_per_m),
             "dc_stiffness_n_per_m": plain(self.dc_stiffness_n_per_m),
         }

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi._errors import UnsupportedError
 from avc_casadi.certificate._certificate import Certificate, Level, LevelResult
 from avc_casadi.certificate._hands_level import hands_level
-from avc_casadi.certificate._levels import Rows, llewellyn_level, passivity_level
+from avc_casadi.certificate._levels import Rows, llewellyn_level, not_judged, passivity_level
 from avc_casadi.coupling import check_sample_time
 from avc_casadi.loop import least_damped
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from avc_casadi.coupling import GainSchedule
-    from avc_casadi.problem import Problem
+    from avc_casadi.problem import Model, Problem
 
 
 def certify(
@@ -58,10 +59,10 @@ def certify(
     passive_rows = replace(rows, problem=least_damped(problem))
     levels: dict[Level, LevelResult] = {
         "L0": passivity_level(passive_rows, "L0", model),
-        "L1": passivity_level(passive_rows, "L1", model),
-        "L2": passivity_level(passive_rows, "L2", "paper"),
-        "L3": passivity_level(passive_rows, "L3", "sampled-data"),
-        "L4": llewellyn_level(passive_rows, model),
+        "L1": _if_offered(passive_rows, "L1", model),
+        "L2": _if_offered(passive_rows, "L2", "paper"),
+        "L3": _if_offered(passive_rows, "L3", "sampled-data"),
+        "L4": _if_offered(passive_rows, "L4", model),
         "L5": hands_level(rows, draws=draws, seed=seed),
     }
     device = problem.device
@@ -77,3 +78,11 @@ def certify(
         ),
         dc_stiffness_n_per_m=rows.spread(parts.integral / device.sample_time_s),
     )
+
+
+def _if_offered(rows: Rows, level: Level, model: Model) -> LevelResult:
+    """Judge L1 to L4; a device for which a level is not offered does not meet it."""
+    try:
+        return llewellyn_level(rows, model) if level == "L4" else passivity_level(rows, level, model)
+    except UnsupportedError as refusal:
+        return not_judged(rows, level, model, str(refusal))

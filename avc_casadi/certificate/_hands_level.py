@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.certificate._levels import Rows, level_result
+from avc_casadi.certificate._levels import Rows, level_result, not_judged
 from avc_casadi.loop import device_corners, hand_corners, hand_set, no_hand
 from avc_casadi.stability import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_parts, linear_stability, switching_proof
 from avc_casadi.support import FloatArray
@@ -34,9 +34,7 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
     name = f"{len(hand_corners(problem.hands))} corners and {draws} draws (seed {seed}) of the hands"
     claim = f"each frozen row is linearly stable, with no friction, with {name}; this says nothing of switching"
     if problem.device.delay_samples > MAX_DELAY_SAMPLES:
-        nothing = np.full(len(rows.b), np.nan)
-        result = level_result(rows, "L5", "sampled-data", claim, np.zeros(len(rows.b), bool), nothing, nothing, nothing)
-        return replace(result, claim=f"Not judged: more than {MAX_DELAY_SAMPLES} samples of delay")
+        return not_judged(rows, "L5", "sampled-data", f"more than {MAX_DELAY_SAMPLES} samples of delay")
     parts = frozen_parts(problem, rows.b, rows.k)
     devices = [corner.device for corner in device_corners(problem)]
     found = [linear_stability(device, parts, rows.contact, hands) for device in devices]

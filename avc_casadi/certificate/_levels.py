@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -85,6 +85,13 @@ def llewellyn_level(rows: Rows, model: Model) -> LevelResult:
     hold = "the paper's hold" if model == "paper" else "the sampled-data hold"
     claim = f"each frozen row meets Llewellyn's condition (6) for any passive environment, under {hold}"
     return level_result(rows, "L4", model, claim, margin >= -tolerance, margin, frequency, tolerance)
+
+
+def not_judged(rows: Rows, level: Level, model: Model, why: str) -> LevelResult:
+    """Say why no row is judged; a level that is not judged is not met."""
+    nothing = np.full(len(rows.b), np.nan)
+    result = level_result(rows, level, model, "", np.zeros(len(rows.b), bool), nothing, nothing, nothing)
+    return replace(result, claim=f"Not judged: {why}")
 
 
 def _faults(worst: WorstMargin) -> list[str]:

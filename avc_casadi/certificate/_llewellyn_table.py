@@ -9,6 +9,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.passivity import SampledLoop, largest_llewellyn_stiffness
+from avc_casadi.problem import whole_delay
 from avc_casadi.support import Columns, FloatArray, Tabular, short
 
 if TYPE_CHECKING:
@@ -54,15 +55,16 @@ def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -
         damping_ratio: b_c/b_d, shape (n,); None takes 16 values from 0 to 8.
 
     Raises:
-        UnsupportedError: a device without damping.
+        UnsupportedError: a device without damping, or with a fractional delay.
     """
     device = problem.device
     if device.damping_ns_per_m == 0:
         raise UnsupportedError("Llewellyn's condition (6) allows no coupling where device.damping_ns_per_m is 0")
     ratio = np.array(_RATIOS) if damping_ratio is None else damping_ratio
+    delay = whole_delay(device.delay_samples, "Llewellyn's table")
     scale = device.sample_time_s / device.damping_ns_per_m
     found = [
         largest_llewellyn_stiffness(SampledLoop.of(problem, model), ratio * device.damping_ns_per_m) * scale
         for model in ("paper", "sampled-data")
     ]
-    return LlewellynTable(ratio, found[0], found[1], device.delay_samples)
+    return LlewellynTable(ratio, found[0], found[1], delay)

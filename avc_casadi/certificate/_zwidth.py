@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi.loop import Hand, hand_set, no_hand
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m, worst_margin
-from avc_casadi.problem import as_problem
+from avc_casadi.problem import as_problem, whole_delay
 from avc_casadi.stability import linear_stability
 from avc_casadi.support import BoolArray, Columns, Comparable, FloatArray, Tabular, short
 
@@ -85,6 +85,9 @@ def zwidth(problem: Problem | str | Path) -> ZWidth:
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
 
+    Raises:
+        UnsupportedError: a fractional delay.
+
     Example:
         >>> region = avc.zwidth("figure5")
         >>> round(region.passive_limit_n_per_m)
@@ -97,7 +100,7 @@ def zwidth(problem: Problem | str | Path) -> ZWidth:
     damping = np.concatenate([[0.0], np.geomspace(1e-4 * top, top, _DAMPINGS - 1)])
     scan = np.geomspace(1e-6, 1.0, _SCAN) * 64 * top / device.sample_time_s
     hands = hand_set(problem.hands)
-    delay = device.delay_samples
+    delay = whole_delay(device.delay_samples, "the passive regions of zwidth")
     late = delay or 1
     at = "" if delay == 0 else f", {delay} samples of delay"
 

@@ -10,7 +10,7 @@ import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._subject import is_coupling, read_subject
-from avc_casadi.cli._text import number, table
+from avc_casadi.cli._text import number, passive_limit, table
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
@@ -57,8 +57,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         f"{claims}\n{_beside_hands(certificate['levels']['L5'])}"
         f"claimed by the problem file: {claimed} (scope {problem.stability.scope}, model {problem.stability.model}): "
         f"{'met' if certificate['levels'][claimed]['pass'] else 'not met'}\n"
-        f"no passive linear rendering on this device exceeds {number(certificate['passive_limit_n_per_m'])} N/m at DC "
-        "(sampled-data)"
+        f"{passive_limit(certificate['passive_limit_n_per_m'])}"
     )
     complaint = "" if deployment["pass"] else f"avc: {deployment['sentence']}"
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)

@@ -7,7 +7,7 @@ from typing import Any
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._text import number
+from avc_casadi.cli._text import number, passive_limit
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,6 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Load the problem; its faults are raised."""
     from avc_casadi.passivity import passive_limit_n_per_m
+    from avc_casadi.problem import declared, plausibility
+    from avc_casadi.support import plain
 
     problem = avc.load_problem(args.problem)
     frequency = problem.frequencies_hz()
@@ -36,20 +38,25 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
         "highest_hz": float(frequency.max()),
         "nyquist_hz": 0.5 / device.sample_time_s,
         "environment_stiffness_n_per_m": problem.environment.stiffness_n_per_m,
-        "passive_limit_n_per_m": passive_limit_n_per_m(
-            device.damping_ns_per_m, device.sample_time_s, device.delay_samples
+        "passive_limit_n_per_m": plain(
+            passive_limit_n_per_m(device.damping_ns_per_m, device.sample_time_s, device.delay_samples)
         ),
+        "declared": list(declared(problem)),
+        "warnings": [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)],
     }
     return Answer(document, _text(document))
 
 
 def _text(document: dict[str, Any]) -> str:
-    return (
+    lines = (
         f"{document['problem']}: {document['title']}\n"
         f"  {document['source']}\n"
         f"  valid; structure {document['structure']}, model {document['model']}, scope {document['scope']}\n"
         f"  {document['frequencies']} frequencies, {number(document['lowest_hz'])} to "
         f"{number(document['highest_hz'])} Hz; Nyquist {number(document['nyquist_hz'])} Hz\n"
-        f"  wall {number(document['environment_stiffness_n_per_m'])} N/m; no passive linear rendering on this device "
-        f"exceeds {number(document['passive_limit_n_per_m'])} N/m at DC"
+        f"  wall {number(document['environment_stiffness_n_per_m'])} N/m; "
+        f"{passive_limit(document['passive_limit_n_per_m'])}"
     )
+    if document["declared"]:
+        lines += f"\n  declared: {', '.join(document['declared'])}"
+    return lines + "".join(f"\n  warning: {one['key']} {one['message']}" for one in document["warnings"])

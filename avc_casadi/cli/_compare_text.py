@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from avc_casadi.cli._text import counts, number, sample_rows, table
+from avc_casadi.cli._text import counts, number, passive_limit, sample_rows, table
 
 _SHORT = {"closed-form": "closed form"}
 
@@ -24,10 +24,7 @@ def comparison_text(document: dict[str, Any], plot: str | None = None) -> str:
         "",
         *_judged(document),
         *_mine(document),
-        (
-            "no passive linear rendering on this device exceeds "
-            f"{number(document['passive_limit_n_per_m'])} N/m at DC (sampled-data)"
-        ),
+        passive_limit(document["passive_limit_n_per_m"]),
     ]
     if plot is not None:
         lines.append(f"drawn: {plot}")

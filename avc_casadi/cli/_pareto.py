@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
-from avc_casadi.cli._text import number, table
+from avc_casadi.cli._text import number, passive_limit, table
 
 if TYPE_CHECKING:
     import argparse
@@ -56,8 +56,8 @@ def _text(document: dict[str, Any], plot: str | None) -> str:
     lines += [
         "",
         (
-            f"desired stiffness {number(document['desired_stiffness_n_per_m'])} N/m; no passive linear rendering on"
-            f" this device exceeds {number(document['passive_limit_n_per_m'])} N/m at DC (sampled-data)"
+            f"desired stiffness {number(document['desired_stiffness_n_per_m'])} N/m; "
+            f"{passive_limit(document['passive_limit_n_per_m'])}"
         ),
         "levels: L0 own frequency; L1 band of the design; L2, L3 all frequencies, paper's and sampled-data hold;",
         "L4 Llewellyn; L5 linearly stable with the hands of the problem: stability of frozen rows, not passivity",

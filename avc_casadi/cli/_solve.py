@@ -8,7 +8,7 @@ import avc_casadi as avc
 from avc_casadi.cli._certify import levels_text
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
-from avc_casadi.cli._text import counts, number, sample_rows, table
+from avc_casadi.cli._text import counts, number, passive_limit, sample_rows, table
 from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
@@ -128,10 +128,7 @@ def _text(document: dict[str, Any], out: str | None) -> str:
         levels_text(document["certificate"]),
         *([document["deployable"]["sentence"]] if document["deployable"] else []),
         realism_text(document["realism"]),
-        (
-            "no passive linear rendering on this device exceeds "
-            f"{number(document['passive_limit_n_per_m'])} N/m at DC (sampled-data)"
-        ),
+        passive_limit(document["passive_limit_n_per_m"]),
     ]
     if "paper_errors" in document:
         lines += ["", "errors of the printed paper (these gains have those of (10) and (17)):", *errors_text(document)]

@@ -13,6 +13,13 @@ def number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None or math.isnan(value) else f"{value + 0.0:.{digits}g}"  # -0 is 0
 
 
+def passive_limit(limit_n_per_m: float | None) -> str:
+    """Return what is known of passive renderings at DC as a clause; None stands for a fractional delay."""
+    if limit_n_per_m is None or math.isnan(limit_n_per_m):
+        return "a limit of passive rendering is known for whole samples of delay only"
+    return f"no passive linear rendering on this device exceeds {number(limit_n_per_m)} N/m at DC (sampled-data)"
+
+
 def counts(found: dict[str, int]) -> str:
     """Return counts as "187 solved, 13 infeasible", leaving out what does not occur."""
     return ", ".join(f"{count} {name}" for name, count in found.items() if count) or "none"

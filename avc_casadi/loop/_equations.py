@@ -52,7 +52,7 @@ def backward_difference(angle: SampleAngle) -> Complex:
     return angle.numbers.complex(scale * angle.sin, scale * angle.cos)
 
 
-def delay_operator(angle: SampleAngle, samples: int) -> Complex:
+def delay_operator(angle: SampleAngle, samples: float) -> Complex:
     """z^-samples = exp(-j omega T samples)."""
     if samples == 0:
         return angle.numbers.complex(1.0 + 0 * angle.turns, 0 * angle.turns)
@@ -60,7 +60,7 @@ def delay_operator(angle: SampleAngle, samples: int) -> Complex:
     return angle.numbers.complex(angle.numbers.cos_pi(turned), -angle.numbers.sin_pi(turned))
 
 
-def hold(angle: SampleAngle, model: Model, delay_samples: int) -> Complex:
+def hold(angle: SampleAngle, model: Model, delay_samples: float) -> Complex:
     """H: the mean of a sample and the one before, (z+1)/(2z), or one sample of delay, 1/z; both times z^-delay.
 
     The paper's hold is (z+1)/(2z) = cos(phi) exp(-j phi). With 1/z, Re Z_h >= 0 is the exact condition of Colgate and

@@ -60,11 +60,12 @@ def llewellyn_margin(
     def value(frequency_hz: FloatArray) -> FloatArray:
         return _margin_at(loop, b_d[:, None], lead[:, None], spring[:, None], contact[:, None], frequency_hz)
 
-    seeds = seeds_hz(loop.delay_samples + 2, loop.nyquist_hz)
+    degree = loop.whole_delay("Llewellyn's condition over all frequencies") + 2
+    seeds = seeds_hz(degree, loop.nyquist_hz)
     points = np.broadcast_to(seeds, (len(b), len(seeds)))
-    if has_roots(loop.delay_samples + 2):
+    if has_roots(degree):
         points = np.sort(np.concatenate([points, _stationary_hz(loop, lead, spring, contact)], axis=1), axis=1)
-    frequency = refine_minima(value, points, loop.delay_samples + 2) if refine else points
+    frequency = refine_minima(value, points, degree) if refine else points
     values = value(frequency)
     lowest = np.argmin(values, axis=1)[:, None]
     margin = np.take_along_axis(values, lowest, axis=1)[:, 0]
@@ -93,7 +94,8 @@ def _margin_at(
 def _stationary_hz(loop: SampledLoop, lead: FloatArray, spring: FloatArray, contact: FloatArray) -> FloatArray:
     """Stationary points, shape (n, m): polynomials in cos(omega T), or in cos(phi) for the paper's hold."""
     paper = loop.model == "paper"
-    order = 2 * loop.delay_samples + 1 if paper else loop.delay_samples + 1
+    delay = loop.whole_delay("the polynomial of stationary points")
+    order = 2 * delay + 1 if paper else delay + 1
     turned = np.eye(order + 1)[order]
     # (1 - T_n(x))/(1 - x) = n + 2 sum (n - i) T_i(x).
     ratio = np.array([order, *(2.0 * (order - i) for i in range(1, order))], dtype=np.float64)

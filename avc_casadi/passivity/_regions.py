@@ -16,8 +16,13 @@ if TYPE_CHECKING:
     )
 
 
-def passive_limit_n_per_m(device_damping_ns_per_m: float, sample_time_s: float, delay_samples: int = 0) -> float:
-    """Return 2 b_d/((1 + d) T): no passive linear time-invariant rendering has a larger DC stiffness."""
+def passive_limit_n_per_m(device_damping_ns_per_m: float, sample_time_s: float, delay_samples: float = 0) -> float:
+    """Return 2 b_d/((1 + d) T): no passive linear time-invariant rendering has a larger DC stiffness.
+
+    Not a number for a fractional delay, for which no such limit is known here.
+    """
+    if delay_samples != int(delay_samples):
+        return float("nan")
     return 2 * device_damping_ns_per_m / ((1 + delay_samples) * sample_time_s)
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi.problem import whole_delay
 from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class SampledLoop:
         environment_damping_ns_per_m: b_e.
         environment_stiffness_n_per_m: k_e.
         sample_time_s: T.
-        delay_samples: whole samples of delay beside the hold.
+        delay_samples: delay beside the hold, in samples.
         model: paper (hold (z+1)/(2z), Tustin environment) or sampled-data (hold 1/z, backward difference).
     """
 
@@ -44,7 +45,7 @@ class SampledLoop:
     environment_damping_ns_per_m: Values
     environment_stiffness_n_per_m: Values
     sample_time_s: float
-    delay_samples: int
+    delay_samples: float
     model: Model
 
     @classmethod
@@ -58,6 +59,14 @@ class SampledLoop:
             problem.device.delay_samples,
             model or problem.stability.model,
         )
+
+    def whole_delay(self, what: str) -> int:
+        """Return the delay for `what`, which knows whole samples only.
+
+        Raises:
+            UnsupportedError: the delay is fractional.
+        """
+        return whole_delay(self.delay_samples, what)
 
     @property
     def nyquist_hz(self) -> float:
@@ -197,9 +206,9 @@ def _terms(
     )
 
 
-def _cos_half_turns(count: int, turns: FloatArray) -> FloatArray:
+def _cos_half_turns(count: float, turns: FloatArray) -> FloatArray:
     """cos(count phi), accurate at its zero at Nyquist where ``count`` is odd."""
-    if count % 2:
+    if count % 2 == 1:
         sign = 1.0 if count % 4 == 1 else -1.0
         return np.asarray(sign * np.sin(np.pi * count * (0.5 - turns)))
     return np.asarray(np.cos(np.pi * count * turns))

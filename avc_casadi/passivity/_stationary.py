@@ -42,7 +42,7 @@ def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_p
     smooth = (parts.direct + contact_damping_ns_per_m)[:, None] * gain_slope + parts.integral[:, None] * integral_slope
     # M(c) = kernel of w^n less rho times that of w^(n-1).
     decaying = parts.decaying[:, None] * (kernel[None, :] - rho * np.pad(gain, (0, 1))[None, :])
-    degree = loop.delay_samples + 2
+    degree = loop.whole_delay("the polynomial of stationary points") + 2
     polynomial = _fit(_times_distance(_times_distance(smooth, rho), rho), degree)
     slope: FloatArray = np.asarray(chebyshev.chebder(decaying, axis=1), dtype=np.float64)
     polynomial = polynomial + _fit(_times_distance(slope, rho) + 2 * rho * decaying, degree)
@@ -51,7 +51,7 @@ def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_p
 
 def _shapes(loop: SampledLoop) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Re H, Re H w/(1 - w) and Re H w as Chebyshev coefficients."""
-    d = loop.delay_samples
+    d = loop.whole_delay("the polynomial of stationary points")
     unit = np.eye(d + 3)
     ramp = np.array([[-0.5, *([-1.0] * (n - 1)), *([0.0] * (d + 3 - n))] for n in (d + 1, d + 2)])
     if loop.model == "paper":

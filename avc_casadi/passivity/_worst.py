@@ -95,9 +95,12 @@ def worst_margin(
     )
     columns = [np.ravel(column) for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))]
     rows = len(columns[0])
-    at_once = max(1, _NUMBERS_AT_ONCE // (len(seeds_hz(loop.delay_samples + 2, 1.0)) + loop.delay_samples + 30))
+    if np.array_equal(columns[3], columns[4]):
+        return _worst(loop, columns, None, refine=False)
+    degree = loop.whole_delay("the worst passivity margin over a band of frequencies") + 2
+    at_once = max(1, _NUMBERS_AT_ONCE // (len(seeds_hz(degree, 1.0)) + degree + 28))
     pieces = [
-        _worst(loop, [column[start : start + at_once] for column in columns], refine=refine)
+        _worst(loop, [column[start : start + at_once] for column in columns], degree, refine=refine)
         for start in range(0, max(rows, 1), at_once)
     ]
     return WorstMargin(
@@ -109,7 +112,8 @@ def worst_margin(
     )
 
 
-def _worst(loop: SampledLoop, columns: list[FloatArray], *, refine: bool) -> WorstMargin:
+def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, refine: bool) -> WorstMargin:
+    """Judge some rows; `degree` is that of Re Z_h in cos(omega T), None where each band is a single frequency."""
     b, k, contact, low, high, b_d, b_e, k_e = columns
     loop = SampledLoop(b_d, b_e, k_e, loop.sample_time_s, loop.delay_samples, loop.model)
     nyquist = loop.nyquist_hz
@@ -122,12 +126,14 @@ def _worst(loop: SampledLoop, columns: list[FloatArray], *, refine: bool) -> Wor
     def value(frequency_hz: FloatArray) -> FloatArray:
         return real_part(columned, spread, contact[:, None], frequency_hz)
 
-    candidates = np.concatenate([_resolving_points(loop, parts), low[:, None], high[:, None]], axis=1)
-    if has_roots(loop.delay_samples + 2):
+    candidates = low[:, None]
+    if degree is not None:
+        candidates = np.concatenate([_resolving_points(loop, parts, degree), low[:, None], high[:, None]], axis=1)
+    if degree is not None and has_roots(degree):
         roots_hz = np.arccos(stationary_cosines(loop, parts, contact)) / np.pi * nyquist
         candidates = np.concatenate([candidates, roots_hz], axis=1)
     candidates = np.sort(np.clip(candidates, low[:, None], high[:, None]), axis=1)
-    frequency = refine_minima(value, candidates, loop.delay_samples + 2) if refine else candidates
+    frequency = refine_minima(value, candidates, degree) if refine and degree is not None else candidates
     values = value(frequency)
     lowest = np.take_along_axis(frequency, np.argmin(values, axis=1)[:, None], axis=1)
     size = size_of_terms(columned, spread, contact[:, None], lowest)
@@ -139,13 +145,13 @@ def _worst(loop: SampledLoop, columns: list[FloatArray], *, refine: bool) -> Wor
     return WorstMargin(margin, at[:, 0], parts.stable, parts.integral / loop.sample_time_s, tolerance)
 
 
-def _rest(loop: SampledLoop) -> tuple[float, int, Model]:
+def _rest(loop: SampledLoop) -> tuple[float, float, Model]:
     return loop.sample_time_s, loop.delay_samples, loop.model
 
 
-def _resolving_points(loop: SampledLoop, parts: Fractions) -> FloatArray:
+def _resolving_points(loop: SampledLoop, parts: Fractions, degree: int) -> FloatArray:
     """Frequencies, shape (n, m), that resolve the hold's oscillation and the slowest pole: seeds for refinement."""
-    even = seeds_hz(loop.delay_samples + 2, loop.nyquist_hz)
+    even = seeds_hz(degree, loop.nyquist_hz)
     corner = np.clip(np.abs(parts.pole_gap), 1e-16, 1.0)[:, None]
     decades = corner ** np.linspace(1.2, 0, 25)[None, :]
     return np.concatenate([np.broadcast_to(even, (len(corner), len(even))), decades / np.pi * loop.nyquist_hz], axis=1)

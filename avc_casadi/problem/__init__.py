@@ -3,6 +3,12 @@
 from avc_casadi.problem._catalogue import CatalogueEntry as CatalogueEntry
 from avc_casadi.problem._catalogue import catalogue as catalogue
 from avc_casadi.problem._catalogue import catalogue_path as catalogue_path
+from avc_casadi.problem._declared import declared as declared
+from avc_casadi.problem._device import Device as Device
+from avc_casadi.problem._device import DeviceRange as DeviceRange
+from avc_casadi.problem._device import Resonance as Resonance
+from avc_casadi.problem._device import ResonanceRange as ResonanceRange
+from avc_casadi.problem._device import whole_delay as whole_delay
 from avc_casadi.problem._dump import dump_problem as dump_problem
 from avc_casadi.problem._dump import problem_document as problem_document
 from avc_casadi.problem._dump import problem_of as problem_of
@@ -11,8 +17,6 @@ from avc_casadi.problem._load import load_problem as load_problem
 from avc_casadi.problem._load import parse_problem as parse_problem
 from avc_casadi.problem._model import Boundaries as Boundaries
 from avc_casadi.problem._model import Coupling as Coupling
-from avc_casadi.problem._model import Device as Device
-from avc_casadi.problem._model import DeviceRange as DeviceRange
 from avc_casadi.problem._model import Frequency as Frequency
 from avc_casadi.problem._model import Hands as Hands
 from avc_casadi.problem._model import Impedance as Impedance
@@ -24,6 +28,7 @@ from avc_casadi.problem._model import ScheduleSettings as ScheduleSettings
 from avc_casadi.problem._model import Scope as Scope
 from avc_casadi.problem._model import Stability as Stability
 from avc_casadi.problem._model import Structure as Structure
+from avc_casadi.problem._plausibility import plausibility as plausibility
 from avc_casadi.problem._scene_file import AdaptationEffect as AdaptationEffect
 from avc_casadi.problem._scene_file import AmplifierEffect as AmplifierEffect
 from avc_casadi.problem._scene_file import CoulombFrictionEffect as CoulombFrictionEffect

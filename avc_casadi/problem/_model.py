@@ -12,21 +12,16 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi.problem._device import Device
 from avc_casadi.problem._quantity import (
     Damping,
     DampingInterval,
     Factor,
-    Force,
-    ForceLimit,
     Frequencies,
     FrequencyInterval,
     Hertz,
-    Length,
-    Mass,
     MassInterval,
     Points,
-    Samples,
-    SampleTime,
     Slope,
     Stiffness,
     StiffnessInterval,
@@ -47,29 +42,6 @@ Structure = Literal["series", "damped"]
 Scope = Literal["pointwise", "band", "all", "hands"]
 Objective = Literal["magnitude", "complex", "perceptual"]
 Required = Literal["none", "jnd", "bounds"]
-
-
-class DeviceRange(Table):
-    """How well the device is known: each value [lowest, highest] about the nominal one, or None."""
-
-    mass_kg: MassInterval | None = None
-    damping_ns_per_m: DampingInterval | None = None
-
-
-class Device(Table):
-    """The haptic device.
-
-    Friction, encoder and largest force are what is known of it, simulated only where a scene lists them.
-    """
-
-    mass_kg: Mass
-    damping_ns_per_m: Damping
-    sample_time_s: SampleTime = 1e-3
-    delay_samples: Samples = 0
-    coulomb_friction_n: Force = 0.0
-    encoder_resolution_m: Length = 0.0
-    max_force_n: ForceLimit | None = None
-    range: DeviceRange = DeviceRange()
 
 
 class Impedance(Table):

@@ -105,6 +105,12 @@ class Whole:
         return int(value)
 
 
+def _delay(value: Any) -> float:
+    """Return a number of samples, an int where it is whole."""
+    number = Quantity("samples", 1e-3, 1000)(value)
+    return int(number) if number.is_integer() else number
+
+
 def _pair(value: Any) -> Any:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise refusal(f"is {shown(value)}; allowed: two numbers, [lowest, highest]")
@@ -155,6 +161,8 @@ Threshold = Annotated[float, BeforeValidator(Quantity("", 1e-3, 0.999, zero=Fals
 Share = Annotated[float, BeforeValidator(Quantity("", 1e-9, 1))]
 DampingRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 10))]
 MassRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e3, zero=False))]
+MassShare = Annotated[float, BeforeValidator(Quantity("", 1e-6, 0.999999, zero=False))]
+DelaySamples = Annotated[int | float, BeforeValidator(_delay)]
 Samples = Annotated[int, BeforeValidator(Whole(0, 1000))]
 Substeps = Annotated[int, BeforeValidator(Whole(1, 1000))]
 Points = Annotated[int, BeforeValidator(Whole(1, 1_000_000))]
@@ -164,4 +172,10 @@ MassInterval = Annotated[tuple[Mass, Mass], BeforeValidator(_pair), AfterValidat
 DampingInterval = Annotated[tuple[Damping, Damping], BeforeValidator(_pair), AfterValidator(_ordered)]
 StiffnessInterval = Annotated[tuple[Stiffness, Stiffness], BeforeValidator(_pair), AfterValidator(_ordered)]
 FrequencyInterval = Annotated[tuple[Hertz, Hertz], BeforeValidator(_pair), AfterValidator(_ordered)]
+ForceInterval = Annotated[tuple[Force, Force], BeforeValidator(_pair), AfterValidator(_ordered)]
+ForceLimitInterval = Annotated[tuple[ForceLimit, ForceLimit], BeforeValidator(_pair), AfterValidator(_ordered)]
+LengthInterval = Annotated[tuple[Length, Length], BeforeValidator(_pair), AfterValidator(_ordered)]
+DampingRatioInterval = Annotated[tuple[DampingRatio, DampingRatio], BeforeValidator(_pair), AfterValidator(_ordered)]
+MassShareInterval = Annotated[tuple[MassShare, MassShare], BeforeValidator(_pair), AfterValidator(_ordered)]
+DelayInterval = Annotated[tuple[DelaySamples, DelaySamples], BeforeValidator(_pair), AfterValidator(_ordered)]
 Frequencies = Annotated[tuple[Hertz, ...], BeforeValidator(_sequence)]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
+from avc_casadi.problem._device import DeviceRange, ResonanceRange
 from avc_casadi.problem._quantity import plain, shown
 from avc_casadi.problem._values import Path, UnsoundError, Values
 
@@ -48,14 +50,45 @@ def _bounds_apart(values: Values) -> Iterator[Finding]:
         yield ("realism", "require"), message
 
 
-def _known_range(quantity: str) -> Rule:
+def _known_range(*path: str) -> Rule:
+    """The nominal value of the device lies in its range; where there is none, nothing is known of it."""
+    table, quantity = ".".join(("device", "range", *path[:-1])), path[-1]
+    where = ".".join(("device", *path))
+
     def rule(values: Values) -> Iterator[Finding]:
-        interval, nominal = values[f"device.range.{quantity}"], values[f"device.{quantity}"]
-        if interval is not None and not interval[0] <= nominal <= interval[1]:
-            message = f"is {shown(interval)}; allowed: an interval that holds device.{quantity} = {shown(nominal)}"
-            yield ("device", "range", quantity), message
+        interval = _inside(values[table], quantity)
+        if interval is None:
+            return
+        nominal = _inside(values[".".join(("device", *path[:-1]))], quantity)
+        if nominal is None and quantity in _WITHOUT_DEFAULT:
+            message = f"is {shown(interval)}, but {where} is missing; allowed: beside a nominal value in it"
+            yield ("device", "range", *path), message
+            return
+        nominal = values[where] if nominal is None else nominal
+        if not interval[0] <= nominal <= interval[1]:
+            message = f"is {shown(interval)}; allowed: an interval that holds {where} = {shown(nominal)}"
+            yield ("device", "range", *path), message
 
     return rule
+
+
+# Quantities of the device that it may not have at all.
+_WITHOUT_DEFAULT = {"amplifier_bandwidth_hz", "max_force_n", "frequency_hz", "damping_ratio", "mass_ratio"}
+
+
+def _inside(table: Any, key: str) -> Any:
+    """Return a value of a table, written or validated; None without the table."""
+    return table.get(key) if isinstance(table, Mapping) else getattr(table, key, None)
+
+
+def _resonance(values: Values) -> Iterator[Finding]:
+    if values["device.resonance"] is None:
+        return
+    interval = values["device.range.mass_kg"]
+    for path, mass in (("mass_kg",), values["device.mass_kg"]), (("range", "mass_kg"), interval and interval[0]):
+        if mass == 0:
+            message = "holds 0, but device.resonance divides the mass; allowed: above 0, or no resonance"
+            yield ("device", *path), message
 
 
 def _contact_damping(values: Values) -> Iterator[Finding]:
@@ -153,8 +186,9 @@ _RULES: tuple[Rule, ...] = (
     _bounds("damping_ns_per_m"),
     _bounds("stiffness_n_per_m"),
     _bounds_apart,
-    _known_range("mass_kg"),
-    _known_range("damping_ns_per_m"),
+    *(_known_range(key) for key in DeviceRange.model_fields if key != "resonance"),
+    *(_known_range("resonance", key) for key in ResonanceRange.model_fields),
+    _resonance,
     _contact_damping,
     _range_or_list,
     _increasing,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.loop import DEVICE, GROUND, Hand, Plant, StylusHand, hand_corners, transition
-from avc_casadi.problem import Hands
+from avc_casadi.problem import Hands, whole_delay
 from avc_casadi.support import FloatArray, IndexArray
 from avc_casadi.trial import STYLUS_RANGES, Population
 
@@ -52,7 +52,7 @@ def loop_radius(
     subjects.mechanics(plant)
     linear = plant.linear()
     moves = transition(linear, device.sample_time_s)
-    n, d = linear.states, device.delay_samples
+    n, d = linear.states, whole_delay(device.delay_samples, "the stiffest wall of a recommendation")
     rate = damping_ns_per_m / device.sample_time_s
     # States: those of the plant, the position before, and d forces under way, the newest first.
     loop = np.zeros((len(stiffness_n_per_m), len(subjects), n + 1 + d, n + 1 + d))

@@ -45,7 +45,7 @@ def summarise(
         "scope": comparison.scope,
         "environment": environment.model_dump(),
         "device": device.model_dump(),
-        "passive_limit_n_per_m": comparison.passive_limit_n_per_m,
+        "passive_limit_n_per_m": plain(comparison.passive_limit_n_per_m),
         "method": best.method,
         "solver": best.solver,
         "rows": best.rows,
@@ -95,6 +95,8 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     device, wall, seconds = summary["device"], summary["environment"], summary["seconds"]
     counts, closed, rows = summary["counts"], summary["closed_form"], summary["rows"]
     realisable = closed.get("solved", 0) + closed.get("active-bound", 0)
+    limit = summary["passive_limit_n_per_m"]
+    limit = "known for whole samples of delay only" if limit is None else f"{limit:.4g} N/m"
     return [
         (
             f"{summary['problem']}: {summary['title']} (structure {summary['structure']}, "
@@ -103,8 +105,7 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
         (
             f"wall {wall['stiffness_n_per_m']:g} N/m, {wall['damping_ns_per_m']:g} N.s/m; "
             f"device {device['mass_kg']:g} kg, {device['damping_ns_per_m']:g} N.s/m, "
-            f"T {1e3 * device['sample_time_s']:g} ms, delay {device['delay_samples']}; "
-            f"passive limit at DC {summary['passive_limit_n_per_m']:.4g} N/m"
+            f"T {1e3 * device['sample_time_s']:g} ms, delay {device['delay_samples']:g}; passive limit at DC {limit}"
         ),
         (
             f"{delivered}: {summary['rows_with_gains']} of {rows} frequencies have gains "

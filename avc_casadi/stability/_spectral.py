@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -71,7 +72,7 @@ def linear_stability(
     n = len(parts.direct)
     contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (n,))
     rendering = fraction_rendering(parts, contact, device.sample_time_s)
-    size = 4 + device.delay_samples
+    size = 4 + math.ceil(device.delay_samples)
     rows_at_once = max(1, _NUMBERS_AT_ONCE // (len(hands) * size * size))
     radius, frequency = np.empty((n, len(hands))), np.empty((n, len(hands)))
     for start in range(0, n, rows_at_once):

@@ -6,6 +6,7 @@ whatever model the gains were designed for.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -128,15 +129,17 @@ def transition(device: Device, rendering: Rendering, hands: Hand, damping_shift_
         damping_shift_ns_per_m: added to the damping of the device.
 
     Returns:
-        Shape (n, h, 4 + d, 4 + d). States: x, v T, the x before, the rendering's own state, and d forces under way.
+        Shape (n, h, 4 + d, 4 + d), d the samples of delay, rounded up. States: x, v T, the x before, the rendering's
+        own state, and d forces under way. A fractional delay lets the newer force arrive inside the sample.
     """
-    d = device.delay_samples
-    step = mechanics(
+    d = math.ceil(device.delay_samples)
+    before = device.delay_samples - (d - 1) if d else 0.0
+    moving = (
         device.mass_kg + hands.mass_kg,
         device.damping_ns_per_m + damping_shift_ns_per_m + hands.damping_ns_per_m,
         hands.stiffness_n_per_m,
-        device.sample_time_s,
     )
+    step = mechanics(*moving, device.sample_time_s)
     n, h, size = len(rendering.force), len(hands), 4 + d
     force = np.zeros((n, size))
     force[:, [0, 2, 3]] = rendering.force
@@ -150,5 +153,15 @@ def transition(device: Device, rendering: Rendering, hands: Hand, damping_shift_
         return matrix
     matrix[:, :, 4, :] = force[:, None, :]
     matrix[:, :, np.arange(5, size), np.arange(4, size - 1)] = 1.0
-    matrix[:, :, :2, size - 1] -= push[..., 0]
+    if before == 1:
+        matrix[:, :, :2, size - 1] -= push[..., 0]
+        return matrix
+    # The newer force acts for the rest of the sample only; what it lacks is that of the force before it.
+    later = mechanics(*moving, (1 - before) * device.sample_time_s)[None, :, :, 2]
+    later[..., 1] /= 1 - before
+    matrix[:, :, :2, size - 1] -= push[..., 0] - later
+    if d == 1:
+        matrix[:, :, :2, :] -= later[..., None] * force[:, None, None, :]
+    else:
+        matrix[:, :, :2, size - 2] -= later
     return matrix

@@ -27,6 +27,7 @@ from avc_casadi.problem import (
     Scene,
     Stroke,
     WallEffect,
+    whole_delay,
 )
 from avc_casadi.scene import Engine, Judgement, compile_for, compiler, execute, held_by, judge, settled
 from avc_casadi.scene.effects import build_effects
@@ -58,7 +59,7 @@ class Conditions:
     Attributes:
         friction_n: dry friction.
         encoder_m: resolution of the encoder; 0 is none.
-        delay_samples: whole samples of delay.
+        delay_samples: delay.
         max_force_n: largest force of the actuator; None is no limit.
         dropped_share: share of the samples that the computer misses.
         observer_mass_kg: mass that the observer behind the encoder reckons with; None is no observer.
@@ -68,7 +69,7 @@ class Conditions:
 
     friction_n: float = 0.0
     encoder_m: float = 0.0
-    delay_samples: int = 0
+    delay_samples: float = 0
     max_force_n: float | None = None
     dropped_share: float = 0.0
     observer_mass_kg: float | None = None
@@ -113,7 +114,7 @@ class Conditions:
         if self.guarded:
             listed.append(GuardEffect())
         if self.delay_samples > 0:
-            listed.append(DelayEffect(samples=self.delay_samples))
+            listed.append(DelayEffect(samples=whole_delay(self.delay_samples, "a trial")))
         if self.max_force_n is not None:
             listed.append(SaturationEffect(force_n=self.max_force_n))
         if self.dropped_share > 0:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.problem import Problem
+from avc_casadi.problem import Problem, whole_delay
 from avc_casadi.runtime import ObserverSettings, observer_step
 from avc_casadi.scene.effects._base import SceneEffect, Station, settled
 from avc_casadi.scene.effects._step import insert
@@ -44,7 +44,7 @@ class Observer(SceneEffect):
         source = "that of device and lightest hand"
         mass = settled(table.mass_kg, _ABOVE * lightest, key="mass_kg", place=place, problem=problem, source=source)
         delay = next((effect for effect in problem.scene.effects if effect.kind == "delay"), None)
-        ahead = 0 if delay is None else (delay.samples or problem.device.delay_samples)
+        ahead = 0 if delay is None else whole_delay(delay.samples or problem.device.delay_samples, "the observer")
         return cls(ObserverSettings(resolution, mass, ahead))
 
     def sample(self, tick: Tick) -> None:

@@ -40,7 +40,7 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         "safety": {name: judged.safety.document() for name, judged in comparison.judged.items()},
         "cross_check": _cross_check(comparison),
         "mine": _mine(comparison),
-        "passive_limit_n_per_m": comparison.passive_limit_n_per_m,
+        "passive_limit_n_per_m": plain(comparison.passive_limit_n_per_m),
     }
 
 

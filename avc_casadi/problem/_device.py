@@ -1,0 +1,109 @@
+"""The haptic device as it is declared: what a verb does not use of it, it names."""
+
+from typing import Literal
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.problem._quantity import (
+    Damping,
+    DampingInterval,
+    DampingRatio,
+    DampingRatioInterval,
+    DelayInterval,
+    DelaySamples,
+    Force,
+    ForceInterval,
+    ForceLimit,
+    ForceLimitInterval,
+    FrequencyInterval,
+    Hertz,
+    Length,
+    LengthInterval,
+    Mass,
+    MassInterval,
+    MassShare,
+    MassShareInterval,
+    SampleTime,
+    plain,
+)
+from avc_casadi.problem._table import Table
+
+
+class Resonance(Table):
+    """A structural resonance: motor and handle, two shares of the device's mass, joined by a spring.
+
+    The frequency is that of the two against each other, the device free; the mass ratio is that of the handle to the
+    whole.
+    """
+
+    frequency_hz: Hertz
+    damping_ratio: DampingRatio
+    mass_ratio: MassShare
+
+
+class ResonanceRange(Table):
+    """How well the resonance is known."""
+
+    frequency_hz: FrequencyInterval | None = None
+    damping_ratio: DampingRatioInterval | None = None
+    mass_ratio: MassShareInterval | None = None
+
+
+class DeviceRange(Table):
+    """How well the device is known: each value [lowest, highest] about the nominal one, or None."""
+
+    mass_kg: MassInterval | None = None
+    damping_ns_per_m: DampingInterval | None = None
+    delay_samples: DelayInterval | None = None
+    coulomb_friction_n: ForceInterval | None = None
+    encoder_resolution_m: LengthInterval | None = None
+    position_noise_rms_m: LengthInterval | None = None
+    amplifier_bandwidth_hz: FrequencyInterval | None = None
+    max_force_n: ForceLimitInterval | None = None
+    backlash_m: LengthInterval | None = None
+    resonance: ResonanceRange = ResonanceRange()
+
+
+class Device(Table):
+    """The haptic device; 0 and None stand for what it does not have.
+
+    Attributes:
+        delay_samples: from measurement to force, on top of the hold; an int where it is whole.
+        amplifier_order: 1, a lag; 2, a current loop with a damping ratio of 0.7.
+        encoder_at: the side of the resonance on which the position is measured.
+    """
+
+    mass_kg: Mass
+    damping_ns_per_m: Damping
+    sample_time_s: SampleTime = 1e-3
+    delay_samples: DelaySamples = 0
+    coulomb_friction_n: Force = 0.0
+    encoder_resolution_m: Length = 0.0
+    position_noise_rms_m: Length = 0.0
+    amplifier_bandwidth_hz: Hertz | None = None
+    amplifier_order: Literal[1, 2] = 1
+    max_force_n: ForceLimit | None = None
+    backlash_m: Length = 0.0
+    resonance: Resonance | None = None
+    encoder_at: Literal["motor", "handle"] = "motor"
+    range: DeviceRange = DeviceRange()
+
+
+def whole_delay(delay_samples: float, what: str) -> int:
+    """Return the delay for what knows whole samples only.
+
+    Args:
+        delay_samples: delay of the device.
+        what: that, for the message.
+
+    Raises:
+        UnsupportedError: the delay is fractional.
+    """
+    whole = int(delay_samples)
+    if whole == delay_samples:
+        return whole
+    raise UnsupportedError(
+        f"device.delay_samples is {plain(delay_samples)}: {what} takes whole samples only. Fractions are taken by the "
+        "pointwise methods (direct, exact, closed-form), by the certificate levels L0 and L5 and by scenes; or round "
+        f"the delay up to {whole + 1}",
+        key="device.delay_samples",
+    )

@@ -1,0 +1,85 @@
+"""Values that are allowed and yet unlikely: a slip of the unit, or a key that says nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._errors import Fault
+from avc_casadi.problem._quantity import plain
+
+if TYPE_CHECKING:
+    from avc_casadi.problem._model import Problem
+
+
+@dataclass(frozen=True)
+class _Usual:
+    lowest: float
+    highest: float
+    unit: str
+
+
+# What devices on desks, their walls and their hands have; 0 is "absent" and never in doubt.
+_USUAL = {
+    "device.mass_kg": _Usual(0.005, 5, "kg"),
+    "device.damping_ns_per_m": _Usual(0, 100, "N.s/m"),
+    "device.sample_time_s": _Usual(20e-6, 20e-3, "s"),
+    "device.delay_samples": _Usual(0, 20, "samples"),
+    "device.coulomb_friction_n": _Usual(0, 20, "N"),
+    "device.encoder_resolution_m": _Usual(1e-7, 1e-3, "m"),
+    "device.position_noise_rms_m": _Usual(1e-9, 1e-3, "m"),
+    "device.amplifier_bandwidth_hz": _Usual(20, 20e3, "Hz"),
+    "device.max_force_n": _Usual(0.5, 500, "N"),
+    "device.backlash_m": _Usual(1e-6, 5e-3, "m"),
+    "device.resonance.frequency_hz": _Usual(10, 2e3, "Hz"),
+    "device.resonance.damping_ratio": _Usual(1e-3, 0.7, ""),
+    "environment.damping_ns_per_m": _Usual(0, 1e3, "N.s/m"),
+    "environment.stiffness_n_per_m": _Usual(50, 1e6, "N/m"),
+    "hands.mass_kg": _Usual(1e-3, 5, "kg"),
+    "hands.damping_ns_per_m": _Usual(0, 200, "N.s/m"),
+    "hands.stiffness_n_per_m": _Usual(1, 1e4, "N/m"),
+}
+
+
+def plausibility(problem: Problem) -> tuple[Fault, ...]:
+    """Say which values are far from what is usual, and which say nothing; the problem is valid all the same.
+
+    Args:
+        problem: a validated problem.
+
+    Returns:
+        One a value, its key and its sentence; empty where nothing is in doubt.
+    """
+    found = [
+        (key, f"is {_written(value)}: usual {plain(usual.lowest)} to {plain(usual.highest)} {usual.unit}".rstrip())
+        for named, usual in _USUAL.items()
+        for key in (named, named.replace("device.", "device.range.", 1))
+        for value in [_at(problem, key)]
+        if any(number != 0 and not usual.lowest <= number <= usual.highest for number in _numbers(value))
+    ]
+    found = list(dict.fromkeys((key, f"{message}; is the unit right?") for key, message in found))
+    return tuple(Fault(problem.name, None, key, message) for key, message in (*found, *_idle(problem)))
+
+
+def _at(problem: Problem, key: str) -> Any:
+    node: Any = problem
+    for part in key.split("."):
+        node = getattr(node, part, None)
+    return node
+
+
+def _numbers(value: Any) -> tuple[float, ...]:
+    return () if value is None else value if isinstance(value, tuple) else (value,)
+
+
+def _written(value: float | tuple[float, ...]) -> str:
+    return f"[{', '.join(map(plain, value))}]" if isinstance(value, tuple) else plain(value)
+
+
+def _idle(problem: Problem) -> Iterator[tuple[str, str]]:
+    device = problem.device
+    if device.encoder_at == "handle" and device.resonance is None:
+        yield "device.encoder_at", 'is "handle", which says nothing without device.resonance: motor and handle are one'
+    if device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None:
+        yield "device.amplifier_order", "is 2, which says nothing without device.amplifier_bandwidth_hz"

@@ -1,0 +1,88 @@
+"""What a device declares is named, and values far from what is usual are doubted, not refused."""
+
+import json
+
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.cli._main import main
+from avc_casadi.problem import DeviceRange, declared, plausibility
+
+PLAIN = {"mass_kg": 0.1, "damping_ns_per_m": 2.0, "sample_time_s": 1e-3}
+MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
+EVERYTHING = {
+    "delay_samples": 0.5,
+    "coulomb_friction_n": 0.2,
+    "encoder_resolution_m": 2e-5,
+    "position_noise_rms_m": 1e-6,
+    "amplifier_bandwidth_hz": 1000.0,
+    "amplifier_order": 2,
+    "max_force_n": 8.0,
+    "backlash_m": 1e-4,
+    "resonance": MODE,
+    "encoder_at": "handle",
+}
+
+
+def problem(device=PLAIN, **tables):
+    bare = avc.parse_problem(
+        "[device]\nmass_kg=0.1\ndamping_ns_per_m=2\n[environment]\ndamping_ns_per_m=1\nstiffness_n_per_m=1e3\n",
+        name="p",
+    )
+    return bare.changed(device=device, **tables)
+
+
+def test_an_ideal_device_declares_nothing():
+    assert declared(problem()) == ()
+    assert plausibility(problem()) == ()
+
+
+def test_every_key_that_makes_a_device_less_than_ideal_is_named():
+    assert declared(problem(PLAIN | EVERYTHING)) == tuple(f"device.{key}" for key in EVERYTHING)
+    for key, value in EVERYTHING.items():
+        alone = {key: value}
+        needs = {"amplifier_order": "amplifier_bandwidth_hz", "encoder_at": "resonance"}.get(key)
+        assert declared(problem(PLAIN | alone)) == (() if needs else (f"device.{key}",))
+
+
+def test_every_range_is_named():
+    ends = {key: [value, value] for key, value in (PLAIN | EVERYTHING).items() if key in DeviceRange.model_fields} | {
+        "resonance": {key: [value, value] for key, value in MODE.items()}
+    }
+    named = declared(problem(PLAIN | EVERYTHING | {"range": ends}))
+    expected = [f"device.range.{key}" for key in DeviceRange.model_fields if key != "resonance"]
+    assert named[len(EVERYTHING) :] == (*expected, *(f"device.range.resonance.{key}" for key in MODE))
+
+
+@pytest.mark.parametrize(
+    ("tables", "sentence"),
+    [
+        ({"device": {"mass_kg": 250.0}}, "device.mass_kg is 250: usual 0.005 to 5 kg; is the unit right?"),
+        ({"environment": {"stiffness_n_per_m": 8.0}}, "environment.stiffness_n_per_m is 8: usual 50 to 1e6 N/m"),
+        ({"device": {"encoder_resolution_m": 0.06}}, "device.encoder_resolution_m is 0.06: usual 1e-7 to 0.001 m"),
+        ({"device": {"sample_time_s": 1.0}, "frequency": {"values_hz": [0.1]}}, "device.sample_time_s is 1: usual"),
+        ({"device": {"max_force_n": 0.01}}, "device.max_force_n is 0.01: usual 0.5 to 500 N"),
+        ({"device": {"resonance": MODE | {"frequency_hz": 1e4}}}, "device.resonance.frequency_hz is 10000: usual"),
+        ({"device": {"range": {"mass_kg": [0.0, 9.0]}}}, "device.range.mass_kg is [0, 9]: usual"),
+        ({"device": {"encoder_at": "handle"}}, "device.encoder_at is"),
+        ({"device": {"amplifier_order": 2}}, "device.amplifier_order is 2, which says nothing without"),
+    ],
+)
+def test_an_unlikely_value_is_doubted_and_valid(tables, sentence):
+    (doubt,) = plausibility(problem().changed(**tables))
+    assert f"{doubt.key} {doubt.message}".startswith(sentence)
+
+
+def test_check_shows_doubts_and_what_is_declared(tmp_path, capsys):
+    file = tmp_path / "heavy.toml"
+    file.write_text(avc.dump_problem(problem({"mass_kg": 250.0, "delay_samples": 0.5})))
+    assert main(["check", str(file)]) == 0
+    text = capsys.readouterr().out
+    assert "warning: device.mass_kg is 250: usual 0.005 to 5 kg; is the unit right?" in text
+    assert "declared: device.delay_samples" in text
+    assert main(["check", str(file), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["valid"]
+    assert [one["key"] for one in document["warnings"]] == ["device.mass_kg"]
+    assert document["declared"] == ["device.delay_samples"]
+    assert document["passive_limit_n_per_m"] is None
