@@ -29,7 +29,7 @@ from avc_casadi._errors import NotDeployableError as NotDeployableError
 from avc_casadi._errors import UnsupportedError as UnsupportedError
 from avc_casadi._errors import fault_document as fault_document
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "AvcError",

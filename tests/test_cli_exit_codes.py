@@ -271,7 +271,7 @@ def test_internal_errors_are_not_mistaken_for_a_no(monkeypatch, capsys):
 
 def test_version(capsys):
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out == "avc-casadi 0.1.0\n"
+    assert capsys.readouterr().out == "avc-casadi 0.2.0\n"
 
 
 @pytest.mark.parametrize(("scope", "level"), [("pointwise", ""), ("band", "L1"), ("all", "L3")])

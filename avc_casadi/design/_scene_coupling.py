@@ -13,8 +13,8 @@ from avc_casadi.scene import simulate as simulate_with
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Gains, GainSchedule
+    from avc_casadi.loop import Hand
     from avc_casadi.scene import AnyGains, Engine, Run, Screening
-    from avc_casadi.scene.effects import Hand
 
 
 def scene_coupling(problem: Problem) -> Gains | GainSchedule:
