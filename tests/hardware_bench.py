@@ -1,4 +1,4 @@
-"""What the hardware tests share: tools that may be missing, the host build, schedules and links."""
+"""What the hardware tests share: tools that may be missing, the host build, couplings and links."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avc_casadi.coupling import GainSchedule, Status
+from avc_casadi import Problem, load_problem
+from avc_casadi.coupling import Coupling, Gains, GainSchedule, GainTable, Runtime, Status
 from avc_hardware._firmware import ARM_INSTALL
 from avc_hardware._host import HostCore
 from avc_hardware.firmware_build import HOST_INSTALL, build_host
@@ -99,3 +100,37 @@ def schedule(
         requested_stiffness_n_per_m=k,
         requested_contact_damping_ns_per_m=b_p,
     )
+
+
+def bench_problem(wall: tuple[float, float] = (10.0, 1e5), **device: float | None) -> Problem:
+    """The wall of figure 5, or another, and its device, with other keys where given."""
+    return load_problem("damped").changed(
+        device=device,
+        environment={"damping_ns_per_m": wall[0], "stiffness_n_per_m": wall[1]},
+        boundaries={
+            "upper": {"damping_ns_per_m": wall[0], "stiffness_n_per_m": wall[1]},
+            "lower": {"damping_ns_per_m": wall[0], "stiffness_n_per_m": wall[1]},
+        },
+        frequency={"stop_hz": 100.0},
+    )
+
+
+def coupling(
+    rows: int = 40,
+    *,
+    seed: int = 0,
+    unusable: int = 0,
+    largest: tuple[float, float, float] = (1e4, 1e7, 1e3),
+    wall: tuple[float, float] = (10.0, 1e5),
+    runtime: Runtime | None = None,
+    **device: float | None,
+) -> Coupling:
+    """A coupling of random gains, every row of `schedule`, for the bench's wall and device."""
+    problem = bench_problem(wall, **device)
+    gains = schedule(rows, seed=seed, unusable=unusable, sample_time_s=problem.device.sample_time_s, largest=largest)
+    return Coupling(problem, gains, GainTable.of(gains), runtime or Runtime())
+
+
+def with_gains(problem: Problem, b: float, k: float, b_p: float = 0.0) -> Coupling:
+    """A coupling of constant gains."""
+    return Coupling.constant(problem, Gains(b, k, b_p), "by hand")

@@ -1,6 +1,5 @@
 """Push, stream and monitor against the real firmware image on the emulated board."""
 
-import dataclasses
 import hashlib
 import json
 import math
@@ -9,11 +8,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hardware_bench import require, schedule
+from hardware_bench import coupling, require
 
 import avc_hardware
-from avc_casadi import InputError, LinkError, MissingExtraError
-from avc_hardware import Connection, EmulatedBoard, TableSettings, Wall, gain_table, monitor, push, save_log, stream
+from avc_casadi import InputError, LinkError, MissingExtraError, UnsupportedError
+from avc_casadi.coupling import Runtime
+from avc_hardware import (
+    EMULATOR_IS_FRESH,
+    Connection,
+    EmulatedBoard,
+    RuntimeFigures,
+    TableImage,
+    monitor,
+    push,
+    save_log,
+    stream,
+)
 from avc_hardware import _messages as m
 from avc_hardware._faults import Fault, FaultKind, FaultyLink
 from avc_hardware._firmware import IMAGE, image_sha256
@@ -27,13 +37,14 @@ def _emulator() -> None:
 
 
 def test_pushed_table_is_read_back_as_single_precision() -> None:
-    gains = schedule(200, seed=3)
-    result = push(gains, "emulator", settings=TableSettings(wall=Wall(10.0, 1e5)))
+    made = coupling(200, seed=3)
+    result = push(made, "emulator")
     document = json.loads(json.dumps(result.document(), allow_nan=False))
     assert document["rows"] == 200
     assert document["readback_equal"] is True
     assert document["attempts"] == 1
-    assert document["crc32"] == gain_table(gains, settings=TableSettings(wall=Wall(10.0, 1e5))).crc32
+    assert document["crc32"] == TableImage.of(made).crc32
+    assert document["coupling_id"] == made.id
     assert 0 < document["rounding_max"] <= 2**-24
     assert document["seconds"] < 2.0  # virtual time
     assert document["sample_time_s"] == 1e-3
@@ -43,7 +54,7 @@ def test_the_same_run_twice_is_the_same_to_the_last_cycle() -> None:
     def run() -> tuple[float, str]:
         board = EmulatedBoard()
         with Connection(board, session=1) as connection:
-            connection.run(connection.session.push(gain_table(schedule(30)), connection.device))
+            connection.run(connection.session.push(TableImage.of(coupling(30)), connection.device))
         board.machine.run_until(board.machine.cycle + 168_000 * 500)
         return board.now_s(), hashlib.sha256(board.machine.memory("device")).hexdigest()
 
@@ -56,18 +67,18 @@ def test_preemption_at_any_instruction_changes_no_byte() -> None:
     for slice_cycles in (3, 5, 11, 168_000):
         board = EmulatedBoard(slice_cycles=slice_cycles, motion_m=lambda _: 0.0)
         with Connection(board) as connection:
-            upload = connection.run(connection.session.push(gain_table(schedule(20)), connection.device))
+            upload = connection.run(connection.session.push(TableImage.of(coupling(20)), connection.device))
             images.append(upload.image)
             assert upload.attempts == 1
-    assert set(images) == {gain_table(schedule(20)).image}
+    assert set(images) == {TableImage.of(coupling(20)).image}
 
 
 def test_gains_in_force_follow_the_table_at_the_estimated_frequency() -> None:
     """A steady tap: after the slew, the gains are those of the row, rounded once for each step of the way."""
-    gains = schedule(60, seed=5)
+    made = coupling(60, seed=5)
     board = EmulatedBoard(motion_m=lambda time: 4e-4 * math.sin(2 * math.pi * 6.0 * time))
-    push(gains, board)
-    rows = gain_table(gains).rows
+    push(made, board)
+    rows = made.table.single()
     *_, status = monitor(board, seconds=3.0, rate_hz=20)
     assert status.frequency_hz == pytest.approx(6.0, rel=0.02)
     assert status.lookup_hz == status.frequency_hz
@@ -88,38 +99,65 @@ def test_log_holds_every_sample(tmp_path: Path) -> None:
 
 
 def test_at_rest_the_frequency_is_undefined_and_the_lowest_row_runs() -> None:
-    gains = schedule(10)
+    made = coupling(10)
     board = EmulatedBoard(motion_m=lambda _: 1e-4)
-    push(gains, board)
+    push(made, board)
     *_, last = monitor(board, seconds=1.0, rate_hz=10)
     assert math.isnan(last.frequency_hz)
-    assert last.stiffness_n_per_m == np.float32(gains.stiffness_n_per_m[0])
+    assert last.stiffness_n_per_m == np.float32(made.table.at_rest.stiffness_n_per_m)
     assert last.contact
 
 
-def test_table_larger_than_the_device_is_reduced_and_says_so() -> None:
-    gains = schedule(400, seed=6)
-    result = push(gains, "emulator")
-    assert (result.rows, result.reduced_from) == (256, 400)
-    assert result.reduction_error > 0
+def test_the_emulated_board_is_made_for_the_coupling() -> None:
+    """Its sample time, encoder, force limit, guard and settings, all at once."""
+    runtime = Runtime(guard="passivity-controller", hold_s=0.31, slew_per_s=7.0)
+    device = {"sample_time_s": 2.5e-4, "encoder_resolution_m": 5.5e-5, "max_force_n": 3.5, "damping_ns_per_m": 1.25}
+    made = coupling(9, runtime=runtime, **device)
+    result = push(made, "emulator")
+    assert result.readback_equal
+    assert result.notes == ()
+    found = result.device
+    assert (found.sample_time_s, found.metres_per_count, found.max_force_n) == (2.5e-4, 5.5e-5, 3.5)
+    assert found.figures == RuntimeFigures(2.5e-4, 5.5e-5, "fused", 0.31, 7.0, True, 1.25)
+    streamed = stream(made, "emulator", rate_hz=50, seconds=0.3)
+    assert streamed.push.device.figures == found.figures
+    ticks = streamed.status.ticks * 2.5e-4
+    assert 0.3 < ticks < streamed.seconds + streamed.push.seconds + 1.0
 
 
-def test_reduction_keeps_a_table_that_interpolation_restores() -> None:
-    gains = schedule(401, seed=0)
-    smooth = np.interp(np.log(gains.frequency_hz), np.log([1.0, 20.0, 450.0]), [10.0, 500.0, 40.0])
-    gains = dataclasses.replace(
-        gains, damping_ns_per_m=smooth, stiffness_n_per_m=100 * smooth, contact_damping_ns_per_m=0 * smooth
-    )
-    table = gain_table(gains, capacity_rows=32)
-    assert len(table.rows) == 32
-    assert table.reduction_error < 1e-3
+def test_a_problem_without_encoder_or_force_limit_gets_those_of_the_board() -> None:
+    result = push(coupling(3, encoder_resolution_m=0.0, max_force_n=None), "emulator")
+    assert (result.device.metres_per_count, result.device.max_force_n, result.max_force_n) == (2e-6, 50.0, 50.0)
+
+
+@pytest.mark.parametrize(
+    ("device", "runtime", "named"),
+    [
+        ({"sample_time_s": 4e-3}, Runtime(), "allowed: 5e-05 to 0.00333333 s"),
+        ({"sample_time_s": 1e-5}, Runtime(), "sample time of 1e-05 s"),
+        ({}, Runtime(estimator="spectral-peak"), "estimator spectral-peak; allowed: fused"),
+        ({}, Runtime(slew_per_s=None), "slew_per_s none"),
+        ({}, Runtime(passive=False), "passive False"),
+    ],
+)
+def test_what_no_numbers_make_of_the_image_is_refused(device: dict[str, float], runtime: Runtime, named: str) -> None:
+    with pytest.raises(UnsupportedError, match=named):
+        push(coupling(3, runtime=runtime, **device), "emulator")
+
+
+def test_every_emulated_board_is_fresh() -> None:
+    push(coupling(3), "emulator")
+    first, *_ = monitor("emulator", seconds=0.1)
+    assert not first.has_table
+    assert first.coupling_id == ""
+    assert "carries over" in EMULATOR_IS_FRESH
 
 
 def test_stream_follows_the_frequency_and_ends_on_the_table() -> None:
-    gains = schedule(50, seed=7)
-    result = stream(gains, "emulator", rate_hz=100, seconds=2.0)
+    made = coupling(50, seed=7)
+    result = stream(made, "emulator", rate_hz=100, seconds=2.0)
     assert (result.sent, result.taken, result.lost, result.late, result.fell_back) == (200, 200, 0, 0, 0)
-    rows = gain_table(gains).rows
+    rows = made.table.single()
     for before, after in zip(result.samples, result.samples[1:], strict=False):
         assert after.stiffness_n_per_m == lookup(rows, np.float32(before.lookup_hz))[1]
     assert len({sample.stiffness_n_per_m for sample in result.samples}) > 5
@@ -131,11 +169,11 @@ def test_stream_follows_the_frequency_and_ends_on_the_table() -> None:
 
 def test_lost_gains_are_counted_and_the_table_takes_over() -> None:
     board = EmulatedBoard()
-    gains = schedule(20)
-    pushed = push(gains, board)
+    made = coupling(20)
+    pushed = push(made, board)
     # half a second of silence in mid-stream: five times as long as streamed gains hold
     link = FaultyLink(board, [Fault(True, 2500, FaultKind.STALL, 50)])
-    result = stream(gains, link, rate_hz=50, seconds=3.0)
+    result = stream(made, link, rate_hz=50, seconds=3.0)
     assert link.happened
     assert result.push.table_id == pushed.table_id
     assert result.lost >= 20
@@ -146,7 +184,7 @@ def test_lost_gains_are_counted_and_the_table_takes_over() -> None:
 
 def test_late_gains_are_refused_by_number() -> None:
     board = EmulatedBoard()
-    push(schedule(5), board)
+    push(coupling(5), board)
     connection = Connection(board)
     for number, taken in ((0, True), (5, True), (4, False), (5, False), (6, True), (2**31 + 10, False)):
         payload = m.set_gains(number, 1000, 1.0, 100.0 + number % 10, 0.0)
@@ -161,20 +199,20 @@ def test_late_gains_are_refused_by_number() -> None:
 def test_stream_refuses_rates_that_the_wire_cannot_carry() -> None:
     for rate in (0.0, 101.0, math.nan):
         with pytest.raises(InputError, match="allowed"):
-            stream(schedule(5), "emulator", rate_hz=rate)
+            stream(coupling(5), "emulator", rate_hz=rate)
     with pytest.raises(InputError, match="allowed"):
-        stream(schedule(5), "emulator", seconds=math.inf)
+        stream(coupling(5), "emulator", seconds=math.inf)
 
 
 def test_missing_emulator_names_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "unicorn", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'avc-casadi\[emulator\]'"):
-        push(schedule(5), "emulator")
+        push(coupling(5), "emulator")
 
 
 def test_missing_port_says_what_to_do() -> None:
     with pytest.raises(LinkError, match="avc ports"):
-        push(schedule(5), "/dev/does-not-exist")
+        push(coupling(5), "/dev/does-not-exist")
 
 
 def test_diagnosis_knows_the_image() -> None:

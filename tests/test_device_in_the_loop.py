@@ -1,34 +1,34 @@
 """Hardware in the loop: a frictionless hand presses a stiff wall that the firmware renders on the emulated core."""
 
-import dataclasses
 import functools
 
 import numpy as np
 import pytest
-from hardware_bench import require, scratch
+from hardware_bench import require, scratch, with_gains
 
 import avc_casadi as avc
 from avc_casadi import InputError, Problem, UnsupportedError
-from avc_casadi.coupling import GainSchedule, Status
+from avc_casadi.coupling import Coupling
 from avc_casadi.problem import (
     AdaptationEffect,
     CoulombFrictionEffect,
+    DelayEffect,
     EncoderEffect,
     EstimatorEffect,
     HandEffect,
+    SaturationEffect,
     WallEffect,
 )
+from avc_hardware import FirmwareInTheLoop, LoopResult, tried_in_the_loop
 from avc_hardware import _messages as m
-from avc_hardware import gain_table
-from avc_hardware._in_the_loop import FirmwareInTheLoop
 from avc_hardware._messages import Kind
 from avc_hardware._reference import lookup
-from avc_hardware._runtime_program import RuntimeFigures
 from avc_hardware.firmware_build import build_image
 
 # Stable as the scenes say it: no faster than this in the last half second.
 REST_M_PER_S = 5e-3
 OUTPUT_STEP_N = 50.0 / 2047
+SLEW_PER_S = 20.0
 # One step of the encoder in one tick, as force of wall and contact damper: what the loop rattles with at rest.
 COUNT_N = 2e-6 * (1e5 + 150.0 / 1e-3)
 
@@ -42,31 +42,23 @@ def _emulator() -> None:
 def wall() -> Problem:
     """The wall of figure 5 with a contact damper, a hand, no friction; the device's 2 um encoder and 12-bit output."""
     problem = avc.load_problem("damped")
-    figures = RuntimeFigures()
     effects = (
         HandEffect(),
         WallEffect(),
         EncoderEffect(),
         EstimatorEffect(),
-        AdaptationEffect(hold_s=figures.hold_s, slew_per_s=figures.slew_per_s),
+        AdaptationEffect(hold_s=0.2, slew_per_s=SLEW_PER_S),
     )
     return problem.changed(scene={"effects": effects})
 
 
 @functools.cache
-def schedule_gains() -> GainSchedule:
-    return avc.solve(wall(), "schedule")
+def scheduled() -> Coupling:
+    return Coupling.of(wall(), avc.solve(wall(), "schedule"))
 
 
-def constant(b: float, k: float, b_p: float) -> GainSchedule:
-    rows = schedule_gains().rows
-    return dataclasses.replace(
-        schedule_gains(),
-        damping_ns_per_m=np.full(rows, b),
-        stiffness_n_per_m=np.full(rows, k),
-        contact_damping_ns_per_m=np.full(rows, b_p),
-        status=(Status.SOLVED,) * rows,
-    )
+def constant(b: float, k: float, b_p: float) -> Coupling:
+    return with_gains(wall(), b, k, b_p)
 
 
 def rest_speed(loop: FirmwareInTheLoop) -> float:
@@ -75,7 +67,7 @@ def rest_speed(loop: FirmwareInTheLoop) -> float:
 
 def test_stiff_wall_is_stable_with_the_schedule() -> None:
     loop = FirmwareInTheLoop(wall())
-    loop.push(schedule_gains())
+    loop.push(scheduled())
     trace = loop.run(3.0)
     assert rest_speed(loop) < REST_M_PER_S
     stiffness = np.mean(trace.force_n[-500:]) / np.mean(trace.position_m[-500:])
@@ -98,7 +90,7 @@ def test_stiff_wall_is_stable_with_gains_streamed_live() -> None:
     loop.run(1e-3)
     sent = 0
     session, ticks = loop.connection.session, round(3 / 50 / 1e-3)
-    rows = gain_table(schedule_gains()).rows
+    rows = scheduled().table.single()
     lookup_hz = np.float32(1.0)
     while len(loop.trace.position_m) < 2500:
         b, k, b_p = map(float, lookup(rows, lookup_hz))
@@ -115,9 +107,9 @@ def test_stiff_wall_is_stable_with_gains_streamed_live() -> None:
 def test_firmware_feels_like_the_scene() -> None:
     """The scene knows neither single precision nor the output's 24 mN steps; what the hand feels is the same."""
     loop = FirmwareInTheLoop(wall())
-    loop.push(schedule_gains())
+    loop.push(scheduled())
     trace = loop.run(wall().scene.duration_s)
-    scene = avc.simulate(wall(), schedule_gains())
+    scene = avc.simulate(wall(), scheduled())
     difference = np.abs(np.array(trace.position_m) - scene.position_m)
     # A step of the encoder or of the output that falls the other way is felt for some samples, and dies out.
     assert np.sqrt(np.mean(difference**2)) < 5e-6
@@ -132,7 +124,7 @@ def test_table_pushed_in_contact_comes_into_force_without_a_jump() -> None:
 
     def run(push: bool) -> tuple[FirmwareInTheLoop, list[float]]:
         loop = FirmwareInTheLoop(wall())
-        loop.push(schedule_gains())
+        loop.push(scheduled())
         loop.run(1.5)
         if push:
             loop.push(softer)
@@ -143,7 +135,7 @@ def test_table_pushed_in_contact_comes_into_force_without_a_jump() -> None:
     _, unchanged = run(push=False)
     first = next(tick for tick, pair in enumerate(zip(force, unchanged, strict=False)) if pair[0] != pair[1])
     assert first > 1500
-    slew = RuntimeFigures().slew_per_s * 1e-3
+    slew = SLEW_PER_S * 1e-3
     # Force follows each gain at most in proportion: b, k, and b_p at rest, and what the output rounds.
     assert abs(force[first] - unchanged[first]) <= 2 * slew * unchanged[first] + OUTPUT_STEP_N
     assert np.abs(np.diff(force[first:])).max() < 2 * COUNT_N
@@ -157,7 +149,7 @@ def test_loop_is_the_same_in_every_run() -> None:
     traces = []
     for _ in range(2):
         loop = FirmwareInTheLoop(wall())
-        loop.push(schedule_gains())
+        loop.push(scheduled())
         traces.append(loop.run(0.5))
     assert traces[0] == traces[1]
 
@@ -170,7 +162,7 @@ def test_loop_in_qemu_is_stable_and_the_same_in_every_run() -> None:
     for _ in range(2):
         loop = FirmwareInTheLoop(wall(), qemu=(image, "bench-m4f"))
         try:
-            loop.push(schedule_gains())
+            loop.push(scheduled())
             loop.run(2.0)
             assert loop.status().overruns == 0
         finally:
@@ -179,14 +171,14 @@ def test_loop_in_qemu_is_stable_and_the_same_in_every_run() -> None:
         assert rest_speed(loop) < REST_M_PER_S
     assert traces[0] == traces[1]
     other = FirmwareInTheLoop(wall())
-    other.push(schedule_gains())
+    other.push(scheduled())
     difference = np.array(other.run(2.0).position_m[:1990]) - np.array(traces[0].position_m[:1990])
     assert np.sqrt(np.mean(difference**2)) < 5e-6
 
 
 def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:
     loop = FirmwareInTheLoop(wall())
-    loop.push(schedule_gains())
+    loop.push(scheduled())
     loop.run(1.5)
     assert loop.status().contact
     loop.connection.heartbeat(0.2)
@@ -207,11 +199,88 @@ def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:
 
 def test_bench_refuses_what_it_does_not_have() -> None:
     with pytest.raises(UnsupportedError, match="coulomb-friction"):
-        FirmwareInTheLoop(avc.load_problem("damped").model_copy(update={"scene": friction()}))
-    other = wall().changed(device={"sample_time_s": 5e-4})
-    with pytest.raises(InputError, match="the firmware's"):
-        FirmwareInTheLoop(other)
+        FirmwareInTheLoop(wall().changed(scene={"effects": (HandEffect(), WallEffect(), CoulombFrictionEffect())}))
+    with pytest.raises(UnsupportedError, match="limits the force at 5 N, the board at 50 N"):
+        FirmwareInTheLoop(wall().changed(scene={"effects": (HandEffect(), SaturationEffect(force_n=5.0))}))
+    with pytest.raises(InputError, match="seconds"):
+        tried_in_the_loop(scheduled(), seconds=float("nan"))
 
 
-def friction() -> object:
-    return wall().scene.model_copy(update={"effects": (HandEffect(), WallEffect(), CoulombFrictionEffect())})
+def test_qemu_refuses_another_sample_time_than_its_image_s() -> None:
+    require("qemu-system-arm", "arm-none-eabi-gcc")
+    image = build_image("bench-m4f", scratch())
+    with pytest.raises(InputError, match=r"T = 0\.0005 s .* allowed in QEMU: 0\.001 s"):
+        FirmwareInTheLoop(wall().changed(device={"sample_time_s": 5e-4}), qemu=(image, "bench-m4f"))
+
+
+@functools.cache
+def tuned(name: str, sample_time_s: float = 1e-3) -> Coupling:
+    problem = avc.load_problem(name).changed(device={"sample_time_s": sample_time_s})
+    return Coupling.of(problem, avc.solve(problem, "static-tuned"))
+
+
+def in_series(coupling: Coupling) -> float:
+    k, k_e = coupling.table.at_rest.stiffness_n_per_m, coupling.wall.stiffness_n_per_m
+    return k * k_e / (k + k_e)
+
+
+@functools.cache
+def tried(name: str, sample_time_s: float = 1e-3) -> LoopResult:
+    return tried_in_the_loop(tuned(name, sample_time_s))
+
+
+@pytest.mark.parametrize(("name", "time_s"), [("ve3", 1e-3), ("soft", 1e-3), ("ve3", 0.25e-3)])
+def test_coupling_of_any_wall_and_rate_is_at_rest_with_its_own_wall(name: str, time_s: float) -> None:
+    found, coupling = tried(name, time_s), tuned(name, time_s)
+    assert found.push.readback_equal
+    assert found.push.device.sample_time_s == time_s
+    assert found.at_rest
+    assert found.apparent_stiffness_n_per_m == pytest.approx(in_series(coupling), rel=0.02)
+    assert found.status.mode == "table"
+    assert found.status.coupling_id == coupling.id
+    assert (found.status.overruns, found.status.not_finite, found.status.saturated) == (0, 0, 0)
+    assert 0 < found.peak_force_n < 50
+    assert found.document()["at_rest"] is True
+
+
+def test_the_wall_of_one_coupling_is_not_that_of_the_other() -> None:
+    stiff, soft = tried("ve3").apparent_stiffness_n_per_m, tried("soft").apparent_stiffness_n_per_m
+    assert stiff > 5 * soft
+    assert tried("ve3").push.coupling_id != tried("soft").push.coupling_id
+
+
+def test_a_lower_force_limit_is_the_board_s() -> None:
+    coupling = tuned("ve3")
+    weak = with_gains(coupling.problem.changed(device={"max_force_n": 1.5}), 0.0, 1e5)
+    found = tried_in_the_loop(weak)
+    assert found.peak_force_n == pytest.approx(1.5)
+    assert found.status.saturated > 1000
+
+
+def test_effects_that_the_bench_has_not_are_left_out_and_named() -> None:
+    effects = (CoulombFrictionEffect(force_n=0.1), EncoderEffect(), DelayEffect(samples=1), HandEffect(mass_kg=0.3))
+    problem = tuned("ve3").problem.changed(scene={"effects": effects})
+    found = tried_in_the_loop(with_gains(problem, 5.0, 2e3), seconds=1.0)
+    assert found.left_out == ("coulomb-friction",)
+    assert (found.at_rest, found.seconds) == (True, 1.0)
+
+
+def test_an_unstable_coupling_is_not_at_rest() -> None:
+    found = tried_in_the_loop(constant(1e4, 1e7, 0.0), seconds=1.5)
+    assert not found.at_rest
+
+
+@pytest.mark.parametrize("gains", [(100.0, 3e4, 60.0), (20.0, 2e4, 0.0)])
+def test_constant_gains_feel_like_the_scene_which_has_no_adaptation_for_them(gains: tuple[float, ...]) -> None:
+    """A tap leaves the wall again and again: nothing of the coupling is forgotten there."""
+    effects = (HandEffect(), WallEffect(), EncoderEffect())
+    problem = wall().changed(scene={"effects": effects, "motion": {"kind": "tap", "end_m": 0.004, "frequency_hz": 4.0}})
+    coupling = with_gains(problem, *gains)
+    loop = FirmwareInTheLoop(coupling)
+    loop.push(coupling)
+    trace = loop.run(1.5)
+    scene = avc.simulate(problem, coupling)
+    difference = np.array(trace.position_m) - scene.position_m[: len(trace.position_m)]
+    assert np.sqrt(np.mean(difference**2)) < 5e-6
+    crossings = np.count_nonzero(np.diff(np.array(trace.position_m) > 0))
+    assert crossings > 8

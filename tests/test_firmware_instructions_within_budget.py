@@ -6,17 +6,18 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from hardware_bench import require, schedule, scratch
+from hardware_bench import coupling, require, scratch
 
-from avc_hardware import Connection, TableSettings, Wall, gain_table
+from avc_casadi.coupling import Runtime
+from avc_hardware import Connection
 from avc_hardware._elf import read_elf
 from avc_hardware._monitor import pause
 from avc_hardware._profile import TickCount, tick_instructions
+from avc_hardware._push import push_over
 from avc_hardware._qemu import LockStepBoard
 from avc_hardware.firmware_build import build_image
 
-GAINS = schedule(200, seed=3, largest=(300.0, 1e5, 50.0))
-SETTINGS = TableSettings(wall=Wall(10.0, 1e5), guard=True)
+MADE = coupling(200, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
 TICKS = 60
 # Look-up, interpolation and coupling force; then everything but the estimator; then everything.
 FORCE_BUDGET, REST_BUDGET, TICK_BUDGET = 450, 650, 2400
@@ -30,7 +31,7 @@ def motion(tick: int) -> int:
 
 @functools.cache
 def in_unicorn() -> list[TickCount]:
-    return list(tick_instructions(GAINS, settings=SETTINGS, counts=motion, ticks=TICKS))
+    return list(tick_instructions(MADE, counts=motion, ticks=TICKS))
 
 
 def in_qemu(folder: Path) -> list[int]:
@@ -48,7 +49,7 @@ def in_qemu(folder: Path) -> list[int]:
     options = ("-singlestep", "-d", "exec,nochain", "-D", str(log))
     with LockStepBoard(image, "bench-m4f", position=position, options=options) as board:
         with Connection(board, session=1) as connection:
-            connection.run(connection.session.push(gain_table(GAINS, settings=SETTINGS), connection.device))
+            push_over(connection, MADE)
             connection.run(pause(0.22))
         start = board.ticks
         for _ in range(TICKS + 1):

@@ -3,21 +3,23 @@
 import os
 
 import pytest
-from hardware_bench import host_core, schedule
+from hardware_bench import coupling, host_core
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import LinkError
-from avc_hardware import TableSettings, Wall, gain_table, push
+from avc_casadi.coupling import Gains, Runtime
+from avc_hardware import TableImage, push
 from avc_hardware._faults import Fault, FaultKind, FaultyLink
 from avc_hardware._host import HostCore, HostLink
 
-OLD = schedule(12, seed=1)
-NEW = schedule(70, seed=2)
-SETTINGS = TableSettings(wall=Wall(5.0, 2e4), safe_damping_ns_per_m=1.0, guard=True)
-OLD_IMAGE = gain_table(OLD, settings=SETTINGS).image
-NEW_IMAGE = gain_table(NEW, settings=SETTINGS).image
-# With the wall of limits: 5 s and a last wait for an answer.
+GUARD = Runtime(guard="passivity-controller")
+OLD = coupling(12, seed=1, wall=(5.0, 2e4), runtime=GUARD)
+NEW = coupling(70, seed=2, wall=(2.0, 5e4), runtime=GUARD)
+SAFE = Gains(1.0, 0.0)
+OLD_IMAGE = TableImage.of(OLD, safe=SAFE).image
+NEW_IMAGE = TableImage.of(NEW, safe=SAFE).image
+# With the last wait for an answer: twice as long at most.
 DEADLINE_S = 5.0
 SCHEDULES = int(os.environ.get("AVC_FAULT_SCHEDULES", "150"))
 
@@ -32,7 +34,7 @@ faults = st.builds(
 
 def device_with_old_table() -> HostCore:
     core = host_core()
-    push(OLD, HostLink(core), settings=SETTINGS)
+    push(OLD, HostLink(core), safe=SAFE)
     assert core.image() == OLD_IMAGE
     return core
 
@@ -50,7 +52,7 @@ def push_through(schedule_of_faults: list[Fault]) -> tuple[HostCore, FaultyLink,
 
     link.read = watched  # type: ignore[method-assign]
     try:
-        result = push(NEW, link, settings=SETTINGS, deadline_s=DEADLINE_S)
+        result = push(NEW, link, safe=SAFE, deadline_s=DEADLINE_S)
         done = True
         assert result.readback_equal
     except LinkError:
@@ -90,7 +92,7 @@ def test_random_faults(schedule_of_faults: list[Fault]) -> None:
 @given(st.lists(faults, min_size=30, max_size=60))
 def test_a_terrible_line_and_then_a_good_one(schedule_of_faults: list[Fault]) -> None:
     core, _, _ = push_through(schedule_of_faults)
-    result = push(NEW, HostLink(core), settings=SETTINGS)
+    result = push(NEW, HostLink(core), safe=SAFE)
     assert result.readback_equal
     assert core.image() == NEW_IMAGE
 

@@ -11,11 +11,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import serial
-from hardware_bench import host_core, schedule
+from hardware_bench import coupling, host_core
 
 from avc_casadi import LinkError
+from avc_hardware import TableImage, find_port, list_ports, monitor, push, stream
 from avc_hardware import _ports as ports_module
-from avc_hardware import find_port, gain_table, list_ports, monitor, push, stream
 from avc_hardware._host import HostCore
 
 pty = pytest.importorskip("pty", reason="pseudo-terminals need a Unix system")
@@ -63,15 +63,15 @@ def bench() -> Iterator[Bench]:
 
 
 def test_push_over_a_serial_port(bench: Bench) -> None:
-    gains = schedule(200, seed=1)
-    result = push(gains, bench.port)
+    made = coupling(200, seed=1)
+    result = push(made, bench.port)
     assert result.readback_equal
     assert result.rows == 200
-    assert bench.core.image() == gain_table(gains).image
+    assert bench.core.image() == TableImage.of(made).image
 
 
 def test_stream_and_monitor_over_a_serial_port(bench: Bench) -> None:
-    result = stream(schedule(20), bench.port, rate_hz=50, seconds=0.3)
+    result = stream(coupling(20), bench.port, rate_hz=50, seconds=0.3)
     assert result.sent == 15
     assert result.taken + result.lost + result.late == 15
     assert result.status.has_table
@@ -84,7 +84,7 @@ def test_port_in_use_is_reported(bench: Bench) -> None:
     samples = monitor(bench.port)
     next(samples)
     with pytest.raises(LinkError, match="another program has it open"):
-        push(schedule(5), bench.port)
+        push(coupling(5), bench.port)
     samples.close()  # type: ignore[attr-defined]
 
 
@@ -121,7 +121,7 @@ def test_a_port_without_a_device_is_reported() -> None:
     tty.setraw(slave)
     try:
         with pytest.raises(LinkError, match="no answer at 921600 baud"):
-            push(schedule(5), os.ttyname(slave), baud=921600)
+            push(coupling(5), os.ttyname(slave), baud=921600)
     finally:
         os.close(master)
         os.close(slave)
@@ -133,7 +133,7 @@ def test_a_port_of_another_user_is_reported(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(serial.Serial, "open", denied)
     with pytest.raises(LinkError, match="dialout"):
-        push(schedule(5), "/dev/ttyACM0")
+        push(coupling(5), "/dev/ttyACM0")
 
 
 def usb(device: str, number: str | None) -> SimpleNamespace:

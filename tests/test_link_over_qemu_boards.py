@@ -8,16 +8,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hardware_bench import require, schedule, scratch
+from hardware_bench import coupling, require, scratch
 
-from avc_hardware import Wall, gain_table, monitor, push, stream
-from avc_hardware._table import TableSettings
-from avc_hardware.firmware_build import build_image
+from avc_casadi import UnsupportedError
+from avc_casadi.coupling import Runtime
+from avc_hardware import TableImage, monitor, push, stream
+from avc_hardware.firmware_build import TARGETS, build_image
 
-SETTINGS = TableSettings(wall=Wall(10.0, 1e5))
+BOARDS = ["netduinoplus2", "mps2-an386", "lm3s6965evb"]
 
 
-@pytest.fixture(params=["netduinoplus2", "mps2-an386", "lm3s6965evb"])
+@pytest.fixture
 def port(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
     require("qemu-system-arm", "arm-none-eabi-gcc")
     image = build_image(request.param, scratch())
@@ -45,20 +46,25 @@ def port(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
         process.wait()
 
 
-def test_push_stream_and_monitor(port: str) -> None:
-    gains = schedule(200, seed=1)
-    result = push(gains, port, settings=SETTINGS)
+@pytest.mark.parametrize(("port", "board"), [(board, board) for board in BOARDS], indirect=["port"])
+def test_push_stream_and_monitor(port: str, board: str) -> None:
+    estimator = TARGETS[board].estimator
+    made = coupling(200, seed=1, runtime=Runtime(estimator=estimator))
+    result = push(made, port)
     assert result.readback_equal
-    assert result.crc32 == gain_table(gains, settings=SETTINGS).crc32
-    again = push(gains, port, settings=SETTINGS)
+    assert result.crc32 == TableImage.of(made).crc32
+    again = push(made, port)
     assert again.table_id == result.table_id
-    streamed = stream(gains, port, rate_hz=50, seconds=0.5, settings=SETTINGS)
+    streamed = stream(made, port, rate_hz=50, seconds=0.5)
     assert streamed.sent == 25
     assert streamed.status.stream_number == 24
     assert streamed.status.stream_stale == streamed.status.stream_missing == 0
     assert not streamed.status.streaming
     first, *_, last = monitor(port, rate_hz=20, seconds=0.2)
     assert last.ticks > first.ticks
-    assert last.table_crc32 == result.crc32
+    assert (last.table_crc32, last.coupling_id) == (result.crc32, made.id)
     assert last.swaps == 1
     assert last.bytes_lost == 0
+    other = "fused" if estimator != "fused" else "zero-crossing"
+    with pytest.raises(UnsupportedError, match=f"estimator {other}"):
+        push(coupling(5, runtime=Runtime(estimator=other)), port)

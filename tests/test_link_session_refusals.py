@@ -8,18 +8,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hardware_bench import host_core, host_library, schedule
+from hardware_bench import coupling, host_core, host_library
 
-from avc_casadi import InputError, LinkError
-from avc_hardware import Connection, GainTable, TableSettings, Wall, gain_table, push
+from avc_casadi import InputError, LinkError, UnsupportedError
+from avc_casadi.coupling import GainTable, Runtime
+from avc_hardware import BoardLimits, Connection, RuntimeFigures, TableImage, check_runs_on, push
 from avc_hardware import _messages as m
 from avc_hardware._frames import Decoder, Frame, cobs_decode, encode
-from avc_hardware._host import BoardLimits, HostCore, HostLink
+from avc_hardware._host import HostCore, HostLink
 from avc_hardware._messages import Kind, Reason, Refusal
+from avc_hardware._push import push_over
 from avc_hardware._session import Exchange, RefusedError, Session
 
 
-def refused(table: GainTable) -> Refusal:
+def image(*arguments: Any, **options: Any) -> TableImage:
+    return TableImage.of(coupling(*arguments, **options))
+
+
+def refused(table: TableImage) -> Refusal:
     """Send a table past the host's own checks; return the device's refusal."""
     core = host_core()
     connection = Connection(HostLink(core))
@@ -29,8 +35,8 @@ def refused(table: GainTable) -> Refusal:
     return caught.value.refusal
 
 
-def with_cell(row: int, column: int, value: float) -> GainTable:
-    table = gain_table(schedule(8))
+def with_cell(row: int, column: int, value: float) -> TableImage:
+    table = image(8)
     rows = table.rows.copy()
     rows[row, column] = value
     return dataclasses.replace(table, rows=rows)
@@ -57,48 +63,52 @@ def test_device_names_the_bad_row(row: int, column: int, value: float, reason: R
 
 
 def test_repeated_frequency_is_refused_on_both_sides() -> None:
-    table = gain_table(schedule(8))
+    table = image(8)
     rows = table.rows.copy()
     rows[4, 0] = rows[3, 0]
     assert refused(dataclasses.replace(table, rows=rows)) == Refusal(Reason.NOT_MONOTONIC, 4)
-    gains = schedule(8)
-    frequency = gains.frequency_hz.copy()
-    frequency[4] = frequency[3] * (1 + 1e-9)
+    made = coupling(8)
+    wide = made.table.rows.copy()
+    wide[4, 0] = wide[3, 0] * (1 + 1e-9)
     with pytest.raises(InputError, match="two rows have the frequency"):
-        gain_table(dataclasses.replace(gains, frequency_hz=frequency))
+        TableImage.of(dataclasses.replace(made, table=GainTable(wide)))
 
 
 @pytest.mark.parametrize(
-    ("settings", "reason"),
+    ("header", "reason"),
     [
-        (TableSettings(wall=Wall(-1.0, 1e4)), Reason.LIMIT),
-        (TableSettings(wall=Wall(1.0, np.nan)), Reason.NOT_FINITE),
-        (TableSettings(safe_stiffness_n_per_m=1e9), Reason.LIMIT),
-        (TableSettings(safe_damping_ns_per_m=np.inf), Reason.NOT_FINITE),
-        (TableSettings(wall=Wall(0.0, 0.0)), Reason.LIMIT),
+        ({"wall_damping_ns_per_m": -1.0}, Reason.LIMIT),
+        ({"wall_stiffness_n_per_m": np.nan}, Reason.NOT_FINITE),
+        ({"safe_stiffness_n_per_m": 1e9}, Reason.LIMIT),
+        ({"safe_damping_ns_per_m": np.inf}, Reason.NOT_FINITE),
+        ({"wall_damping_ns_per_m": 0.0, "wall_stiffness_n_per_m": 0.0}, Reason.LIMIT),
+        ({"max_force_n": -1.0}, Reason.LIMIT),
+        ({"max_force_n": np.nan}, Reason.NOT_FINITE),
     ],
 )
-def test_device_refuses_a_bad_header(settings: TableSettings, reason: Reason) -> None:
-    refusal = refused(gain_table(schedule(3), settings=settings))
+def test_device_refuses_a_bad_header(header: dict[str, float], reason: Reason) -> None:
+    refusal = refused(dataclasses.replace(image(3), **header))
     assert refusal == Refusal(reason, 0xFFFF)
     assert "header" in str(refusal)
 
 
 def test_table_larger_than_the_device_is_refused_by_it() -> None:
-    table = gain_table(schedule(300))
+    table = image(300)
     assert len(table.rows) == 300
     assert refused(table) == Refusal(Reason.ROWS, 256)
+    with pytest.raises(LinkError, match="300 rows, the device holds 256; make a coupling for this capacity"):
+        push(coupling(300), HostLink(host_core()))
 
 
 def test_header_that_names_other_rows_is_refused() -> None:
     core = host_core()
     connection = Connection(HostLink(core), session=1)
-    table = gain_table(schedule(8))
-    image = struct.pack("<H", 7) + table.image[2:]
-    crc32 = zlib.crc32(image)
+    table = image(8)
+    spoilt = struct.pack("<H", 7) + table.image[2:]
+    crc32 = zlib.crc32(spoilt)
     ask = connection.session.ask
     connection.run(ask(Kind.BEGIN, m.begin(1, 5, crc32, 8), m.Acknowledged))
-    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, image), m.Acknowledged))
+    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, spoilt), m.Acknowledged))
     with pytest.raises(RefusedError, match="wrong size"):
         connection.run(ask(Kind.COMMIT, m.commit(1, 5, crc32), m.Committed))
     assert core.image() is None
@@ -107,7 +117,7 @@ def test_header_that_names_other_rows_is_refused() -> None:
 def test_spoilt_table_with_right_frames_is_refused_by_its_checksum() -> None:
     core = host_core()
     connection = Connection(HostLink(core), session=1)
-    table = gain_table(schedule(8))
+    table = image(8)
     ask = connection.session.ask
     connection.run(ask(Kind.BEGIN, m.begin(1, 5, table.crc32, 8), m.Acknowledged))
     connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, bytes(len(table.image))), m.Acknowledged))
@@ -125,7 +135,7 @@ def test_spoilt_table_with_right_frames_is_refused_by_its_checksum() -> None:
 def test_heartbeat_reports_the_mode() -> None:
     core = host_core()
     connection = Connection(HostLink(core))
-    connection.run(connection.session.push(gain_table(schedule(8)), connection.device))
+    connection.run(connection.session.push(image(8), connection.device))
     assert connection.heartbeat(0.05) == "table"
     core.tick(np.zeros(40, dtype=np.int32))
     assert connection.heartbeat(0.05) == "table"
@@ -138,69 +148,113 @@ def test_heartbeat_reports_the_mode() -> None:
 
 
 def test_wrong_sample_time_is_refused_on_both_sides() -> None:
-    gains = schedule(3, sample_time_s=2e-3)
-    assert refused(gain_table(gains)).reason is Reason.SAMPLE_TIME
+    slow = coupling(3, sample_time_s=2e-3)
+    assert refused(TableImage.of(slow)).reason is Reason.SAMPLE_TIME
     with pytest.raises(LinkError, match=r"sample time of 0\.002 s, the device runs at 0\.001 s"):
-        push(gains, HostLink(host_core()))
+        push(slow, HostLink(host_core()))
 
 
 def test_host_names_every_limit_that_is_passed() -> None:
     core = HostCore(host_library(), BoardLimits(max_damping_ns_per_m=100.0, max_stiffness_n_per_m=1e4))
     with pytest.raises(LinkError) as caught:
-        push(schedule(9, sample_time_s=1e-4), HostLink(core))
+        push(coupling(9, sample_time_s=1e-4, wall=(0.0, 2e4)), HostLink(core))
     text = str(caught.value)
     assert "damping b" in text
     assert "stiffness k" in text
     assert "sample time" in text
+    assert "wall's stiffness is 20000 N/m" in text
     assert "contact damping" not in text
     assert core.image() is None
 
 
 @pytest.mark.parametrize(
-    ("limit", "words"),
+    ("runtime", "named"),
     [
-        ("max_damping_ns_per_m", "damping b is"),
-        ("max_stiffness_n_per_m", "stiffness k is"),
-        ("max_contact_damping_ns_per_m", "contact damping b_p is"),
+        (Runtime(observer_mass_kg=0.2), "observer"),
+        (Runtime(guard="energy-tank"), "energy-tank"),
+        (Runtime(observer_mass_kg=0.2, guard="energy-tank"), "observer.*energy-tank"),
     ],
 )
-def test_host_sends_nothing_above_any_one_limit(limit: str, words: str) -> None:
-    """The largest gain of the table passes; the limit a little lower is named before a byte of the table travels."""
-    gains = schedule(9, largest=(80.0, 5e3, 60.0))
-    largest = float(np.float32(getattr(gains, limit.removeprefix("max_")).max()))
-    core = HostCore(host_library(), BoardLimits(**{limit: largest}))
-    assert push(gains, HostLink(core)).rows == 9
-    core = HostCore(host_library(), BoardLimits(**{limit: 0.999 * largest}))
-    with pytest.raises(LinkError, match=f"not sent: {words}") as caught:
-        push(gains, HostLink(core))
-    assert str(caught.value).count(";") == 1
+def test_what_the_firmware_has_not_is_refused_before_a_port_is_opened(runtime: Runtime, named: str) -> None:
+    for refuse in (check_runs_on, lambda found: push(found, "/dev/does-not-exist")):
+        with pytest.raises(UnsupportedError, match=f"{named}.*avc export"):
+            refuse(coupling(5, runtime=runtime))
+
+
+@pytest.mark.parametrize(
+    ("runtime", "named"),
+    [
+        (Runtime(estimator="zero-crossing"), "estimator zero-crossing"),
+        (Runtime(hold_s=0.3), r"hold_s 0\.3"),
+        (Runtime(slew_per_s=None), "slew_per_s None"),
+        (Runtime(passive=False), "passive False"),
+    ],
+)
+def test_settings_of_another_firmware_are_refused_by_name_where_they_matter(runtime: Runtime, named: str) -> None:
+    core = host_core()
+    with pytest.raises(UnsupportedError, match=named):
+        push(coupling(5, runtime=runtime), HostLink(core))
     assert core.image() is None
+    constant = coupling(1, runtime=runtime)
+    assert push(constant, HostLink(core)).readback_equal
 
 
-def test_schedule_without_gains_is_refused_before_a_port_is_opened() -> None:
-    with pytest.raises(InputError, match="none of the 5 rows"):
-        push(schedule(5, unusable=5), "/dev/does-not-exist")
+def test_guard_limit_must_be_that_of_the_device_where_there_is_a_guard() -> None:
+    guard = Runtime(guard="passivity-controller")
+    assert push(coupling(5, runtime=guard, damping_ns_per_m=2.0), HostLink(host_core())).readback_equal
+    with pytest.raises(UnsupportedError, match=r"guard_damping_ns_per_m 1\.5"):
+        push(coupling(5, runtime=guard, damping_ns_per_m=1.5), HostLink(host_core()))
+    assert push(coupling(5, damping_ns_per_m=1.5), HostLink(host_core())).notes == ()
+
+
+def test_device_tells_what_it_was_generated_for() -> None:
+    assert Connection(HostLink(host_core())).device.figures == RuntimeFigures()
 
 
 def test_unusable_rows_are_left_out_and_counted() -> None:
     core = host_core()
-    result = push(schedule(9, unusable=4), HostLink(core))
+    result = push(coupling(9, unusable=4), HostLink(core))
     assert (result.rows, result.left_out) == (5, 4)
 
 
 def test_the_same_table_twice_changes_nothing() -> None:
     core = host_core()
-    first = push(schedule(9), HostLink(core))
+    first = push(coupling(9), HostLink(core))
     swaps = core.state().swaps
-    again = push(schedule(9), HostLink(core))
+    again = push(coupling(9), HostLink(core))
     assert (again.table_id, again.crc32) == (first.table_id, first.crc32)
     assert again.readback_equal
     assert core.state().swaps == swaps
 
 
+def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() -> None:
+    """The wall of a second coupling is its own; nothing of the first is left."""
+    core = HostCore(host_library(), BoardLimits(max_force_n=20.0))
+    connection = Connection(HostLink(core))
+    ask = connection.session.ask
+    assert connection.run(ask(Kind.STATUS, b"", m.DeviceStatus)).coupling_id == ""
+    for limit, told in ((5.0, 5.0), (20.0, 20.0), (None, 20.0), (50.0, 20.0)):
+        made = coupling(1, largest=(10.0, 1e5, 0.0), wall=(0.0, 1e5 + (limit or 0.0)), max_force_n=limit)
+        result = push_over(connection, made)
+        assert result.max_force_n == told
+        assert ("its certificate does not know" in " ".join(result.notes)) == (limit == 50.0)
+        force, _ = core.tick(np.full(50, 5000, dtype=np.int32))
+        assert force[-1] == np.float32(told)
+        assert connection.run(ask(Kind.STATUS, b"", m.DeviceStatus)).coupling_id == made.id == result.coupling_id
+
+
+def test_the_wall_is_that_of_the_coupling() -> None:
+    core = host_core()
+    for stiffness in (2e3, 5e3):
+        push(coupling(1, largest=(0.0, 1e6, 0.0), seed=4, wall=(0.0, stiffness)), HostLink(core))
+        force, _ = core.tick(np.full(400, 500, dtype=np.int32))
+        k = TableImage.of(coupling(1, largest=(0.0, 1e6, 0.0), seed=4)).rows[0, 2]
+        assert force[-1] == pytest.approx(1e-3 * k * stiffness / (k + stiffness), rel=1e-4)
+
+
 def test_table_id_comes_from_the_content() -> None:
-    a, b = gain_table(schedule(9, seed=1)), gain_table(schedule(9, seed=2))
-    assert a.table_id == gain_table(schedule(9, seed=1)).table_id
+    a, b = image(9, seed=1), image(9, seed=2)
+    assert a.table_id == image(9, seed=1).table_id
     assert a.table_id != b.table_id
     assert a.crc32 == zlib.crc32(a.image)
 
@@ -208,11 +262,11 @@ def test_table_id_comes_from_the_content() -> None:
 def test_second_host_is_refused_while_the_first_is_sending() -> None:
     core = host_core()
     first, second = Connection(HostLink(core), session=1), Connection(HostLink(core), session=2)
-    table = gain_table(schedule(50, seed=1))
+    table = image(50, seed=1)
     begin = m.begin(1, table.table_id, table.crc32, len(table.rows))
     first.run(first.session.ask(Kind.BEGIN, begin, m.Acknowledged))
     first.run(first.session.ask(Kind.CHUNK, m.chunk(1, table.table_id, 0, table.image[:512]), m.Acknowledged))
-    other = gain_table(schedule(30, seed=2))
+    other = image(30, seed=2)
     with pytest.raises(RefusedError, match="another host is sending"):
         second.run(second.session.ask(Kind.BEGIN, m.begin(2, other.table_id, other.crc32, 30), m.Acknowledged))
     with pytest.raises(RefusedError, match="another host is sending"):
@@ -226,7 +280,7 @@ def test_second_host_is_refused_while_the_first_is_sending() -> None:
 def test_a_transfer_that_was_left_is_taken_over_after_two_seconds() -> None:
     core = host_core()
     first, second = Connection(HostLink(core), session=1), Connection(HostLink(core), session=2)
-    table = gain_table(schedule(50, seed=1))
+    table = image(50, seed=1)
     first.run(first.session.ask(Kind.BEGIN, m.begin(1, table.table_id, table.crc32, 50), m.Acknowledged))
     core.tick(np.zeros(2001, dtype=np.int32))
     second.run(second.session.push(table, second.device))
@@ -236,7 +290,7 @@ def test_a_transfer_that_was_left_is_taken_over_after_two_seconds() -> None:
 def test_abort_frees_the_device_at_once_and_only_for_the_host_that_was_sending() -> None:
     core = host_core()
     first, second = Connection(HostLink(core), session=1), Connection(HostLink(core), session=2)
-    table, other = gain_table(schedule(50, seed=1)), gain_table(schedule(30, seed=2))
+    table, other = image(50, seed=1), image(30, seed=2)
     begin = m.begin(2, other.table_id, other.crc32, 30)
     first.run(first.session.ask(Kind.BEGIN, m.begin(1, table.table_id, table.crc32, 50), m.Acknowledged))
 
@@ -260,7 +314,7 @@ def test_stream_needs_a_table_to_fall_back_to() -> None:
 @pytest.mark.parametrize(("b", "reason"), [(np.nan, Reason.NOT_FINITE), (-1.0, Reason.LIMIT), (1e9, Reason.LIMIT)])
 def test_streamed_gains_are_checked(b: float, reason: Reason) -> None:
     core = host_core()
-    push(schedule(5), HostLink(core))
+    push(coupling(5), HostLink(core))
     connection = Connection(HostLink(core))
     with pytest.raises(RefusedError) as caught:
         connection.run(connection.session.ask(Kind.SET_GAINS, m.set_gains(0, 60, b, 1.0, 0.0), m.GainsTaken))
@@ -280,7 +334,7 @@ def _content(data: bytes) -> bytes:
     return content
 
 
-@pytest.mark.parametrize(("interface", "who"), [(0, "the firmware"), (2, "avc-casadi")])
+@pytest.mark.parametrize(("interface", "who"), [(1, "the firmware"), (3, "avc-casadi")])
 def test_firmware_of_another_interface_is_refused_with_advice(interface: int, who: str) -> None:
     core = host_core()
     device = dataclasses.replace(Connection(HostLink(core)).device, interface_version=interface)

@@ -41,6 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             status.energy_j,
         )
         mode = f"{status.mode}, streaming" if status.streaming else status.mode
+        mode += f", coupling {status.coupling_id}" if status.has_table else ", no coupling"
         console.say(_line((str(status.ticks), *map(number, values)), mode))
     return Answer({"schema": "avc-monitor/1", "port": args.port, "samples": samples}, "")
 

@@ -1,19 +1,21 @@
 """Serial link to the device: bytes, frames, messages, session; firmware in C beside it.
 
-`push` sends a whole gain table, `stream` sends gains live, `monitor` reads the device's state, `export_c` writes C for
-other firmware. A port is a device path or ``emulator``, the real firmware image on an emulated board.
+`push` sends the table of a coupling, `stream` sends its gains live, `monitor` reads the device's state, `export_c`
+writes C for other firmware. A port is a device path or ``emulator``, the real firmware image on an emulated board.
 """
 
 from avc_hardware._bytes import ByteLink as ByteLink
 from avc_hardware._bytes import SerialLink as SerialLink
 from avc_hardware._connection import DEFAULT_BAUD as DEFAULT_BAUD
 from avc_hardware._connection import EMULATOR as EMULATOR
+from avc_hardware._connection import EMULATOR_IS_FRESH as EMULATOR_IS_FRESH
 from avc_hardware._connection import Connection as Connection
 from avc_hardware._connection import open_link as open_link
 from avc_hardware._diagnose import Diagnosis as Diagnosis
 from avc_hardware._diagnose import diagnose as diagnose
 from avc_hardware._emulator import EmulatedBoard as EmulatedBoard
-from avc_hardware._export import export_c as export_c
+from avc_hardware._figures import RuntimeFigures as RuntimeFigures
+from avc_hardware._host import BoardLimits as BoardLimits
 from avc_hardware._in_the_loop import FirmwareInTheLoop as FirmwareInTheLoop
 from avc_hardware._in_the_loop import LoopTrace as LoopTrace
 from avc_hardware._log import save_log as save_log
@@ -25,12 +27,12 @@ from avc_hardware._ports import find_port as find_port
 from avc_hardware._ports import list_ports as list_ports
 from avc_hardware._push import PushResult as PushResult
 from avc_hardware._push import push as push
+from avc_hardware._runs_on import check_runs_on as check_runs_on
 from avc_hardware._session import NoAnswerError as NoAnswerError
 from avc_hardware._session import RefusedError as RefusedError
 from avc_hardware._stream import StreamResult as StreamResult
 from avc_hardware._stream import StreamSample as StreamSample
 from avc_hardware._stream import stream as stream
-from avc_hardware._table import GainTable as GainTable
-from avc_hardware._table import TableSettings as TableSettings
-from avc_hardware._table import Wall as Wall
-from avc_hardware._table import gain_table as gain_table
+from avc_hardware._table import TableImage as TableImage
+from avc_hardware._tried import LoopResult as LoopResult
+from avc_hardware._tried import tried_in_the_loop as tried_in_the_loop

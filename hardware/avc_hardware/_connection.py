@@ -6,7 +6,7 @@ import math
 import secrets
 from collections import deque
 from collections.abc import Callable, Generator
-from typing import Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from avc_casadi import LinkError
 from avc_hardware._bytes import ByteLink, SerialLink
@@ -14,11 +14,18 @@ from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._frames import DELIMITER, Decoder
 from avc_hardware._messages import Device, HeartbeatSeen, Kind, Log, Message, heartbeat, parse
 from avc_hardware._ports import find_port
+from avc_hardware._runs_on import emulated_board
 from avc_hardware._session import Answer, Exchange, NoAnswerError, Session
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
 
 T = TypeVar("T")
 
 EMULATOR = "emulator"
+EMULATOR_IS_FRESH = (
+    "the emulated board is a fresh one in every command: no table and no state carries over from one to the next"
+)
 USB = "usb:"
 DEFAULT_BAUD = 115200
 # A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
@@ -139,19 +146,21 @@ class Connection:
         self.close()
 
 
-def open_link(port: str, *, baud: int = DEFAULT_BAUD) -> ByteLink:
+def open_link(port: str, *, baud: int = DEFAULT_BAUD, coupling: Coupling | None = None) -> ByteLink:
     """Open a port.
 
     Args:
         port: a device path, a pyserial URL, ``usb:`` and the serial number of a USB device wherever it is plugged in,
-            or ``emulator`` for the firmware image on an emulated board.
+            or ``emulator`` for the firmware image on an emulated board, a fresh one.
         baud: rate of a serial port.
+        coupling: for which the emulated board is made: its sample time, encoder, force limit and settings.
 
     Raises:
         LinkError: the port is not there or cannot be opened.
+        UnsupportedError: the emulated board cannot be made for this coupling.
         MissingExtraError: the emulator is asked for and not installed.
     """
     if port == EMULATOR:
-        return EmulatedBoard()
+        return EmulatedBoard() if coupling is None else emulated_board(coupling)
     number = port.removeprefix(USB)
     return SerialLink(find_port(number) if number != port else port, baud)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avc_casadi import UnsupportedError
@@ -31,6 +31,23 @@ class Image:
 
     segments: tuple[Segment, ...]
     symbols: dict[str, tuple[int, int]]
+
+    def patched(self, symbol: str, data: bytes) -> Image:
+        """Return the image with other bytes at a symbol.
+
+        Raises:
+            UnsupportedError: no such symbol of this size is loaded; the image is an older one.
+        """
+        address, size = self.symbols.get(symbol, (0, 0))
+        for index, segment in enumerate(self.segments):
+            at = address - segment.address
+            if size == len(data) and 0 <= at <= len(segment.data) - size:
+                changed = segment.data[:at] + data + segment.data[at + size :]
+                parts = (*self.segments[:index], Segment(segment.address, changed), *self.segments[index + 1 :])
+                return replace(self, segments=parts)
+        raise UnsupportedError(
+            f"the image has no {len(data)} bytes of {symbol}; build it anew: python -m avc_hardware.firmware_build"
+        )
 
 
 def read_elf(path: Path) -> Image:

@@ -7,10 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from avc_hardware._elf import read_elf
+from avc_hardware._figures import RuntimeFigures
 from avc_hardware._firmware import IMAGE
+from avc_hardware._host import BoardLimits
 from avc_hardware._machine import CLOCK_HZ, Machine
+from avc_hardware._patch import image_for
 
-METRES_PER_COUNT = 2e-6
 # The firmware needs so long to clear its memory and to switch the serial port on; bytes before that are lost.
 _BOOT_S = 2e-3
 
@@ -23,12 +25,18 @@ def tapping_hand(time_s: float) -> float:
 
 
 class EmulatedBoard:
-    """A `ByteLink` to the firmware: time passes only while something waits for an answer."""
+    """A `ByteLink` to the firmware: time passes only while something waits for an answer.
+
+    Attributes:
+        limits: what the board says of itself.
+    """
 
     def __init__(
         self,
         image: Path = IMAGE,
         *,
+        limits: BoardLimits | None = None,
+        figures: RuntimeFigures | None = None,
         motion_m: Callable[[float], float] = tapping_hand,
         encoder: Callable[[int], int] | None = None,
         on_force_code: Callable[[int], None] = lambda _: None,
@@ -39,18 +47,26 @@ class EmulatedBoard:
 
         Args:
             image: ELF file of the netduinoplus2 board.
+            limits: sample time, encoder and limits; None are those of the image.
+            figures: what the control tick is made for; None are those of the limits.
             motion_m: position of the encoder at a time, metres.
             encoder: in place of that, position in counts at a cycle; called once a tick.
             on_force_code: takes the 12-bit code of the force output at every tick.
             slice_cycles: see `Machine`.
             on_instruction: see `Machine`.
+
+        Raises:
+            UnsupportedError: the image has no program for these figures.
+            MissingExtraError: Unicorn is not installed.
         """
+        self.limits = limits or BoardLimits()
+        wanted = figures or RuntimeFigures(self.limits.sample_time_s, self.limits.metres_per_count)
 
         def counts(cycle: int) -> int:
-            return round(motion_m(cycle / CLOCK_HZ) / METRES_PER_COUNT)
+            return round(motion_m(cycle / CLOCK_HZ) / self.limits.metres_per_count)
 
         self.machine = Machine(
-            read_elf(image),
+            image_for(read_elf(image), self.limits, wanted),
             encoder=encoder or counts,
             actuator=on_force_code,
             slice_cycles=slice_cycles,

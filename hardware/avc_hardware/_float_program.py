@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,7 +79,7 @@ class _Node:
 
 
 class FloatProgram:
-    """The instructions of a CasADi function of scalars, in CasADi's order.
+    """The instructions of a CasADi function of scalars, in CasADi's order, each value computed once.
 
     Attributes:
         inputs: names of the scalar inputs.
@@ -101,6 +101,7 @@ class FloatProgram:
         self._nodes: list[_Node] = []
         self._results: dict[int, int] = {}
         latest: dict[int, int] = {}
+        known: dict[_Node, int] = {}
         for index in range(function.n_instructions()):
             operation = function.instruction_id(index)
             inputs = function.instruction_input(index)
@@ -116,8 +117,10 @@ class FloatProgram:
                 node = self._joined(_Node(operation, tuple(latest[at] for at in inputs)))
             else:
                 raise UnsupportedError(f"{function.name()}: CasADi operation {operation} has no single-precision form")
-            latest[output] = len(self._nodes)
-            self._nodes.append(node)
+            if node not in known:
+                known[node] = len(self._nodes)
+                self._nodes.append(node)
+            latest[output] = known[node]
         self._needed = self._reachable()
 
     def _joined(self, node: _Node) -> _Node:
@@ -142,6 +145,33 @@ class FloatProgram:
                 wanted |= set(self._nodes[at].arguments)
         return sorted(wanted)
 
+    def constants_of(self, other: FloatProgram) -> dict[int, float] | None:
+        """Return the values that this program's constants have in another, by place.
+
+        Returns:
+            None where the other is no program of the same form: other operations, or one constant with two values.
+        """
+        found: dict[int, float] = {}
+        seen: set[tuple[int, int]] = set()
+        pairs = [(self._results[index], other._results[index]) for index in self._results]
+        while pairs:
+            own, its = pair = pairs.pop()
+            if pair in seen:
+                continue
+            seen.add(pair)
+            node, twin = self._nodes[own], other._nodes[its]
+            if node.operation != twin.operation:
+                return None
+            if node.operation == self._ca.OP_CONST:
+                if found.setdefault(own, twin.constant) != twin.constant:
+                    return None
+            elif node.operation == self._ca.OP_INPUT:
+                if node.arguments != twin.arguments:
+                    return None
+            else:
+                pairs.extend(zip(node.arguments, twin.arguments, strict=True))
+        return found
+
     def __call__(self, *values: Any) -> tuple[Float32Array, ...]:
         """Run in single precision on scalars or arrays, one value an input."""
         given = [np.asarray(value, dtype=np.float32) for value in values]
@@ -159,8 +189,23 @@ class FloatProgram:
                     work[at] = chosen.numpy(*(_as(work[argument], truth=truth) for argument, truth in pairs))
         return tuple(_as(work[self._results[index]], truth=False) for index in range(len(self.outputs)))
 
-    def c_lines(self, of_input: Callable[[str], str], of_output: Callable[[str], str]) -> list[str]:
-        """Return the statements of a C function; an output may share its place with an input, as a state does."""
+    def c_lines(
+        self,
+        of_input: Callable[[str], str],
+        of_output: Callable[[str], str],
+        *,
+        constants: Mapping[int, str] | None = None,
+        prefix: str = "",
+    ) -> list[str]:
+        """Return the statements of a C function; an output may share its place with an input, as a state does.
+
+        Args:
+            of_input: where the function finds an input.
+            of_output: what an output is assigned to.
+            constants: by place, what stands for a constant instead of its number.
+            prefix: of the names of values, for two programs in one function.
+        """
+        places = constants or {}
         lines: list[str] = []
         names: dict[int, str] = {}
         truths: set[int] = set()
@@ -173,24 +218,24 @@ class FloatProgram:
         for at in self._needed:
             node = self._nodes[at]
             if node.operation == self._ca.OP_CONST:
-                names[at] = literal(np.float32(node.constant))
+                names[at] = places.get(at) or literal(np.float32(node.constant))
             elif node.operation == self._ca.OP_INPUT:
                 names[at] = of_input(self.inputs[node.arguments[0]])
             else:
                 chosen = self._operations[node.operation]
                 pairs = zip(node.arguments, chosen.of_truth, strict=False)
                 text = chosen.c.format(*(argument(value, truth=truth) for value, truth in pairs))
-                names[at] = f"v{at}"
+                names[at] = f"{prefix}v{at}"
                 if chosen.truth:
                     truths.add(at)
-                lines.append(f"const {'bool' if chosen.truth else 'float'} v{at} = {text};")
+                lines.append(f"const {'bool' if chosen.truth else 'float'} {names[at]} = {text};")
         # States are read all over the body: none is written before all is computed.
         kept, stores = [], []
         for index, name in enumerate(self.outputs):
             value = argument(self._results[index], truth=False)
-            if value.startswith(("state->", "in->")):
-                kept.append(f"const float r{index} = {value};")
-                value = f"r{index}"
+            if "->" in value:
+                kept.append(f"const float {prefix}r{index} = {value};")
+                value = f"{prefix}r{index}"
             stores.append(f"{of_output(name)} = {value};")
         return lines + kept + stores
 

@@ -25,8 +25,10 @@ class BoardLimits:
     max_damping_ns_per_m: float = 1e5
     max_stiffness_n_per_m: float = 1e8
     max_contact_damping_ns_per_m: float = 1e4
-    wall_damping_ns_per_m: float = 10.0
-    wall_stiffness_n_per_m: float = 1e5
+
+    def packed(self) -> bytes:
+        """Return the bytes of the firmware's `avc_limits_t`."""
+        return bytes(_Limits(*(getattr(self, field.name) for field in fields(self))))
 
 
 class _Limits(ctypes.Structure):
@@ -58,7 +60,8 @@ class HostCore:
         self._c.avc_host_new.restype = ctypes.c_void_p
         self._c.avc_host_read.restype = ctypes.c_size_t
         self._c.avc_host_image.restype = ctypes.c_size_t
-        self._limits = _Limits(*(getattr(limits or BoardLimits(), field.name) for field in fields(BoardLimits)))
+        self.limits = limits or BoardLimits()
+        self._limits = _Limits.from_buffer_copy(self.limits.packed())
         self._device: ctypes.c_void_p | None = None
         self._boots = 0
         self.reset()
@@ -116,7 +119,7 @@ class HostCore:
 
 
 class HostLink:
-    """A `ByteLink` to a `HostCore`, one tick a millisecond of virtual time; bytes take no time."""
+    """A `ByteLink` to a `HostCore`, one tick a sample of virtual time; bytes take no time."""
 
     def __init__(self, core: HostCore, *, position: Callable[[int], int] = lambda _: 0) -> None:
         """Connect; ``position`` gives the encoder's counts at a tick."""
@@ -131,7 +134,7 @@ class HostLink:
 
     def now_s(self) -> float:
         """Virtual time, seconds."""
-        return self._ticks * 1e-3
+        return self._ticks * self.core.limits.sample_time_s
 
     def write(self, data: bytes) -> None:
         """Send all bytes."""
@@ -139,7 +142,7 @@ class HostLink:
 
     def read(self, timeout_s: float) -> bytes:
         """Let the device tick until it has sent something."""
-        end = self._ticks + max(1, round(timeout_s * 1e3))
+        end = self._ticks + max(1, round(timeout_s / self.core.limits.sample_time_s))
         while not (data := self.core.read()) and self._ticks < end:
             self.core.tick(np.array([self._position(self._ticks)], dtype=np.int32))
             self._ticks += 1

@@ -1,33 +1,40 @@
 """Hardware in the loop: the plant of a scene in Python, the firmware image on the emulated core, in lock step.
 
 At every tick the plant moves by one sample under the force that the firmware has put on its output (12 bits), and the
-encoder shows where it is. The link stays open meanwhile: tables may be pushed while the hand presses. Nothing depends
-on the computer's clock.
+encoder shows where it is. The link stays open meanwhile: couplings may be pushed while the hand presses. Nothing
+depends on the computer's clock.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi import InputError, Problem, UnsupportedError
-from avc_casadi.coupling import GainSchedule
+from avc_casadi import InputError, UnsupportedError
+from avc_casadi.coupling import Coupling
 from avc_casadi.loop import DEVICE, GROUND, Plant, transition
 from avc_casadi.scene import target_of
-from avc_casadi.scene.effects import build_effects
+from avc_casadi.scene.effects import Delay, Saturation, SceneEffect, build_effects
 from avc_hardware._connection import Connection
-from avc_hardware._emulator import METRES_PER_COUNT, EmulatedBoard
+from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._machine import CLOCK_HZ
 from avc_hardware._messages import DeviceStatus, Kind
 from avc_hardware._push import PushResult, push_over
 from avc_hardware._qemu import LockStepBoard
-from avc_hardware._table import TableSettings, Wall
+from avc_hardware._runs_on import emulated_board, limits_of
 
+if TYPE_CHECKING:
+    from avc_casadi import Problem
+    from avc_hardware._host import BoardLimits
+
+PLANT_KINDS = frozenset({"hand", "stylus-hand", "viscous-friction", "resonance", "amplifier", "delay"})
+"""Effects of a scene that the bench has, beside what the firmware does itself."""
+_FIRMWARE_KINDS = frozenset({"wall", "encoder", "estimator", "adaptation", "guard", "saturation"})
 _CODE_ZERO, _CODE_FULL = 2048, 2047
-# Effects that are part of the plant or of the firmware; the others the bench does not have.
-_KNOWN = {"hand", "stylus-hand", "viscous-friction", "resonance", "wall", "encoder", "estimator", "adaptation", "guard"}
 
 
 @dataclass
@@ -54,58 +61,63 @@ class FirmwareInTheLoop:
         connection: the open link to it.
     """
 
-    def __init__(self, problem: Problem, *, qemu: tuple[Path, str] | None = None) -> None:
-        """Build the plant of the problem's scene, start the firmware, and open the link.
+    def __init__(self, of: Coupling | Problem, *, qemu: tuple[Path, str] | None = None) -> None:
+        """Build the plant of the problem's scene, start the firmware, and open the link; no table runs yet.
 
         Args:
-            problem: its scene may have a hand, a wall and what the firmware does itself.
+            of: a coupling, whose settings the firmware gets; or a problem. Sample time, encoder and force limit are
+                those of its device; where it says nothing, 2 um and 50 N.
             qemu: image and name of a bench target, to run in QEMU; its output has no steps. Call `stop` in the end.
 
         Raises:
-            InputError: the problem's sample time is not the firmware's.
-            UnsupportedError: the scene has an effect that the bench does not have.
+            InputError: QEMU's image has another sample time or encoder.
+            UnsupportedError: the scene has an effect that the bench does not have, or the firmware cannot run so.
         """
+        problem = of.problem if isinstance(of, Coupling) else of
+        limits = limits_of(problem)
         effects = build_effects(problem)
-        foreign = [effect.kind for effect in effects if effect.kind not in _KNOWN]
-        if foreign:
-            raise UnsupportedError(
-                f"{problem.name}: the bench has no {', '.join(foreign)}; allowed: {', '.join(sorted(_KNOWN))}"
-            )
+        _check(problem, effects, limits)
         plant = Plant()
         plant.add_mass(DEVICE, problem.device.mass_kg)
         plant.join(DEVICE, GROUND, 0.0, problem.device.damping_ns_per_m)
         for effect in effects:
             effect.mechanics(plant)
-        time_s = problem.device.sample_time_s
+        time_s = limits.sample_time_s
         self._step = transition(plant.linear(), time_s)
         self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
         self._state = np.zeros(self._step.matrix.shape[-1])
         self._state[0] = self._target.device_start_m
-        self._force_n = 0.0
+        delay = sum(effect.samples for effect in effects if isinstance(effect, Delay))
+        self._acting = deque([0.0] * (delay + 1))  # the force that acts, and those that are still to act
         self._sample = -1  # the motion has not begun
-        self._most_n = 0.0
-        self._settings = TableSettings(
-            wall=Wall(problem.environment.damping_ns_per_m, problem.environment.stiffness_n_per_m)
-        )
+        self._limits = limits
         self.trace = LoopTrace()
-        self.board: EmulatedBoard | LockStepBoard
-        if qemu is None:
-            self.board = EmulatedBoard(encoder=lambda _: self._encoder(), on_force_code=self._actuate)
-        else:
-            self.board = LockStepBoard(*qemu, position=lambda _: self._encoder())
-            self.board.on_force = self._hold
+        self.board = self._board(of, qemu)
         self.connection = Connection(self.board, session=1)
-        self._most_n = self.connection.device.max_force_n
-        if not np.isclose(self.connection.device.sample_time_s, time_s, rtol=1e-6):
+        device = self.connection.device
+        if not np.allclose(
+            [device.sample_time_s, device.metres_per_count], [time_s, limits.metres_per_count], rtol=1e-6
+        ):
+            self.stop()
             raise InputError.of(
-                f"is {time_s:g} s; allowed: {self.connection.device.sample_time_s:g}, the firmware's",
+                f"has T = {time_s:g} s and encoder steps of {limits.metres_per_count:g} m; allowed in QEMU: "
+                f"{device.sample_time_s:g} s and {device.metres_per_count:g} m, those of its image",
                 file=problem.name,
-                key="device.sample_time_s",
+                key="device",
             )
 
-    def push(self, gains: GainSchedule, settings: TableSettings | None = None) -> PushResult:
-        """Push a table; the plant goes on meanwhile. The wall is the problem's unless the settings say otherwise."""
-        return push_over(self.connection, gains, settings=settings or self._settings)
+    def _board(self, of: Coupling | Problem, qemu: tuple[Path, str] | None) -> EmulatedBoard | LockStepBoard:
+        if qemu is not None:
+            board = LockStepBoard(*qemu, position=lambda _: self._encoder())
+            board.on_force = self._hold
+            return board
+        if isinstance(of, Coupling):
+            return emulated_board(of, encoder=lambda _: self._encoder(), on_force_code=self._actuate)
+        return EmulatedBoard(limits=self._limits, encoder=lambda _: self._encoder(), on_force_code=self._actuate)
+
+    def push(self, coupling: Coupling) -> PushResult:
+        """Push a coupling; the plant goes on meanwhile."""
+        return push_over(self.connection, coupling)
 
     def run(self, seconds: float) -> LoopTrace:
         """Let time pass; the first call begins the motion."""
@@ -132,17 +144,34 @@ class FirmwareInTheLoop:
         before = self._sample - 1  # the interval that ends now
         moves = self._target.velocity_m_per_s[before] if 0 <= before <= last else 0.0
         target = np.array([self._target.position_m[min(max(before, 0), last)], moves])
-        self._state = self._step.matrix @ self._state + self._step.force * self._force_n + self._step.target @ target
+        force = self._step.force * self._acting[0]
+        self._state = self._step.matrix @ self._state + force + self._step.target @ target
         if self._sample >= 0:
             self._sample += 1
             self.trace.position_m.append(float(self._state[0]))
             self.trace.velocity_m_per_s.append(float(self._state[1]))
-        return round(float(self._state[0]) / METRES_PER_COUNT)
+        return round(float(self._state[0]) / self._limits.metres_per_count)
 
     def _actuate(self, code: int) -> None:
-        self._hold((code - _CODE_ZERO) / _CODE_FULL * self._most_n)
+        self._hold((code - _CODE_ZERO) / _CODE_FULL * self._limits.max_force_n)
 
     def _hold(self, force_n: float) -> None:
-        self._force_n = force_n
+        self._acting.append(force_n)
+        self._acting.popleft()
         if self._sample >= 0 and self.trace.position_m:
-            self.trace.force_n.append(self._force_n)
+            self.trace.force_n.append(force_n)
+
+
+def _check(problem: Problem, effects: tuple[SceneEffect, ...], limits: BoardLimits) -> None:
+    foreign = [effect.kind for effect in effects if effect.kind not in PLANT_KINDS | _FIRMWARE_KINDS]
+    if foreign:
+        raise UnsupportedError(
+            f"{problem.name}: the bench has no {', '.join(foreign)}; allowed: "
+            f"{', '.join(sorted(PLANT_KINDS | _FIRMWARE_KINDS))}"
+        )
+    for effect in effects:
+        if isinstance(effect, Saturation) and effect.force_n != limits.max_force_n:
+            raise UnsupportedError(
+                f"{problem.name}: the scene limits the force at {effect.force_n:g} N, the board at "
+                f"{limits.max_force_n:g} N; set device.max_force_n instead"
+            )

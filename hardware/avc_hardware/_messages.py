@@ -9,9 +9,10 @@ from enum import IntEnum
 
 import numpy as np
 
+from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 from avc_hardware._frames import PROTOCOL_VERSION, Frame
 
-INTERFACE_VERSION = 1
+INTERFACE_VERSION = 2
 REPLY = 0x80
 UNITS_SI = 1  # Hz, N.s/m, N/m, N.s/m
 
@@ -109,6 +110,7 @@ class Device:
         table_crc32: of the running table.
         table_rows: of the running table.
         transfer_open: whether some host is sending a table.
+        figures: what its control tick was generated for.
     """
 
     interface_version: int
@@ -128,6 +130,7 @@ class Device:
     table_crc32: int
     table_rows: int
     transfer_open: bool
+    figures: RuntimeFigures
 
 
 @dataclass(frozen=True)
@@ -149,6 +152,7 @@ class DeviceStatus:
         encoder_count: raw position.
         table_id: of the running table.
         table_crc32: of the running table.
+        coupling_id: of the running coupling, 8 hexadecimal digits; empty without one.
         frames_good: received.
         frames_bad: received with an error and dropped.
         bytes_lost: by the receiver.
@@ -180,6 +184,7 @@ class DeviceStatus:
     encoder_count: int
     table_id: int
     table_crc32: int
+    coupling_id: str
     frames_good: int
     frames_bad: int
     bytes_lost: int
@@ -198,8 +203,9 @@ class DeviceStatus:
 
 
 MODES = ("table", "ramp", "safe")
-_HELLO = struct.Struct("<HHHH8sII6fIIHH")
-_STATUS = struct.Struct("<II9fi13I4B")
+_COUPLING_ID = 14  # place in STATUS
+_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHH")
+_STATUS = struct.Struct("<II9fi14I4B")
 _GREETING = struct.Struct("<IHH")
 _BEGIN = struct.Struct("<IIIHH")
 _CHUNK = struct.Struct("<III")
@@ -316,15 +322,32 @@ def _reason(code: int) -> Reason | int:
 def _device(payload: bytes) -> Device:
     values = _HELLO.unpack(payload)
     build = values[4].rstrip(b"\0").decode("ascii", "replace")
-    # 1e-3 travels as 0.0010000000475: say what was meant
-    meant = [float(str(np.float32(value))) for value in values[7:13]]
-    return Device(*[*values[:4], build, *values[5:7], *meant, *values[13:16], bool(values[16])])
+    meant = [_meant(value) for value in values[7:13]]
+    hold_s, slew_per_s, guard = map(_meant, values[17:20])
+    figures = RuntimeFigures(
+        sample_time_s=meant[0],
+        metres_per_count=meant[1],
+        estimator=ESTIMATOR_NUMBERS[values[20]],
+        hold_s=hold_s,
+        slew_per_s=slew_per_s or None,
+        passive=bool(values[21]),
+        guard_damping_ns_per_m=guard,
+    )
+    return Device(*[*values[:4], build, *values[5:7], *meant, *values[13:16], bool(values[16]), figures])
+
+
+def _meant(value: float) -> float:
+    """1e-3 travels as 0.0010000000475: say what was meant."""
+    return float(str(np.float32(value)))
 
 
 def _status(payload: bytes) -> DeviceStatus:
     values = _STATUS.unpack(payload)
     mode, streaming, contact, has_table = values[-4:]
-    return DeviceStatus(*[*values[:-4], MODES[mode], bool(streaming), bool(contact), bool(has_table)])
+    at = _COUPLING_ID
+    coupling = f"{values[at]:08x}" if has_table else ""
+    flags = (MODES[mode], bool(streaming), bool(contact), bool(has_table))
+    return DeviceStatus(*[*values[:at], coupling, *values[at + 1 : -4], *flags])
 
 
 def _readback(payload: bytes) -> Readback:

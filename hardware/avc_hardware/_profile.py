@@ -7,15 +7,18 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from avc_casadi.coupling import GainSchedule
 from avc_hardware._connection import Connection
 from avc_hardware._elf import read_elf
 from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._firmware import IMAGE
 from avc_hardware._machine import CLOCK_HZ
 from avc_hardware._monitor import pause
-from avc_hardware._table import TableSettings, gain_table
+from avc_hardware._push import push_over
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
 
 _ENTRY = "avc_device_tick"
 _OUTSIDE = "systick_handler"
@@ -49,19 +52,17 @@ class TickCount:
 
 
 def tick_instructions(
-    gains: GainSchedule,
+    coupling: Coupling,
     *,
     counts: Callable[[int], int],
-    settings: TableSettings | None = None,
     ticks: int = 500,
     image: Path = IMAGE,
 ) -> tuple[TickCount, ...]:
-    """Push a table to an emulated board at rest, then move and count every tick.
+    """Push a coupling to an emulated board at rest, then move and count every tick.
 
     Args:
-        gains: the table.
+        coupling: for a sample time of 1 ms.
         counts: position of the encoder at a tick of the motion.
-        settings: what travels with the table.
         ticks: how many.
         image: of the netduinoplus2 board.
     """
@@ -103,7 +104,7 @@ def tick_instructions(
 
     board = EmulatedBoard(image, encoder=encoder, on_instruction=seen)
     with Connection(board, session=1) as connection:
-        connection.run(connection.session.push(gain_table(gains, settings=settings), connection.device))
+        push_over(connection, coupling)
         connection.run(pause(0.3))
     found.clear()
     moving = True

@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi.support import Float32Array
+from avc_hardware._figures import RuntimeFigures
 from avc_hardware._host import BoardLimits
 from avc_hardware._reference import lookup
-from avc_hardware._runtime_program import GAINS, RuntimeFigures, RuntimeProgram, runtime_programs
-from avc_hardware._table import (
-    GainTable,
-    Wall,
-)
+from avc_hardware._runtime_program import GAINS, RuntimeProgram, runtime_programs
+from avc_hardware._table import TableImage
 
 _f = np.float32
 Columns = dict[str, Float32Array]
@@ -46,24 +44,23 @@ class ReferenceDevice:
         self._estimate, self._couple, self._guard = runtime_programs(figures)
         self._states: dict[str, Columns] = {}
         self._rest = np.zeros(devices, dtype=np.float32)
-        self._table: GainTable | None = None
-        self._wall = Wall(limits.wall_damping_ns_per_m, limits.wall_stiffness_n_per_m)
+        self._table: TableImage | None = None
 
-    def swap(self, table: GainTable) -> None:
+    def swap(self, table: TableImage) -> None:
         """Give a table that comes into force with the next tick."""
         self._table = table
-        self._wall = table.settings.wall or self._wall
 
     def tick(self, counts: NDArray[np.int32]) -> ReferenceTick:
         """Run one tick; ``counts`` are the encoders' positions, shape (devices,)."""
         x = counts.astype(np.float32) * _f(self._limits.metres_per_count)
-        rows = None if self._table is None else self._table.rows
+        table = self._table
+        rows = None if table is None else table.rows
         if not self._states:
             self._states["estimate"] = self._estimate.start(x)
         rest_hz = np.asarray(1.0 if rows is None else rows[0, 0], dtype=np.float32)
         seen = self._run(self._estimate, {"position_m": x, "rest_hz": rest_hz})
         frequency = np.where(seen["valid"] != 0, seen["estimate_hz"], _f(np.nan))
-        if self._table is None or rows is None:
+        if table is None or rows is None:
             self._states["couple"], self._states["guard"] = self._couple.start(x), self._guard.start(x)
             nothing = np.zeros((len(x), 3), dtype=np.float32)
             return ReferenceTick(np.zeros_like(x), frequency, seen["frequency_hz"], nothing)
@@ -71,15 +68,16 @@ class ReferenceDevice:
         inputs: Columns = {f"wanted_{name}": wanted[..., index] for index, name in enumerate(GAINS)}
         inputs |= {
             "position_m": x,
-            "wall_damping_ns_per_m": np.asarray(self._wall.damping_ns_per_m, dtype=np.float32),
-            "wall_stiffness_n_per_m": np.asarray(self._wall.stiffness_n_per_m, dtype=np.float32),
+            "wall_damping_ns_per_m": np.asarray(table.wall_damping_ns_per_m, dtype=np.float32),
+            "wall_stiffness_n_per_m": np.asarray(table.wall_stiffness_n_per_m, dtype=np.float32),
+            "relaxes": np.asarray(table.varies, dtype=np.float32),
         }
         made = self._run(self._couple, inputs)
         force = made["force_n"]
-        if self._table.settings.guard:
+        if table.guard:
             watched = {"position_m": x, "force_n": force, "stored_j": made["stored_j"]}
             force = self._run(self._guard, watched)["guarded_n"]
-        most = _f(self._limits.max_force_n)
+        most = min(_f(table.max_force_n) or _f(self._limits.max_force_n), _f(self._limits.max_force_n))
         force = np.where(force > most, most, np.where(force < -most, -most, force))
         self._states["couple"]["held_force_n"] = force
         self._states["guard"]["held_force_n"] = force

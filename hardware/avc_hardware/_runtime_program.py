@@ -7,39 +7,17 @@ tick is cut where the table is: `estimate` gives the frequency of the look-up, `
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from avc_casadi.runtime import AdaptationSettings, EstimatorSettings, GuardSettings, HoldSettings
 from avc_casadi.scene.effects import Adaptation, Estimator, Guard
 from avc_casadi.scene.loop import Environment, Tick, contact_damper, series_force
 from avc_casadi.support import Float32Array
-from avc_hardware._float_program import FloatProgram, literal
+from avc_hardware._figures import RuntimeFigures
+from avc_hardware._float_program import FloatProgram
 
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-
-
-@dataclass(frozen=True)
-class RuntimeFigures:
-    """What a firmware is generated for.
-
-    Attributes:
-        sample_time_s: T.
-        metres_per_count: of the encoder; sets the estimator's floor.
-        estimator: method.
-        hold_s: how long a lost estimate is kept.
-        slew_per_s: largest relative change of a gain, a second; None for no limit.
-        passive: whether gains change without creating energy, with anchor and tank.
-        guard_damping_ns_per_m: most that the guard adds: the device's own damping.
-    """
-
-    sample_time_s: float = 1e-3
-    metres_per_count: float = 2e-6
-    estimator: str = "fused"
-    hold_s: float = 0.2
-    slew_per_s: float | None = 20.0
-    passive: bool = True
-    guard_damping_ns_per_m: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -64,18 +42,7 @@ class RuntimeProgram:
 
     def start(self, position_m: Float32Array) -> dict[str, Float32Array]:
         """Return the states of a device that has always rested at a position, each of its shape."""
-        import numpy as np  # noqa: PLC0415
-
-        zero = np.zeros_like(position_m)
-        found = {}
-        for name, (middle, high, low) in zip(self.states, self.initial, strict=True):
-            value = zero + np.float32(middle)
-            if (high, low) == (middle + 1, middle - 1):
-                value = position_m
-            elif (high, low) == (middle + 1, middle):
-                value = np.where(position_m > 0, position_m, zero)
-            found[name] = value
-        return found
+        return states_at_rest(self.states, self.initial, position_m)
 
     def __call__(
         self, states: dict[str, Float32Array], inputs: dict[str, Any]
@@ -85,6 +52,30 @@ class RuntimeProgram:
         outputs = dict(zip(self.outputs, results, strict=False))
         following = dict(zip(self.states, results[len(self.outputs) :], strict=True))
         return following, outputs
+
+
+def states_at_rest(
+    states: tuple[str, ...], initial: tuple[tuple[float, float, float], ...], position_m: Float32Array
+) -> dict[str, Float32Array]:
+    """Return the states of a device that has always rested at a position, each of its shape.
+
+    Args:
+        states: names.
+        initial: of each with the device at 0, at +1 and at -1.
+        position_m: any shape.
+    """
+    import numpy as np  # noqa: PLC0415
+
+    zero = np.zeros_like(position_m)
+    found = {}
+    for name, (middle, high, low) in zip(states, initial, strict=True):
+        value = zero + np.float32(middle)
+        if (high, low) == (middle + 1, middle - 1):
+            value = position_m
+        elif (high, low) == (middle + 1, middle):
+            value = np.where(position_m > 0, position_m, zero)
+        found[name] = value
+    return found
 
 
 @dataclass(frozen=True)
@@ -101,7 +92,7 @@ class _AnyWall(Environment):
 
 
 @dataclass
-class _AnyTable:
+class AnyTable:
     """A gain table that is not known: the look-up is an input."""
 
     rest_hz: Any
@@ -139,7 +130,7 @@ def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
     estimate = Tick(time, start_m)
     seen = symbols("position_m", "rest_hz")
     wanted = symbols(*(f"wanted_{name}" for name in GAINS))
-    table: Any = _AnyTable(seen["rest_hz"], list(wanted.values()))
+    table: Any = AnyTable(seen["rest_hz"], list(wanted.values()))
     estimate.position = seen["position_m"]
     settings = EstimatorSettings.for_encoder(figures.metres_per_count, time)
     with estimate.owned_by("estimate"):
@@ -161,7 +152,16 @@ def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
     adaptation.sample(couple)
     del couple.states[hold_states:]
     wall = symbols("wall_damping_ns_per_m", "wall_stiffness_n_per_m")
-    given = {"position_m": couple.position} | wanted | wall
+    # Gains that do not vary leave nothing to relax out of contact: their scene has no adaptation.
+    relaxes = symbols("relaxes")
+    given = {"position_m": couple.position} | wanted | wall | relaxes
+    adapt: Any = couple.adapt
+
+    def adapted(deflection: Any, one_sided: bool) -> Any:
+        found = adapt(deflection, one_sided)
+        return replace(found, touching=ca.if_else(relaxes["relaxes"], found.touching, 1))
+
+    couple.adapt = adapted
     environment = _AnyWall(wall["wall_stiffness_n_per_m"], wall["wall_damping_ns_per_m"], one_sided=True)
     series = series_force(couple, environment, rigid=False)
     couple.command = contact_damper(couple, series, one_sided=True)
@@ -191,7 +191,7 @@ def _program(
     import casadi as ca  # noqa: PLC0415
 
     states = [slot.name for slot in tick.states]
-    results = ca.cse([ca.SX(value) for value in (*outputs.values(), *tick.successors())])
+    results = [ca.SX(value) for value in (*outputs.values(), *tick.successors())]
     function = ca.Function(
         name,
         [*inputs.values(), *(slot.symbol for slot in tick.states)],
@@ -207,80 +207,3 @@ def _program(
         initial=tuple((row[0], row[1], row[2]) for row in initial),
         program=FloatProgram(function),
     )
-
-
-_BANNER = """/* Generated from the scene's CasADi expressions, do not edit:
- * python -m avc_hardware.firmware_build generate */"""
-
-
-def c_sources(part: RuntimeProgram, figures: RuntimeFigures) -> dict[str, str]:
-    """Return header and source of one part by file name."""
-    name = f"avc_{part.name}"
-
-    def struct(kind: str, members: tuple[str, ...]) -> str:
-        return "typedef struct {\n" + "".join(f"    float {member};\n" for member in members) + f"}} {name}_{kind}_t;\n"
-
-    def of_input(symbol: str) -> str:
-        return f"state->{symbol[6:]}" if symbol.startswith("state_") else f"in->{symbol}"
-
-    def of_output(symbol: str) -> str:
-        return f"state->{symbol[5:]}" if symbol.startswith("next_") else f"out->{symbol[4:]}"
-
-    start = f"void {name}_start({name}_state_t *state, float position_m)"
-    step = f"void {name}_step({name}_state_t *state, const {name}_in_t *in, {name}_out_t *out)"
-    guard = f"{name.upper()}_H"
-    header = "\n".join(
-        [
-            _BANNER,
-            f"/* {_figures(part, figures)} */",
-            f"#ifndef {guard}",
-            f"#define {guard}",
-            "",
-            struct("state", part.states),
-            struct("in", part.inputs),
-            struct("out", part.outputs),
-            "/* The state of a device that has always rested at a position. */",
-            f"{start};",
-            "",
-            "/* One tick. */",
-            f"{step};",
-            "",
-            "#endif",
-            "",
-        ]
-    )
-    body = part.program.c_lines(of_input, of_output)
-    source = [
-        _BANNER,
-        f'#include "{name}.h"',
-        "",
-        "#include <stdbool.h>",
-        "",
-        start,
-        "{",
-        *(f"    {line}" for line in _start_lines(part)),
-        "}",
-    ]
-    source += ["", step, "{", *(f"    {line}" for line in body), "}", ""]
-    return {f"{name}.h": header, f"{name}.c": "\n".join(source)}
-
-
-def _figures(part: RuntimeProgram, figures: RuntimeFigures) -> str:
-    named = vars(figures) | ({} if part.name == "estimate" else {"estimator": "any"})
-    return ", ".join(f"{name} {value}" for name, value in named.items())
-
-
-def _start_lines(part: RuntimeProgram) -> list[str]:
-    import numpy as np  # noqa: PLC0415
-
-    lines = []
-    for name, (middle, high, low) in zip(part.states, part.initial, strict=True):
-        value = literal(np.float32(middle))
-        if (high, low) == (middle + 1, middle - 1):
-            value = "position_m"
-        elif (high, low) == (middle + 1, middle):
-            value = "position_m > 0.0f ? position_m : 0.0f"
-        lines.append(f"state->{name} = {value};")
-    if not any("= position_m" in line for line in lines):
-        lines.append("(void)position_m;")
-    return lines

@@ -14,7 +14,7 @@ from avc_casadi import LinkError
 from avc_hardware import _messages as m
 from avc_hardware._frames import DELIMITER, Frame, encode
 from avc_hardware._messages import Kind, Message, Reason, Refusal
-from avc_hardware._table import GainTable
+from avc_hardware._table import TableImage
 
 T = TypeVar("T")
 
@@ -145,7 +145,7 @@ class Session:
             image += answer.data
         return table_id, image
 
-    def push(self, table: GainTable, device: m.Device) -> Generator[Exchange, Answer, Upload]:
+    def push(self, table: TableImage, device: m.Device) -> Generator[Exchange, Answer, Upload]:
         """Send a table, have it swapped in, read it back; begun anew when the device was reset or is busy."""
         failure: LinkError | None = None
         for attempt in range(1, ATTEMPTS + 1):
@@ -166,7 +166,7 @@ class Session:
                 failure = LinkError("the table read back differs from the one sent; another host may have pushed")
         raise LinkError(f"the table was not taken after {ATTEMPTS} attempts: {failure}") from failure
 
-    def _transfer(self, table: GainTable, device: m.Device) -> Generator[Exchange, Answer, m.Committed]:
+    def _transfer(self, table: TableImage, device: m.Device) -> Generator[Exchange, Answer, m.Committed]:
         image, table_id, crc32 = table.image, table.table_id, table.crc32
         begun = yield from self.ask(Kind.BEGIN, m.begin(self.number, table_id, crc32, len(table.rows)), m.Acknowledged)
         yield from self._chunks(image, table_id, begun.received, device)

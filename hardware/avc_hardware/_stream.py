@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi import InputError, LinkError
-from avc_casadi.coupling import (
-    GainSchedule,
-)
 from avc_casadi.support import Float32Array, FloatArray
 from avc_hardware import _messages as m
 from avc_hardware._bytes import ByteLink
@@ -19,11 +17,11 @@ from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware._messages import DeviceStatus, GainsTaken, Kind, Reason, Refusal
 from avc_hardware._push import PushResult, push_over
 from avc_hardware._reference import lookup
+from avc_hardware._runs_on import check_runs_on
 from avc_hardware._session import Answer, Exchange, Session
-from avc_hardware._table import (
-    TableSettings,
-    gain_table,
-)
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
 
 MAX_RATE_HZ = 100.0
 # Streamed gains hold for so many periods; after that the device goes back to its table.
@@ -97,42 +95,39 @@ class StreamResult:
 
 
 def stream(
-    gains: GainSchedule,
+    coupling: Coupling,
     port: str | ByteLink,
     *,
     rate_hz: float = 50.0,
     seconds: float = 5.0,
     baud: int = DEFAULT_BAUD,
-    settings: TableSettings | None = None,
     on_sample: Callable[[StreamSample], None] | None = None,
 ) -> StreamResult:
-    """Push the table, then send gains live for a time; a message that is late or lost is not repeated.
+    """Push the coupling, then send its gains live for a time; a message that is late or lost is not repeated.
 
     Args:
-        gains: the schedule to stream from.
-        port: device path, pyserial URL, ``emulator``, or an open link.
+        coupling: whose table is pushed and streamed from.
+        port: device path, pyserial URL, ``emulator`` for a fresh board made for the coupling, or an open link.
         rate_hz: messages a second, at most 100.
         seconds: duration.
         baud: rate of a serial port.
-        settings: wall, safe gains and guard that travel with the table.
         on_sample: called after each message.
 
     Raises:
-        InputError: rate or duration out of range, or no row can be sent.
+        InputError: rate or duration out of range, or the table cannot be sent.
+        UnsupportedError: the coupling needs what the firmware does not have.
         LinkError: no device, refused, unplugged.
     """
     if not 0 < rate_hz <= MAX_RATE_HZ:
         raise InputError.of(f"{rate_hz:g} Hz; allowed: above 0, at most {MAX_RATE_HZ:g}", key="rate_hz")
     if not (math.isfinite(seconds) and seconds > 0):
         raise InputError.of(f"{seconds:g} s; allowed: a finite time above 0", key="seconds")
-    link = open_link(port, baud=baud) if isinstance(port, str) else port
+    check_runs_on(coupling)
+    link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
     with Connection(link, baud=baud) as connection:
-        pushed = push_over(connection, gains, settings=settings)
+        pushed = push_over(connection, coupling)
         device = connection.device
-        table = gain_table(
-            gains, settings=settings, capacity_rows=device.capacity_rows, sample_time_s=device.sample_time_s
-        )
-        rows = table.rows.astype(np.float32)
+        rows = coupling.table.single()
         hold_ticks = max(1, math.ceil(HOLD_PERIODS / rate_hz / device.sample_time_s))
         ask_status = connection.session.ask
         before = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))

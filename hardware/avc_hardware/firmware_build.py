@@ -14,9 +14,13 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from avc_casadi import MissingExtraError, UnsupportedError
 from avc_hardware._firmware import ARM_INSTALL, FIRMWARE, GENERATED, source_hash
+
+if TYPE_CHECKING:
+    from avc_hardware._figures import RuntimeFigures
 
 WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-pedantic")
 # One rounding an operation: without it a fused multiply-add would make boards disagree with each other and the host.
@@ -30,7 +34,11 @@ CORE = (
     "avc_transfer.c",
     "avc_device.c",
 )
+# Generated once, and once for every estimator; the numbers of the figures are in sources of their own.
 PARTS = ("avc_couple.c", "avc_guard.c")
+ESTIMATOR_PARTS = ("avc_estimate.c",)
+NUMBERS = ("avc_couple_constants.c", "avc_guard_constants.c")
+ESTIMATOR_NUMBERS = ("avc_estimate_constants.c", "avc_figures.c")
 HOST_INSTALL = "apt-get install -y --no-install-recommends gcc"
 
 _M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
@@ -111,9 +119,15 @@ def _common(estimator: str) -> list[str]:
     ]
 
 
-def _core_sources(estimator: str) -> list[Path]:
-    parts = [GENERATED / name for name in PARTS]
-    return [FIRMWARE / "core" / name for name in CORE] + parts + [GENERATED / estimator / "avc_estimate.c"]
+def _core_sources(estimator: str, numbers: Path | None = None) -> list[Path]:
+    """Return the sources; ``numbers`` is a folder with other numbers than the generated ones."""
+    sources = [FIRMWARE / "core" / name for name in CORE]
+    sources += [GENERATED / name for name in PARTS] + [GENERATED / estimator / name for name in ESTIMATOR_PARTS]
+    if numbers is not None:
+        return sources + [numbers / name for name in (*NUMBERS, *ESTIMATOR_NUMBERS)]
+    return (
+        sources + [GENERATED / name for name in NUMBERS] + [GENERATED / estimator / name for name in ESTIMATOR_NUMBERS]
+    )
 
 
 def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "arm-none-eabi-gcc") -> Path:
@@ -133,7 +147,8 @@ def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "
         raise UnsupportedError(f"unknown board {target!r}; allowed: {', '.join(TARGETS)}")
     board = TARGETS[target]
     boards = FIRMWARE / "boards"
-    sources = [boards / "start.c", boards / "main.c", boards / board.folder / "board.c"]
+    sources = [boards / "start.c", boards / "main.c", boards / "limits.c"]
+    sources.append(boards / board.folder / "board.c")
     sources += [boards / name for name in board.extra] + _core_sources(board.estimator)
     image = out / f"{target}.elf"
     out.mkdir(parents=True, exist_ok=True)
@@ -170,15 +185,35 @@ def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "
     return image
 
 
-def build_host(out: Path, *, cc: str = "gcc", flags: tuple[str, ...] = (), estimator: str = "fused") -> Path:
-    """Build the portable core as a shared library (``libavc.so``) for tests; further flags for sanitizers.
+def build_host(
+    out: Path,
+    *,
+    cc: str = "gcc",
+    flags: tuple[str, ...] = (),
+    estimator: str = "fused",
+    figures: RuntimeFigures | None = None,
+) -> Path:
+    """Build the portable core as a shared library (``libavc.so``) for tests.
+
+    Args:
+        out: folder of the library.
+        cc: the compiler.
+        flags: further ones, for sanitizers.
+        estimator: method.
+        figures: in place of the generated ones, for the same estimator.
 
     Raises:
         MissingExtraError: no compiler.
     """
     out.mkdir(parents=True, exist_ok=True)
     library = out / "libavc.so"
-    sources = [*_core_sources(estimator), FIRMWARE / "boards" / "host" / "board.c"]
+    numbers = None
+    if figures is not None:
+        from avc_hardware._runtime_c import constants_sources  # noqa: PLC0415 - needs CasADi, which a build does not
+
+        numbers = out / "numbers"
+        _write({numbers / name: text for name, text in constants_sources(figures).items()})
+    sources = [*_core_sources(estimator, numbers), FIRMWARE / "boards" / "host" / "board.c"]
     _run(
         [
             compiler(cc, HOST_INSTALL),
@@ -223,20 +258,24 @@ def build_fuzzer(out: Path, *, cc: str = "clang", replay: bool = False) -> Path:
 def generated() -> dict[Path, str]:
     """Return the generated sources by path: the coupling and the guard, and the estimator of every method."""
     from avc_casadi.runtime import ESTIMATORS  # noqa: PLC0415 - needs CasADi, which a build does not
-    from avc_hardware._runtime_program import RuntimeFigures, c_sources, runtime_programs  # noqa: PLC0415
+    from avc_hardware._figures import RuntimeFigures  # noqa: PLC0415
+    from avc_hardware._runtime_c import all_sources  # noqa: PLC0415
 
     files: dict[Path, str] = {}
     for method in ESTIMATORS:
-        figures = RuntimeFigures(estimator=method)
-        for part in runtime_programs(figures):
-            folder = GENERATED / method if part.name == "estimate" else GENERATED
-            files |= {folder / name: text for name, text in c_sources(part, figures).items()}
+        for name, text in all_sources(RuntimeFigures(estimator=method)).items():
+            own = name in {"avc_estimate.h", *ESTIMATOR_PARTS, *ESTIMATOR_NUMBERS}
+            files[GENERATED / method / name if own else GENERATED / name] = text
     return files
 
 
 def generate() -> None:
     """Write the generated sources."""
-    for path, text in generated().items():
+    _write(generated())
+
+
+def _write(files: dict[Path, str]) -> None:
+    for path, text in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
 

@@ -19,8 +19,6 @@ void avc_control_init(avc_control_t *control, const avc_limits_t *limits)
     control->limits = *limits;
     control->rate_hz = 1.0f / limits->sample_time_s;
     control->scale = 1.0f;
-    control->wall_damping_ns_per_m = limits->wall_damping_ns_per_m;
-    control->wall_stiffness_n_per_m = limits->wall_stiffness_n_per_m;
     control->state.frequency_hz = not_a_number();
 }
 
@@ -100,21 +98,23 @@ static void rest(avc_control_t *c, float x)
 static float push(avc_control_t *c, const avc_table_t *table, float x)
 {
     avc_state_t *s = &c->state;
+    const avc_table_header_t *header = &table->image.header;
     const avc_gains_t goal = choose_gains(c, table);
     const avc_couple_in_t in = {
         .position_m = x,
         .wanted_damping_ns_per_m = goal.damping_ns_per_m,
         .wanted_stiffness_n_per_m = goal.stiffness_n_per_m,
         .wanted_contact_damping_ns_per_m = goal.contact_damping_ns_per_m,
-        .wall_damping_ns_per_m = c->wall_damping_ns_per_m,
-        .wall_stiffness_n_per_m = c->wall_stiffness_n_per_m,
+        .wall_damping_ns_per_m = header->wall_damping_ns_per_m,
+        .wall_stiffness_n_per_m = header->wall_stiffness_n_per_m,
+        .relaxes = (header->flags & AVC_TABLE_VARIES) != 0u || s->streaming != 0u ? 1.0f : 0.0f,
     };
     avc_couple_out_t out;
     avc_couple_step(&c->couple, &in, &out);
     s->gains = (avc_gains_t){out.damping_ns_per_m, out.stiffness_n_per_m, out.contact_damping_ns_per_m};
     s->contact = out.tool_m > 0.0f ? 1u : 0u;
     float force = out.force_n;
-    if ((table->image.header.flags & AVC_TABLE_GUARD) != 0u) {
+    if ((header->flags & AVC_TABLE_GUARD) != 0u) {
         const avc_guard_in_t watched = {.position_m = x, .force_n = force, .stored_j = out.stored_j};
         avc_guard_out_t guarded;
         avc_guard_step(&c->guard, &watched, &guarded);
@@ -127,7 +127,8 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
         rest(c, x);
         return 0.0f;
     }
-    const float most = c->limits.max_force_n;
+    const bool lower = header->max_force_n > 0.0f && header->max_force_n < c->limits.max_force_n;
+    const float most = lower ? header->max_force_n : c->limits.max_force_n;
     if (force > most || force < -most) {
         s->saturated++;
         force = force > most ? most : -most;
@@ -141,11 +142,6 @@ static void swap(avc_control_t *c)
 {
     atomic_signal_fence(memory_order_acquire);
     c->active = 1u - c->active;
-    const avc_table_header_t *fresh = &c->tables[c->active].image.header;
-    if ((fresh->flags & AVC_TABLE_WALL) != 0u) {
-        c->wall_damping_ns_per_m = fresh->wall_damping_ns_per_m;
-        c->wall_stiffness_n_per_m = fresh->wall_stiffness_n_per_m;
-    }
     c->state.has_table = 1u;
     c->state.swaps++;
     c->swap_wanted = 0u;

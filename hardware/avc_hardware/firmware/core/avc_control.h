@@ -63,9 +63,6 @@ typedef struct {
     uint32_t heartbeat_left;
     float scale; /* of the force: ramps to 0 when the heartbeat is lost */
 
-    float wall_damping_ns_per_m;
-    float wall_stiffness_n_per_m;
-
     avc_estimate_state_t estimate;
     avc_couple_state_t couple;
     avc_guard_state_t guard;

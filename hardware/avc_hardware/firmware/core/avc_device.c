@@ -3,6 +3,7 @@
 #include <stdatomic.h>
 #include <string.h>
 
+#include "avc_figures.h"
 #include "avc_link.h"
 
 #ifndef AVC_BUILD
@@ -55,6 +56,11 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put32(&a, has_table ? table->crc32 : 0u);
     avc_put16(&a, has_table ? table->image.header.rows : 0u);
     avc_put16(&a, device->transfer.open ? 1u : 0u);
+    avc_put_float(&a, avc_figures.hold_s);
+    avc_put_float(&a, avc_figures.slew_per_s);
+    avc_put_float(&a, avc_figures.guard_damping_ns_per_m);
+    avc_put16(&a, avc_figures.estimator);
+    avc_put16(&a, avc_figures.passive);
     avc_send(&a);
 }
 
@@ -90,6 +96,7 @@ static void on_status(avc_device_t *device, const avc_request_t *request)
     avc_put32(&a, (uint32_t)s.encoder_count);
     avc_put32(&a, has_table ? avc_running(device)->id : 0u);
     avc_put32(&a, has_table ? avc_running(device)->crc32 : 0u);
+    avc_put32(&a, has_table ? avc_running(device)->image.header.coupling_id : 0u);
     avc_put32(&a, device->frames_good);
     avc_put32(&a, device->frames_bad);
     avc_put32(&a, device->rx_overruns);

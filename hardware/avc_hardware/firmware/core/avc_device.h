@@ -16,10 +16,9 @@
 
 enum {
     AVC_PROTOCOL_VERSION = 1,
-    AVC_INTERFACE_VERSION = 1,
+    AVC_INTERFACE_VERSION = 2,
     AVC_WINDOW = 1536,     /* bytes that the host may have on the way */
-    AVC_CHUNK_MAX = 512,   /* table bytes in one message */
-    AVC_STALE_TICKS = 2000 /* a transfer without a message for so long may be taken over */
+    AVC_CHUNK_MAX = 512  /* table bytes in one message */
 };
 
 typedef enum {

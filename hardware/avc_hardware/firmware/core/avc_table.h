@@ -10,7 +10,7 @@ enum { AVC_ROWS_MAX = 256 };
 
 enum {
     AVC_TABLE_DAMPED = 1, /* b_p acts in contact */
-    AVC_TABLE_WALL = 2,   /* the header carries the wall */
+    AVC_TABLE_VARIES = 2, /* the gains follow the frequency */
     AVC_TABLE_GUARD = 4   /* the guard watches the energy */
 };
 
@@ -23,7 +23,8 @@ typedef struct {
     float wall_stiffness_n_per_m;
     float safe_damping_ns_per_m; /* what runs after a lost heartbeat */
     float safe_stiffness_n_per_m;
-    uint32_t reserved[2];
+    float max_force_n;    /* 0: the board's own; above the board's, that of the board */
+    uint32_t coupling_id; /* name of the coupling at the host */
 } avc_table_header_t;
 
 typedef struct {
@@ -58,8 +59,6 @@ typedef struct {
     float max_damping_ns_per_m;
     float max_stiffness_n_per_m;
     float max_contact_damping_ns_per_m;
-    float wall_damping_ns_per_m; /* until a table brings its own */
-    float wall_stiffness_n_per_m;
 } avc_limits_t;
 
 /* Why a table or a message is refused; the host turns each into a sentence. */

@@ -3,6 +3,9 @@
 #include "avc_crc32.h"
 #include "avc_link.h"
 
+/* A transfer without a message for so long may be taken over. */
+static const float stale_s = 2.0f;
+
 static avc_table_t *shadow(avc_device_t *device)
 {
     return &device->control.tables[1u - device->control.active];
@@ -24,7 +27,7 @@ static void acknowledge(avc_device_t *device, uint8_t type, uint16_t sequence)
 
 static bool transfer_stale(const avc_device_t *device)
 {
-    return device->control.state.ticks - device->transfer.last_tick > AVC_STALE_TICKS;
+    return device->control.state.ticks - device->transfer.last_tick > (uint32_t)(stale_s * device->control.rate_hz);
 }
 
 void avc_on_begin(avc_device_t *device, const avc_request_t *request)

@@ -12,7 +12,7 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-static const avc_limits_t limits = {1e-3f, 2e-6f, 50.0f, 1e5f, 1e8f, 1e4f, 10.0f, 1e5f};
+static const avc_limits_t limits = {1e-3f, 2e-6f, 50.0f, 1e5f, 1e8f, 1e4f};
 
 static const uint32_t canary = 0xA5A5A5A5u; /* stands behind the buffers, as the serial number */
 

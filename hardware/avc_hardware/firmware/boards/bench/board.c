@@ -10,17 +10,6 @@
 
 enum { OPEN = 1, WRITE = 5, READ = 6, EXIT = 24, MODE_READ = 1, MODE_WRITE = 5, LINE_MAX = 64 };
 
-const avc_limits_t hal_limits = {
-    .sample_time_s = 1e-3f,
-    .metres_per_count = 2e-6f,
-    .max_force_n = 50.0f,
-    .max_damping_ns_per_m = 1e5f,
-    .max_stiffness_n_per_m = 1e8f,
-    .max_contact_damping_ns_per_m = 1e4f,
-    .wall_damping_ns_per_m = 10.0f,
-    .wall_stiffness_n_per_m = 1e5f,
-};
-
 static uint32_t from_plant;
 static uint32_t to_plant;
 static uint8_t line_out[LINE_MAX];
@@ -70,7 +59,7 @@ void hal_start(void)
 {
     to_plant = open_file("to_plant", 8u, MODE_WRITE);
     from_plant = open_file("from_plant", 10u, MODE_READ);
-    systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s));
+    systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s + 0.5f));
 }
 
 int32_t hal_encoder_count(void)

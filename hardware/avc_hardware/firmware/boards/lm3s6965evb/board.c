@@ -17,17 +17,6 @@
 
 enum { RECEIVE_EMPTY = 1 << 4, TRANSMIT_FULL = 1 << 5, LOST = 1 << 11 };
 
-const avc_limits_t hal_limits = {
-    .sample_time_s = 1e-3f,
-    .metres_per_count = 2e-6f,
-    .max_force_n = 50.0f,
-    .max_damping_ns_per_m = 1e5f,
-    .max_stiffness_n_per_m = 1e8f,
-    .max_contact_damping_ns_per_m = 1e4f,
-    .wall_damping_ns_per_m = 10.0f,
-    .wall_stiffness_n_per_m = 1e5f,
-};
-
 volatile int32_t bench_encoder_count;
 volatile float bench_force_n;
 
@@ -41,7 +30,7 @@ void hal_start(void)
     UART_MASK = 1u << 4;
     UART_CONTROL = 1u | (1u << 8) | (1u << 9);
     interrupt_enable(BOARD_SERIAL_INTERRUPT);
-    systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s));
+    systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s + 0.5f));
 }
 
 int32_t hal_encoder_count(void)

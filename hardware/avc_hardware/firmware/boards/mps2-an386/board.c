@@ -13,17 +13,6 @@
 
 enum { TRANSMIT_FULL = 1, RECEIVE_FULL = 2, RECEIVE_OVERRUN = 8 };
 
-const avc_limits_t hal_limits = {
-    .sample_time_s = 1e-3f,
-    .metres_per_count = 2e-6f,
-    .max_force_n = 50.0f,
-    .max_damping_ns_per_m = 1e5f,
-    .max_stiffness_n_per_m = 1e8f,
-    .max_contact_damping_ns_per_m = 1e4f,
-    .wall_damping_ns_per_m = 10.0f,
-    .wall_stiffness_n_per_m = 1e5f,
-};
-
 volatile int32_t bench_encoder_count;
 volatile float bench_force_n;
 
@@ -32,7 +21,7 @@ void hal_start(void)
     UART_DIVIDER = (BOARD_CLOCK_HZ + BOARD_BAUD / 2u) / BOARD_BAUD;
     UART_CONTROL = 1u | 2u | 8u; /* transmit, receive, receive interrupt */
     interrupt_enable(BOARD_SERIAL_INTERRUPT);
-    systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s));
+    systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s + 0.5f));
 }
 
 int32_t hal_encoder_count(void)

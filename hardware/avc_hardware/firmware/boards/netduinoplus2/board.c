@@ -18,17 +18,6 @@
 
 enum { RECEIVED = 1 << 5, OVERRUN = 1 << 3, TRANSMIT_EMPTY = 1 << 7 };
 
-const avc_limits_t hal_limits = {
-    .sample_time_s = 1e-3f,
-    .metres_per_count = 2e-6f,
-    .max_force_n = 50.0f,
-    .max_damping_ns_per_m = 1e5f,
-    .max_stiffness_n_per_m = 1e8f,
-    .max_contact_damping_ns_per_m = 1e4f,
-    .wall_damping_ns_per_m = 10.0f,
-    .wall_stiffness_n_per_m = 1e5f,
-};
-
 static int32_t count;
 
 /* Clocks and pins; the emulators have none. boards/stm32f405 replaces it. */
@@ -49,7 +38,7 @@ void hal_start(void)
     USART1_RATE = (BOARD_CLOCK_HZ / 2u + BOARD_BAUD / 2u) / BOARD_BAUD; /* APB2 runs at half the core's clock */
     USART1_CONTROL = (1u << 13) | (1u << 5) | (1u << 3) | (1u << 2);    /* on, receive interrupt, both ways */
     interrupt_enable(BOARD_SERIAL_INTERRUPT);
-    systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s));
+    systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s + 0.5f));
 }
 
 int32_t hal_encoder_count(void)

@@ -1,6 +1,5 @@
 /* Generated from the scene's CasADi expressions, do not edit:
  * python -m avc_hardware.firmware_build generate */
-/* sample_time_s 0.001, metres_per_count 2e-06, estimator any, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0 */
 #ifndef AVC_COUPLE_H
 #define AVC_COUPLE_H
 
@@ -28,6 +27,7 @@ typedef struct {
     float wanted_contact_damping_ns_per_m;
     float wall_damping_ns_per_m;
     float wall_stiffness_n_per_m;
+    float relaxes;
 } avc_couple_in_t;
 
 typedef struct {
@@ -39,6 +39,9 @@ typedef struct {
     float anchor_m;
     float stored_j;
 } avc_couple_out_t;
+
+/* What depends on sample time, encoder and settings. */
+extern const float avc_couple_constants[3];
 
 /* The state of a device that has always rested at a position. */
 void avc_couple_start(avc_couple_state_t *state, float position_m);

@@ -34,7 +34,7 @@ void avc_guard_step(avc_guard_state_t *state, const avc_guard_in_t *in, avc_guar
     const float v29 = v24 ? v22 : 1.0f;
     const float v30 = v18 / v29;
     const float v31 = -v30;
-    const float v33 = v31 < 2000.0f ? v31 : 2000.0f;
+    const float v33 = v31 < avc_guard_constants[0] ? v31 : avc_guard_constants[0];
     const float v34 = v33 * v6;
     const float v35 = v24 ? v34 : 0.0f;
     const float v36 = (state->guard_started != 0.0f) ? v35 : 0.0f;

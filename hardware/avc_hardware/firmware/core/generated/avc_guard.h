@@ -1,6 +1,5 @@
 /* Generated from the scene's CasADi expressions, do not edit:
  * python -m avc_hardware.firmware_build generate */
-/* sample_time_s 0.001, metres_per_count 2e-06, estimator any, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0 */
 #ifndef AVC_GUARD_H
 #define AVC_GUARD_H
 
@@ -22,6 +21,9 @@ typedef struct {
     float guarded_n;
     float reserve_j;
 } avc_guard_out_t;
+
+/* What depends on sample time, encoder and settings. */
+extern const float avc_guard_constants[1];
 
 /* The state of a device that has always rested at a position. */
 void avc_guard_start(avc_guard_state_t *state, float position_m);

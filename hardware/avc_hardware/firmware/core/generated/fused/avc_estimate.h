@@ -1,6 +1,5 @@
 /* Generated from the scene's CasADi expressions, do not edit:
  * python -m avc_hardware.firmware_build generate */
-/* sample_time_s 0.001, metres_per_count 2e-06, estimator fused, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0 */
 #ifndef AVC_ESTIMATE_H
 #define AVC_ESTIMATE_H
 
@@ -109,6 +108,9 @@ typedef struct {
     float valid;
     float frequency_hz;
 } avc_estimate_out_t;
+
+/* What depends on sample time, encoder and settings. */
+extern const float avc_estimate_constants[83];
 
 /* The state of a device that has always rested at a position. */
 void avc_estimate_start(avc_estimate_state_t *state, float position_m);

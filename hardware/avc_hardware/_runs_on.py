@@ -1,0 +1,158 @@
+"""Whether a coupling runs on the packaged firmware, on a certain device, and the emulated board that is made for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi import LinkError, UnsupportedError
+from avc_hardware._emulator import EmulatedBoard
+from avc_hardware._figures import RuntimeFigures
+from avc_hardware._host import BoardLimits
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.problem import Problem
+    from avc_hardware._messages import Device
+    from avc_hardware._table import TableImage
+
+GUARD = "passivity-controller"
+_EXPORT = "export it for firmware of your own: avc export"
+
+
+def check_runs_on(coupling: Coupling, device: Device | None = None) -> None:
+    """Refuse a coupling that needs what the firmware does not have.
+
+    Args:
+        coupling: what is to run.
+        device: whose settings are compared too, as far as the coupling depends on them; None compares with none.
+
+    Raises:
+        UnsupportedError: names everything that the firmware lacks, and what to do.
+    """
+    runtime = coupling.runtime
+    lacks = []
+    if runtime.observer_mass_kg is not None:
+        lacks.append("an observer between encoder steps (runtime.observer_mass_kg)")
+    if runtime.guard not in {None, GUARD}:
+        lacks.append(f"the guard {runtime.guard} (allowed: {GUARD}, or none)")
+    if device is not None:
+        lacks += _other_settings(coupling, device)
+    if lacks:
+        raise UnsupportedError(f"{coupling.problem.name}: the firmware has not {'; nor '.join(lacks)}; {_EXPORT}")
+
+
+def _other_settings(coupling: Coupling, device: Device) -> list[str]:
+    wanted, has = figures_of(coupling), device.figures
+    asked = []
+    if not coupling.table.constant:
+        asked += ["estimator", "hold_s", "slew_per_s", "passive"]
+    if coupling.runtime.guard is not None:
+        asked.append("guard_damping_ns_per_m")
+    return [
+        f"{name} {getattr(wanted, name)} (the device's is {getattr(has, name)})"
+        for name in asked
+        if not _same(getattr(wanted, name), getattr(has, name))
+    ]
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=1e-6)
+    return bool(one == other)
+
+
+def check_limits(coupling: Coupling, table: TableImage, device: Device, port: str) -> None:
+    """Refuse a table that the device would refuse, naming everything that is wrong with it.
+
+    Raises:
+        LinkError: sample time, rows, gains or wall outside what the device reports.
+    """
+    faults = []
+    if not math.isclose(table.sample_time_s, device.sample_time_s, rel_tol=1e-5):
+        faults.append(
+            f"the coupling is for a sample time of {table.sample_time_s:g} s, the device runs at "
+            f"{device.sample_time_s:.6g} s; solve with device.sample_time_s = {device.sample_time_s:.6g}"
+        )
+    if len(table.rows) > device.capacity_rows:
+        faults.append(
+            f"the coupling has {len(table.rows)} rows, the device holds {device.capacity_rows}; make a coupling for "
+            "this capacity (avc_casadi.coupling.reduce_rows) and certify that one: what runs is what was certified"
+        )
+    limits = (
+        ("damping b", "N.s/m", device.max_damping_ns_per_m, "coupling.damping_ns_per_m"),
+        ("stiffness k", "N/m", device.max_stiffness_n_per_m, "coupling.stiffness_n_per_m"),
+        ("contact damping b_p", "N.s/m", device.max_contact_damping_ns_per_m, "coupling.contact_damping_ns_per_m"),
+    )
+    for column, (name, unit, most, key) in enumerate(limits, start=1):
+        over = np.flatnonzero(table.rows[:, column] > np.float32(most))
+        if len(over):
+            worst = over[np.argmax(table.rows[over, column])]
+            faults.append(
+                f"{name} is {table.rows[worst, column]:.6g} {unit} at {table.rows[worst, 0]:.4g} Hz "
+                f"({len(over)} of {len(table.rows)} rows above the device's {most:.6g} {unit}); narrow {key}"
+            )
+    faults += _wall_faults(coupling, device)
+    if faults:
+        raise LinkError(f"{port}: not sent: " + "; ".join(faults))
+
+
+def _wall_faults(coupling: Coupling, device: Device) -> list[str]:
+    wall = coupling.wall
+    if not wall.damping_ns_per_m + wall.stiffness_n_per_m > 0:
+        return ["the coupling has no wall; give environment.stiffness_n_per_m"]
+    limits = (
+        ("damping", wall.damping_ns_per_m, device.max_damping_ns_per_m, "N.s/m"),
+        ("stiffness", wall.stiffness_n_per_m, device.max_stiffness_n_per_m, "N/m"),
+    )
+    return [
+        f"the wall's {name} is {value:.6g} {unit}, the device's limit {most:.6g} {unit}; lower environment.{name}_*"
+        for name, value, most, unit in limits
+        if value > most
+    ]
+
+
+def figures_of(coupling: Coupling) -> RuntimeFigures:
+    """Return the figures of a firmware for a coupling; where its device says nothing, those of the boards."""
+    runtime, limits = coupling.runtime, limits_of(coupling.problem)
+    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count)
+    if runtime.guard is not None:
+        figures = replace(figures, guard_damping_ns_per_m=coupling.problem.device.damping_ns_per_m)
+    if coupling.table.constant:
+        return figures
+    return replace(
+        figures,
+        estimator=runtime.estimator,
+        hold_s=runtime.hold_s,
+        slew_per_s=runtime.slew_per_s,
+        passive=runtime.passive,
+    )
+
+
+def limits_of(problem: Problem) -> BoardLimits:
+    """Return the limits of a board for a problem: its device's sample time, encoder and force."""
+    device, usual = problem.device, BoardLimits()
+    return replace(
+        usual,
+        sample_time_s=device.sample_time_s,
+        metres_per_count=device.encoder_resolution_m or usual.metres_per_count,
+        max_force_n=device.max_force_n or usual.max_force_n,
+    )
+
+
+def emulated_board(coupling: Coupling, **options: Any) -> EmulatedBoard:
+    """Return a fresh emulated board with the sample time, encoder, force and settings of a coupling.
+
+    Args:
+        coupling: what will be pushed to it.
+        options: of `EmulatedBoard`.
+
+    Raises:
+        UnsupportedError: the packaged image has no program for it.
+        MissingExtraError: the emulator is not installed.
+    """
+    check_runs_on(coupling)
+    return EmulatedBoard(limits=limits_of(coupling.problem), figures=figures_of(coupling), **options)

@@ -1,0 +1,135 @@
+"""The generated C of the control tick: a header, a source and the numbers of each part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
+from avc_hardware._float_program import literal
+from avc_hardware._runtime_constants import Template, constants, templates
+
+_BANNER = """/* Generated from the scene's CasADi expressions, do not edit:
+ * python -m avc_hardware.firmware_build generate */"""
+
+
+def c_sources(template: Template) -> dict[str, str]:
+    """Return header and source of one part by file name; its numbers are in `constants_sources`."""
+    part = template.part
+    name = f"avc_{part.name}"
+    numbers = f"{name}_constants"
+
+    def struct(kind: str, members: tuple[str, ...]) -> str:
+        return "typedef struct {\n" + "".join(f"    float {member};\n" for member in members) + f"}} {name}_{kind}_t;\n"
+
+    def of_input(symbol: str) -> str:
+        return f"state->{symbol[6:]}" if symbol.startswith("state_") else f"in->{symbol}"
+
+    def of_output(symbol: str) -> str:
+        return f"state->{symbol[5:]}" if symbol.startswith("next_") else f"out->{symbol[4:]}"
+
+    start = f"void {name}_start({name}_state_t *state, float position_m)"
+    step = f"void {name}_step({name}_state_t *state, const {name}_in_t *in, {name}_out_t *out)"
+    guard = f"{name.upper()}_H"
+    header = "\n".join(
+        [
+            _BANNER,
+            f"#ifndef {guard}",
+            f"#define {guard}",
+            "",
+            struct("state", part.states),
+            struct("in", part.inputs),
+            struct("out", part.outputs),
+            "/* What depends on sample time, encoder and settings. */",
+            f"extern const float {numbers}[{template.size}];",
+            "",
+            "/* The state of a device that has always rested at a position. */",
+            f"{start};",
+            "",
+            "/* One tick. */",
+            f"{step};",
+            "",
+            "#endif",
+            "",
+        ]
+    )
+    places = {place: f"{numbers}[{index}]" for index, place in enumerate(template.constants)}
+    first = len(template.constants)
+    starts = {state: f"{numbers}[{first + index}]" for index, state in enumerate(template.starts)}
+    body = part.program.c_lines(of_input, of_output, constants=places)
+    source = [
+        _BANNER,
+        f'#include "{name}.h"',
+        "",
+        "#include <stdbool.h>",
+        "",
+        start,
+        "{",
+        *(f"    {line}" for line in start_lines("state", part.states, part.initial, starts)),
+        "}",
+    ]
+    source += ["", step, "{", *(f"    {line}" for line in body), "}", ""]
+    return {f"{name}.h": header, f"{name}.c": "\n".join(source)}
+
+
+def constants_sources(figures: RuntimeFigures) -> dict[str, str]:
+    """Return the numbers of all parts, and what they were made for, by file name.
+
+    Raises:
+        UnsupportedError: figures that would need another program.
+    """
+    files = {}
+    for symbol, numbers in constants(figures).items():
+        part = symbol.removesuffix("_constants")
+        lines = [f"    {literal(number)}," for number in numbers]
+        text = [
+            _BANNER,
+            f"/* {_named(figures, part)} */",
+            f'#include "{part}.h"',
+            "",
+            f"const float {symbol}[{len(numbers)}] = {{",
+        ]
+        files[f"{symbol}.c"] = "\n".join([*text, *lines, "};", ""])
+    text = [_BANNER, '#include "avc_figures.h"', "", "const avc_figures_t avc_figures = {"]
+    text += [
+        f"    .hold_s = {literal(np.float32(figures.hold_s))},",
+        f"    .slew_per_s = {literal(np.float32(figures.slew_per_s or 0.0))},",
+        f"    .guard_damping_ns_per_m = {literal(np.float32(figures.guard_damping_ns_per_m))},",
+        f"    .estimator = {ESTIMATOR_NUMBERS.index(figures.estimator)}u,",
+        f"    .passive = {int(figures.passive)}u,",
+    ]
+    files["avc_figures.c"] = "\n".join([*text, "};", ""])
+    return files
+
+
+def _named(figures: RuntimeFigures, part: str) -> str:
+    named = vars(figures) | ({} if part == "avc_estimate" else {"estimator": "any"})
+    return ", ".join(f"{name} {value}" for name, value in named.items())
+
+
+def all_sources(figures: RuntimeFigures) -> dict[str, str]:
+    """Return every generated source for some figures, by file name."""
+    files: dict[str, str] = {}
+    for template in templates(figures):
+        files |= c_sources(template)
+    return files | constants_sources(figures)
+
+
+def start_lines(
+    pointer: str,
+    states: tuple[str, ...],
+    initial: tuple[tuple[float, float, float], ...],
+    starts: dict[int, str] | None = None,
+) -> list[str]:
+    """Return the statements that set the states of a device at rest; ``starts`` stand for numbers, by state."""
+    places = starts or {}
+    lines = []
+    for index, (name, (middle, high, low)) in enumerate(zip(states, initial, strict=True)):
+        value = places.get(index) or literal(np.float32(middle))
+        if (high, low) == (middle + 1, middle - 1):
+            value = "position_m"
+        elif (high, low) == (middle + 1, middle):
+            value = "position_m > 0.0f ? position_m : 0.0f"
+        lines.append(f"{pointer}->{name} = {value};")
+    if not any("= position_m" in line for line in lines):
+        lines.append("(void)position_m;")
+    return lines

@@ -1,0 +1,111 @@
+"""A coupling tried on the firmware: pushed into the emulated board, then a hand presses the wall."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi import InputError
+from avc_casadi.problem import HandEffect, WallEffect
+from avc_casadi.scene import judge
+from avc_hardware._in_the_loop import PLANT_KINDS, FirmwareInTheLoop
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.scene import Judgement
+    from avc_hardware._messages import DeviceStatus
+    from avc_hardware._push import PushResult
+
+_HANDS = frozenset({"hand", "stylus-hand"})
+
+
+@dataclass(frozen=True)
+class LoopResult:
+    """How the firmware held the wall.
+
+    Attributes:
+        seconds: that the hand pressed.
+        judgement: figures of the last half second, as scenes are judged.
+        peak_force_n: largest force on the output.
+        left_out: effects of the problem's scene that the bench does not have.
+        push: what the push came to.
+        status: of the device in the end.
+    """
+
+    seconds: float
+    judgement: Judgement
+    peak_force_n: float
+    left_out: tuple[str, ...]
+    push: PushResult
+    status: DeviceStatus
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the device came to rest, by the scene's criterion."""
+        return bool(self.judgement.stable)
+
+    @property
+    def apparent_stiffness_n_per_m(self) -> float:
+        """Mean force over mean penetration in the end; not a number without contact."""
+        return float(self.judgement.apparent_stiffness_n_per_m)
+
+    def document(self) -> dict[str, Any]:
+        """Return the figures: JSON values only."""
+        stiffness = self.apparent_stiffness_n_per_m
+        return {
+            "at_rest": self.at_rest,
+            "seconds": self.seconds,
+            "peak_force_n": self.peak_force_n,
+            "apparent_stiffness_n_per_m": stiffness if math.isfinite(stiffness) else None,
+            "peak_velocity_m_per_s": float(self.judgement.peak_velocity_m_per_s),
+            "mode": self.status.mode,
+            "overruns": self.status.overruns,
+            "saturated_ticks": self.status.saturated,
+            "coupling_id": self.status.coupling_id,
+            "left_out": list(self.left_out),
+        }
+
+
+def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None) -> LoopResult:
+    """Push a coupling into an emulated board of its device, and press the wall with the middle hand of ``[hands]``.
+
+    The hand moves as the problem's scene says; of the scene's effects those of the plant stay. Dry friction is left
+    out, which would only help.
+
+    Args:
+        coupling: what is to run, at its own sample time, encoder and force limit.
+        seconds: how long; None is the duration of the scene.
+
+    Raises:
+        InputError: a duration that is not a finite time above 0.
+        UnsupportedError: the coupling needs what the firmware does not have.
+        MissingExtraError: the emulator is not installed.
+    """
+    scene = coupling.problem.scene
+    lasts = scene.duration_s if seconds is None else seconds
+    if not (math.isfinite(lasts) and lasts > 0):
+        raise InputError.of(f"{lasts:g} s; allowed: a finite time above 0", key="seconds")
+    kept = tuple(effect for effect in scene.effects if effect.kind in PLANT_KINDS - _HANDS)
+    own = {"wall", "environment", "encoder", "saturation", "estimator", "adaptation", "guard"}
+    left_out = tuple(effect.kind for effect in scene.effects if effect.kind not in PLANT_KINDS | own)
+    bench = coupling.problem.changed(
+        scene={"effects": (HandEffect(), WallEffect(), *kept), "duration_s": lasts, "integrator": "exact"}
+    )
+    loop = FirmwareInTheLoop(replace(coupling, problem=bench))
+    pushed = loop.push(coupling)
+    trace = loop.run(lasts)
+    samples = min(len(trace.position_m), len(trace.force_n))
+    position, velocity, force = (
+        np.array(values[:samples]) for values in (trace.position_m, trace.velocity_m_per_s, trace.force_n)
+    )
+    return LoopResult(
+        seconds=lasts,
+        judgement=judge(position, velocity, force, coupling.sample_time_s),
+        peak_force_n=float(np.abs(force).max(initial=0.0)),
+        left_out=left_out,
+        push=pushed,
+        status=loop.status(),
+    )

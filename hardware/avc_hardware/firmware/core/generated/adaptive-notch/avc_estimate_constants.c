@@ -1,0 +1,21 @@
+/* Generated from the scene's CasADi expressions, do not edit:
+ * python -m avc_hardware.firmware_build generate */
+/* sample_time_s 0.001, metres_per_count 2e-06, estimator adaptive-notch, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0 */
+#include "avc_estimate.h"
+
+const float avc_estimate_constants[14] = {
+    4.5e-06f,
+    0.31407782f,
+    0.001f,
+    0.0015f,
+    0.002f,
+    2.25e-06f,
+    0.0062831854f,
+    0.37699112f,
+    0.2f,
+    0.01f,
+    0.003136663f,
+    0.048669346f,
+    0.048669346f,
+    0.2f,
+};

@@ -1,0 +1,16 @@
+/* Generated from the scene's CasADi expressions, do not edit:
+ * python -m avc_hardware.firmware_build generate */
+/* sample_time_s 0.001, metres_per_count 2e-06, estimator zero-crossing, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0 */
+#include "avc_estimate.h"
+
+const float avc_estimate_constants[9] = {
+    0.003f,
+    0.31407782f,
+    0.001f,
+    (-0.003f),
+    625.0f,
+    0.2f,
+    0.01f,
+    0.003136663f,
+    0.2f,
+};
