@@ -14,6 +14,7 @@ from avc_hardware._connection import open_link as open_link
 from avc_hardware._diagnose import Diagnosis as Diagnosis
 from avc_hardware._diagnose import diagnose as diagnose
 from avc_hardware._emulator import EmulatedBoard as EmulatedBoard
+from avc_hardware._export import export_c as export_c
 from avc_hardware._figures import RuntimeFigures as RuntimeFigures
 from avc_hardware._host import BoardLimits as BoardLimits
 from avc_hardware._in_the_loop import FirmwareInTheLoop as FirmwareInTheLoop

@@ -1,0 +1,270 @@
+"""Export: a whole coupling as C for firmware of one's own: one function from position to force."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_hardware._coupling_program import FARTHEST_M, LARGEST, CouplingProgram, coupling_program
+from avc_hardware._float_program import literal
+from avc_hardware._reference import ln
+from avc_hardware._runtime_c import start_lines
+from avc_hardware._runtime_program import GAINS
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.support import Float32Array
+
+HEADER, SOURCE = "avc_coupling.h", "avc_coupling.c"
+
+_HEADER = """\
+/* A virtual coupling with its wall, made by avc-casadi; do not edit.
+ *
+ * Coupling {id} for {problem}: {title}
+ * method {method}, structure {structure}, {rows}
+ * wall: {wall_damping:.9g} N.s/m and {wall_stiffness:.9g} N/m, on one side, at position 0
+ * beside the gains: {beside}
+ * force: {force}
+ * sample time: {sample_time:.9g} s, and no other: the gains mean another loop at another rate
+ *
+ * C99, also C++11; no heap, no library. IEEE single precision; no -ffast-math. With -ffp-contract=off the bits are the
+ * same on every machine.
+ */
+#ifndef AVC_COUPLING_H
+#define AVC_COUPLING_H
+
+#define AVC_COUPLING_ID "{id}"
+#define AVC_COUPLING_SAMPLE_TIME_S {sample_time_literal}
+{max_force}
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+/* What the coupling remembers between two samples. */
+typedef struct {{
+    unsigned char started;
+{states}
+}} avc_coupling_t;
+
+/* Forget everything. Call it once before the first step, and whenever sampling has paused. */
+void avc_coupling_start(avc_coupling_t *coupling);
+
+/* One sample. position_m: as measured, above 0 inside the wall. Returns the force on the device, N, positive out of the
+ * wall{limited}; never NaN.
+ * A position that is NaN, infinite or beyond {farthest:.0e} m gives 0 and starts anew. */
+float avc_coupling_step(avc_coupling_t *coupling, float position_m);
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+_SOURCE = """\
+/* Coupling {id}: the expressions of avc-casadi's scenes, one statement an operation; do not edit. */
+#include "avc_coupling.h"
+
+#ifndef __cplusplus
+#include <stdbool.h>
+#endif
+
+#ifdef __FAST_MATH__
+#error "compile without -ffast-math: a position that is not a number must be seen"
+#endif
+{look_up}
+/* The state of a device that has always rested at a position. */
+static void rest(avc_coupling_t *coupling, float position_m)
+{{
+{rest}
+}}
+
+void avc_coupling_start(avc_coupling_t *coupling)
+{{
+    rest(coupling, 0.0f);
+    coupling->started = 0u;
+}}
+
+float avc_coupling_step(avc_coupling_t *coupling, float position_m)
+{{
+    if (!(position_m >= {least} && position_m <= {farthest})) {{
+        coupling->started = 0u;
+        return 0.0f;
+    }}
+    if (coupling->started == 0u) {{
+        rest(coupling, position_m);
+    }}
+{body}
+    if (!(command_n >= {lowest} && command_n <= {largest})) {{
+        coupling->started = 0u;
+        return 0.0f;
+    }}
+{stores}
+    coupling->started = 1u;
+    return force_n;
+}}
+"""
+
+_LOOK_UP = """
+enum {{ ROWS = {rows} }};
+
+/* ln(frequency), frequency (Hz), b (N.s/m), k (N/m), b_p (N.s/m). */
+static const float table[ROWS][5] = {{
+{table}
+}};
+
+/* ln x of a normal positive number: its exponent times ln 2 and 2 artanh((m - 1)/(m + 1)) of its mantissa. */
+static float natural_logarithm(float x)
+{{
+    float m = x, exponent = 0.0f;
+    while (m > 1.41421354f) {{
+        m = m * 0.5f;
+        exponent = exponent + 1.0f;
+    }}
+    while (m <= 0.5f * 1.41421354f) {{
+        m = m + m;
+        exponent = exponent - 1.0f;
+    }}
+    const float s = (m - 1.0f) / (m + 1.0f);
+    const float z = s * s;
+    float series = 0.111111112f;
+    series = series * z + 0.142857149f;
+    series = series * z + 0.2f;
+    series = series * z + 0.333333343f;
+    series = series * z + 1.0f;
+    return exponent * 0.693147182f + (s + s) * series;
+}}
+
+/* Gains at a frequency: linear in ln(frequency); the end rows beyond the ends. */
+static void look_up(float frequency_hz, float gains[3])
+{{
+    unsigned int low = 0u, high = ROWS - 1u, i;
+    float share = 0.0f;
+    if (!(frequency_hz > table[low][1])) {{
+        high = low;
+    }} else if (frequency_hz >= table[high][1]) {{
+        low = high;
+    }} else {{
+        while (high - low > 1u) {{
+            const unsigned int middle = (low + high) / 2u;
+            if (frequency_hz < table[middle][1]) {{
+                high = middle;
+            }} else {{
+                low = middle;
+            }}
+        }}
+        share = (natural_logarithm(frequency_hz) - table[low][0]) / (table[high][0] - table[low][0]);
+        if (!(share >= 0.0f && share <= 1.0f)) {{
+            share = 0.0f;
+        }}
+    }}
+    for (i = 0u; i < 3u; i++) {{
+        gains[i] = table[low][2u + i] + share * (table[high][2u + i] - table[low][2u + i]);
+    }}
+}}
+"""
+
+
+def export_c(coupling: Coupling) -> dict[str, str]:
+    """Return a coupling as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
+
+    The whole of it at its own sample time: observer, estimator, adaptation and table where it has them, wall, contact
+    damper, guard, force limit. Bit for bit `ReferenceCoupling`.
+
+    Args:
+        coupling: any; what runs beside its gains needs no support by the packaged firmware.
+
+    Raises:
+        InputError: the wall gives no force, the observer has no encoder step to look between, or a number is too large
+            for single precision.
+    """
+    program = coupling_program(coupling)
+    return {HEADER: _header(coupling, program), SOURCE: _source(coupling, program)}
+
+
+def _header(coupling: Coupling, program: CouplingProgram) -> str:
+    problem, runtime, force = coupling.problem, coupling.runtime, coupling.max_force_n
+    beside = []
+    if runtime.observer_mass_kg is not None:
+        ahead = problem.device.delay_samples
+        beside.append(f"observer for {runtime.observer_mass_kg:g} kg" + (f", {ahead} samples ahead" if ahead else ""))
+    if program.before is not None:
+        slew = "no slew limit" if runtime.slew_per_s is None else f"at most {runtime.slew_per_s:g} a second"
+        passive = ", passive" if runtime.passive else ""
+        beside.append(f"estimator {runtime.estimator}, hold {runtime.hold_s:g} s, {slew}{passive}")
+    if runtime.guard is not None:
+        beside.append(f"guard {runtime.guard}")
+    count = len(coupling.table)
+    low, high = coupling.table.frequency_hz[[0, -1]]
+    return _HEADER.format(
+        id=coupling.id,
+        problem=_comment(problem.name or "a problem"),
+        title=_comment(problem.title),
+        method=_comment(coupling.method),
+        structure=coupling.structure,
+        rows="constant gains" if program.before is None else f"{count} rows from {low:.6g} to {high:.6g} Hz",
+        wall_damping=coupling.wall.damping_ns_per_m,
+        wall_stiffness=coupling.wall.stiffness_n_per_m,
+        beside="; ".join(beside) or "nothing",
+        force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
+        sample_time=coupling.sample_time_s,
+        sample_time_literal=_literal(coupling.sample_time_s),
+        max_force="" if force is None else f"#define AVC_COUPLING_MAX_FORCE_N {_literal(force)}\n",
+        states="\n".join(f"    float {name};" for name in program.states),
+        limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
+        farthest=FARTHEST_M,
+    )
+
+
+def _source(coupling: Coupling, program: CouplingProgram) -> str:
+    return _SOURCE.format(
+        id=coupling.id,
+        look_up="" if program.before is None else _look_up(coupling.table.single()),
+        rest=_indented(start_lines("coupling", program.states, program.initial)),
+        least=_literal(-FARTHEST_M),
+        farthest=_literal(FARTHEST_M),
+        lowest=_literal(-LARGEST),
+        largest=_literal(LARGEST),
+        body=_indented(_body(program)),
+        stores=_indented([f"coupling->{name} = next_{name};" for name in program.states]),
+    )
+
+
+def _look_up(rows: Float32Array) -> str:
+    lines = [
+        "    {{{}}},".format(", ".join(map(literal, (logarithm, *row))))
+        for logarithm, row in zip(ln(rows[:, 0]), rows, strict=True)
+    ]
+    return _LOOK_UP.format(rows=len(rows), table="\n".join(lines))
+
+
+def _body(program: CouplingProgram) -> list[str]:
+    """Return the statements of one sample; the states are read everywhere and written in the end."""
+    gains = {f"wanted_{name}": f"gains[{index}]" for index, name in enumerate(GAINS)}
+
+    def of_input(symbol: str) -> str:
+        return f"coupling->{symbol[6:]}" if symbol.startswith("state_") else gains.get(symbol, symbol)
+
+    def of_output(symbol: str) -> str:
+        return f"const float {symbol.removeprefix('out_')}"
+
+    lines = []
+    if program.before is not None:
+        lines += program.before.c_lines(of_input, of_output, prefix="e")
+        lines += ["float gains[3];", "look_up(frequency_hz, gains);"]
+    return lines + program.after.c_lines(of_input, of_output)
+
+
+def _indented(lines: list[str]) -> str:
+    return "\n".join(f"    {line}" for line in lines)
+
+
+def _literal(value: float) -> str:
+    return literal(np.float32(value))
+
+
+def _comment(text: str) -> str:
+    """Return text that ends no comment and no line, in ASCII."""
+    plain = text.encode("ascii", "replace").decode().replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
+    return " ".join(plain.replace("??", "? ?").split())

@@ -1,0 +1,53 @@
+"""The exported C of a coupling, compiled and called."""
+
+from __future__ import annotations
+
+import ctypes
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from hardware_bench import require, run, scratch
+from numpy.typing import ArrayLike
+
+from avc_casadi.coupling import Coupling
+from avc_casadi.support import Float32Array
+from avc_hardware import export_c
+
+WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+C99 = ("gcc", "-std=c99")
+CPP11 = ("g++", "-std=c++11", "-x", "c++")
+# More than any coupling remembers.
+_ROOM = 4096
+
+
+class Exported:
+    """One device with the exported coupling."""
+
+    def __init__(
+        self, coupling: Coupling, *, compiler: tuple[str, ...] = C99, flags: tuple[str, ...] = WARNINGS
+    ) -> None:
+        require("gcc")
+        # A library of the same path would be taken for the one that is loaded already.
+        folder = Path(tempfile.mkdtemp(dir=scratch()))
+        for name, text in export_c(coupling).items():
+            (folder / name).write_text(text, encoding="ascii")
+        library = folder / f"{compiler[0]}.so"
+        build = ("-O2", "-ffp-contract=off", *flags, "-fPIC", "-shared", "-nostdlib")
+        tool, *options = compiler
+        run(tool, *options, *build, str(folder / "avc_coupling.c"), "-o", str(library))
+        self._c = ctypes.CDLL(str(library))
+        self._c.avc_coupling_step.restype = ctypes.c_float
+        self._c.avc_coupling_step.argtypes = [ctypes.c_void_p, ctypes.c_float]
+        self._memory = ctypes.create_string_buffer(b"\xff" * _ROOM, _ROOM)
+        self.start()
+
+    def start(self) -> None:
+        self._c.avc_coupling_start(self._memory)
+
+    def step(self, position_m: float) -> float:
+        force: float = self._c.avc_coupling_step(self._memory, position_m)
+        return force
+
+    def forces(self, positions_m: ArrayLike) -> Float32Array:
+        return np.array([self.step(float(x)) for x in np.asarray(positions_m)], dtype=np.float32)

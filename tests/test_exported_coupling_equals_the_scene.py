@@ -1,0 +1,183 @@
+"""The exported C is the scene's coupling: the bits of its expressions in single precision, on every compiler."""
+
+import dataclasses
+import functools
+import re
+
+import numpy as np
+import pytest
+from exported import C99, CPP11, WARNINGS, Exported
+from hardware_bench import bench_problem, coupling, require, with_gains
+
+import avc_casadi as avc
+from avc_casadi import InputError
+from avc_casadi.coupling import Coupling, Runtime
+from avc_casadi.problem import DelayEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
+from avc_casadi.support import FloatArray
+from avc_hardware import export_c
+from avc_hardware._reference_coupling import ReferenceCoupling
+
+SEEDS = range(16)
+
+
+def drawn(seed: int) -> Coupling:
+    """Any coupling: T of 0.1 to 3 ms; with and without observer, guard, delay, encoder, force limit, adaptation."""
+    rng = np.random.default_rng(seed)
+    time_s = float(np.exp(rng.uniform(np.log(1e-4), np.log(3e-3))))
+    estimators = ("fused", "zero-crossing", "adaptive-notch", "spectral-peak")
+    runtime = Runtime(
+        estimator=estimators[seed // 2 % 4],
+        hold_s=float(rng.uniform(0, 0.3)),
+        slew_per_s=None if seed % 3 == 0 else float(rng.uniform(1, 50)),
+        passive=seed % 5 != 0,
+        observer_mass_kg=None if seed % 4 < 2 else float(rng.uniform(0.1, 0.5)),
+        guard=(None, "passivity-controller", "energy-tank")[seed % 3],
+    )
+    return coupling(
+        (1, 7, 60, 1)[seed % 4],
+        seed=seed,
+        largest=(300.0, 1e5, (0.0, 50.0)[seed % 2]),
+        wall=((0.0, 3e4), (10.0, 1e5), (5.0, 0.0))[seed % 3],
+        runtime=runtime,
+        sample_time_s=time_s,
+        encoder_resolution_m=float(rng.uniform(1e-6, 1e-4)),
+        delay_samples=int(rng.integers(0, 4)),
+        max_force_n=None if seed % 7 == 0 else float(rng.uniform(2, 20)),
+    )
+
+
+def motions(made: Coupling, samples: int = 500) -> FloatArray:
+    """Taps that grow faster, a press with noise, jumps, and a stroke with what no sensor should say; (4, samples)."""
+    time = np.arange(samples) * made.sample_time_s
+    rng = np.random.default_rng(1)
+    step = made.problem.device.encoder_resolution_m
+    broken = 1e-3 * np.sin(2 * np.pi * 7 * time)
+    broken[[40, 41, 90, 150, 151, 220, 300]] = [np.nan, np.nan, np.inf, -np.inf, 3e38, 1e7, -np.nan]
+    broken[350:360] = 9e5
+    ways = [
+        4e-4 * np.sin(2 * np.pi * (2 + 30 * time) * time),
+        np.minimum(0.05 * time - 1e-3, 2e-3) + step * rng.integers(-1, 2, samples),
+        np.where(np.arange(samples) // 60 % 2 == 0, 3e-3, -1e-3),
+    ]
+    return np.array([*(step * np.round(way / step) for way in ways), broken])
+
+
+@functools.cache
+def reference(seed: int) -> FloatArray:
+    made = drawn(seed)
+    ways = motions(made)
+    devices = ReferenceCoupling(made, len(ways))
+    return np.stack([devices.step(column) for column in ways.T], axis=1)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("compiler", [C99, CPP11], ids=["C99", "C++11"])
+def test_compiled_coupling_gives_the_bits_of_the_expressions(compiler: tuple[str, ...], seed: int) -> None:
+    made, expected = drawn(seed), reference(seed)
+    device = Exported(made, compiler=compiler)
+    for way, forces in zip(motions(made), expected, strict=True):
+        device.start()
+        assert device.forces(way).tobytes() == forces.tobytes()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_force_is_a_number_within_its_limit_and_pushes(seed: int) -> None:
+    made, forces = drawn(seed), reference(seed)
+    assert np.isfinite(forces).all()
+    assert (forces[3][[40, 41, 90, 150, 151, 220, 300]] == 0).all()
+    assert (forces[:3] > 0).any()
+    if made.max_force_n is not None:
+        assert np.abs(forces).max() <= np.float32(made.max_force_n)
+    if made.runtime.guard is None:
+        assert forces.min() >= 0
+
+
+@pytest.mark.parametrize("seed", [1, 4, 7, 10])
+def test_an_int_of_16_bits_is_enough(seed: int) -> None:
+    """Where an int is a short the bits stay: no index and no number of the program needs more."""
+    made = drawn(seed)
+    device = Exported(made, flags=("-Dint=short",))
+    for way, forces in zip(motions(made), reference(seed), strict=True):
+        device.start()
+        assert device.forces(way).tobytes() == forces.tobytes()
+    for text in export_c(made).values():
+        code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+        whole = re.findall(r"(?<![\w.+-])(\d+)u?(?![\w.])", code)
+        assert all(int(number) < 2**15 for number in whole)
+        assert not re.search(r"\b(long|double|size_t|malloc|memcpy|math\.h)\b", code)
+        assert set(re.findall(r"#include (\S+)", code)) <= {'"avc_coupling.h"', "<stdbool.h>"}
+
+
+def test_a_fault_starts_anew_and_start_forgets() -> None:
+    made = drawn(7)
+    device = Exported(made)
+    way = motions(made)[0]
+    first = device.forces(way)
+    device.step(float("nan"))
+    assert device.forces(way).tobytes() == first.tobytes()
+    assert device.forces(way).tobytes() != first.tobytes()
+    device.start()
+    assert device.forces(way).tobytes() == first.tobytes()
+
+
+RUNTIMES = {
+    "nothing": Runtime("zero-crossing"),
+    "observer": Runtime("zero-crossing", observer_mass_kg=0.25),
+    "controller": Runtime("zero-crossing", guard="passivity-controller"),
+    "observer and tank": Runtime("zero-crossing", observer_mass_kg=0.25, guard="energy-tank"),
+}
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+@pytest.mark.parametrize("varies", [False, True], ids=["constant", "table"])
+@pytest.mark.parametrize("name", RUNTIMES)
+def test_export_feels_like_the_scene_in_double_precision(name: str, *, varies: bool, delay: int) -> None:
+    """The scene's own run, its measured positions given to the export: the scene's forces, but for the precision."""
+    effects = [HandEffect(), WallEffect(), EncoderEffect(), SaturationEffect()] + [DelayEffect()] * (delay > 0)
+    motion = {"kind": "tap", "end_m": 0.004, "frequency_hz": 3.0}
+    problem = bench_problem((5.0, 5e3), delay_samples=delay, encoder_resolution_m=2e-5, max_force_n=30.0).changed(
+        scene={"effects": tuple(effects), "motion": motion, "duration_s": 1.5}
+    )
+    constant = with_gains(problem, 5.0, 4e3, 3.0)
+    made = dataclasses.replace(constant, runtime=RUNTIMES[name])
+    if varies:
+        rows = np.array([[1.0, 5.0, 4e3, 3.0], [3.0, 8.0, 3e3, 3.0], [50.0, 3.0, 5e3, 1.0]])
+        made = dataclasses.replace(made, table=dataclasses.replace(made.table, rows=rows))
+    scene = avc.simulate(problem, made)
+    assert scene.samples_in_reach == scene.samples
+    measured = 2e-5 * np.floor(scene.position_m / 2e-5 + 0.5)
+    force = Exported(made).forces(measured)
+    asked = scene.force_n[delay:]
+    assert asked.max() > 2
+    difference = np.abs(force[: len(asked)] - asked)
+    # A step of the look-up's frequency that falls the other way moves a force for some samples.
+    assert np.sqrt(np.mean(difference**2)) < 2e-3 * asked.max()
+    assert difference.max() < 5e-2 * asked.max()
+
+
+def test_header_says_what_it_is() -> None:
+    made = drawn(7)
+    header = export_c(dataclasses.replace(made, problem=made.problem.changed(title="a */ b \\ ??/ \u00fc")))[
+        "avc_coupling.h"
+    ]
+    assert f'#define AVC_COUPLING_ID "{made.id}"' in header
+    assert re.search(r"#define AVC_COUPLING_SAMPLE_TIME_S \S+f\n", header)
+    assert "AVC_COUPLING_MAX_FORCE_N" not in header
+    assert header.isascii()
+    assert "a * / b / ? ?/ ?" in header
+    assert max(map(len, header.splitlines())) <= 120
+    limited = export_c(coupling(1, max_force_n=7.5))["avc_coupling.h"]
+    assert "#define AVC_COUPLING_MAX_FORCE_N 7.5f\n" in limited
+
+
+def test_what_cannot_be_exported_is_refused_by_name() -> None:
+    with pytest.raises(InputError, match="environment: gives no force"):
+        export_c(coupling(1, wall=(0.0, 0.0)))
+    with pytest.raises(InputError, match="encoder"):
+        export_c(coupling(1, runtime=Runtime(observer_mass_kg=0.2), encoder_resolution_m=0.0))
+
+
+def test_fast_math_is_refused() -> None:
+    require("gcc")
+    with pytest.raises(AssertionError, match="compile without -ffast-math"):
+        Exported(drawn(0), flags=(*WARNINGS, "-ffast-math"))
