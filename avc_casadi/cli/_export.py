@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
-import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import write_text
+from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, read_subject, unsafe_note
 
 
@@ -29,23 +29,18 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.certificate import require_deployable
     from avc_hardware import export_c
 
-    folder = Path(args.c)
-    if folder.exists() and not folder.is_dir():
-        raise avc.InputError.of(f"{args.c!r} is a file; give a folder", key="--c")
     coupling = read_subject(args.gains, args.problem)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
     with console.step("C"):
         files = export_c(coupling, unsafe=args.unsafe)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise avc.InputError.of(f"{args.c!r} cannot be made ({error.strerror})", key="--c") from error
-    for name, text in files.items():
-        write_text(folder / name, text, "--c")
-    document = {
+    with output_folder(args.c, "--c") as folder:
+        for name, text in files.items():
+            write_text(folder / name, text, "--c")
+    written = [str(Path(args.c) / name) for name in files]
+    document: dict[str, Any] = {
         "schema": "avc-export/2",
         "coupling": coupling.id,
-        "files": [str(folder / name) for name in files],
+        "files": written,
         "rows": len(coupling.table),
         "sample_time_s": coupling.sample_time_s,
         "deployable": verdict.document(),
@@ -54,7 +49,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     }
     lines = [document["unsafe"]] if document["unsafe"] else []
     lines.append(
-        f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {len(coupling.table)} rows: "
-        f"{', '.join(document['files'])}"
+        f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {len(coupling.table)} rows: {', '.join(written)}"
     )
-    return Answer(document, "\n".join([*map(str, lines), *(f"lacks: {one}" for one in coupling.lacks)]))
+    return Answer(document, "\n".join([*lines, *(f"lacks: {one}" for one in coupling.lacks)]))

@@ -22,6 +22,7 @@ from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
+    from avc_casadi.design import MethodName
     from avc_casadi.study.comparison import Comparison
 
 _CAPTIONS = {
@@ -112,7 +113,7 @@ def _recommended(problem: avc.Problem) -> dict[str, Any]:
     return found.document() | {"of": found.coupling}
 
 
-def _by_method(problem: avc.Problem, method: str) -> dict[str, Any]:
+def _by_method(problem: avc.Problem, method: MethodName) -> dict[str, Any]:
     """Return what is known of the coupling of a method, in the keys of the `recommend` document."""
     from avc_casadi.recommendation import judged_as_recommended
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.certificate import require_deployable
 from avc_hardware._coupling_program import FARTHEST_M, LARGEST, CouplingProgram, coupling_program
 from avc_hardware._float_program import literal
 from avc_hardware._reference import ln
@@ -166,7 +167,7 @@ static void look_up(float frequency_hz, float gains[3])
 """
 
 
-def export_c(coupling: Coupling) -> dict[str, str]:
+def export_c(coupling: Coupling, *, unsafe: bool = False) -> dict[str, str]:
     """Return a coupling as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
 
     The whole of it at its own sample time: observer, estimator, adaptation and table where it has them, wall, contact
@@ -174,11 +175,14 @@ def export_c(coupling: Coupling) -> dict[str, str]:
 
     Args:
         coupling: any; what runs beside its gains needs no support by the packaged firmware.
+        unsafe: whether a coupling that is not deployable is written too.
 
     Raises:
+        NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
         InputError: the wall gives no force, the observer has no encoder step to look between, or a number is too large
             for single precision.
     """
+    require_deployable(coupling, unsafe=unsafe)
     program = coupling_program(coupling)
     return {HEADER: _header(coupling, program), SOURCE: _source(coupling, program)}
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.certificate import require_deployable
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware._runs_on import check_limits, check_runs_on
 from avc_hardware._table import TableImage
@@ -79,6 +80,7 @@ def push(
     baud: int = DEFAULT_BAUD,
     safe: Gains | None = None,
     deadline_s: float | None = None,
+    unsafe: bool = False,
     on_log: Callable[[str], None] | None = None,
 ) -> PushResult:
     """Send the table of a coupling, with its wall; the device swaps it in whole between two control ticks.
@@ -89,14 +91,17 @@ def push(
         baud: rate of a serial port.
         safe: gains after a lost heartbeat; None is no force.
         deadline_s: longest duration on the link's clock.
+        unsafe: whether a coupling that is not deployable goes too.
         on_log: takes the firmware's lines of text.
 
     Raises:
+        NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
         InputError: the table cannot be sent.
         UnsupportedError: the coupling needs what the firmware does not have.
         LinkError: no device, refused, or lost on the way; the device then runs its old table or the new one, whole.
         MissingExtraError: ``emulator`` without its extra.
     """
+    require_deployable(coupling, unsafe=unsafe)
     check_runs_on(coupling)  # a coupling that cannot run is refused before a port is opened
     TableImage.of(coupling, safe=safe)
     link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port

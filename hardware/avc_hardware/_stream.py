@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi import InputError, LinkError
+from avc_casadi.certificate import require_deployable
 from avc_casadi.support import Float32Array, FloatArray
 from avc_hardware import _messages as m
 from avc_hardware._bytes import ByteLink
@@ -101,6 +102,7 @@ def stream(
     rate_hz: float = 50.0,
     seconds: float = 5.0,
     baud: int = DEFAULT_BAUD,
+    unsafe: bool = False,
     on_sample: Callable[[StreamSample], None] | None = None,
 ) -> StreamResult:
     """Push the coupling, then send its gains live for a time; a message that is late or lost is not repeated.
@@ -111,9 +113,11 @@ def stream(
         rate_hz: messages a second, at most 100.
         seconds: duration.
         baud: rate of a serial port.
+        unsafe: whether a coupling that is not deployable goes too.
         on_sample: called after each message.
 
     Raises:
+        NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
         InputError: rate or duration out of range, or the table cannot be sent.
         UnsupportedError: the coupling needs what the firmware does not have.
         LinkError: no device, refused, unplugged.
@@ -122,6 +126,7 @@ def stream(
         raise InputError.of(f"{rate_hz:g} Hz; allowed: above 0, at most {MAX_RATE_HZ:g}", key="rate_hz")
     if not (math.isfinite(seconds) and seconds > 0):
         raise InputError.of(f"{seconds:g} s; allowed: a finite time above 0", key="seconds")
+    require_deployable(coupling, unsafe=unsafe)
     check_runs_on(coupling)
     link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
     with Connection(link, baud=baud) as connection:

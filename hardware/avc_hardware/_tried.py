@@ -52,11 +52,20 @@ class LoopResult:
         """Mean force over mean penetration in the end; not a number without contact."""
         return float(self.judgement.apparent_stiffness_n_per_m)
 
+    @property
+    def sentence(self) -> str:
+        """What came of it, in one line."""
+        stiffness = self.apparent_stiffness_n_per_m
+        felt = f", {stiffness:.4g} N/m felt in the end" if math.isfinite(stiffness) else ""
+        rest = "came to rest" if self.at_rest else "DID NOT COME TO REST"
+        return f"with a hand for {self.seconds:g} s it {rest}; at most {self.peak_force_n:.3g} N{felt}"
+
     def document(self) -> dict[str, Any]:
         """Return the figures: JSON values only."""
         stiffness = self.apparent_stiffness_n_per_m
         return {
             "at_rest": self.at_rest,
+            "sentence": self.sentence,
             "seconds": self.seconds,
             "peak_force_n": self.peak_force_n,
             "apparent_stiffness_n_per_m": stiffness if math.isfinite(stiffness) else None,
