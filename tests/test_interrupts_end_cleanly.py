@@ -26,14 +26,9 @@ coulomb_friction_n = 0.2
 damping_ns_per_m = 10.0
 stiffness_n_per_m = 1e5
 [scene]
-duration_s = 100.0
-[[scene.effects]]
-kind = "hand"
-[[scene.effects]]
-kind = "wall"
-[[scene.effects]]
-kind = "noise"
-rms_m = 1e-3
+duration_s = 30.0
+integrator = "rk4"
+substeps = 1000
 """
 
 

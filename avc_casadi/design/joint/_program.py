@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -153,7 +155,9 @@ def solve_program(
     }
     if warm is not None:
         arguments |= {"lam_x0": warm.multipliers[0], "lam_g0": warm.multipliers[1]}
-    result = solver(**arguments)
+    # CasADi warns of the evaluation that Ctrl-C cut short; what else it says the exact checks find out.
+    with contextlib.redirect_stderr(io.StringIO()):
+        result = solver(**arguments)
     stats = solver.stats()
     reraise_interrupt(stats["return_status"])
     states = result["x"].full().reshape((d, free), order="F")
