@@ -25,10 +25,11 @@ coulomb_friction_n = 0.2
 [environment]
 damping_ns_per_m = 10.0
 stiffness_n_per_m = 1e5
-[scene]
-duration_s = 30.0
-integrator = "rk4"
-substeps = 1000
+[coupling]
+structure = "damped"
+contact_damping_ns_per_m = [0.0, 200.0]
+[frequency]
+points = 20000
 """
 
 

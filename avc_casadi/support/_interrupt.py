@@ -84,7 +84,7 @@ def reraise_interrupt(outcome: BaseException | str) -> None:
         return
     error: BaseException | None = outcome
     while error is not None:
-        if isinstance(error, KeyboardInterrupt) or str(error).rstrip().endswith("KeyboardInterrupt"):
+        if isinstance(error, KeyboardInterrupt) or "KeyboardInterrupt" in str(error):
             raise KeyboardInterrupt from outcome
         error = error.__cause__ or error.__context__
 
