@@ -6,8 +6,8 @@ all pass; it is stale when its old text does not stand exactly once in its file.
 why in its table. The run ends with 1 where an edit is stale, survived unexplained or is explained and killed, or where
 fewer than 90 % are killed.
 
-A whole run takes about a quarter of an hour in one process and overwrites results/mutation.json and
-RESULTS_mutation.md beside this file; --only runs one table and writes nothing.
+A whole run takes about a quarter of an hour in one process. It overwrites results/mutation.json and
+RESULTS_mutation.md beside this file; --only runs one table and overwrites its part of both.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ COPIED = ("avc_casadi", "hardware", "problems", "tests", "pyproject.toml")
 # Processor time, so that others on the machine do not make an edit look killed; wall time for what hangs.
 LONGEST_S, HANGING_S = 120, 1800
 GOAL = 0.9
+PREAMBLE = """Each edit of mutations/*.toml alone, against the tests listed beside it; seconds with the tests run once
+without any edit, on a machine that others use too."""
 
 
 def copied(folder: Path) -> Path:
@@ -111,33 +113,40 @@ def faults(records: list[dict[str, Any]]) -> list[str]:
     return found
 
 
-def table(records: list[dict[str, Any]]) -> str:
+def table(known: dict[str, Any]) -> str:
     """Counts by area, then what survived and why, as Markdown."""
-    lines = ["| area | edits | killed | survived | stale | seconds |", "|---|---|---|---|---|---|"]
-    for area in (*dict.fromkeys(record["area"] for record in records), "all"):
-        some = [record for record in records if area in {record["area"], "all"}]
-        count = Counter(record["outcome"] for record in some)
-        seconds = sum(record["seconds"] for record in some)
-        counts = f"{count['killed']} | {count['survived']} | {count['stale']}"
-        lines.append(f"| {area} | {len(some)} | {counts} | {seconds:.0f} |")
-    rest = [record for record in records if record["outcome"] != "killed"]
+    lines = ["| area | edits | killed | survived | stale | s | commit | on |", "|---|---|---|---|---|---|---|---|"]
+    every: list[dict[str, Any]] = []
+    for area, part in known.items():
+        facts = part["about"]
+        lines.append(_row(area, part["edits"], facts["seconds"], facts["commit"], _machine(facts)))
+        every += part["edits"]
+    lines.append(_row("all", every, sum(part["about"]["seconds"] for part in known.values()), "", ""))
+    rest = [record for record in every if record["outcome"] != "killed"]
     if rest:
-        lines += ["", "| file | edit | outcome | explanation |", "|---|---|---|---|"]
+        lines += ["", "| file | edit | outcome | why |", "|---|---|---|---|"]
         for record in rest:
             change = f"`{record['old']}` -> `{record['new']}`".replace("|", "\\|")
             lines.append(f"| {record['file']} | {change} | {record['outcome']} | {record['explained'] or '**none**'} |")
     return "\n".join(lines)
 
 
+def _row(area: str, records: list[dict[str, Any]], seconds: int, *rest: str) -> str:
+    count = Counter(record["outcome"] for record in records)
+    numbers = (len(records), count["killed"], count["survived"], count["stale"], seconds)
+    return f"| {area} | {' | '.join(map(str, numbers))} | {' | '.join(rest)} |"
+
+
+def _machine(facts: dict[str, Any]) -> str:
+    versions = ", ".join(f"{name} {number}" for name, number in facts["versions"].items())
+    return f"{facts['date']}; {facts['machine']}; {versions}"
+
+
 def about(seconds: float) -> dict[str, Any]:
-    """Say of which commit and on what the run was made."""
-    git = shutil.which("git")
-    asked = [git, "describe", "--always", "--dirty", "--exclude=*"] if git else []
-    commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=False) if asked else None  # noqa: S603
+    """Say of which commit and on what a table was run."""
     packages = ("casadi", "numpy", "scipy", "pytest", "hypothesis")
     return {
-        "command": "python tests/benchmarks/mutation_run.py",
-        "commit": commit.stdout.strip() if commit else "",
+        "commit": _commit(),
         "date": f"{datetime.now(tz=UTC):%Y-%m-%d}",
         "machine": f"{platform.machine()}, {os.cpu_count()} shared cores",
         "versions": {"python": platform.python_version()} | {name: version(name) for name in packages},
@@ -145,35 +154,48 @@ def about(seconds: float) -> dict[str, Any]:
     }
 
 
-def main() -> int:
-    """Run what the command line asks for."""
-    only = script_arguments(__doc__, only=areas()).only
-    listed, started = edits(only), time.perf_counter()
+def _commit() -> str:
+    git = shutil.which("git")
+    if git is None:
+        return ""
+
+    def said(*words: str) -> str:
+        return subprocess.run([git, *words], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()  # noqa: S603
+
+    # The results themselves change while the run goes on.
+    changed = said("status", "--porcelain", "--untracked-files=no", "--", *COPIED, ":!tests/benchmarks/*mutation.*")
+    return said("rev-parse", "--short", "HEAD") + ("-dirty" if changed else "")
+
+
+def run(area: str) -> list[dict[str, Any]]:
+    """Try every edit of a table and put what became of them into the results."""
+    listed, facts, started = edits(area), about(0), time.perf_counter()
+    records = []
     with tempfile.TemporaryDirectory(prefix="avc-mutation-") as folder:
         root = copied(Path(folder))
         passed, by = passes(root, sorted({test for edit in listed for test in edit.tests}), None)
         if not passed:
-            print(f"the tests fail without any edit: {by}", file=sys.stderr)
-            return 1
-        records = []
+            sys.exit(f"the tests of {area} fail without any edit: {by}")
         for number, edit in enumerate(listed, start=1):
             records.append(tried(root, edit))
             last = records[-1]
-            print(
-                f"{number}/{len(listed)} {last['outcome']} {last['seconds']:.1f} s {edit.path}: {edit.why}", flush=True
-            )
-    facts, found = about(time.perf_counter() - started), faults(records)
-    print("\n" + table(records))
-    if only is None:
-        RESULTS.write_text(json.dumps({"about": facts, "edits": records}, indent=1) + "\n", encoding="utf-8")
-        versions = ", ".join(f"{name} {number}" for name, number in facts["versions"].items())
-        head = [
-            "# Small breakages that the tests must notice",
-            f"{facts['date']}, commit {facts['commit']}; {facts['machine']}; {versions}; {facts['seconds']} s.",
-            f"    {facts['command']}",
-            "Each edit of mutations/*.toml alone, against the tests listed beside it.",
-        ]
-        TABLE.write_text("\n\n".join([*head, table(records)]) + "\n", encoding="utf-8")
+            place = f"{area} {number}/{len(listed)}"
+            print(f"{place} {last['outcome']} {last['seconds']:.1f} s {edit.path}: {edit.why}", flush=True)
+    facts["seconds"] = round(time.perf_counter() - started)
+    known = json.loads(RESULTS.read_text(encoding="utf-8"))["areas"] if RESULTS.exists() else {}
+    known = {name: known[name] for name in areas() if name in known} | {area: {"about": facts, "edits": records}}
+    document = {"command": "python tests/benchmarks/mutation_run.py", "areas": dict(sorted(known.items()))}
+    RESULTS.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    head = ["# Small breakages that the tests must notice", f"    {document['command']}", PREAMBLE]
+    TABLE.write_text("\n\n".join([*head, table(document["areas"])]) + "\n", encoding="utf-8")
+    return records
+
+
+def main() -> int:
+    """Run what the command line asks for."""
+    only = script_arguments(__doc__, only=areas()).only
+    found = faults([record for area in ((only,) if only else areas()) for record in run(area)])
+    print(TABLE.read_text(encoding="utf-8"))
     for fault in found:
         print(fault, file=sys.stderr)
     return 1 if found else 0
