@@ -49,6 +49,25 @@ def test_what_was_written_is_read(structure, tmp_path):
         assert written[key] == VALID[structure][key], key
 
 
+def test_the_nyquist_frequency_itself_is_too_high(tmp_path):
+    """1/(2 T) at T = 1 ms is 500 Hz, and no row may stand there."""
+    document = {"frequency_hz": [1.0, 499.99], "damping_ns_per_m": [1.0, 1.0], "stiffness_n_per_m": [1.0, 1.0]}
+    document["sample_time_s"] = 1e-3
+    assert read(document, tmp_path).rows == 2
+    document["frequency_hz"][1] = 500.0
+    (fault,) = faults(document, tmp_path)
+    assert fault[0] == "frequency_hz"
+    assert "below half the sampling rate, 500 Hz" in fault[1]
+
+
+def test_a_rigid_request_stays_rigid(tmp_path):
+    asked = solve(load_problem("hard/rigid"), "closed-form")
+    assert asked.requested_rigid.any()
+    again = read(gain_document(asked), tmp_path)
+    np.testing.assert_array_equal(again.requested_damping_ns_per_m, asked.requested_damping_ns_per_m)
+    np.testing.assert_array_equal(again.requested_stiffness_n_per_m, asked.requested_stiffness_n_per_m)
+
+
 def spoiled(**changes):
     document = short()
     for key, value in changes.items():

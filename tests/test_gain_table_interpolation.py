@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from schedule_problems import figure5
 
 from avc_casadi import InputError, solve
-from avc_casadi.coupling import GainTable, gains_at, interpolate, reduce_rows, single_ln
+from avc_casadi.coupling import Gains, GainTable, Status, gain_schedule, gains_at, interpolate, reduce_rows, single_ln
 from avc_casadi.loop import loop_at
 from avc_casadi.problem import load_problem
 from avc_hardware._reference import lookup
@@ -110,6 +110,38 @@ def test_rows_between_which_a_gain_would_fall_below_the_margin_are_not_neighbour
     assert refused >= 3
     with pytest.raises(InputError, match="no table of 2 rows keeps Re Z_h at the margin"):
         reduce_rows(table, problem, rows=2)
+
+
+def test_rows_that_are_below_the_margin_themselves_do_not_forbid_a_table():
+    """Gains made without a margin, a problem that asks for one: where a row is below it, the same gain is no worse."""
+    strict = figure5(points=9, stability={"margin_ns_per_m": 5.0})
+    frequency = strict.frequencies_hz()
+    rows = np.array([[f, 1.0, 8e3, 0.0] for f in frequency])
+    assert (loop_at(strict, frequency).perceived(*rows.T[1:]).real < 5.0).all()
+    np.testing.assert_array_equal(reduce_rows(GainTable(rows), strict, rows=2).kept, [0, 8])
+
+
+def test_gains_at_a_frequency_need_both_rows_about_it_and_rest_is_the_lowest():
+    problem = figure5(points=4)
+    status = (Status.SOLVED, Status.SOLVED, Status.INFEASIBLE, Status.SOLVED)
+    gains = tuple(np.array([1.0, 2.0, 3.0, 4.0]) * scale for scale in (1.0, 100.0, 0.0))
+    schedule = gain_schedule(problem, "file", gains, status)
+    assert gains_at(schedule) == Gains(1.0, 100.0)
+    low, high = problem.frequencies_hz()[:2]
+    between = gains_at(schedule, float(np.sqrt(low * high)))
+    assert (between.damping_ns_per_m, between.stiffness_n_per_m) == pytest.approx((1.5, 150.0))
+    for refused in problem.frequencies_hz()[2] * np.array([0.99, 1.0, 1.01]):
+        with pytest.raises(InputError, match="has no gains"):
+            gains_at(schedule, refused)
+
+
+def test_of_equally_near_tables_the_shortest_is_taken():
+    frequency = np.geomspace(1, 256, 9)
+    rows = np.array([[f, 10.0 * i, 1000.0 - 100.0 * i, 0.0] for i, f in enumerate(frequency)])
+    constant = np.array([[f, 10.0, 1000.0, 0.0] for f in frequency])
+    np.testing.assert_array_equal(reduce_rows(GainTable(constant), rows=7).kept, [0, 8])
+    straight = reduce_rows(GainTable(rows), tolerance=1e-12)
+    np.testing.assert_array_equal(straight.kept, [0, 8])
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
