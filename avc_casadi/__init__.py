@@ -86,6 +86,7 @@ if TYPE_CHECKING:
     from avc_casadi.problem import catalogue as catalogue
     from avc_casadi.problem import catalogue_path as catalogue_path
     from avc_casadi.problem import dump_problem as dump_problem
+    from avc_casadi.problem import load_device as load_device
     from avc_casadi.problem import load_problem as load_problem
     from avc_casadi.problem import parse_problem as parse_problem
     from avc_casadi.recommendation import Recommendation as Recommendation
@@ -116,6 +117,7 @@ else:
         "catalogue": "problem",
         "catalogue_path": "problem",
         "dump_problem": "problem",
+        "load_device": "problem",
         "load_problem": "problem",
         "parse_problem": "problem",
         "Run": "scene",

@@ -1,4 +1,4 @@
-"""Check a problem file and show what it means."""
+"""Check a problem file or a device file and show what it means."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import argparse
 from typing import Any
 
 import avc_casadi as avc
+from avc_casadi.cli._check_device import check_device, is_device
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._text import number, passive_limit
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
+    parser.add_argument("problem", metavar="P", help="problem or device: a file, or a name of the catalogue")
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
@@ -21,6 +22,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     from avc_casadi.problem import declared, plausibility
     from avc_casadi.support import plain
 
+    if is_device(args.problem):
+        return check_device(args.problem)
     problem = avc.load_problem(args.problem)
     frequency = problem.frequencies_hz()
     device = problem.device

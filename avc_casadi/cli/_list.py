@@ -1,4 +1,4 @@
-"""Show the catalogue of problems."""
+"""Show the catalogue of problems and devices."""
 
 from __future__ import annotations
 
@@ -11,18 +11,31 @@ from avc_casadi.cli._text import table
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments; there are none."""
-    parser.description = "Show the catalogue of problems: files to run, and to copy from."
+    parser.description = (
+        "Show the catalogue: problems, files to run and to copy from; and devices, to name in a problem file."
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
-    """List every problem with its title."""
+    """List every problem and every device with its title."""
+    from avc_casadi.problem import device_catalogue, device_names
+
     problems = [
         {"name": entry.name, "title": entry.title, "source": entry.source, "path": str(entry.path)}
         for entry in avc.catalogue()
     ]
-    rows = [(entry["name"], entry["title"]) for entry in problems]
+    paths = device_names()
+    devices = [
+        {"name": file.name, "title": file.title, "gaps": list(file.gaps), "path": str(paths[file.name])}
+        for file in device_catalogue()
+    ]
+    of_problems = [(entry.name, entry.title) for entry in avc.catalogue()]
+    of_devices = [(file.name, file.title) for file in device_catalogue()]
     folder = avc.catalogue_path("figure5").parent
     return Answer(
-        {"schema": "avc-list/1", "problems": problems},
-        table(("name", "title"), rows, left=(0, 1)) + f"\nfiles to copy from: {folder}",
+        {"schema": "avc-list/1", "problems": problems, "devices": devices},
+        f"{table(('problem', 'title'), of_problems, left=(0, 1))}\n\n"
+        f"{table(('device', 'title'), of_devices, left=(0, 1))}\n"
+        'in a problem file: device = "NAME"; what is known of one: avc check devices/NAME\n'
+        f"files to copy from: {folder}",
     )

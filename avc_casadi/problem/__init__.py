@@ -2,13 +2,22 @@
 
 from avc_casadi.problem._catalogue import CatalogueEntry as CatalogueEntry
 from avc_casadi.problem._catalogue import catalogue as catalogue
+from avc_casadi.problem._catalogue import catalogue_names as catalogue_names
 from avc_casadi.problem._catalogue import catalogue_path as catalogue_path
+from avc_casadi.problem._catalogue import device_names as device_names
 from avc_casadi.problem._declared import declared as declared
 from avc_casadi.problem._device import Device as Device
 from avc_casadi.problem._device import DeviceRange as DeviceRange
 from avc_casadi.problem._device import Resonance as Resonance
 from avc_casadi.problem._device import ResonanceRange as ResonanceRange
 from avc_casadi.problem._device import whole_delay as whole_delay
+from avc_casadi.problem._device_file import DeviceFile as DeviceFile
+from avc_casadi.problem._device_file import Grade as Grade
+from avc_casadi.problem._device_file import SdkExample as SdkExample
+from avc_casadi.problem._device_file import Source as Source
+from avc_casadi.problem._device_file import Sources as Sources
+from avc_casadi.problem._device_file import device_catalogue as device_catalogue
+from avc_casadi.problem._device_file import load_device as load_device
 from avc_casadi.problem._dump import dump_problem as dump_problem
 from avc_casadi.problem._dump import problem_document as problem_document
 from avc_casadi.problem._dump import problem_of as problem_of

@@ -10,6 +10,8 @@ from pathlib import Path
 from avc_casadi._errors import InputError
 from avc_casadi._resources import problems_folder
 
+DEVICES = "devices/"
+
 
 @dataclass(frozen=True)
 class CatalogueEntry:
@@ -29,10 +31,16 @@ class CatalogueEntry:
 
 
 def catalogue_names() -> dict[str, Path]:
-    """Return the path of every problem by name: plain problems first, then those of ``hard/``."""
+    """Return the path of every problem by name: plain problems first, then those of folders; devices are none."""
     folder = problems_folder()
     files = sorted(folder.rglob("*.toml"), key=lambda path: (len(path.relative_to(folder).parts), path))
-    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
+    named = {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
+    return {name: path for name, path in named.items() if not name.startswith(DEVICES)}
+
+
+def device_names() -> dict[str, Path]:
+    """Return the path of every device of the catalogue by name."""
+    return {path.stem: path for path in sorted((problems_folder() / DEVICES).glob("*.toml"))}
 
 
 def catalogue() -> tuple[CatalogueEntry, ...]:
@@ -62,6 +70,10 @@ def catalogue_path(name: str) -> Path:
     names = catalogue_names()
     if name in names:
         return names[name]
+    device = name.removeprefix(DEVICES)
+    if device in device_names():
+        message = f'is a device, not a problem; write device = "{device}" in a problem file, or see it by `avc check`'
+        raise InputError.of(message, file=name)
     near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     hint = f"; near: {', '.join(near)}" if near else ""
     raise InputError.of(

@@ -5,14 +5,16 @@ from __future__ import annotations
 import difflib
 import typing
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ValidationError
 
 from avc_casadi.problem._model import Problem
 from avc_casadi.problem._quantity import Quantity, Whole, shown
-from avc_casadi.problem._rules import Finding, broken_rules
+from avc_casadi.problem._rules import RULES, Finding, Rule, broken_rules
 from avc_casadi.problem._values import Path, Values
+
+_M = TypeVar("_M", bound=BaseModel)
 
 # More would help nobody, and a file of a million wrong numbers must be answered at once too.
 _MOST = 1000
@@ -25,7 +27,12 @@ _CONSEQUENCES = {"default_factory_not_called"}
 
 
 def validated(tables: Mapping[str, Any], name: str) -> Problem | list[Finding]:
-    """Return the problem of parsed tables, or everything that is wrong with them.
+    """Return the problem of parsed tables, or everything that is wrong with them."""
+    return checked(Problem, tables, name, RULES)
+
+
+def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequence[Rule]) -> _M | list[Finding]:
+    """Return a file's parsed tables as a model, or everything that is wrong with them.
 
     Fields come first, then each rule between values wherever the values that it needs are sound, so that a
     fault in one place hides none in another.
@@ -35,16 +42,16 @@ def validated(tables: Mapping[str, Any], name: str) -> Problem | list[Finding]:
     if _NOT_A_KEY in tables:
         findings.append(((_NOT_A_KEY,), "is not a key; the file's own name is the name of the problem"))
     try:
-        problem = Problem.model_validate({**keys, _NOT_A_KEY: name})
+        found = model.model_validate({**keys, _NOT_A_KEY: name})
     except ValidationError as error:
         items = [item for item in error.errors(include_url=False) if item["loc"]]
         items = [item for item in items if item["type"] not in _CONSEQUENCES]
         paths = [_path(item["loc"]) for item in items]
-        findings += [_finding(keys, path, item) for path, item in zip(paths[:_MOST], items, strict=False)]
-        findings += broken_rules(Values(keys, Problem, set(paths)))
+        findings += [_finding(model, keys, path, item) for path, item in zip(paths[:_MOST], items, strict=False)]
+        findings += broken_rules(Values(keys, model, set(paths)), rules)
     else:
         if not findings:
-            return problem
+            return found
     if len(findings) > _MOST:
         findings[_MOST:] = [((), f"has {len(findings) - _MOST} more faults")]
     return findings
@@ -71,9 +78,9 @@ def _models(annotation: Any) -> list[type[BaseModel]]:
     return [model for inner in typing.get_args(annotation) for model in _models(inner)]
 
 
-def _models_at(tables: Mapping[str, Any], path: Path) -> list[type[BaseModel]]:
+def _models_at(whole: type[BaseModel], tables: Mapping[str, Any], path: Path) -> list[type[BaseModel]]:
     """Return the tables allowed at a path: one, or one for each kind."""
-    models: list[type[BaseModel]] = [Problem]
+    models = [whole]
     node: Any = tables
     for part in path:
         node = _item(node, part)
@@ -92,7 +99,7 @@ def _kind(model: type[BaseModel]) -> Any:
 def _keys(models: list[type[BaseModel]]) -> list[str]:
     if len(models) > 1:
         return ["kind"]
-    return [key for key in models[0].model_fields if models[0] is not Problem or key != _NOT_A_KEY]
+    return [key for key in models[0].model_fields if key != _NOT_A_KEY]
 
 
 def _table(models: list[type[BaseModel]]) -> str:
@@ -104,34 +111,35 @@ def _one_of(choices: list[Any], value: object) -> str:
     return f"{', '.join(map(shown, choices))}{f'; did you mean {shown(near[0])}?' if near else ''}"
 
 
-def _finding(tables: Mapping[str, Any], path: Path, item: Any) -> Finding:
+def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item: Any) -> Finding:
     fault, value = item["type"], item["input"]
     message: str = item["msg"]
     if fault == "missing":
-        message = f"is missing; allowed: {_allowed(tables, path)}"
+        message = f"is missing; allowed: {_allowed(whole, tables, path)}"
     elif fault == "extra_forbidden":
-        keys = _keys(_models_at(tables, path[:-1]))
+        keys = _keys(_models_at(whole, tables, path[:-1]))
         near = difflib.get_close_matches(str(path[-1])[:60], keys, n=1)
         question = f"; did you mean {near[0]}?" if near else ""
         message = f"is not a known key; allowed: {', '.join(keys)}{question}"
     elif fault in {"model_type", "model_attributes_type"}:
-        message = f"is {shown(value)}, not a table; allowed: {_table(_models_at(tables, path))}"
+        message = f"is {shown(value)}, not a table; allowed: {_table(_models_at(whole, tables, path))}"
     elif fault in {"union_tag_invalid", "union_tag_not_found"}:
-        kinds = [_kind(model) for model in _models_at(tables, path)]
+        kinds = [_kind(model) for model in _models_at(whole, tables, path)]
         what = f"is {shown(value['kind'])}" if "kind" in value else "is missing"
         path, message = (*path, "kind"), f"{what}; allowed: {_one_of(kinds, value.get('kind'))}"
     elif fault == "literal_error":
-        annotation = _models_at(tables, path[:-1])[0].model_fields[str(path[-1])].annotation
+        annotation = _models_at(whole, tables, path[:-1])[0].model_fields[str(path[-1])].annotation
         message = f"is {shown(value)}; allowed: {_one_of(list(typing.get_args(annotation)), value)}"
     elif fault == "bool_type":
         message = f"is {shown(value)}; allowed: true or false"
     return path, message
 
 
-def _allowed(tables: Mapping[str, Any], path: Path) -> str:
+def _allowed(whole: type[BaseModel], tables: Mapping[str, Any], path: Path) -> str:
     """Say what a missing key may be."""
-    field = _models_at(tables, path[:-1])[0].model_fields[str(path[-1])]
+    field = _models_at(whole, tables, path[:-1])[0].model_fields[str(path[-1])]
     for mark in field.metadata:
         if isinstance(mark, BeforeValidator) and isinstance(mark.func, Quantity | Whole):
             return mark.func.allowed
-    return _table(_models(field.annotation))
+    inner = _models(field.annotation)
+    return _table(inner) if inner else "text in quotation marks"

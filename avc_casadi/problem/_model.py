@@ -30,7 +30,7 @@ from avc_casadi.problem._quantity import (
     Weight,
     refusal,
 )
-from avc_casadi.problem._rules import broken_rules
+from avc_casadi.problem._rules import RULES, broken_rules
 from avc_casadi.problem._scene_file import Scene
 from avc_casadi.problem._table import Table
 from avc_casadi.problem._values import Values, dotted
@@ -186,7 +186,7 @@ class Problem(Table):
 
     @model_validator(mode="after")
     def _keeps_the_rules(self) -> Self:
-        broken = broken_rules(Values(self, type(self)))
+        broken = broken_rules(Values(self, type(self)), RULES)
         if broken:
             raise refusal("\n".join(f"{dotted(path)}: {message}" for path, message in broken))
         return self

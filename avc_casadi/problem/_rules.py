@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from avc_casadi.problem._device import DeviceRange, ResonanceRange
@@ -17,10 +17,10 @@ Rule = Callable[[Values], Iterator[Finding]]
 _SMALLEST_STEP = 1e-12
 
 
-def broken_rules(values: Values) -> list[Finding]:
+def broken_rules(values: Values, rules: Sequence[Rule]) -> list[Finding]:
     """Return every broken rule among those whose values are sound."""
     findings: list[Finding] = []
-    for rule in _RULES:
+    for rule in rules:
         try:
             findings.extend(rule(values))
         except UnsoundError:
@@ -182,13 +182,16 @@ def _saturation(values: Values) -> Iterator[Finding]:
             yield ("scene", "effects", index, "force_n"), message
 
 
-_RULES: tuple[Rule, ...] = (
-    _bounds("damping_ns_per_m"),
-    _bounds("stiffness_n_per_m"),
-    _bounds_apart,
+DEVICE_RULES: tuple[Rule, ...] = (
     *(_known_range(key) for key in DeviceRange.model_fields if key != "resonance"),
     *(_known_range("resonance", key) for key in ResonanceRange.model_fields),
     _resonance,
+)
+RULES: tuple[Rule, ...] = (
+    _bounds("damping_ns_per_m"),
+    _bounds("stiffness_n_per_m"),
+    _bounds_apart,
+    *DEVICE_RULES,
     _contact_damping,
     _range_or_list,
     _increasing,

@@ -12,7 +12,7 @@ import numpy as np
 from avc_casadi.certificate import certified, deployable
 from avc_casadi.coupling import Coupling, coupling_document
 from avc_casadi.loop import hand_corners, with_let_go
-from avc_casadi.problem import Problem, load_problem
+from avc_casadi.problem import Problem, declared, load_problem
 from avc_casadi.recommendation._candidates import candidates
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
@@ -257,8 +257,9 @@ def _assumed(problem: Problem) -> tuple[str, ...]:
     device = problem.device
     gaps = [
         "hands are linear, on one axis, and constant while they hold on",
-        "amplifier and structure are ideal: no bandwidth and no resonance is declared",
     ]
+    if device.amplifier_bandwidth_hz is None and device.resonance is None:
+        gaps.append("amplifier and structure are ideal: no bandwidth and no resonance is declared")
     if device.coulomb_friction_n == 0:
         gaps.append("no dry friction is declared: none is assumed, the cautious end")
     if device.encoder_resolution_m == 0:
@@ -272,4 +273,15 @@ def _not_used(problem: Problem) -> tuple[str, ...]:
     """Name what the problem declares and no candidate, certificate or trial uses."""
     kinds = {"noise", "jitter", "amplifier", "resonance", "viscous-friction", "velocity-filter"}
     listed = [effect.kind for effect in problem.scene.effects if effect.kind in kinds]
-    return tuple(f"scene.effects: {kind} (simulated by avc simulate alone)" for kind in listed)
+    unused = [key for key in declared(problem) if key not in _USED]
+    return (*unused, *(f"scene.effects: {kind} (simulated by avc simulate alone)" for kind in listed))
+
+
+_USED = {
+    "device.delay_samples",
+    "device.coulomb_friction_n",
+    "device.encoder_resolution_m",
+    "device.max_force_n",
+    "device.range.mass_kg",
+    "device.range.damping_ns_per_m",
+}

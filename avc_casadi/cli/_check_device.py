@@ -1,0 +1,69 @@
+"""Check a device file and show what is known of the device."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import avc_casadi as avc
+from avc_casadi.cli._console import Answer
+
+
+def is_device(source: str) -> bool:
+    """Whether a name or a file is that of a device rather than a problem."""
+    from avc_casadi.problem import catalogue_names, device_names
+
+    if source.startswith("devices/") and not source.endswith(".toml"):
+        return True
+    if not source.endswith(".toml"):
+        return source in device_names() and source not in catalogue_names()
+    try:
+        tables = tomllib.loads(Path(source).read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError):  # told where it is loaded as a problem
+        return False
+    return "sources" in tables and "environment" not in tables
+
+
+def check_device(source: str) -> Answer:
+    """Load the device file; its faults are raised."""
+    file = avc.load_device(source)
+    values = file.device.model_dump(mode="json", exclude_unset=True)
+    ranges = values.pop("range", {})
+    document: dict[str, Any] = {
+        "schema": "avc-check/1",
+        "valid": True,
+        "device": file.name,
+        "title": file.title,
+        "values": values,
+        "range": ranges,
+        "sources": file.sources.model_dump(exclude_none=True),
+        "gaps": list(file.gaps),
+        "sdk_example": None if file.sdk_example is None else file.sdk_example.model_dump(exclude_none=True),
+    }
+    return Answer(document, _text(document))
+
+
+def _text(document: dict[str, Any]) -> str:
+    lines = [f"{document['device']}: {document['title']}", "  valid device file"]
+    for key, value in document["values"].items():
+        source = document["sources"].get(key)
+        ends = f", from {document['range'][key][0]} to {document['range'][key][1]}" if _pair(document, key) else ""
+        where = "" if source is None else f"   {source['grade']}: {source['source']}"
+        lines.append(f"  {key} = {_shown(value)}{ends}{where}")
+    if document["gaps"]:
+        lines.append(f"  not known: {', '.join(document['gaps'])}")
+    if document["sdk_example"] is not None:
+        example = dict(document["sdk_example"])
+        source = example.pop("source")
+        lines.append(f"  example of an SDK: {_shown(example)}   {source}")
+    lines.append(f'  in a problem file: device = "{document["device"]}"')
+    return "\n".join(lines)
+
+
+def _pair(document: dict[str, Any], key: str) -> bool:
+    return isinstance(document["range"].get(key), list)
+
+
+def _shown(value: Any) -> str:
+    return ", ".join(f"{key} {one}" for key, one in value.items()) if isinstance(value, dict) else str(value)

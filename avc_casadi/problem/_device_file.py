@@ -1,0 +1,155 @@
+"""A device file: a device that problems refer to, each value with its source, and what is not known of it."""
+
+import difflib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, model_validator
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.problem._catalogue import DEVICES, device_names
+from avc_casadi.problem._device import Device
+from avc_casadi.problem._findings import checked
+from avc_casadi.problem._lines import KeyLines
+from avc_casadi.problem._quantity import Damping, Stiffness, Text, refusal, shown
+from avc_casadi.problem._rules import DEVICE_RULES, Finding, broken_rules
+from avc_casadi.problem._table import Table
+from avc_casadi.problem._text import tables_of, text_of
+from avc_casadi.problem._values import Values, dotted
+
+Grade = Literal["measured", "computed", "vendor", "example", "assumed"]
+
+# These say how another key is meant and are no quantities.
+_NO_QUANTITY = {"amplifier_order", "encoder_at", "range"}
+_QUANTITIES = tuple(key for key in Device.model_fields if key not in _NO_QUANTITY)
+
+
+class Source(Table):
+    """Where a value and its range come from, and how good they are."""
+
+    source: Text
+    grade: Grade
+
+
+class Sources(Table):
+    """The source of each value that a device file states."""
+
+    mass_kg: Source | None = None
+    damping_ns_per_m: Source | None = None
+    sample_time_s: Source | None = None
+    delay_samples: Source | None = None
+    coulomb_friction_n: Source | None = None
+    encoder_resolution_m: Source | None = None
+    position_noise_rms_m: Source | None = None
+    amplifier_bandwidth_hz: Source | None = None
+    max_force_n: Source | None = None
+    backlash_m: Source | None = None
+    resonance: Source | None = None
+
+
+class SdkExample(Table):
+    """Limits that an SDK ships with the device as an example; no datasheet, and no part of the device."""
+
+    source: Text
+    max_stiffness_n_per_m: Stiffness | None = None
+    max_damping_ns_per_m: Damping | None = None
+    wall_stiffness_n_per_m: Stiffness | None = None
+
+
+def _gaps(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list | tuple) or any(name not in _QUANTITIES for name in value):
+        raise refusal(f"is {shown(value)}; allowed: a list of {', '.join(_QUANTITIES)}")
+    return tuple(value)
+
+
+class DeviceFile(Table):
+    """A device of the catalogue or of a user.
+
+    Attributes:
+        name: catalogue name or file stem.
+        title: one line.
+        device: the device; what is not known of it stands at a cautious value.
+        gaps: keys of what is not known.
+        sources: of every value stated.
+        sdk_example: limits that an SDK ships.
+    """
+
+    name: Text = ""
+    title: Text
+    device: Device
+    gaps: Annotated[tuple[str, ...], BeforeValidator(_gaps)] = ()
+    sources: Sources
+    sdk_example: SdkExample | None = None
+
+    @model_validator(mode="after")
+    def _keeps_the_rules(self) -> Self:
+        broken = broken_rules(Values(self, type(self)), _RULES)
+        if broken:
+            raise refusal("\n".join(f"{dotted(path)}: {message}" for path, message in broken))
+        return self
+
+
+def load_device(source: str | Path) -> DeviceFile:
+    """Load a device file.
+
+    Args:
+        source: a path, or a name of the catalogue of devices, for example ``phantom-omni``.
+
+    Raises:
+        InputError: with every fault of the file at once, each with its line and key.
+    """
+    path = device_path(source)
+    if isinstance(path, str):
+        raise InputError.of(path, file=str(source))
+    file, text = str(source), text_of(path)
+    found = checked(DeviceFile, tables_of(text, file), path.stem, _RULES)
+    if isinstance(found, DeviceFile):
+        return found
+    lines = KeyLines(text.replace("\r\n", "\n"))
+    raise InputError([Fault(file, lines[key], dotted(key), message) for key, message in found])
+
+
+def device_catalogue() -> tuple[DeviceFile, ...]:
+    """Return every device of the catalogue."""
+    return tuple(map(load_device, device_names()))
+
+
+def device_path(source: str | Path, folder: Path | None = None) -> Path | str:
+    """Return the file of a device, or what is wrong with its name.
+
+    Args:
+        source: a path, which ends in ``.toml``, or a name of the catalogue.
+        folder: what a relative path is relative to; None is the working directory.
+    """
+    if isinstance(source, Path) or source.endswith(".toml"):
+        return Path(folder or "", source)
+    names = device_names()
+    name = source.removeprefix(DEVICES)
+    if name in names:
+        return names[name]
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    hint = f"; near: {', '.join(near)}" if near else ""
+    return f"is {shown(source)}, no device of the catalogue{hint}; allowed: a name of `avc list`, or a path to .toml"
+
+
+def _sourced(values: Values) -> Iterator[Finding]:
+    """Every value has a source, every gap is named, and what stands in a gap is assumed."""
+    gaps = values["gaps"]
+    for key in _QUANTITIES:
+        stated = values.given("device", key) or values.given("device", "range", key)
+        source = values[f"sources.{key}"]
+        if not stated and key not in gaps:
+            message = f'is neither given nor a gap; allowed: a value with its source, or gaps = ["{key}", ...]'
+            yield ("device", key), message
+        if stated and source is None:
+            yield ("sources", key), "is missing; allowed: a source and a grade of every value of [device]"
+        if source is not None and not stated:
+            yield ("sources", key), "is the source of a value that is not given; allowed: beside the value"
+        if stated and source is not None and key in gaps:
+            grade = source["grade"] if isinstance(source, Mapping) else source.grade
+            if grade != "assumed":
+                yield ("sources", key, "grade"), f'is {shown(grade)}, but {key} is a gap; allowed: "assumed"'
+
+
+_RULES = (*DEVICE_RULES, _sourced)

@@ -1,0 +1,225 @@
+"""Device files: every value has a source and a grade, gaps are named, and problems refer to them and override them."""
+
+import json
+
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.cli._main import main
+from avc_casadi.problem import Device, catalogue_names, device_catalogue, device_names, plausibility
+
+CATALOGUE = (
+    "reference-r1",
+    "reference-r2",
+    "reference-r3",
+    "phantom-premium-1.5",
+    "phantom-omni",
+    "phantom-touch",
+    "touch-x",
+    "novint-falcon",
+    "omega-3",
+    "sigma-7",
+    "lambda-7",
+    "hapkit",
+    "haply-inverse3",
+    "dvrk-mtm-joint1",
+    "teaching-one-axis",
+    "excalibur",
+)
+QUANTITIES = set(Device.model_fields) - {"amplifier_order", "encoder_at", "range"}
+WALL = "[environment]\ndamping_ns_per_m = 0.0\nstiffness_n_per_m = 5e3\n"
+SMALL = """title = "mine"
+gaps = ["delay_samples", "coulomb_friction_n", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m"]
+[device]
+mass_kg = 0.2
+damping_ns_per_m = 1.0
+sample_time_s = 1e-3
+encoder_resolution_m = 1e-5
+max_force_n = 9.0
+resonance = { frequency_hz = 120.0, damping_ratio = 0.05, mass_ratio = 0.4 }
+[device.range]
+mass_kg = [0.1, 0.3]
+damping_ns_per_m = [0.5, 2.0]
+resonance = { frequency_hz = [100.0, 140.0], mass_ratio = [0.3, 0.5] }
+[sources]
+mass_kg = { grade = "measured", source = "scale" }
+damping_ns_per_m = { grade = "measured", source = "log" }
+sample_time_s = { grade = "vendor", source = "manual" }
+encoder_resolution_m = { grade = "vendor", source = "manual" }
+max_force_n = { grade = "vendor", source = "manual" }
+resonance = { grade = "measured", source = "chirp" }
+"""
+
+
+def device_of(text, **options):
+    return avc.parse_problem(text + WALL, **options).device
+
+
+def faults_of(call, *arguments, **options):
+    with pytest.raises(avc.InputError) as caught:
+        call(*arguments, **options)
+    return {fault.key: fault for fault in caught.value.faults}
+
+
+def test_the_catalogue_of_devices_is_whole():
+    assert set(device_names()) == set(CATALOGUE)
+    assert not any(name.startswith("devices") for name in catalogue_names())
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_value_has_a_source_and_every_gap_a_name(name):
+    file = avc.load_device(name)
+    assert file.name == name
+    assert file.title
+    sources = file.sources.model_dump(exclude_none=True)
+    stated = (file.device.model_fields_set | file.device.range.model_fields_set) & QUANTITIES
+    assert set(sources) == stated
+    assert all(source["source"] for source in sources.values())
+    assert stated | set(file.gaps) == QUANTITIES
+    assert all(sources[gap]["grade"] == "assumed" for gap in set(file.gaps) & stated)
+    for key in file.device.range.model_fields_set:
+        low, high = getattr(file.device.range, key)
+        assert low <= getattr(file.device, key) <= high
+    if file.sdk_example is not None:
+        assert file.sdk_example.source
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_problem_with_a_device_by_name_has_its_values(name):
+    problem = avc.parse_problem(f'device = "{name}"\n{WALL}[frequency]\nstop_hz = 100.0\n', name="p")
+    assert problem.device == avc.load_device(name).device
+    assert plausibility(problem) == ()
+    assert avc.parse_problem(avc.dump_problem(problem), name="p") == problem
+    assert problem == avc.parse_problem(f'[device]\nfrom = "{name}"\n{WALL}[frequency]\nstop_hz = 100.0\n', name="p")
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_reference_problems_run_on_their_devices(number):
+    problem = avc.load_problem(f"reference-r{number}")
+    assert problem.device == avc.load_device(f"reference-r{number}").device
+    assert problem.environment.stiffness_n_per_m == 5000.0
+    assert problem.device.resonance is not None
+
+
+def test_a_path_is_relative_to_the_problem_file(tmp_path, monkeypatch):
+    (tmp_path / "devices").mkdir()
+    (tmp_path / "devices" / "mine.toml").write_text(SMALL)
+    (tmp_path / "p.toml").write_text('device = "devices/mine.toml"\n' + WALL)
+    monkeypatch.chdir(tmp_path.parent)
+    assert avc.load_problem(tmp_path / "p.toml").device == avc.load_device(tmp_path / "devices" / "mine.toml").device
+    assert device_of('device = "devices/mine.toml"\n', folder=tmp_path).mass_kg == 0.2
+    fault = faults_of(device_of, 'title = "t"\ndevice = "mine.toml"\n', folder=tmp_path)["device"]
+    assert fault.line == 2
+    assert "there is no file" in fault.message
+
+
+def test_an_override_replaces_the_value_and_its_doubt(tmp_path):
+    (tmp_path / "mine.toml").write_text(SMALL)
+
+    def changed(*lines):
+        return device_of("\n".join(("[device]", 'from = "mine.toml"', *lines, "")), folder=tmp_path)
+
+    plain = changed()
+    assert changed("max_force_n = 3.0") == plain.model_copy(update={"max_force_n": 3.0})
+    heavier = changed("mass_kg = 0.9")
+    assert heavier.mass_kg == 0.9
+    assert heavier.range.mass_kg is None
+    assert heavier.range.damping_ns_per_m == (0.5, 2.0)
+    ranged = changed("mass_kg = 0.9", "range = { mass_kg = [0.8, 1.0] }")
+    assert ranged.range.mass_kg == (0.8, 1.0)
+    assert ranged.range.resonance == plain.range.resonance
+    mode = changed("resonance = { frequency_hz = 300.0 }")
+    assert mode.resonance.frequency_hz == 300.0
+    assert mode.resonance.mass_ratio == 0.4
+    assert mode.range.resonance.frequency_hz is None
+    assert mode.range.resonance.mass_ratio == (0.3, 0.5)
+    wider = changed("range = { resonance = { mass_ratio = [0.1, 0.9] } }")
+    assert wider.range.resonance.mass_ratio == (0.1, 0.9)
+    assert wider.range.resonance.frequency_hz == (100.0, 140.0)
+
+
+@pytest.mark.parametrize(
+    ("head", "line", "key", "words"),
+    [
+        ('device = "phantom-onmi"\n', 1, "device", "near: phantom-omni"),
+        ("device = 3\n", 1, "device", "not a table"),
+        ("[device]\nfrom = 3\n", 2, "device.from", "allowed: the name of a device"),
+        ('[device]\nmass_kg = 1\nfrom = "nothing"\n', 3, "device.from", "no device of the catalogue"),
+        ('[device]\nfrom = "reference-r1"\nmas_kg = 1\n', 3, "device.mas_kg", "did you mean mass_kg?"),
+        ('[device]\nfrom = "reference-r1"\nrange = 3\n', 3, "device.range", "not a table"),
+        ('[device]\nfrom = "reference-r1"\nmass_kg = 0\n', 3, "device.mass_kg", "device.resonance divides the mass"),
+        (f'device = "{"x" * 300}.toml"\n', 1, "device", "there is no file"),
+        ('device = "\\u0000.toml"\n', 1, "device", "there is no file"),
+    ],
+)
+def test_a_wrong_reference_is_told_where_it_stands(head, line, key, words):
+    fault = faults_of(device_of, head)[key]
+    assert fault.line == line
+    assert words in fault.message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        ('title = "mine"\n', "", "title", "is missing"),
+        ('mass_kg = { grade = "measured", source = "scale" }\n', "", "sources.mass_kg", "a source and a grade"),
+        ('"measured", source = "scale"', '"weighed", source = "scale"', "sources.mass_kg.grade", '"measured"'),
+        ('"backlash_m"]', "]", "device.backlash_m", "neither given nor a gap"),
+        ('"backlash_m"]', '"backlash_m", "range"]', "gaps", "allowed: a list of mass_kg"),
+        ('"backlash_m"]', '"backlash_m", "mass_kg"]', "sources.mass_kg.grade", '"assumed"'),
+        ("mass_kg = [0.1, 0.3]", "mass_kg = [0.3, 0.4]", "device.range.mass_kg", "device.mass_kg = 0.2"),
+        ("mass_kg = 0.2\n", "", "device.mass_kg", "is missing"),
+        ("[sources]\n", '[sources]\nbacklash_m = { grade = "vendor", source = "x" }\n', "sources.backlash_m", "beside"),
+        ("max_force_n = 9.0", "max_force = 9.0", "device.max_force", "did you mean max_force_n?"),
+    ],
+)
+def test_a_device_file_tells_its_faults(tmp_path, old, new, key, words):
+    path = tmp_path / "mine.toml"
+    assert old in SMALL
+    path.write_text(SMALL.replace(old, new))
+    assert words in faults_of(avc.load_device, path)[key].message
+    # A problem that refers to it tells the same.
+    assert set(faults_of(device_of, 'device = "mine.toml"\n', folder=tmp_path)) == set(faults_of(avc.load_device, path))
+
+
+def test_list_shows_devices_apart_from_problems(capsys):
+    assert main(["list", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [one["name"] for one in document["devices"]] == sorted(CATALOGUE)
+    assert {one["name"] for one in document["problems"]} == {entry.name for entry in avc.catalogue()}
+    assert main(["list"]) == 0
+    assert "phantom-omni         Phantom Omni" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["devices/phantom-omni", "phantom-omni", None])
+def test_check_shows_what_is_known_of_a_device(capsys, name):
+    asked = str(device_names()["phantom-omni"]) if name is None else name
+    assert main(["check", asked]) == 0
+    text = capsys.readouterr().out
+    assert "max_force_n = 3.3   example: CHAI3D" in text
+    assert "not known: mass_kg, damping_ns_per_m" in text
+    assert 'device = "phantom-omni"' in text
+    assert main(["check", asked, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["values"]["encoder_resolution_m"] == 5.5e-5
+    assert document["sdk_example"]["max_stiffness_n_per_m"] == 700.0
+    assert document["range"]["mass_kg"] == [0.04, 0.25]
+
+
+def test_a_device_where_a_problem_is_wanted_is_told_how_to_use_it():
+    for name in ("phantom-omni", "devices/phantom-omni"):
+        with pytest.raises(avc.InputError, match='write device = "phantom-omni" in a problem file'):
+            avc.load_problem(name)
+
+
+def test_devices_of_the_catalogue_keep_what_was_found():
+    files = {file.name: file for file in device_catalogue()}
+    assert files["omega-3"].sdk_example.max_stiffness_n_per_m == 5000.0
+    assert files["lambda-7"].sdk_example.max_stiffness_n_per_m == 8000.0
+    assert files["phantom-premium-1.5"].device.range.mass_kg == (0.027, 0.18)
+    assert files["dvrk-mtm-joint1"].device.range.mass_kg == (0.89, 1.6)
+    for number, damping, friction in ((1, 2.0, 0.2), (2, 1.0, 0.1), (3, 0.5, 0.1)):
+        device = files[f"reference-r{number}"].device
+        assert (device.damping_ns_per_m, device.coulomb_friction_n) == (damping, friction)
+        assert (device.delay_samples, device.amplifier_bandwidth_hz) == (1, 1000.0)
+        assert (device.resonance.frequency_hz, device.resonance.mass_ratio) == (150.0, 0.5)
