@@ -4,8 +4,9 @@ import json
 
 import pytest
 
-from avc_casadi.cli import ROWS_SHOWN, main, sample_rows
+from avc_casadi.cli import main
 from avc_casadi.loop import PAPER_ERRORS
+from avc_casadi.support import ROWS_SHOWN, sample_rows
 
 
 def both(capsys, *arguments):

@@ -10,6 +10,7 @@ from avc_casadi.certificate._deployable import DeployClaim as DeployClaim
 from avc_casadi.certificate._deployable import deployable as deployable
 from avc_casadi.certificate._gate import certified as certified
 from avc_casadi.certificate._gate import require_deployable as require_deployable
+from avc_casadi.certificate._levels_table import levels_table as levels_table
 from avc_casadi.certificate._llewellyn_table import LlewellynTable as LlewellynTable
 from avc_casadi.certificate._llewellyn_table import llewellyn_table as llewellyn_table
 from avc_casadi.certificate._rendered_wall import rendered_wall as rendered_wall

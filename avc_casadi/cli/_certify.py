@@ -10,7 +10,7 @@ import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._subject import is_coupling, read_subject
-from avc_casadi.cli._text import number, passive_limit, table
+from avc_casadi.cli._text import number, passive_limit
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Certify; 1 if the coupling is not deployable."""
+    from avc_casadi.certificate import levels_table
     from avc_casadi.coupling import Coupling
 
     problem, gains, file, notes = _judged(args)
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "notes": notes,
         "deployable": deployment,
     } | certificate
-    claims = "\n".join(f"  {level}: {result['claim']}" for level, result in certificate["levels"].items())
+    claims = "\n".join(f"  {note}" for note in levels_table(certificate).notes)
     beside = "".join(f"note: {note}\n" for note in notes)
     text = (
         f"{deployment['sentence']}\n"
@@ -111,16 +112,6 @@ def claimed_level(problem: avc.Problem) -> str:
 
 def levels_text(certificate: Mapping[str, Any]) -> str:
     """Return the levels as a table: passivity and stability are different claims and stay apart."""
-    rows = [
-        (
-            level,
-            found["title"],
-            "pass" if found["pass"] else "fail",
-            number(found["margin_ns_per_m"], 3),
-            number(found["frequency_hz"]),
-            str(found["rows_failed"]),
-        )
-        for level, found in certificate["levels"].items()
-    ]
-    header = ("level", "claim", "result", "worst margin\nN.s/m", "at\nHz", "rows that\nfail")
-    return table(header, rows, left=(0, 1, 2))
+    from avc_casadi.certificate import levels_table
+
+    return levels_table(certificate).text()

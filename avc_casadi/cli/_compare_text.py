@@ -4,25 +4,30 @@ from __future__ import annotations
 
 from typing import Any
 
-from avc_casadi.cli._text import counts, number, passive_limit, sample_rows, table
-
-_SHORT = {"closed-form": "closed form"}
+from avc_casadi.cli._text import number, passive_limit
 
 
 def comparison_text(document: dict[str, Any], plot: str | None = None) -> str:
     """Return the comparison as a table of some frequencies, counts with reasons, and what the closed form is."""
+    from avc_casadi.study.comparison import comparison_tables
+
+    tables = comparison_tables(document)
     lines = [
         f"{document['problem']}: {document['title']}",
         f"structure {document['structure']}, model {document['model']}, pointwise: each frequency on its own",
         *_other_scope(document),
-        _table(document),
+        tables.frequencies.text(),
         "",
-        *_verdicts(document),
+        tables.verdicts.title,
+        tables.verdicts.text(),
         "",
         *_injection(document),
         *_cross_check(document),
         "",
-        *_judged(document),
+        tables.safety.text(),
+        *(f"  {note}" for note in tables.safety.notes),
+        "",
+        tables.realism.text(),
         *_mine(document),
         passive_limit(document["passive_limit_n_per_m"]),
     ]
@@ -35,39 +40,6 @@ def _other_scope(document: dict[str, Any]) -> list[str]:
     if document["problem_scope"] == document["scope"]:
         return []
     return [f"not compared: the gains of the problem's own scope, {document['problem_scope']} (avc run, avc solve)"]
-
-
-def _table(document: dict[str, Any]) -> str:
-    head = ["f\nHz"]
-    columns = [document["frequency_hz"]]
-    for method in ("closed-form", document["optimum"]):
-        name, gains = _SHORT.get(method, method), document["methods"][method]
-        for title, key in (
-            ("b N.s/m", "requested_damping_ns_per_m" if method == "closed-form" else "damping_ns_per_m"),
-            ("k N/m", "requested_stiffness_n_per_m" if method == "closed-form" else "stiffness_n_per_m"),
-            ("|Z| err.", "magnitude_error"),
-            ("Re Z_h", "real_part"),
-        ):
-            head.append(f"{name}\n{title}")
-            columns.append(gains[key])
-    if document["structure"] == "damped":
-        head.append(f"{document['optimum']}\nb_p N.s/m")
-        columns.append(document["methods"][document["optimum"]]["contact_damping_ns_per_m"])
-    rows = [
-        [*(number(column[row], 3) for column in columns), document["verdict"][row]]
-        for row in sample_rows(len(document["frequency_hz"]))
-    ]
-    return table([*head, "\nverdict"], rows, left=(len(head),))
-
-
-def _verdicts(document: dict[str, Any]) -> list[str]:
-    lines = [f"{len(document['verdict'])} frequencies, pointwise: {counts(document['counts'])}"]
-    for verdict, count in document["counts"].items():
-        if count:
-            row = document["verdict"].index(verdict)
-            where = number(document["frequency_hz"][row])
-            lines.append(f"  {verdict}, first at {where} Hz: {document['reason'][row]}")
-    return lines
 
 
 def _injection(document: dict[str, Any]) -> list[str]:
@@ -112,24 +84,6 @@ def _cross_check(document: dict[str, Any]) -> list[str]:
             f"within {check['distance']:.1e} (relative), {check['only_one']} frequencies solved by one alone"
         )
     ]
-
-
-def _judged(document: dict[str, Any]) -> list[str]:
-    """Certificate levels and realism of each method; passivity and stability are different claims."""
-    judged = {_SHORT.get(name, name): gains for name, gains in document["methods"].items()}
-    if document["mine"] is not None:
-        judged["mine"] = document["mine"]
-    rows = []
-    for name, gains in judged.items():
-        realism = gains["realism"]
-        marks = ["pass" if found["pass"] else "fail" for found in gains["certificate"]["levels"].values()]
-        shares = (realism["share_inside_bounds"], realism["share_inside_jnd"])
-        rows.append([name, *marks, *(number(100 * share, 3) for share in shares)])
-    optimum = document["methods"][document["optimum"]]
-    levels, jnd = optimum["certificate"]["levels"], 100 * optimum["realism"]["jnd"]
-    head = ("certificate", *levels, "between U, L\n% of f", f"within {jnd:.3g} %\n% of f")
-    names = [f"  {level}: {found['title']} ({found['model']} model)" for level, found in levels.items()]
-    return [table(head, rows, left=(0,)), *names]
 
 
 def _mine(document: dict[str, Any]) -> list[str]:

@@ -1,16 +1,16 @@
-"""Numbers and tables as text for people."""
+"""Numbers and tables as text for people, by the printer of the library, loaded when there is something to print."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-
-ROWS_SHOWN = 20
+from collections.abc import Iterable, Mapping, Sequence
 
 
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number to so many significant digits; a dash where it is undefined."""
-    return "-" if value is None or math.isnan(value) else f"{value + 0.0:.{digits}g}"  # -0 is 0
+    from avc_casadi import support
+
+    return support.number(value, digits)
 
 
 def passive_limit(limit_n_per_m: float | None) -> str:
@@ -20,34 +20,22 @@ def passive_limit(limit_n_per_m: float | None) -> str:
     return f"no passive linear rendering on this device exceeds {number(limit_n_per_m)} N/m at DC (sampled-data)"
 
 
-def counts(found: dict[str, int]) -> str:
+def counts(found: Mapping[str, int]) -> str:
     """Return counts as "187 solved, 13 infeasible", leaving out what does not occur."""
-    return ", ".join(f"{count} {name}" for name, count in found.items() if count) or "none"
+    from avc_casadi import support
+
+    return support.counts_text(found)
 
 
-def sample_rows(rows: int, most: int = ROWS_SHOWN) -> list[int]:
+def sample_rows(rows: int, most: int | None = None) -> list[int]:
     """Return at most so many row numbers, evenly spread, first and last among them."""
-    if rows <= most:
-        return list(range(rows))
-    return sorted({round(i * (rows - 1) / (most - 1)) for i in range(most)})
+    from avc_casadi import support
+
+    return support.sample_rows(rows, most or support.ROWS_SHOWN)
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[int] = ()) -> str:
-    """Align cells in columns; a header cell may hold several lines.
+    """Align cells in columns; a header cell may hold several lines."""
+    from avc_casadi import support
 
-    Args:
-        header: one cell a column.
-        rows: cells.
-        left: columns aligned to the left; all others to the right.
-    """
-    heads = [cell.split("\n") for cell in header]
-    height = max(len(lines) for lines in heads)
-    head_rows = [[lines[i] if i < len(lines) else "" for lines in heads] for i in range(height)]
-    body = [list(row) for row in rows]
-    widths = [max(len(row[column]) for row in [*head_rows, *body]) for column in range(len(header))]
-
-    def line(row: Sequence[str]) -> str:
-        cells = zip(row, widths, range(len(widths)), strict=True)
-        return "  ".join(c.ljust(w) if i in left else c.rjust(w) for c, w, i in cells).rstrip()
-
-    return "\n".join([*map(line, head_rows), line(["-" * width for width in widths]), *map(line, body)])
+    return support.text_table(header, rows, left=left)

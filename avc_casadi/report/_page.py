@@ -10,15 +10,16 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi.certificate import levels_table
 from avc_casadi.loop import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.report._summary import device_line, injection_line, scope_line, summary_lines
-from avc_casadi.study.comparison import comparison_document
+from avc_casadi.study.comparison import comparison_document, comparison_tables
+from avc_casadi.support import Cell, Table, number
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
     from avc_casadi.study.comparison import Comparison
 
-_ROWS_SHOWN = 24
 _PAGE = Path(__file__).with_name("page.html")
 
 
@@ -52,6 +53,7 @@ def report_html(contents: ReportContents) -> str:
     comparison = comparison_document(contents.comparison)
     best = comparison["methods"][comparison["delivered"]]
     push = contents.summary["push"]
+    tables = comparison_tables(comparison)
     return Template(_PAGE.read_text(encoding="utf-8")).substitute(
         title=escape(f"{contents.problem.name}: {contents.problem.title}"),
         source=escape(contents.problem.source),
@@ -60,10 +62,10 @@ def report_html(contents: ReportContents) -> str:
         summary="\n".join(f"<li>{escape(line)}</li>" for line in summary_lines(contents.summary)),
         figures="\n".join(_figure(caption, svg) for caption, svg in contents.figures),
         scope=escape(scope_line(contents.summary)),
-        verdicts=_verdicts(comparison),
+        verdicts=_told(tables.verdicts),
         injection=escape(f"The closed form: {injection_line(contents.summary)}."),
-        comparison=_comparison(comparison),
-        certificate=f"{_certificate(contents.certificate)}\n{_methods(comparison)}",
+        comparison=_told(tables.frequencies),
+        certificate="\n".join(map(_told, (levels_table(contents.certificate), tables.safety, tables.realism))),
         rows=len(best["frequency_hz"]),
         method=escape(comparison["delivered"]),
         gains=_gains(best),
@@ -89,8 +91,8 @@ def _deployment(found: Mapping[str, Any]) -> str:
         ),
         _table(
             ("what would help", "stiffest wall, N/m"),
-            [(one["change"], _number(one["stiffest_wall_n_per_m"])) for one in found["what_would_help"]],
-            numbers=(1,),
+            [(one["change"], one["stiffest_wall_n_per_m"]) for one in found["what_would_help"]],
+            left=(0,),
         ),
         _table(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])]),
     ]
@@ -103,20 +105,16 @@ def _figure(caption: str, svg: str) -> str:
     return f'<figure><img src="data:image/svg+xml;base64,{data}" alt="{text}"><figcaption>{text}</figcaption></figure>'
 
 
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    """Return an HTML table; cells are plain text, columns in ``numbers`` are aligned to the right."""
-
-    def row(cells: Sequence[str], tag: str) -> str:
-        opened = [f'<{tag} class="n">' if column in numbers else f"<{tag}>" for column in range(len(cells))]
-        inner = (f"{start}{escape(cell)}</{tag}>" for start, cell in zip(opened, cells, strict=True))
-        return f"<tr>{''.join(inner)}</tr>"
-
-    body = "\n".join(row(cells, "td") for cells in rows)
-    return f"<table>\n<thead>{row(header, 'th')}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+def _table(header: tuple[str, ...], rows: Iterable[tuple[Cell, ...]], left: tuple[int, ...] | None = None) -> str:
+    """Return an HTML table; columns are texts where ``left`` is None."""
+    return Table(header, tuple(rows), tuple(range(len(header))) if left is None else left).html()
 
 
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4g}"
+def _told(table: Table) -> str:
+    """Return a table under its title, with its notes below."""
+    notes = "\n".join(f"<li>{escape(note)}</li>" for note in table.notes)
+    below = f"\n<ul>\n{notes}\n</ul>" if notes else ""
+    return f'<p>{escape(table.title)}</p>\n<div class="wide">\n{table.html()}\n</div>{below}'
 
 
 def _text(value: Any) -> str:
@@ -124,7 +122,7 @@ def _text(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
         return ", ".join(map(_text, value)) or "none"
-    return _number(value) if isinstance(value, float) else str(value)
+    return number(value) if isinstance(value, float) else str(value)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
@@ -137,83 +135,17 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     return rows
 
 
-def _verdicts(comparison: Mapping[str, Any]) -> str:
-    rows = []
-    for verdict, count in comparison["counts"].items():
-        first = comparison["verdict"].index(verdict) if count else None
-        where = "" if first is None else _number(comparison["frequency_hz"][first])
-        rows.append((verdict, str(count), where, "" if first is None else comparison["reason"][first]))
-    return _table(("verdict", "frequencies", "first at, Hz", "why there"), rows, numbers=(1, 2))
-
-
-def _comparison(comparison: Mapping[str, Any]) -> str:
-    closed, best = comparison["methods"]["closed-form"], comparison["methods"][comparison["optimum"]]
-    columns = (
-        ("f, Hz", comparison["frequency_hz"]),
-        ("closed form asks for b, N·s/m", closed["requested_damping_ns_per_m"]),
-        ("k, N/m", closed["requested_stiffness_n_per_m"]),
-        ("error of |Z|, N·s/m", closed["magnitude_error"]),
-        (f"{best['method']}, pointwise: b, N·s/m", best["damping_ns_per_m"]),
-        ("k, N/m", best["stiffness_n_per_m"]),
-        ("error of |Z|, N·s/m", best["magnitude_error"]),
-        ("Re Z_h, N·s/m", best["real_part"]),
-    )
-    count = len(comparison["frequency_hz"])
-    step = max(1, -(-count // _ROWS_SHOWN))
-    rows = [
-        (*(_number(values[row]) for _, values in columns), comparison["verdict"][row]) for row in range(0, count, step)
-    ]
-    return _table((*(name for name, _ in columns), "verdict"), rows, numbers=range(len(columns)))
-
-
 def _gains(document: Mapping[str, Any]) -> str:
     columns = (
-        ("f, Hz", "frequency_hz"),
-        ("b, N·s/m", "damping_ns_per_m"),
-        ("k, N/m", "stiffness_n_per_m"),
-        ("b_p, N·s/m", "contact_damping_ns_per_m"),
-        ("error of |Z|, N·s/m", "magnitude_error"),
-        ("complex error", "complex_error"),
-        ("Re Z_h, N·s/m", "real_part"),
+        ("f\nHz", "frequency_hz"),
+        ("b\nN.s/m", "damping_ns_per_m"),
+        ("k\nN/m", "stiffness_n_per_m"),
+        ("b_p\nN.s/m", "contact_damping_ns_per_m"),
+        ("error of |Z|\nN.s/m", "magnitude_error"),
+        ("complex error\nrelative", "complex_error"),
+        ("Re Z_h\nN.s/m", "real_part"),
+        ("status", "status"),
+        ("reason", "reason"),
     )
-    rows = [
-        (*(_number(document[key][row]) for _, key in columns), document["status"][row], document["reason"][row])
-        for row in range(len(document["frequency_hz"]))
-    ]
-    return _table((*(name for name, _ in columns), "status", "reason"), rows, numbers=range(len(columns)))
-
-
-def _certificate(certificate: Mapping[str, Any]) -> str:
-    rows = [
-        (
-            level,
-            "pass" if found["pass"] else "fail",
-            _number(found["margin_ns_per_m"]),
-            _number(found["frequency_hz"]),
-            found["model"],
-            found["claim"],
-        )
-        for level, found in certificate["levels"].items()
-    ]
-    return _table(("level", "result", "margin, N·s/m", "at, Hz", "model", "claim"), rows, numbers=(2, 3))
-
-
-def _methods(comparison: Mapping[str, Any]) -> str:
-    """Levels met and share of frequencies that feel real, method by method."""
-    jnd = 100 * comparison["methods"][comparison["optimum"]]["realism"]["jnd"]
-    rows = [
-        (
-            name,
-            ", ".join(level for level, found in gains["certificate"]["levels"].items() if found["pass"]) or "none",
-            _number(100 * gains["realism"]["share_inside_bounds"]),
-            _number(100 * gains["realism"]["share_inside_jnd"]),
-        )
-        for name, gains in comparison["methods"].items()
-    ]
-    head = (
-        "method",
-        "levels met",
-        "between U and L, % of frequencies",
-        f"within {jnd:.3g} % of desired, % of frequencies",
-    )
-    return _table(head, rows, numbers=(2, 3))
+    rows = zip(*(document[key] for _, key in columns), strict=True)
+    return _table(tuple(name for name, _ in columns), rows, left=(7, 8))

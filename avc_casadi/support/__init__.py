@@ -21,6 +21,7 @@ from avc_casadi.support._same import same as same
 from avc_casadi.support._table import ROWS_SHOWN as ROWS_SHOWN
 from avc_casadi.support._table import Cell as Cell
 from avc_casadi.support._table import Table as Table
+from avc_casadi.support._table import counts_text as counts_text
 from avc_casadi.support._table import number as number
 from avc_casadi.support._table import sample_rows as sample_rows
 from avc_casadi.support._table import text_table as text_table

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -15,6 +15,11 @@ ROWS_SHOWN = 20
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number to so many significant digits; a dash where it is undefined."""
     return "-" if value is None or math.isnan(value) else f"{value + 0.0:.{digits}g}"  # -0 is 0
+
+
+def counts_text(found: Mapping[str, int]) -> str:
+    """Return counts as "187 solved, 13 infeasible", leaving out what does not occur."""
+    return ", ".join(f"{count} {name}" for name, count in found.items() if count) or "none"
 
 
 def sample_rows(rows: int, most: int = ROWS_SHOWN) -> list[int]:

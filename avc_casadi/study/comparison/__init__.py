@@ -13,5 +13,7 @@ from avc_casadi.study.comparison._judged import judge_gains as judge_gains
 from avc_casadi.study.comparison._safety import Safety as Safety
 from avc_casadi.study.comparison._safety import safer as safer
 from avc_casadi.study.comparison._safety import safety_reason as safety_reason
+from avc_casadi.study.comparison._tables import ComparisonTables as ComparisonTables
+from avc_casadi.study.comparison._tables import comparison_tables as comparison_tables
 from avc_casadi.study.comparison._verdict import Verdict as Verdict
 from avc_casadi.study.comparison._verdict import judge as judge
