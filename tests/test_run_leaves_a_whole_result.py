@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from avc_process import avc, strict_json
 
-from avc_casadi import dump_problem, load_problem, solve
+from avc_casadi import deployable, dump_problem, load_problem, solve
 from avc_casadi.cli import main
-from avc_casadi.coupling import read_gains
+from avc_casadi.coupling import read_coupling, read_gains
 
 FILES = {
+    "coupling.json",
     "gains.json",
     "gains.csv",
     "compare.json",
@@ -28,19 +29,51 @@ def results(tmp_path_factory):
     return folder, done, again
 
 
-def test_ten_lines_and_every_file(results):
+def test_conclusion_first_then_the_papers_question_and_every_file(results):
     folder, done, _ = results
     assert done.returncode == 0
     assert done.stderr == b""
     lines = done.stdout.decode().splitlines()
-    assert len(lines) == 10
-    assert lines[0].startswith("figure5: ")
-    assert "200 of 200 frequencies have gains" in lines[2]
-    assert "agree" in lines[4]
-    assert "passes L0" in lines[7]
-    assert "read back equal" in lines[8]
-    assert "avc-figure5" in lines[9]
+    starts = (
+        "figure5: ",
+        "deploy on figure5: ",
+        "felt: ",
+        "trial: ",
+        "why: ",
+        "wall ",
+        "direct: 200 of 200 frequencies",
+    )
+    assert len(lines) == 14
+    assert all(line.startswith(start) for line, start in zip(lines, starts, strict=False))
+    assert "agree" in lines[8]
+    assert lines[11].startswith("certificate of direct: passes L0")
+    assert "read back equal" in lines[12]
+    assert "it came to rest" in lines[12]
+    assert "avc-figure5" in lines[13]
     assert {path.name for path in (folder / "avc-figure5").iterdir()} == FILES
+
+
+def test_the_device_gets_the_recommended_coupling(results):
+    folder, _, again = results
+    document = strict_json(again.stdout)
+    coupling = read_coupling(folder / "again" / "coupling.json")
+    assert deployable(coupling).passed
+    assert document["deploy"]["coupling"]["id"] == document["push"]["coupling_id"] == coupling.id
+    assert document["push"]["in_the_loop"]["at_rest"] is True
+    assert document["push"]["in_the_loop"]["coupling_id"] == coupling.id
+
+
+def test_a_method_that_is_not_deployable_is_not_pushed_unless_asked(tmp_path):
+    done = avc("run", "figure5", "--method", "direct", "--json", cwd=tmp_path)
+    assert done.returncode == 1
+    document = strict_json(done.stdout)
+    assert "hands" in document["push"]["refused"]
+    assert "push refused" in done.stderr.decode()
+
+    done = avc("run", "figure5", "--method", "direct", "--unsafe", cwd=tmp_path)
+    text = done.stdout.decode()
+    assert "UNSAFE" in text
+    assert "read back equal" in text
 
 
 def test_document(results):
@@ -92,9 +125,9 @@ def test_the_gains_of_the_problems_own_scope_are_those_drawn_and_told(scope, tmp
     assert done.returncode == 0, done.stderr
     lines = done.stdout.decode().splitlines()
     name = f"direct, scope {scope}"
-    assert lines[2].startswith(f"{name}: 12 of 12")
-    assert "pointwise" in lines[4]
-    assert lines[6].startswith("verdicts, pointwise")
+    told = next(at for at, line in enumerate(lines) if line.startswith(f"{name}: 12 of 12"))
+    assert "pointwise" in lines[told + 2]
+    assert lines[told + 4].startswith("verdicts, pointwise")
 
     folder = tmp_path / "avc-wide"
     compare = json.loads((folder / "compare.json").read_text())
@@ -125,7 +158,7 @@ def test_without_the_extra_the_push_is_skipped_and_the_way_to_install_it_told(tm
     assert "pip install 'avc-casadi[emulator]'" in document["push"]["skipped"]
     assert "pip install &#x27;avc-casadi[emulator]&#x27;" in (tmp_path / "avc-soft" / "report.html").read_text()
 
-    done = avc("push", str(tmp_path / "avc-soft" / "gains.json"), "--port", "emulator", program=WITHOUT_EXTRA)
+    done = avc("push", str(tmp_path / "avc-soft" / "coupling.json"), "--port", "emulator", program=WITHOUT_EXTRA)
     assert done.returncode == 2
     assert b"pip install 'avc-casadi[emulator]'" in done.stderr
     assert b"Traceback" not in done.stderr
@@ -156,7 +189,7 @@ def test_a_run_that_ends_early_leaves_the_files_before_it(tmp_path, monkeypatch)
         raise KeyboardInterrupt
 
     (tmp_path / "gains.json").write_text("of the run before")
-    monkeypatch.setattr("avc_casadi.cli._run._push", stop)
+    monkeypatch.setattr("avc_casadi.cli._run.push_or_say", stop)
     assert main(["run", "soft", "--out", str(tmp_path)]) == 130
     assert [path.name for path in tmp_path.iterdir()] == ["gains.json"]
     assert (tmp_path / "gains.json").read_text() == "of the run before"
