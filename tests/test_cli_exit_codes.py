@@ -129,6 +129,17 @@ def test_what_is_not_deployable_is_refused_and_names_the_claim(tmp_path):
     assert document["deployable"]["pass"] is False
 
 
+def test_refused_push_is_a_no(tmp_path):
+    assert avc("solve", "soft", "--out", "gains.json", cwd=tmp_path).returncode == 0
+    document = json.loads((tmp_path / "gains.json").read_text())
+    stiff = {"stiffness_n_per_m": [2e8] * len(document["frequency_hz"])}
+    (tmp_path / "stiff.json").write_text(json.dumps(document | stiff))
+    done = avc("push", "stiff.json", "--problem", "soft", "--port", "emulator", "--unsafe", "--json", cwd=tmp_path)
+    assert done.returncode == 1
+    (error,) = strict_json(done.stdout)["errors"]
+    assert "narrow coupling.stiffness_n_per_m" in error["message"]
+
+
 WEAK = """\
 [device]
 mass_kg = 0.1

@@ -29,6 +29,17 @@ def test_refusals_name_what_to_change(arguments, key, words, tmp_path, monkeypat
     assert words in error["message"]
 
 
+@pytest.mark.parametrize("method", ["direct", "closed-form"])
+def test_nobody_is_told_to_do_what_was_done(method, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["solve", "hard/infeasible-box", "--method", method, "--out", "gains.json"]) == 1
+    capsys.readouterr()
+    assert main(["export", "gains.json", "--problem", "hard/infeasible-box", "--c", "firmware"]) == 2
+    said = capsys.readouterr().err
+    assert f"by {method} has no row with gains; choose another method" in said
+    assert f"--method {method}" not in said
+
+
 @pytest.mark.parametrize(
     ("passed", "radius", "words"), [(True, 0.9, "comes to rest"), (False, 1.0, "free mass"), (False, 1.1, "not stable")]
 )

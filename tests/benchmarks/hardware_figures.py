@@ -14,17 +14,18 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-from hardware_bench import run, schedule
+from hardware_bench import coupling, run
 from script_arguments import script_arguments
 
-from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableSettings, Wall, firmware_build, push, stream
+from avc_casadi.coupling import Runtime
+from avc_hardware import Connection, DeviceStatus, EmulatedBoard, RuntimeFigures, firmware_build, push, stream
 from avc_hardware._messages import Kind
 from avc_hardware._profile import tick_instructions
-from avc_hardware._runtime_program import RuntimeFigures, c_sources, runtime_programs
+from avc_hardware._runtime_c import all_sources
 from avc_hardware.firmware_build import TARGETS, build_image
 
-SETTINGS = TableSettings(wall=Wall(10.0, 1e5))
-GAINS = schedule(200, largest=(300.0, 1e5, 50.0))
+MADE = coupling(200, largest=(300.0, 1e5, 50.0))
+GUARDED = coupling(200, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
 
 
 def motion(tick: int) -> int:
@@ -37,7 +38,7 @@ def wire(folder: Path, baud: int) -> None:
     """Push, round trip and stream at one rate of the virtual wire."""
     image = build_image("netduinoplus2", folder, baud=baud)
     board = EmulatedBoard(image)
-    result = push(GAINS, board, baud=baud, settings=SETTINGS)
+    result = push(MADE, board, baud=baud)
     trips = []
     with Connection(board, baud=baud) as connection:
         for _ in range(50):
@@ -47,7 +48,7 @@ def wire(folder: Path, baud: int) -> None:
     print(f"{baud} baud: 200 rows pushed, verified and read back in {result.seconds:.3f} s ({result.attempts} attempt)")
     print(f"  STATUS round trip {1e3 * statistics.median(trips):.2f} ms (median of {len(trips)})")
     for rate in (50, 100):
-        streamed = stream(GAINS, EmulatedBoard(image), baud=baud, rate_hz=rate, seconds=5, settings=SETTINGS)
+        streamed = stream(MADE, EmulatedBoard(image), baud=baud, rate_hz=rate, seconds=5)
         print(
             f"  SET_GAINS at {rate} Hz: {streamed.taken} of {streamed.sent} taken, {streamed.lost} lost, "
             f"round trip {1e3 * streamed.round_trip_s:.2f} ms, largest {1e3 * streamed.round_trip_max_s:.2f} ms"
@@ -56,8 +57,8 @@ def wire(folder: Path, baud: int) -> None:
 
 def instructions() -> None:
     """Instructions of a tick on the Cortex-M4F."""
-    ticks = tick_instructions(GAINS, settings=SETTINGS, counts=motion, ticks=1500)
-    guarded = tick_instructions(GAINS, settings=TableSettings(wall=SETTINGS.wall, guard=True), counts=motion, ticks=300)
+    ticks = tick_instructions(MADE, counts=motion, ticks=1500)
+    guarded = tick_instructions(GUARDED, counts=motion, ticks=300)
     most: Counter[str] = Counter()
     for tick in (*ticks, *guarded):
         for name, count in tick.functions.items():
@@ -81,9 +82,11 @@ def bare_force(folder: Path) -> None:
     copy = folder / "bare"
     shutil.copytree(firmware_build.FIRMWARE, copy)
     figures = RuntimeFigures(slew_per_s=None, passive=False)
-    couple = runtime_programs(figures)[1]
-    for name, text in c_sources(couple, figures).items():
-        (copy / "core" / "generated" / name).write_text(text, encoding="utf-8")
+    for name, text in all_sources(figures).items():
+        if "couple" in name:
+            (copy / "core" / "generated" / name).write_text(text, encoding="utf-8")
+    figures_c = copy / "core" / "generated" / "fused" / "avc_figures.c"
+    figures_c.write_text(all_sources(figures)["avc_figures.c"], encoding="utf-8")
     control = copy / "core" / "avc_control.c"  # a coupling without anchor has no use for the held force
     control.write_text(
         re.sub(r".*couple\.held_force_n = .*", "", control.read_text(encoding="utf-8")), encoding="utf-8"
@@ -92,7 +95,8 @@ def bare_force(folder: Path) -> None:
     firmware_build.FIRMWARE, firmware_build.GENERATED = copy, copy / "core" / "generated"
     image = build_image("netduinoplus2", folder / "bare-image")
     firmware_build.FIRMWARE, firmware_build.GENERATED = kept
-    ticks = tick_instructions(GAINS, settings=SETTINGS, counts=motion, ticks=1500, image=image)
+    bare = coupling(200, largest=(300.0, 1e5, 50.0), runtime=Runtime(slew_per_s=None, passive=False))
+    ticks = tick_instructions(bare, counts=motion, ticks=1500, image=image)
     names = ("avc_table_lookup", "avc_ln", "avc_couple_step")
     totals = [sum(tick.functions.get(name, 0) for name in names) for tick in ticks]
     print(f"  the force without adaptation   {statistics.median(totals[500:]):6.0f} typical {max(totals):6} at most")
