@@ -173,6 +173,8 @@ def test_header_says_what_it_is() -> None:
 def test_what_cannot_be_exported_is_refused_by_name() -> None:
     with pytest.raises(InputError, match="environment: gives no force"):
         export_c(coupling(1, wall=(0.0, 0.0)))
+    with pytest.raises(InputError, match="single precision"):
+        export_c(with_gains(bench_problem(), 1.0, 1e39))
     with pytest.raises(InputError, match="encoder"):
         export_c(coupling(1, runtime=Runtime(observer_mass_kg=0.2), encoder_resolution_m=0.0))
 

@@ -35,7 +35,7 @@ FARTHEST_M = 1e6
 """No device measures more; beyond it a position is as good as infinite, and single precision might end."""
 LARGEST = 3.4028235e38
 """Largest number of single precision."""
-FORCES = ["command_n", "force_n"]
+FORCES = ("command_n", "force_n")
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class _Built:
             {"position_m": self.measured},
             names,
             symbols,
-            ["frequency_hz", "seen_m"],
+            ("frequency_hz", "seen_m"),
             early,
             [ca.SX(self.frequency), ca.SX(self.seen), *first],
         )
@@ -204,7 +204,7 @@ def _program(
     given: dict[str, Any],
     states: tuple[str, ...],
     symbols: list[Any],
-    outputs: list[str],
+    outputs: tuple[str, ...],
     following: tuple[str, ...],
     results: list[Any],
 ) -> FloatProgram:

@@ -12,6 +12,7 @@ from avc_hardware._float_program import literal
 from avc_hardware._reference import ln
 from avc_hardware._runtime_c import start_lines
 from avc_hardware._runtime_program import GAINS
+from avc_hardware._table import TableImage
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -179,12 +180,13 @@ def export_c(coupling: Coupling, *, unsafe: bool = False) -> dict[str, str]:
 
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
-        InputError: the wall gives no force, the observer has no encoder step to look between, or a number is too large
-            for single precision.
+        InputError: the wall gives no force, the observer has no encoder step to look between, a gain is too large for
+            single precision, or two rows become one in it.
     """
     require_deployable(coupling, unsafe=unsafe)
+    rows = TableImage.of(coupling).rows
     program = coupling_program(coupling)
-    return {HEADER: _header(coupling, program), SOURCE: _source(coupling, program)}
+    return {HEADER: _header(coupling, program), SOURCE: _source(coupling, program, rows)}
 
 
 def _header(coupling: Coupling, program: CouplingProgram) -> str:
@@ -221,10 +223,10 @@ def _header(coupling: Coupling, program: CouplingProgram) -> str:
     )
 
 
-def _source(coupling: Coupling, program: CouplingProgram) -> str:
+def _source(coupling: Coupling, program: CouplingProgram, rows: Float32Array) -> str:
     return _SOURCE.format(
         id=coupling.id,
-        look_up="" if program.before is None else _look_up(coupling.table.single()),
+        look_up="" if program.before is None else _look_up(rows),
         rest=_indented(start_lines("coupling", program.states, program.initial)),
         least=_literal(-FARTHEST_M),
         farthest=_literal(FARTHEST_M),
