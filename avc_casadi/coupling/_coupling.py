@@ -136,8 +136,7 @@ class Coupling:
             "rows": self.table.rows.tolist(),
             "runtime": vars(self.runtime),
             "wall": [wall.damping_ns_per_m, wall.stiffness_n_per_m],
-            "sample_time_s": self.sample_time_s,
-            "max_force_n": self.max_force_n,
+            "device": self.problem.device.model_dump(mode="json"),
         }
         return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
 

@@ -131,8 +131,8 @@ def scope_line(summary: Mapping[str, Any]) -> str:
     if summary["scope"] == "pointwise":
         return line
     return (
-        f"{line} The gains drawn and told are those of {summary['method']}{_scope(summary)}; the pointwise gains stand here"
-        " for reference."
+        f"{line} The gains drawn and told are those of {summary['method']}{_scope(summary)}; "
+        "the pointwise gains stand here for reference."
     )
 
 
@@ -186,6 +186,6 @@ def device_line(push: Mapping[str, Any]) -> str:
     tried = push.get("in_the_loop")
     beside = "" if tried is None else f"; firmware and plant in the loop: {tried['sentence']}"
     return (
-        f"device: coupling {push['coupling_id']}, {push['rows']} rows on {push['port']}, table {push['table_id']}, read back {equal}, "
-        f"rounding {push['rounding_max']:.1g} relative{beside}"
+        f"device: coupling {push['coupling_id']}, {push['rows']} rows on {push['port']}, table {push['table_id']}, "
+        f"read back {equal}, rounding {push['rounding_max']:.1g} relative{beside}"
     )
