@@ -14,6 +14,7 @@ from avc_casadi.design import method_named, solve
 from avc_casadi.design.constant import tuned_margin
 from avc_casadi.design.pointwise import project
 from avc_casadi.problem import Boundaries, Frequency, Impedance, Scene
+from avc_casadi.support import plain
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem, Structure
@@ -105,7 +106,8 @@ class Design:
         """Return the gains of a hand at rest as JSON values; an infinite gain is a rigid coupling, null."""
         if self.gains is None:
             return None
-        return {name: value if math.isfinite(value) else None for name, value in vars(self.gains).items()}
+        gains: dict[str, float | None] = plain(vars(self.gains))
+        return gains
 
 
 def physical_wall(problem: Problem) -> Problem:

@@ -11,6 +11,7 @@ from avc_casadi.coupling import Gains, gains_at
 from avc_casadi.design import solve
 from avc_casadi.recommendation._designs import tuning_problem
 from avc_casadi.recommendation._error_curve import TOLERANCE, error_curve
+from avc_casadi.support import plain
 from avc_casadi.trial import MOTIONS, Conditions, exact_interval, judged
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def reach(
             "highest": float(felt.max()) if len(felt) else None,
             "within_8_percent": int(stiff.sum()),
         },
-        "gains_at_rest": {name: value if np.isfinite(value) else None for name, value in vars(first).items()},
+        "gains_at_rest": plain(vars(first)),
         "error_within_hz": {
             "tolerance": TOLERANCE,
             "sampled": curve.within_hz(curve.sampled),

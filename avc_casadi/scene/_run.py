@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +10,7 @@ import numpy as np
 
 from avc_casadi.scene._judge import CRITERION, LOST_M, Judgement
 from avc_casadi.scene._ledger import Ledger
-from avc_casadi.support import Columns, FloatArray, Tabular
+from avc_casadi.support import Columns, FloatArray, Tabular, json_text, plain
 
 Claim = Literal["asymptotic", "held-by-friction", "unstable"]
 
@@ -127,26 +125,29 @@ class Run(Tabular):
 
     def certificate(self) -> dict[str, Any]:
         """Return the level L6: this time-varying run, with its energy ledger."""
-        return {
-            "pass": self.claim == "asymptotic",
-            "margin_ns_per_m": None,
-            "frequency_hz": None,
-            "model": "sampled-data",
-            "claim": f"simulated for {self.samples * self.sample_time_s:g} s: {_CLAIMS[self.claim]}",
-            "outcome": self.claim,
-            "energy_generated_j": finite(self.energy_generated_j),
-        }
+        found: dict[str, Any] = plain(
+            {
+                "pass": self.claim == "asymptotic",
+                "margin_ns_per_m": None,
+                "frequency_hz": None,
+                "model": "sampled-data",
+                "claim": f"simulated for {self.samples * self.sample_time_s:g} s: {_CLAIMS[self.claim]}",
+                "outcome": self.claim,
+                "energy_generated_j": self.energy_generated_j,
+            }
+        )
+        return found
 
     def document(self, trace: Path | None = None) -> dict[str, Any]:
         """Return the JSON document; `trace` is where the traces were written."""
         found = self.judgement
-        return {
+        document = {
             "schema": "avc-simulate/1",
             "problem": self.problem,
             "coupling": self.coupling,
-            "damping_ns_per_m": finite(self.damping_ns_per_m[0]),
-            "stiffness_n_per_m": finite(self.stiffness_n_per_m[0]),
-            "contact_damping_ns_per_m": finite(self.contact_damping_ns_per_m[0]),
+            "damping_ns_per_m": self.damping_ns_per_m[0],
+            "stiffness_n_per_m": self.stiffness_n_per_m[0],
+            "contact_damping_ns_per_m": self.contact_damping_ns_per_m[0],
             "stable": self.stable,
             "outcome": self.claim,
             "diverged": bool(found.diverged),
@@ -155,17 +156,19 @@ class Run(Tabular):
             "steps": self.samples,
             "states": self.states,
             "instructions": self.instructions,
-            "peak_velocity_m_per_s": finite(found.peak_velocity_m_per_s),
-            "position_peak_to_peak_m": finite(found.position_peak_to_peak_m),
-            "mean_force_n": finite(found.mean_force_n),
-            "force_ripple_n": finite(found.force_ripple_n),
-            "apparent_stiffness_n_per_m": finite(self.apparent_stiffness_n_per_m),
-            "rate_hardness_n_per_m": finite(found.rate_hardness_n_per_m),
-            "energy_generated_j": finite(self.energy_generated_j),
+            "peak_velocity_m_per_s": found.peak_velocity_m_per_s,
+            "position_peak_to_peak_m": found.position_peak_to_peak_m,
+            "mean_force_n": found.mean_force_n,
+            "force_ripple_n": found.force_ripple_n,
+            "apparent_stiffness_n_per_m": self.apparent_stiffness_n_per_m,
+            "rate_hardness_n_per_m": found.rate_hardness_n_per_m,
+            "energy_generated_j": self.energy_generated_j,
             "certificate": {"L6": self.certificate()},
             "seconds": {"build": self.build_seconds, "run": self.seconds},
             "trace": None if trace is None else str(trace),
         }
+        whole: dict[str, Any] = plain(document)
+        return whole
 
     def save(self, path: Path | str) -> Path:
         """Write the traces to `path` (npz) and the manifest beside it (the same name, ``.json``)."""
@@ -177,12 +180,6 @@ class Run(Tabular):
             stored_j=self.ledger.stored_j,
             dissipated_j=self.ledger.dissipated_j,
         )
-        text = json.dumps(self.document(target) | {"effects": list(self.effects)}, indent=1, allow_nan=False)
-        target.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
+        text = json_text(self.document(target) | {"effects": list(self.effects)})
+        target.with_suffix(".json").write_text(text, encoding="utf-8")
         return target
-
-
-def finite(value: Any) -> float | None:
-    """Return a number as JSON can hold it: null where it is not finite."""
-    number = float(value)
-    return number if math.isfinite(number) else None

@@ -12,7 +12,7 @@ from avc_casadi.scene._explain import EffectCost, explain_effects
 from avc_casadi.scene._run import Run
 from avc_casadi.scene._simulate import AnyGains, settled, simulate_effects, staged
 from avc_casadi.scene.effects import build_effects
-from avc_casadi.support import Columns, FloatArray, Tabular
+from avc_casadi.support import Columns, FloatArray, Tabular, plain
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -112,10 +112,8 @@ class Screening(Tabular):
 
 
 def _changes(found: Screened) -> dict[str, Any]:
-    values = {name: getattr(found, name) for name in _CHANGES}
-    return {
-        name: None if isinstance(value, float) and not np.isfinite(value) else value for name, value in values.items()
-    }
+    changes: dict[str, Any] = plain({name: getattr(found, name) for name in _CHANGES})
+    return changes
 
 
 def screen(

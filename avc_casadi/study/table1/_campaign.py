@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from avc_casadi.support import json_text
+
 
 def run_campaign(
     cells: Mapping[str, Callable[[], dict[str, Any]]],
@@ -38,7 +40,7 @@ def run_campaign(
         if name in document["cells"]:
             continue
         document["cells"][name] = compute()
-        text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+        text = json_text(document)
         partial = path.with_suffix(".partial")
         partial.write_text(text, encoding="utf-8")
         partial.replace(path)

@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi.recommendation import COUPLINGS, Coupling, Design, design
 from avc_casadi.study.table1._paper import PAPER
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import BoolArray, FloatArray, plain
 from avc_casadi.trial import (
     MOTIONS,
     PEOPLE_AT_ONCE,
@@ -170,7 +170,7 @@ def _matched(coupling: Coupling, distances: dict[Coupling, FloatArray]) -> dict[
             f"{weber:g}": {"matched": int(found.first.sum()), "unable": int(found.unable.sum())}
             for weber, found in swept.items()
         },
-        "distance": [float(value) if np.isfinite(value) else None for value in far],
+        "distance": plain(far),
     }
 
 
