@@ -25,7 +25,7 @@ from avc_hardware import (
     stream,
 )
 from avc_hardware import _messages as m
-from avc_hardware._faults import Fault, FaultKind, FaultyLink
+from avc_hardware._faults import FaultKind, FaultyLink, LinkFault
 from avc_hardware._firmware import IMAGE, image_sha256
 from avc_hardware._messages import Kind
 from avc_hardware._reference import lookup
@@ -172,7 +172,7 @@ def test_lost_gains_are_counted_and_the_table_takes_over() -> None:
     made = coupling(20)
     pushed = push(made, board)
     # half a second of silence in mid-stream: five times as long as streamed gains hold
-    link = FaultyLink(board, [Fault(True, 2500, FaultKind.STALL, 50)])
+    link = FaultyLink(board, [LinkFault(True, 2500, FaultKind.STALL, 50)])
     result = stream(made, link, rate_hz=50, seconds=3.0)
     assert link.happened
     assert result.push.table_id == pushed.table_id

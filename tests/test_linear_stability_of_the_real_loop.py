@@ -11,12 +11,12 @@ from avc_casadi.stability import (
     common_lyapunov,
     fraction_rendering,
     frozen_parts,
+    frozen_transition,
     joint_rendering,
     linear_stability,
     lyapunov,
     mechanics,
     switching_proof,
-    transition,
 )
 
 T = 1e-3
@@ -126,8 +126,8 @@ def test_both_realisations_have_the_same_eigenvalues(delay):
     case = problem(delay=delay)
     b, k, contact = rng.uniform(0.1, 50, 40), rng.uniform(100, 1e5, 40), rng.uniform(0, 50, 40)
     hands = hand_set(case.hands, draws=4)
-    fraction = transition(case.device, fraction_rendering(frozen_parts(case, b, k), contact, T), hands)
-    joint = transition(case.device, joint_rendering(case, b, k, contact), hands)
+    fraction = frozen_transition(case.device, fraction_rendering(frozen_parts(case, b, k), contact, T), hands)
+    joint = frozen_transition(case.device, joint_rendering(case, b, k, contact), hands)
     radius = [np.abs(np.linalg.eigvals(matrices)).max(axis=-1) for matrices in (fraction, joint)]
     np.testing.assert_allclose(*radius, rtol=1e-9)
 

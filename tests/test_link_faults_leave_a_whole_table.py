@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from avc_casadi import LinkError
 from avc_casadi.coupling import Gains, Runtime
 from avc_hardware import TableImage, push
-from avc_hardware._faults import Fault, FaultKind, FaultyLink
+from avc_hardware._faults import FaultKind, FaultyLink, LinkFault
 from avc_hardware._host import HostCore, HostLink
 
 GUARD = Runtime(guard="passivity-controller")
@@ -24,7 +24,7 @@ DEADLINE_S = 5.0
 SCHEDULES = int(os.environ.get("AVC_FAULT_SCHEDULES", "150"))
 
 faults = st.builds(
-    Fault,
+    LinkFault,
     to_device=st.booleans(),
     at=st.integers(0, 1800),
     kind=st.sampled_from(FaultKind),
@@ -39,7 +39,7 @@ def device_with_old_table() -> HostCore:
     return core
 
 
-def push_through(schedule_of_faults: list[Fault]) -> tuple[HostCore, FaultyLink, bool]:
+def push_through(schedule_of_faults: list[LinkFault]) -> tuple[HostCore, FaultyLink, bool]:
     """Push NEW through the faults; return the device, the link and whether the host reported success."""
     core = device_with_old_table()
     link = FaultyLink(HostLink(core), schedule_of_faults, reset=core.reset)
@@ -70,7 +70,7 @@ def test_one_fault_at_any_byte(kind: FaultKind, to_device: bool) -> None:
     """Short messages and both ends of long ones at every byte, the middle of chunks at every seventh."""
     step = 1 if SCHEDULES > 1000 else 13
     for at in range(0, 1400, step):
-        core, link, done = push_through([Fault(to_device, at, kind, amount=1 + at % 40)])
+        core, link, done = push_through([LinkFault(to_device, at, kind, amount=1 + at % 40)])
         if kind is not FaultKind.UNPLUG:
             assert done, link.happened
             assert core.image() == NEW_IMAGE
@@ -80,7 +80,7 @@ def test_one_fault_at_any_byte(kind: FaultKind, to_device: bool) -> None:
 
 @settings(max_examples=SCHEDULES)
 @given(st.lists(faults, max_size=12))
-def test_random_faults(schedule_of_faults: list[Fault]) -> None:
+def test_random_faults(schedule_of_faults: list[LinkFault]) -> None:
     core, link, done = push_through(schedule_of_faults)
     if done:
         assert core.image() == NEW_IMAGE
@@ -90,7 +90,7 @@ def test_random_faults(schedule_of_faults: list[Fault]) -> None:
 
 @settings(max_examples=max(20, SCHEDULES // 10))
 @given(st.lists(faults, min_size=30, max_size=60))
-def test_a_terrible_line_and_then_a_good_one(schedule_of_faults: list[Fault]) -> None:
+def test_a_terrible_line_and_then_a_good_one(schedule_of_faults: list[LinkFault]) -> None:
     core, _, _ = push_through(schedule_of_faults)
     result = push(NEW, HostLink(core), safe=SAFE)
     assert result.readback_equal
@@ -99,7 +99,7 @@ def test_a_terrible_line_and_then_a_good_one(schedule_of_faults: list[Fault]) ->
 
 def test_a_dead_line_is_reported_in_time() -> None:
     core = host_core()
-    link = FaultyLink(HostLink(core), [Fault(True, 0, FaultKind.STALL, 100_000)])
+    link = FaultyLink(HostLink(core), [LinkFault(True, 0, FaultKind.STALL, 100_000)])
     with pytest.raises(LinkError, match="no answer at 115200 baud"):
         push(NEW, link)
     assert link.now_s() < 15.0
@@ -107,14 +107,14 @@ def test_a_dead_line_is_reported_in_time() -> None:
 
 def test_an_unplugged_device_is_reported() -> None:
     core = host_core()
-    link = FaultyLink(HostLink(core), [Fault(True, 300, FaultKind.UNPLUG)])
+    link = FaultyLink(HostLink(core), [LinkFault(True, 300, FaultKind.UNPLUG)])
     with pytest.raises(LinkError, match="unplugged"):
         push(NEW, link)
     assert core.image() is None
 
 
 def test_a_device_reset_in_mid_table_is_served_again() -> None:
-    core, link, done = push_through([Fault(True, 700, FaultKind.RESET)])
+    core, link, done = push_through([LinkFault(True, 700, FaultKind.RESET)])
     assert link.happened
     assert done
     assert core.image() == NEW_IMAGE

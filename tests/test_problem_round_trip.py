@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi.problem import (
     Boundaries,
-    Coupling,
     Device,
     DeviceRange,
     Frequency,
+    GainBox,
     Hands,
     Impedance,
     Problem,
@@ -119,7 +119,7 @@ def problems(draw):
         ),
         environment=draw(st.builds(Impedance, damping_ns_per_m=damping, stiffness_n_per_m=stiffness)),
         boundaries=Boundaries(upper=high, lower=low),
-        coupling=Coupling(
+        coupling=GainBox(
             structure=structure,
             damping_ns_per_m=draw(interval(damping)),
             stiffness_n_per_m=draw(interval(stiffness)),

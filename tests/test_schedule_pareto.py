@@ -12,7 +12,7 @@ from avc_casadi.figures import draw_pareto, save_figure
 from avc_casadi.loop import loop_at
 from avc_casadi.problem import dump_problem, load_problem
 from avc_casadi.stability import scope_slack
-from avc_casadi.study.pareto import designs, pareto
+from avc_casadi.study.pareto import pareto, variants
 
 
 @pytest.fixture(scope="module")
@@ -29,14 +29,14 @@ def test_every_design_is_certified_for_what_it_asks(study):
 
 
 def test_more_freedom_never_costs():
-    for design in designs(figure5(points=20)):
-        if design.study == "scope" and not design.constant:
-            adaptive, constant = (cost(solve_schedule(design.problem, constant=c)) for c in (False, True))
-            assert adaptive <= constant * (1 + 1e-6), design.label
+    for variant in variants(figure5(points=20)):
+        if variant.study == "scope" and not variant.constant:
+            adaptive, constant = (cost(solve_schedule(variant.problem, constant=c)) for c in (False, True))
+            assert adaptive <= constant * (1 + 1e-6), variant.label
     rising = [
-        cost(solve_schedule(design.problem, constant=design.constant))
-        for design in designs(figure5(points=20))
-        if design.study == "slope"
+        cost(solve_schedule(variant.problem, constant=variant.constant))
+        for variant in variants(figure5(points=20))
+        if variant.study == "slope"
     ]
     assert rising == sorted(rising, reverse=True)
 

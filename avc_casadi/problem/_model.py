@@ -58,7 +58,7 @@ class Boundaries(Table):
     lower: Impedance
 
 
-class Coupling(Table):
+class GainBox(Table):
     """Structure of the coupling and the box of admissible gains, each [lowest, highest]."""
 
     structure: Structure = "series"
@@ -176,7 +176,7 @@ class Problem(Table):
     boundaries: Boundaries = Field(
         default_factory=lambda data: Boundaries(upper=data["environment"], lower=data["environment"])
     )
-    coupling: Coupling = Coupling()
+    coupling: GainBox = GainBox()
     stability: Stability = Stability()
     realism: Realism = Realism()
     schedule: ScheduleSettings = ScheduleSettings()

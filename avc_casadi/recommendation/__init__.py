@@ -1,7 +1,7 @@
 """Which coupling to start with, how stiff a wall can be, and how real it feels."""
 
 from avc_casadi.recommendation._designs import COUPLINGS as COUPLINGS
-from avc_casadi.recommendation._designs import Coupling as Coupling
+from avc_casadi.recommendation._designs import CandidateName as CandidateName
 from avc_casadi.recommendation._designs import Design as Design
 from avc_casadi.recommendation._designs import design as design
 from avc_casadi.recommendation._designs import physical_wall as physical_wall

@@ -19,7 +19,7 @@ from avc_casadi.support import plain
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem, Structure
 
-Coupling = Literal[
+CandidateName = Literal[
     "none",
     "static",
     "static-sampled",
@@ -30,7 +30,7 @@ Coupling = Literal[
     "static-tuned",
     "schedule",
 ]
-COUPLINGS: dict[Coupling, str] = {
+COUPLINGS: dict[CandidateName, str] = {
     "none": "device and wall joined directly",
     "static": "best constant series coupling under Llewellyn's condition (6) with the printed hold",
     "static-sampled": "best constant series coupling under condition (6) with the hold of a sampled loop, z^-1",
@@ -62,7 +62,7 @@ class Design:
         reason: why there are no gains.
     """
 
-    coupling: Coupling
+    coupling: CandidateName
     problem: Problem = field(repr=False)
     gains: Gains | None
     schedule: GainSchedule | None = field(default=None, repr=False)
@@ -148,7 +148,7 @@ def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: floa
     )
 
 
-def design(problem: Problem, coupling: Coupling) -> Design:
+def design(problem: Problem, coupling: CandidateName) -> Design:
     """Design one coupling for the wall of a problem; a method that refuses it is a coupling without gains."""
     if coupling == "none":
         return Design(coupling, problem, NO_COUPLING)
@@ -165,7 +165,7 @@ def design(problem: Problem, coupling: Coupling) -> Design:
     return Design(coupling, stated, gains_at(table, float(table.frequency_hz[rows[0]])), table)
 
 
-def _stated(problem: Problem, coupling: Coupling) -> tuple[str, Problem]:
+def _stated(problem: Problem, coupling: CandidateName) -> tuple[str, Problem]:
     if coupling.startswith(("static-tuned", "schedule")):
         structure: Structure = "series" if coupling.endswith("-series") else "damped"
         return coupling.removesuffix("-series"), tuning_problem(problem, structure)

@@ -15,6 +15,6 @@ from avc_casadi.stability._spectral import frozen_parts as frozen_parts
 from avc_casadi.stability._spectral import linear_stability as linear_stability
 from avc_casadi.stability._transition import Rendering as Rendering
 from avc_casadi.stability._transition import fraction_rendering as fraction_rendering
+from avc_casadi.stability._transition import frozen_transition as frozen_transition
 from avc_casadi.stability._transition import joint_rendering as joint_rendering
 from avc_casadi.stability._transition import mechanics as mechanics
-from avc_casadi.stability._transition import transition as transition

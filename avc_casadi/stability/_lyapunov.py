@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.passivity import RIGID
-from avc_casadi.stability._transition import joint_rendering, transition
+from avc_casadi.stability._transition import frozen_transition, joint_rendering
 from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def switching_proof(
     offered = gains.shape[1] > 1 and (np.abs(gains) <= RIGID).all() and device.delay_samples <= _MAX_DELAY_SAMPLES
     if not offered or (springs <= 0).any():
         return None
-    matrices = transition(device, joint_rendering(problem, *gains), hands)
+    matrices = frozen_transition(device, joint_rendering(problem, *gains), hands)
     if not np.isfinite(matrices).all():
         return None
     # Forces under way are counted in the distance that they move the device.

@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.passivity import SampledLoop, fractions
-from avc_casadi.stability._transition import fraction_rendering, transition
+from avc_casadi.stability._transition import fraction_rendering, frozen_transition
 from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def linear_stability(
     radius, frequency = np.empty((n, len(hands))), np.empty((n, len(hands)))
     for start in range(0, n, rows_at_once):
         some = slice(start, start + rows_at_once)
-        matrices = transition(device, rendering.pick(some), hands, damping_shift_ns_per_m)
+        matrices = frozen_transition(device, rendering.pick(some), hands, damping_shift_ns_per_m)
         defined = np.asarray(np.isfinite(matrices).all(axis=(2, 3)))
         values = np.linalg.eigvals(np.where(defined[..., None, None], matrices, 0.0))
         largest = np.argmax(np.abs(values), axis=-1)[..., None]

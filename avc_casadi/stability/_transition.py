@@ -119,7 +119,9 @@ def joint_rendering(
     return Rendering(force, joint)
 
 
-def transition(device: Device, rendering: Rendering, hands: Hand, damping_shift_ns_per_m: float = 0.0) -> FloatArray:
+def frozen_transition(
+    device: Device, rendering: Rendering, hands: Hand, damping_shift_ns_per_m: float = 0.0
+) -> FloatArray:
     """Transition matrices of every frozen rendering with every hand.
 
     Args:

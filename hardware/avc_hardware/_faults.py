@@ -26,7 +26,7 @@ class FaultKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Fault:
+class LinkFault:
     """One fault.
 
     Attributes:
@@ -45,7 +45,9 @@ class Fault:
 class FaultyLink:
     """Wraps a link; each fault happens once."""
 
-    def __init__(self, link: ByteLink, faults: Iterable[Fault], *, reset: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, link: ByteLink, faults: Iterable[LinkFault], *, reset: Callable[[], None] = lambda: None
+    ) -> None:
         """Wrap ``link``; ``reset`` makes the device start anew."""
         self._link = link
         self._faults = list(faults)
@@ -54,7 +56,7 @@ class FaultyLink:
         self._held = {True: b"", False: b""}
         self._silent_until_s = -1.0
         self._unplugged = False
-        self.happened: list[Fault] = []
+        self.happened: list[LinkFault] = []
 
     @property
     def name(self) -> str:
@@ -101,7 +103,7 @@ class FaultyLink:
             data = self._apply(fault, data, fault.at - start)
         return held + data
 
-    def _apply(self, fault: Fault, data: bytes, at: int) -> bytes:
+    def _apply(self, fault: LinkFault, data: bytes, at: int) -> bytes:
         before, here, after = data[:at], data[at : at + 1], data[at + 1 :]
         amount = fault.amount
         left = b""

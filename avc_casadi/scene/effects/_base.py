@@ -74,7 +74,7 @@ class SceneEffect(ABC):
         """Add states, inputs and expressions to the sample."""
 
 
-def settled(
+def required_number(
     value: float | None, default: float | None, *, key: str, place: str, problem: Problem, source: str
 ) -> float:
     """Return the value of a table or its default; both may not be 0.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi.problem import Problem
-from avc_casadi.scene.effects._base import SceneEffect, Station, settled
+from avc_casadi.scene.effects._base import SceneEffect, Station, required_number
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class CoulombFriction(SceneEffect):
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Take what is left out from the device."""
         source, default = "device.coulomb_friction_n", problem.device.coulomb_friction_n
-        return cls(settled(table.force_n, default, key="force_n", place=place, problem=problem, source=source))
+        return cls(required_number(table.force_n, default, key="force_n", place=place, problem=problem, source=source))
 
     @property
     def friction_n(self) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi.problem import Problem, whole_delay
-from avc_casadi.scene.effects._base import SceneEffect, Station, settled
+from avc_casadi.scene.effects._base import SceneEffect, Station, required_number
 from avc_casadi.scene.loop import Tick
 
 
@@ -27,7 +27,7 @@ class Delay(SceneEffect):
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Take what is left out from the device."""
         source, default = "device.delay_samples", problem.device.delay_samples
-        samples = settled(table.samples, default, key="samples", place=place, problem=problem, source=source)
+        samples = required_number(table.samples, default, key="samples", place=place, problem=problem, source=source)
         return cls(whole_delay(samples, "the effect delay"))
 
     def sample(self, tick: Tick) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi.problem import Problem
-from avc_casadi.scene.effects._base import SceneEffect, Station, settled
+from avc_casadi.scene.effects._base import SceneEffect, Station, required_number
 from avc_casadi.scene.loop import Tick
 
 
@@ -28,7 +28,7 @@ class Encoder(SceneEffect):
         """Take what is left out from the device."""
         source, default = "device.encoder_resolution_m", problem.device.encoder_resolution_m
         key = "resolution_m"
-        return cls(settled(table.resolution_m, default, key=key, place=place, problem=problem, source=source))
+        return cls(required_number(table.resolution_m, default, key=key, place=place, problem=problem, source=source))
 
     def sample(self, tick: Tick) -> None:
         """Quantise."""

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 from avc_casadi.loop import Hand, Plant, StylusHand
 from avc_casadi.problem import Problem
-from avc_casadi.scene.effects._base import SceneEffect, Station, settled
+from avc_casadi.scene.effects._base import SceneEffect, Station, required_number
 
 
 @dataclass(frozen=True)
@@ -45,5 +45,5 @@ class StylusGrip(Grip):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Take the table as it stands; the hand needs a mass."""
-        settled(table.mass_kg, None, key="mass_kg", place=place, problem=problem, source="")
+        required_number(table.mass_kg, None, key="mass_kg", place=place, problem=problem, source="")
         return cls(StylusHand(**{item.name: getattr(table, item.name) for item in fields(StylusHand)}))

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from avc_casadi.problem import Problem
-from avc_casadi.scene.effects._base import SceneEffect, Station, settled
+from avc_casadi.scene.effects._base import SceneEffect, Station, required_number
 from avc_casadi.scene.loop import Tick
 
 
@@ -30,7 +30,7 @@ class Noise(SceneEffect):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Take the table."""
-        return cls(settled(table.rms_m, None, key="rms_m", place=place, problem=problem, source=""), table.seed)
+        return cls(required_number(table.rms_m, None, key="rms_m", place=place, problem=problem, source=""), table.seed)
 
     def sample(self, tick: Tick) -> None:
         """Add a drawn number to the position."""

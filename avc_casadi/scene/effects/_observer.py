@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.problem import Problem, whole_delay
 from avc_casadi.runtime import ObserverSettings, observer_step
-from avc_casadi.scene.effects._base import SceneEffect, Station, settled
+from avc_casadi.scene.effects._base import SceneEffect, Station, required_number
 from avc_casadi.scene.effects._step import insert
 from avc_casadi.scene.loop import Tick
 
@@ -37,12 +37,14 @@ class Observer(SceneEffect):
             message = "has no steps to look between; allowed: beside the effect encoder"
             raise InputError([Fault(problem.name, None, place, message)])
         source, default = "device.encoder_resolution_m", problem.device.encoder_resolution_m
-        resolution = settled(
+        resolution = required_number(
             encoder.resolution_m, default, key="resolution_m", place=place, problem=problem, source=source
         )
         lightest = problem.device.mass_kg + problem.hands.mass_kg[0]
         source = "that of device and lightest hand"
-        mass = settled(table.mass_kg, _ABOVE * lightest, key="mass_kg", place=place, problem=problem, source=source)
+        mass = required_number(
+            table.mass_kg, _ABOVE * lightest, key="mass_kg", place=place, problem=problem, source=source
+        )
         delay = next((effect for effect in problem.scene.effects if effect.kind == "delay"), None)
         ahead = 0 if delay is None else whole_delay(delay.samples or problem.device.delay_samples, "the observer")
         return cls(ObserverSettings(resolution, mass, ahead))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi.problem import Problem
-from avc_casadi.scene.effects._base import SceneEffect, Station, settled
+from avc_casadi.scene.effects._base import SceneEffect, Station, required_number
 from avc_casadi.scene.loop import Tick
 
 
@@ -27,7 +27,7 @@ class Saturation(SceneEffect):
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Take what is left out from the device."""
         source, default = "device.max_force_n", problem.device.max_force_n
-        return cls(settled(table.force_n, default, key="force_n", place=place, problem=problem, source=source))
+        return cls(required_number(table.force_n, default, key="force_n", place=place, problem=problem, source=source))
 
     def sample(self, tick: Tick) -> None:
         """Clip."""

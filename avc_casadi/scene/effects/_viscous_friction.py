@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 from avc_casadi.loop import DEVICE, GROUND, Plant
 from avc_casadi.problem import Problem
-from avc_casadi.scene.effects._base import SceneEffect, Station, settled
+from avc_casadi.scene.effects._base import SceneEffect, Station, required_number
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class ViscousFriction(SceneEffect):
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Take the table; what the device model has already is not taken twice."""
         key = "damping_ns_per_m"
-        return cls(settled(table.damping_ns_per_m, None, key=key, place=place, problem=problem, source=""))
+        return cls(required_number(table.damping_ns_per_m, None, key=key, place=place, problem=problem, source=""))
 
     def mechanics(self, plant: Plant) -> None:
         """Add the damper."""

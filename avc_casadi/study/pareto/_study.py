@@ -13,7 +13,7 @@ from avc_casadi.coupling import GainSchedule
 from avc_casadi.design.joint import solve_schedule
 from avc_casadi.passivity import passive_limit_n_per_m
 from avc_casadi.problem import as_problem
-from avc_casadi.study.pareto._designs import HANDS_HZ, Design, Study, designs
+from avc_casadi.study.pareto._variants import HANDS_HZ, Study, Variant, variants
 from avc_casadi.support import Columns, Comparable, FloatArray, Tabular, plain
 
 if TYPE_CHECKING:
@@ -143,9 +143,9 @@ def pareto(
         inside[:] = True
     weight = np.where(inside, _log_weights(frequency), 0.0)
     points = []
-    for design in designs(problem):
-        with progress(f"{design.study} {design.label}{', constant gains' if design.constant else ''}"):
-            points.append(_point(design, weight / weight.sum()))
+    for variant in variants(problem):
+        with progress(f"{variant.study} {variant.label}{', constant gains' if variant.constant else ''}"):
+            points.append(_point(variant, weight / weight.sum()))
     device, upper, lower = problem.device, problem.boundaries.upper, problem.boundaries.lower
     return Pareto(
         problem=problem.name,
@@ -162,18 +162,18 @@ def pareto(
     )
 
 
-def _point(design: Design, weight: FloatArray) -> Point:
-    problem = design.problem
-    gains = solve_schedule(problem, constant=design.constant)
+def _point(variant: Variant, weight: FloatArray) -> Point:
+    problem = variant.problem
+    gains = solve_schedule(problem, constant=variant.constant)
     certificate = certify(problem, gains)
     with np.errstate(divide="ignore", invalid="ignore"):
         magnitude = gains.magnitude_error / np.abs(gains.target)
     used = weight > 0
     return Point(
-        study=design.study,
-        label=design.label,
-        value=design.value,
-        constant=design.constant,
+        study=variant.study,
+        label=variant.label,
+        value=variant.value,
+        constant=variant.constant,
         scope=problem.stability.scope,
         objective=problem.realism.objective,
         magnitude_error=_root_mean_square(magnitude[used], weight[used]),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi.design.constant import TUNED_MARGIN_SHARE
-from avc_casadi.recommendation import COUPLINGS, Coupling, Design
+from avc_casadi.recommendation import COUPLINGS, CandidateName, Design
 from avc_casadi.study.table1._paper import PAPER, PEOPLE
 from avc_casadi.study.table1._wall import all_designs, rows, try_wall
 from avc_casadi.study.table1._workers import in_processes
@@ -20,7 +20,7 @@ SCHEMA = "avc-table1/1"
 DEFAULT_HANDS = 200
 DEFAULT_SEED = 2026
 # Set B is there to show what the designs do to hands that they were not made for.
-SET_B_COUPLINGS: tuple[Coupling, ...] = ("none", "static", "static-tuned", "schedule")
+SET_B_COUPLINGS: tuple[CandidateName, ...] = ("none", "static", "static-tuned", "schedule")
 
 
 def table1(
@@ -28,7 +28,7 @@ def table1(
     seed: int = DEFAULT_SEED,
     *,
     walls: tuple[str, ...] = tuple(PAPER),
-    couplings: tuple[Coupling, ...] = tuple(COUPLINGS),
+    couplings: tuple[CandidateName, ...] = tuple(COUPLINGS),
     workers: int | None = None,
     done: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
@@ -69,7 +69,7 @@ def table1(
     }
 
 
-def _wall(task: tuple[str, tuple[Coupling, ...], int, int]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def _wall(task: tuple[str, tuple[CandidateName, ...], int, int]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     wall, couplings, hands, seed = task
     problem = avc.load_problem(wall.lower())
     designs = all_designs(problem, couplings)

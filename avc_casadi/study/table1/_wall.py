@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.recommendation import COUPLINGS, Coupling, Design, design
+from avc_casadi.recommendation import COUPLINGS, CandidateName, Design, design
 from avc_casadi.study.table1._paper import PAPER
 from avc_casadi.support import BoolArray, FloatArray, plain
 from avc_casadi.trial import (
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 
 # Whom each coupling is compared with: the paper compared static and adaptive; all others are set against the schedule.
-_OPPONENT: dict[Coupling, Coupling] = {"schedule": "static"}
-_ADAPTIVE: Coupling = "schedule"
+_OPPONENT: dict[CandidateName, CandidateName] = {"schedule": "static"}
+_ADAPTIVE: CandidateName = "schedule"
 
 
 @dataclass
@@ -63,7 +63,7 @@ def try_wall(
     *,
     matching: bool = True,
     people_at_once: int = PEOPLE_AT_ONCE,
-) -> dict[Coupling, Outcome]:
+) -> dict[CandidateName, Outcome]:
     """Put every coupling before everybody.
 
     Args:
@@ -98,13 +98,13 @@ def try_wall(
     return outcomes
 
 
-def all_designs(problem: Problem, couplings: tuple[Coupling, ...] = tuple(COUPLINGS)) -> tuple[Design, ...]:
+def all_designs(problem: Problem, couplings: tuple[CandidateName, ...] = tuple(COUPLINGS)) -> tuple[Design, ...]:
     """Design every coupling for a wall."""
     return tuple(design(problem, coupling) for coupling in couplings)
 
 
 def rows(
-    wall: str, problem: Problem, designs: tuple[Design, ...], outcomes: dict[Coupling, Outcome]
+    wall: str, problem: Problem, designs: tuple[Design, ...], outcomes: dict[CandidateName, Outcome]
 ) -> list[dict[str, Any]]:
     """Return one JSON row for each coupling.
 
@@ -119,7 +119,7 @@ def rows(
 
 
 def _row(
-    wall: str, problem: Problem, one: Design, outcome: Outcome | None, distances: dict[Coupling, FloatArray]
+    wall: str, problem: Problem, one: Design, outcome: Outcome | None, distances: dict[CandidateName, FloatArray]
 ) -> dict[str, Any]:
     row: dict[str, Any] = {
         "ve": wall,
@@ -150,7 +150,7 @@ def _row(
     }
 
 
-def _matched(coupling: Coupling, distances: dict[Coupling, FloatArray]) -> dict[str, Any]:
+def _matched(coupling: CandidateName, distances: dict[CandidateName, FloatArray]) -> dict[str, Any]:
     opponent = _OPPONENT.get(coupling, _ADAPTIVE)
     if coupling not in distances or opponent not in distances:
         return {
@@ -174,11 +174,11 @@ def _matched(coupling: Coupling, distances: dict[Coupling, FloatArray]) -> dict[
     }
 
 
-def _paper(wall: str, coupling: Coupling) -> dict[str, int | None] | None:
+def _paper(wall: str, coupling: CandidateName) -> dict[str, int | None] | None:
     found = PAPER.get(wall)
     if found is None:
         return None
-    known: dict[Coupling, tuple[int, int | None]] = {
+    known: dict[CandidateName, tuple[int, int | None]] = {
         "none": (found.stable_without_coupling, None),
         "static": (10, found.matched_static),
         "schedule": (10, found.matched_adaptive),

@@ -1,4 +1,4 @@
-"""The designs of the study: one problem with its scope, slope limit or contact damping varied."""
+"""The variants of the study: one problem with its scope, slope limit or contact damping varied."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _CONTACT_SHARES = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True)
-class Design:
-    """One design to be solved by `schedule`.
+class Variant:
+    """One variant to be solved by `schedule`.
 
     Attributes:
         study: which quantity is varied.
@@ -37,8 +37,8 @@ class Design:
     problem: Problem
 
 
-def designs(problem: Problem) -> list[Design]:
-    """List the designs of the study of a problem, all with its own model, box and objective unless said otherwise.
+def variants(problem: Problem) -> list[Variant]:
+    """List the variants of the study of a problem, all with its own model, box and objective unless said otherwise.
 
     - scope: its own frequency, bands, all frequencies, hands; each with adaptive and with constant gains;
     - slope: limits on the slopes under the problem's own scope;
@@ -49,7 +49,7 @@ def designs(problem: Problem) -> list[Design]:
     """
     if problem.schedule.interaction_hz is None:
         problem = problem.changed(schedule={"interaction_hz": HANDS_HZ})
-    found: list[Design] = []
+    found: list[Variant] = []
     settings = problem.stability
     factors = sorted({*_BAND_FACTORS, settings.band_factor} - {1.0})
     scopes: list[tuple[str, float | None, dict[str, Any]]] = [
@@ -61,13 +61,13 @@ def designs(problem: Problem) -> list[Design]:
     for label, value, keys in scopes:
         scoped = problem.changed(stability=keys)
         found += [
-            Design("scope", label, value, False, scoped),
-            Design("scope", label, value, True, scoped),
+            Variant("scope", label, value, False, scoped),
+            Variant("scope", label, value, True, scoped),
         ]
-    found.append(Design("slope", "constant", 0.0, True, problem))
+    found.append(Variant("slope", "constant", 0.0, True, problem))
     for limit in (*_SLOPE_LIMITS, None):
         label = "no limit" if limit is None else f"{limit:g}"
-        found.append(Design("slope", label, limit, False, problem.changed(schedule={"slope_limit": limit})))
+        found.append(Variant("slope", label, limit, False, problem.changed(schedule={"slope_limit": limit})))
     largest = 2 * problem.device.mass_kg / problem.device.sample_time_s
     for share in _CONTACT_SHARES if largest > 0 else (0.0,):
         damped = problem.changed(
@@ -77,7 +77,7 @@ def designs(problem: Problem) -> list[Design]:
         )
         value = share * largest
         found += [
-            Design("contact", f"{value:g} N.s/m", value, False, damped),
-            Design("contact", f"{value:g} N.s/m", value, True, damped),
+            Variant("contact", f"{value:g} N.s/m", value, False, damped),
+            Variant("contact", f"{value:g} N.s/m", value, True, damped),
         ]
     return found
