@@ -11,25 +11,29 @@ from matplotlib.text import Text
 
 import avc_casadi as avc
 from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, save_figure
+from avc_casadi.problem import Frequency
 from avc_casadi.study.comparison import with_delivered
 
 DRAWERS = (draw_boundaries, draw_perceived, draw_comparison)
 
 
 def single_frequency():
-    problem = avc.load_problem("soft")
-    return problem.changed(frequency=type(problem.frequency)(values_hz=(30.0,)))
+    return avc.load_problem("soft").changed(frequency=Frequency(values_hz=(30.0,)))
+
+
+def uneven_frequencies():
+    return avc.load_problem("figure5").changed(frequency=Frequency(values_hz=(3.0, 3.5, 30.0, 31.0, 120.0, 300.0)))
 
 
 def hands():
-    problem = avc.load_problem("figure5")
-    return problem.changed(stability={"scope": "hands"}, frequency={"points": 12})
+    return avc.load_problem("figure5").changed(stability={"scope": "hands"}, frequency={"points": 12})
 
 
 PROBLEMS = {
     **dict.fromkeys(("figure5", "damped", "soft", "hard/pinned-box", "hard/near-rigid", "hard/resonance")),
     **dict.fromkeys(("hard/infeasible-box", "hard/free-space")),
     "single-frequency": single_frequency,
+    "uneven": uneven_frequencies,
     "hands": hands,
 }
 

@@ -1,4 +1,11 @@
-"""Figures: drawn from results that are computed elsewhere."""
+"""Figures: drawn from results that are computed elsewhere.
+
+Each function makes a figure of its own, or draws into axes that it is given, one a panel, row by row; of those it
+changes lines, scales, limits and labels, and nothing else of their figure:
+
+    figure, axes = plt.subplots(1, 2)
+    avc.figures.draw_boundaries(avc.compare("figure5"), axes=axes)
+"""
 
 from avc_casadi.figures._accuracy import draw_accuracy as draw_accuracy
 from avc_casadi.figures._boundaries import draw_boundaries as draw_boundaries

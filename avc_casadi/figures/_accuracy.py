@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from avc_casadi.figures._style import IMPEDANCE_UNIT, PERCEIVED, WIDTH_INCHES, styled
+from avc_casadi.figures._panels import GivenAxes, Panels
+from avc_casadi.figures._style import IMPEDANCE_UNIT, PERCEIVED, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from avc_casadi.study.accuracy import Accuracy, SolverCost
 
@@ -31,15 +32,32 @@ _TABLES = {"linear": ("#08306b", "o"), "pchip": ("#a50f15", "v"), "nearest": ("0
 
 
 @styled
-def draw_accuracy(study: Accuracy) -> Figure:
-    """Draw the three studies; open markers where some frequency is not at the optimum."""
-    figure = Figure(figsize=(WIDTH_INCHES, 7.6), layout="constrained")
-    halves = figure.subfigures(2, 1, squeeze=False, height_ratios=[1.35, 1]).ravel()
-    _work_precision(halves[0].subplots(), study)
-    tables, grids = halves[1].subplots(1, 2)
+def draw_accuracy(study: Accuracy, axes: GivenAxes = None) -> Figure:
+    """Draw the three studies; open markers where some frequency is not at the optimum.
+
+    Args:
+        study: what is drawn.
+        axes: 3 axes to draw in, row by row; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    titles = (
+        f"(a) work and precision, tolerances 1e-2 to 1e-12; optimum: {study.reference}",
+        "(b) gain tables",
+        "(c) all frequencies judged by a grid",
+    )
+    panels = Panels.of(axes, titles, 7.6, _own_axes)
+    work, tables, grids = panels.axes
+    _work_precision(work, study)
     _tables(tables, study)
     _grids(grids, study)
-    return figure
+    return panels.figure
+
+
+def _own_axes(figure: Figure) -> list[Axes]:
+    halves = figure.subfigures(2, 1, squeeze=False, height_ratios=[1.35, 1]).ravel()
+    return [halves[0].subplots(), *halves[1].subplots(1, 2)]
 
 
 def _work_precision(axes: Axes, study: Accuracy) -> None:
@@ -61,7 +79,6 @@ def _work_precision(axes: Axes, study: Accuracy) -> None:
     axes.plot(x, y, color="0.2", linestyle=(0, (2, 2)), linewidth=0.9, zorder=1)
     axes.set_xlabel(f"largest error of {PERCEIVED} beyond the optimum's, relative")
     axes.set_ylabel("time a frequency (µs)")
-    axes.set_title(f"(a) work and precision, tolerances 1e-2 to 1e-12; optimum: {study.reference}")
     axes.legend(handles=_legend(study), loc="center left", bbox_to_anchor=(1.01, 0.5))
 
 
@@ -136,7 +153,6 @@ def _tables(axes: Axes, study: Accuracy) -> None:
     axes.legend(handles=handles, loc="lower left", ncols=2, handlelength=1.8, columnspacing=1.0)
     axes.set_xlabel("rows of the gain table")
     axes.set_ylabel(f"error of {PERCEIVED} between rows (%)")
-    axes.set_title("(b) gain tables")
 
 
 def _grids(axes: Axes, study: Accuracy) -> None:
@@ -164,4 +180,3 @@ def _grids(axes: Axes, study: Accuracy) -> None:
         axes.text(0.5, 0.5, "no frozen gains violate the margin", ha="center", transform=axes.transAxes)
     axes.set_xlabel("frequencies of the grid")
     axes.set_ylabel(f"violation not seen ({IMPEDANCE_UNIT})")
-    axes.set_title("(c) all frequencies judged by a grid")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from avc_casadi.figures._panels import GivenAxes, Panels
 from avc_casadi.figures._style import (
     DESIRED,
     IMPEDANCE_UNIT,
@@ -14,7 +14,6 @@ from avc_casadi.figures._style import (
     NO_COUPLING,
     PERCEIVED,
     UPPER,
-    WIDTH_INCHES,
     frequency_axis,
     styled,
     value_axis,
@@ -22,15 +21,26 @@ from avc_casadi.figures._style import (
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from avc_casadi.study.comparison import Comparison
 
 
 @styled
-def draw_boundaries(comparison: Comparison) -> Figure:
-    """Draw |Z_h| of the bounds U and L, the desired impedance and no coupling, in N.s/m and relative to the desired."""
+def draw_boundaries(comparison: Comparison, axes: GivenAxes = None) -> Figure:
+    """Draw |Z_h| of the bounds U and L, the desired impedance and no coupling, in N.s/m and relative to the desired.
+
+    Args:
+        comparison: what is drawn.
+        axes: 2 axes to draw in, row by row; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
     frequency = comparison.frequency_hz
-    figure = Figure(figsize=(WIDTH_INCHES, 3.4), layout="constrained")
-    size, share = figure.subplots(1, 2)
+    titles = ("(a) perceived impedance", "(b) relative to the desired impedance")
+    panels = Panels.of(axes, titles, 3.4, lambda figure: figure.subplots(1, 2))
+    size, share = panels.axes
     curves = (
         (DESIRED, comparison.target),
         (NO_COUPLING, comparison.without_coupling),
@@ -55,12 +65,10 @@ def draw_boundaries(comparison: Comparison) -> Figure:
         )
     value_axis(share, *shares)
     size.set_yscale("log")
-    size.set_title("(a) perceived impedance")
     size.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
-    share.set_title("(b) relative to the desired impedance")
     share.set_ylabel(f"{PERCEIVED} / desired (%)")
-    for axes in (size, share):
-        frequency_axis(axes, frequency)
+    for panel in (size, share):
+        frequency_axis(panel, frequency)
     handles, labels = share.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-    return figure
+    panels.legend(handles, labels, len(labels))
+    return panels.figure

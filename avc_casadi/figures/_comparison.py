@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from avc_casadi.figures._style import MINE, PERCEIVED, WIDTH_INCHES, frequency_axis, method_lines, styled
+from avc_casadi.figures._panels import GivenAxes, Panels
+from avc_casadi.figures._style import MINE, PERCEIVED, frequency_axis, method_lines, styled
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from avc_casadi.study.comparison import Comparison
 
@@ -30,10 +31,23 @@ _VERDICTS = {
 
 
 @styled
-def draw_comparison(comparison: Comparison) -> Figure:
-    """Draw the magnitude error, the complex error and the verdict at each frequency."""
-    figure = Figure(figsize=(WIDTH_INCHES, 6.2), layout="constrained")
-    magnitude, complex_, strip = figure.subplots(3, 1, height_ratios=[3, 3, 0.5])
+def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
+    """Draw the magnitude error, the complex error and the verdict at each frequency.
+
+    Args:
+        comparison: what is drawn.
+        axes: 3 axes to draw in, row by row; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    titles = (
+        f"(a) the goal (11); {_ROUNDING:g} % and less is rounding",
+        f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such",
+        "(c) verdict, pointwise",
+    )
+    panels = Panels.of(axes, titles, 6.2, lambda figure: figure.subplots(3, 1, height_ratios=[3, 3, 0.5]))
+    magnitude, complex_, strip = panels.axes
     size = np.abs(comparison.target)
     errors: list[tuple[str, FloatArray, FloatArray]] = [
         (name, gains.magnitude_error, gains.complex_error) for name, gains in comparison.methods.items()
@@ -47,29 +61,22 @@ def draw_comparison(comparison: Comparison) -> Figure:
             share = 100 * magnitude_error / size
         lines[name].draw(magnitude, comparison.frequency_hz, np.maximum(share, _ROUNDING))
         lines[name].draw(complex_, comparison.frequency_hz, np.maximum(100 * complex_error, _UNNOTICED))
-    for axes, floor, title, label in (
-        (magnitude, _ROUNDING, f"(a) the goal (11); {_ROUNDING:g} % and less is rounding", f"error of {PERCEIVED} (%)"),
-        (
-            complex_,
-            _UNNOTICED,
-            f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such",
-            "complex error (%)",
-        ),
+    for panel, floor, label in (
+        (magnitude, _ROUNDING, f"error of {PERCEIVED} (%)"),
+        (complex_, _UNNOTICED, "complex error (%)"),
     ):
-        axes.set_yscale("log")
-        axes.set_ylim(floor / 3, max(axes.get_ylim()[1], 1.0))
-        frequency_axis(axes, comparison.frequency_hz, label=False)
-        axes.set_title(title)
-        axes.set_ylabel(label)
+        panel.set_yscale("log")
+        panel.set_ylim(floor / 3, max(panel.get_ylim()[1], 1.0))
+        frequency_axis(panel, comparison.frequency_hz, label=False)
+        panel.set_ylabel(label)
     patches = _verdicts(strip, comparison)
     handles, labels = magnitude.get_legend_handles_labels()
-    figure.legend(
+    panels.legend(
         [*handles, *patches],
         [*labels, *(str(patch.get_label()) for patch in patches)],
-        loc="outside lower center",
-        ncols=4 if comparison.delivered == comparison.optimum else 3,
+        4 if comparison.delivered == comparison.optimum else 3,
     )
-    return figure
+    return panels.figure
 
 
 def _verdicts(axes: Axes, comparison: Comparison) -> list[Patch]:
@@ -85,7 +92,6 @@ def _verdicts(axes: Axes, comparison: Comparison) -> list[Patch]:
             axes.axvspan(edges[start], edges[row], facecolor=colour, edgecolor="0.3", hatch=hatch, linewidth=0.6)
             start = row
     frequency_axis(axes, comparison.frequency_hz)
-    axes.set_title("(c) verdict, pointwise")
     axes.set_yticks([])
     axes.grid(visible=False)
     counts = comparison.counts()

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from avc_casadi.figures._style import WIDTH_INCHES, Line, styled
+from avc_casadi.figures._panels import GivenAxes, Panels
+from avc_casadi.figures._style import Line, styled
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from avc_casadi.study.estimators import EstimatorTraces
 
 _TRUTH = Line("true frequency", "0.72", "-", "", 4.5, 2, 0.0)
@@ -23,19 +25,29 @@ _LIMITS_HZ = (0.9, 40.0)
 
 
 @styled
-def draw_estimators(traces: EstimatorTraces) -> Figure:
-    """Draw each estimate below the other, with the truth behind it."""
-    figure = Figure(figsize=(WIDTH_INCHES, 6.4), layout="constrained")
-    panels = figure.subplots(len(traces.estimates_hz), 1, sharex=True, sharey=True)
-    for axes, line, estimate in zip(panels, _LINES, traces.estimates_hz.values(), strict=True):
-        _TRUTH.draw(axes, traces.time_s, traces.truth_hz)
-        line.draw(axes, traces.time_s, np.clip(estimate, *_LIMITS_HZ))
-        axes.set_yscale("log")
-        axes.set_ylim(*_LIMITS_HZ)
-        axes.set_yticks([1, 3, 12, 30], ["1", "3", "12", "30"])
-        axes.minorticks_off()
-        axes.set_title(line.label)
-        axes.set_ylabel("Hz")
+def draw_estimators(traces: EstimatorTraces, axes: GivenAxes = None) -> Figure:
+    """Draw each estimate below the other, with the truth behind it.
+
+    Args:
+        traces: what is drawn.
+        axes: as many axes to draw in as there are estimates; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    titles = [line.label for line in _LINES[: len(traces.estimates_hz)]]
+    panels = Panels.of(
+        axes, titles, 6.4, lambda figure: figure.subplots(len(titles), 1, squeeze=False, sharex=True, sharey=True)[:, 0]
+    )
+    for panel, line, estimate in zip(panels.axes, _LINES, traces.estimates_hz.values(), strict=True):
+        _TRUTH.draw(panel, traces.time_s, traces.truth_hz)
+        line.draw(panel, traces.time_s, np.clip(estimate, *_LIMITS_HZ))
+        panel.set_yscale("log")
+        panel.set_xlim(traces.time_s[0], traces.time_s[-1])
+        panel.set_ylim(*_LIMITS_HZ)
+        panel.set_yticks([1, 3, 12, 30], ["1", "3", "12", "30"])
+        panel.minorticks_off()
+        panel.set_ylabel("Hz")
     for at, text in (
         (0.02, "rest"),
         (0.52, "3 Hz"),
@@ -43,10 +55,9 @@ def draw_estimators(traces: EstimatorTraces) -> Figure:
         (3.02, "3 Hz with 30 % third harmonic"),
         (5.52, "rest"),
     ):
-        panels[0].text(at, 21.0, text, fontsize=8, color="0.25")
-    for axes in panels:
+        panels.axes[0].text(at, 21.0, text, fontsize=8, color="0.25")
+    for panel in panels.axes:
         for at in (0.5, 2.0, 3.0, 5.5):
-            axes.axvline(at, color="0.6", linewidth=0.7, zorder=1)
-    panels[-1].set_xlim(traces.time_s[0], traces.time_s[-1])
-    panels[-1].set_xlabel("Time (s)")
-    return figure
+            panel.axvline(at, color="0.6", linewidth=0.7, zorder=1)
+    panels.axes[-1].set_xlabel("Time (s)")
+    return panels.figure

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from avc_casadi.figures._style import IMPEDANCE_UNIT, METHODS, NO_COUPLING, WIDTH_INCHES, Line, frequency_axis, styled
+from avc_casadi.figures._panels import GivenAxes, Panels
+from avc_casadi.figures._style import IMPEDANCE_UNIT, METHODS, NO_COUPLING, Line, frequency_axis, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 TOLERANCE = 0.10
 
@@ -32,23 +33,36 @@ _SHOWN_MARGIN = "margin 6"
 
 
 @styled
-def draw_frontier(document: dict[str, Any]) -> Figure:
+def draw_frontier(document: dict[str, Any], axes: GivenAxes = None) -> Figure:
     """Draw the frontier study.
 
     Args:
         document: {about, cells} of tests/benchmarks/frontier.py.
+        axes: 4 axes to draw in, row by row; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
     """
-    figure = Figure(figsize=(WIDTH_INCHES, 6.4), layout="constrained")
+    titles = (
+        "(a) stable hands against stiffness",
+        "(b) realism against frequency",
+        "(c) every hand is stable between the lines",
+        "(d) schedule, one thing changed",
+    )
+    panels = Panels.of(axes, titles, 6.4, _own_axes)
+    shares, errors, region, prices = panels.axes
+    cells = document["cells"]
+    _shares(shares, cells)
+    _errors(errors, cells, document["about"]["frequency_hz"])
+    _region(region, cells)
+    _prices(prices, cells)
+    return panels.figure
+
+
+def _own_axes(figure: Figure) -> list[Axes]:
     # Rows of their own, so that the long labels of one do not squeeze the other.
     upper, lower = figure.subfigures(2, 1, squeeze=False)[:, 0]
-    cells = document["cells"]
-    left, right = upper.subplots(1, 2)
-    _shares(left, cells)
-    _errors(right, cells, document["about"]["frequency_hz"])
-    left, right = lower.subplots(1, 2)
-    _region(left, cells)
-    _prices(right, cells)
-    return figure
+    return [*upper.subplots(1, 2), *lower.subplots(1, 2)]
 
 
 def _shares(axes: Axes, cells: dict[str, Any]) -> None:
@@ -86,7 +100,6 @@ def _shares(axes: Axes, cells: dict[str, Any]) -> None:
     axes.set_ylim(0, 103)
     axes.set_xlabel("stiffness felt (% of the wall's 100 kN/m)")
     axes.set_ylabel("hands at rest without friction (%)")
-    axes.set_title("(a) stable hands against stiffness")
     axes.legend(loc="center left", fontsize=6.6, handlelength=2.4)
 
 
@@ -106,7 +119,6 @@ def _errors(axes: Axes, cells: dict[str, Any], frequency_hz: list[float]) -> Non
     axes.set_ylim(0.5, 200)
     frequency_axis(axes, frequency_hz)
     axes.set_ylabel("error from the physical wall (%)")
-    axes.set_title("(b) realism against frequency")
 
 
 def _region(axes: Axes, cells: dict[str, Any]) -> None:
@@ -131,7 +143,6 @@ def _region(axes: Axes, cells: dict[str, Any]) -> None:
     axes.set_ylim(0, 320)
     axes.set_xlabel("stiffness of the wall (kN/m), 1 ms")
     axes.set_ylabel(f"damping of wall and contact ({IMPEDANCE_UNIT})")
-    axes.set_title("(c) every hand is stable between the lines")
 
 
 def _prices(axes: Axes, cells: dict[str, Any]) -> None:
@@ -147,4 +158,3 @@ def _prices(axes: Axes, cells: dict[str, Any]) -> None:
     axes.set_xlim(0, 125)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("error below 10 % up to (Hz); hands at rest (%)")
-    axes.set_title("(d) schedule, one thing changed")

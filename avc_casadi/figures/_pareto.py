@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from avc_casadi.figures._style import WIDTH_INCHES, styled
+from avc_casadi.figures._panels import GivenAxes, Panels
+from avc_casadi.figures._style import styled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from avc_casadi.study.pareto import Pareto, Point, Study
 
@@ -29,10 +30,16 @@ _LEVELS = ("L0", "L1", "L2", "L3", "L5")
 
 
 @styled
-def draw_pareto(study: Pareto) -> Figure:
-    """Draw errors and DC stiffness against scope, errors against slope limit, both against contact damping."""
-    figure = Figure(figsize=(WIDTH_INCHES, 7.6), layout="constrained")
-    panels = figure.subplot_mosaic([["a", "b"], ["c", "d"], ["e", "f"]], height_ratios=[1.25, 1, 1])
+def draw_pareto(study: Pareto, axes: GivenAxes = None) -> Figure:
+    """Draw errors and DC stiffness against scope, errors against slope limit, both against contact damping.
+
+    Args:
+        study: what is drawn.
+        axes: 6 axes to draw in, row by row; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
     layout: tuple[tuple[str, Study, Callable[[Axes, Pareto, Study], None], str], ...] = (
         ("a", "scope", _errors, "(a) errors against the guarantee, and levels met"),
         ("b", "scope", _stiffness, "(b) DC stiffness against the guarantee"),
@@ -41,19 +48,25 @@ def draw_pareto(study: Pareto) -> Figure:
         ("e", "contact", _errors, "(e) errors against contact damping"),
         ("f", "contact", _stiffness, "(f) DC stiffness against contact damping"),
     )
-    for panel, study_name, draw, title in layout:
-        draw(panels[panel], study, study_name)
-        panels[panel].set_title(title)
+    panels = Panels.of(
+        axes,
+        [title for _, _, _, title in layout],
+        7.6,
+        lambda figure: figure.subplots(3, 2, height_ratios=[1.25, 1, 1]).ravel(),
+    )
+    by_letter = dict(zip("abcdef", panels.axes, strict=True))
+    for panel, study_name, draw, _ in layout:
+        draw(by_letter[panel], study, study_name)
     for name in ("c", "d"):
-        panels[name].set_xlabel("slope limit |d ln gain / d ln f|")
+        by_letter[name].set_xlabel("slope limit |d ln gain / d ln f|")
     for name in ("e", "f"):
-        panels[name].set_xlabel(r"largest $b_\mathrm{p}$ (N·s/m); stable with every hand")
-    _certificates(panels["a"], study.of("scope", constant=False))
+        by_letter[name].set_xlabel(r"largest $b_\mathrm{p}$ (N·s/m); stable with every hand")
+    _certificates(by_letter["a"], study.of("scope", constant=False))
     handles: dict[str, Any] = {}
-    for axes in panels.values():
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3)
-    return figure
+    for one in panels.axes:
+        handles |= dict(zip(*reversed(one.get_legend_handles_labels()), strict=True))
+    panels.legend(handles.values(), handles.keys(), 3)
+    return panels.figure
 
 
 def _errors(axes: Axes, study: Pareto, name: Study) -> None:

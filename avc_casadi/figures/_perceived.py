@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from avc_casadi.figures._panels import GivenAxes, Panels
 from avc_casadi.figures._style import (
     DESIRED,
     IMPEDANCE_UNIT,
     NO_COUPLING,
     PERCEIVED,
-    WIDTH_INCHES,
     frequency_axis,
     method_lines,
     styled,
@@ -22,6 +21,7 @@ from avc_casadi.support import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from avc_casadi.coupling import (
         GainSchedule,
@@ -35,38 +35,55 @@ _ENLARGED = 3.0
 
 
 @styled
-def draw_perceived(comparison: Comparison) -> Figure:
-    """Draw what the hand meets without coupling, by the closed form and by the delivered gains, and these gains."""
-    figure = Figure(figsize=(WIDTH_INCHES, 8.0), layout="constrained")
+def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
+    """Draw what the hand meets without coupling, by the closed form and by the delivered gains, and these gains.
+
+    Args:
+        comparison: what is drawn.
+        axes: 5 axes (6 in the damped structure) to draw in, row by row; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
     damped = comparison.structure == "damped"
-    panels = figure.subplot_mosaic([["a", "b"], ["c", "d"], ["e", "f" if damped else "e"]])
+    other = "sampled-data" if comparison.model == "paper" else "paper"
+    titles = [
+        "(a) perceived impedance",
+        "(b) enlarged part",
+        "(c) damping b",
+        "(d) stiffness k",
+        f"(e) real part, {comparison.model} model; thin: {other}",
+        *(["(f) contact damping"] if damped else []),
+    ]
+    layout = "ab;cd;ef" if damped else "ab;cd;ee"
+    drawn = Panels.of(axes, titles, 8.0, lambda figure: figure.subplot_mosaic(layout).values())
+    panels = dict(zip("abcdef", drawn.axes, strict=False))
     shown = ("closed-form", comparison.delivered)
     _magnitude(panels["a"], comparison, shown)
     _enlarged(panels["b"], panels["a"], comparison, shown)
     gains = [
-        (panels["c"], "damping_ns_per_m", 1.0, "(c) damping b", f"b ({IMPEDANCE_UNIT})"),
-        (panels["d"], "stiffness_n_per_m", 1e-3, "(d) stiffness k", "k (kN/m)"),
+        (panels["c"], "damping_ns_per_m", 1.0, f"b ({IMPEDANCE_UNIT})"),
+        (panels["d"], "stiffness_n_per_m", 1e-3, "k (kN/m)"),
     ]
     if damped:
         label = rf"$b_\mathrm{{p}}$ ({IMPEDANCE_UNIT})"
-        gains.append((panels["f"], "contact_damping_ns_per_m", 1.0, "(f) contact damping", label))
-    for axes, key, scale, title, label in gains:
-        _gain(axes, comparison, shown, key, scale)
-        axes.set_title(title)
-        axes.set_ylabel(label)
+        gains.append((panels["f"], "contact_damping_ns_per_m", 1.0, label))
+    for panel, key, scale, label in gains:
+        _gain(panel, comparison, shown, key, scale)
+        panel.set_ylabel(label)
     limit = 1e-3 * comparison.passive_limit_n_per_m
     panels["d"].axhline(
         limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label="passive limit of DC stiffness"
     )
     _real_part(panels["e"], comparison, shown)
     handles, labels = panels["a"].get_legend_handles_labels()
-    for panel in ("c", "d", "e"):
-        for handle, label in zip(*panels[panel].get_legend_handles_labels(), strict=True):
+    for letter in ("c", "d", "e"):
+        for handle, label in zip(*panels[letter].get_legend_handles_labels(), strict=True):
             if label not in labels:
                 handles.append(handle)
                 labels.append(label)
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    return figure
+    drawn.legend(handles, labels, 3)
+    return drawn.figure
 
 
 def _curves(comparison: Comparison, shown: tuple[str, ...]) -> list[tuple[Line, ComplexArray]]:
@@ -80,7 +97,6 @@ def _magnitude(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> No
         line.draw(axes, comparison.frequency_hz, np.abs(impedance))
     axes.set_yscale("log")
     frequency_axis(axes, comparison.frequency_hz)
-    axes.set_title("(a) perceived impedance")
     axes.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
 
 
@@ -108,7 +124,6 @@ def _enlarged(axes: Axes, whole: Axes, comparison: Comparison, shown: tuple[str,
         sizes.append(np.abs(impedance[inside]))
     frequency_axis(axes, frequency[inside])
     value_axis(axes, *sizes)
-    axes.set_title("(b) enlarged part")
     axes.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
     whole.axvspan(frequency[inside].min(), frequency[inside].max(), color="0.93", zorder=0, label="enlarged in (b)")
 
@@ -135,9 +150,10 @@ def _gain(axes: Axes, comparison: Comparison, shown: tuple[str, ...], key: str, 
                 markevery=max(1, refused.size // 60),
             )
             drawn.append(refused)
-    axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
     frequency_axis(axes, comparison.frequency_hz)
     value_axis(axes, *drawn, wide=1.2)
+    if axes.get_yscale() != "log":  # where 0 has no place, and would move the limits
+        axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
 
 
 def _real_part(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
@@ -160,5 +176,4 @@ def _real_part(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> No
         axes.axhspan(lowest, margin, facecolor="0.96", edgecolor="0.8", hatch="////", linewidth=0, zorder=0)
         axes.set_ylim(lowest, highest)
     axes.axhline(margin, color="0.5", linewidth=0.8, zorder=1)
-    axes.set_title(f"(e) real part, {comparison.model} model; thin: {other}")
     axes.set_ylabel(rf"Re $Z_\mathrm{{h}}$ ({IMPEDANCE_UNIT})")

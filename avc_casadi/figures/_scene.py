@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from avc_casadi.figures._style import WIDTH_INCHES, styled
+from avc_casadi.figures._panels import GivenAxes, Panels
+from avc_casadi.figures._style import styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from avc_casadi.scene import Run
 
@@ -27,15 +28,25 @@ _SHOWN_TRAVEL = 2.0
 
 
 @styled
-def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None) -> Figure:
+def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: GivenAxes = None) -> Figure:
     """Draw up to four runs of scenes with one motion in the same four panels.
 
     Args:
         runs: the runs, the one to be seen best first.
         names: what the legend calls them; None takes the coupling of each.
+        axes: 4 axes to draw in, row by row; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
     """
-    figure = Figure(figsize=(WIDTH_INCHES, 5.6), layout="constrained")
-    (position, force), (loop, energy) = figure.subplots(2, 2)
+    titles = (
+        "(a) position",
+        "(b) force on the device",
+        "(c) force against penetration",
+        "(d) energy taken in by the virtual side",
+    )
+    panels = Panels.of(axes, titles, 5.6, lambda figure: figure.subplots(2, 2).ravel())
+    position, force, loop, energy = panels.axes
     target = runs[0]
     position.plot(
         target.time_s, 1e3 * target.target_m, color="0.65", linewidth=2.4, label="target of the hand", zorder=1
@@ -55,21 +66,20 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None) -> Figur
         loop.plot(x, run.force_n[kept], **line)
         energy.plot(time, 1e3 * run.ledger.absorbed_j[kept], **line)
     _limits(position, force, loop, energy, runs)
-    for axes, title, x_label, y_label in (
-        (position, "(a) position", "time (s)", "position (mm)"),
-        (force, "(b) force on the device", "time (s)", "force (N)"),
-        (loop, "(c) force against penetration", "position (mm)", "force (N)"),
-        (energy, "(d) energy taken in by the virtual side", "time (s)", "energy (mJ)"),
+    for panel, x_label, y_label in (
+        (position, "time (s)", "position (mm)"),
+        (force, "time (s)", "force (N)"),
+        (loop, "position (mm)", "force (N)"),
+        (energy, "time (s)", "energy (mJ)"),
     ):
-        axes.set_title(title)
-        axes.set_xlabel(x_label)
-        axes.set_ylabel(y_label)
-    for axes in (position, energy):
-        axes.axhline(0, color="0.4", linewidth=0.7, zorder=0)
+        panel.set_xlabel(x_label)
+        panel.set_ylabel(y_label)
+    for panel in (position, energy):
+        panel.axhline(0, color="0.4", linewidth=0.7, zorder=0)
     loop.axvline(0, color="0.4", linewidth=0.7, zorder=0)
     handles, texts = position.get_legend_handles_labels()
-    figure.legend(handles, texts, loc="outside lower center", ncols=2)
-    return figure
+    panels.legend(handles, texts, 2)
+    return panels.figure
 
 
 def _limits(position: Axes, force: Axes, loop: Axes, energy: Axes, runs: Sequence[Run]) -> None:

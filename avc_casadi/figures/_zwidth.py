@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from avc_casadi.figures._style import IMPEDANCE_UNIT, WIDTH_INCHES, styled
+from avc_casadi.figures._panels import GivenAxes, Panels
+from avc_casadi.figures._style import IMPEDANCE_UNIT, styled
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from avc_casadi.certificate import LlewellynTable, ZWidth
 
@@ -30,6 +31,7 @@ def draw_zwidth(
     region: ZWidth,
     llewellyn: LlewellynTable | None = None,
     rendered: dict[str, tuple[FloatArray, FloatArray]] | None = None,
+    axes: GivenAxes = None,
 ) -> Figure:
     """Draw the K-B region with the walls that gains render, and the largest coupling that Llewellyn allows.
 
@@ -37,16 +39,23 @@ def draw_zwidth(
         region: curves of the device.
         llewellyn: second panel, left out where None (a device without damping).
         rendered: by name of a method, (B, K) of the walls rendered at each frequency.
+        axes: one axes a panel to draw in; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
     """
-    panels = 1 if llewellyn is None else 2
-    figure = Figure(figsize=(WIDTH_INCHES, 4.4), layout="constrained")
-    axes = figure.subplots(1, panels, squeeze=False, width_ratios=[1.7, 1][:panels])[0]
-    _region(axes[0], region, rendered or {})
+    count = 1 if llewellyn is None else 2
+    panels = Panels.of(
+        axes,
+        ("(a) walls without coupling: stiffness below each curve", "(b) static coupling, any passive wall")[:count],
+        4.4,
+        lambda figure: figure.subplots(1, count, squeeze=False, width_ratios=[1.7, 1][:count])[0],
+    )
+    _region(panels.axes[0], region, rendered or {})
     if llewellyn is not None:
-        _llewellyn(axes[1], llewellyn)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
-    return figure
+        _llewellyn(panels.axes[1], llewellyn)
+    panels.legend(*panels.axes[0].get_legend_handles_labels(), 2)
+    return panels.figure
 
 
 def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, FloatArray]]) -> None:
@@ -81,7 +90,6 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
     bottom = max(bottom, 1e-4 * top, 0.5 * curves.min(initial=top))
     axes.set_ylim(0.7 * bottom, 2.5 * max(top, limit or 0.0))
     axes.set_xlim(damping[0], damping[-1])
-    axes.set_title("(a) walls without coupling: stiffness below each curve")
     axes.set_xlabel(f"wall damping B ({IMPEDANCE_UNIT})")
     axes.set_ylabel("wall stiffness K (N/m)")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -103,6 +111,5 @@ def _llewellyn(axes: Axes, table: LlewellynTable) -> None:
     axes.set_ylim(0, 1.3 * max(np.nanmax([table.paper, table.sampled_data], initial=0.0), 1e-3))
     axes.set_xlim(0, table.damping_ratio[-1])
     axes.legend(loc="upper right")
-    axes.set_title("(b) static coupling, any passive wall")
     axes.set_xlabel(r"$b_\mathrm{c}/b_\mathrm{d}$")
     axes.set_ylabel(r"largest $k_\mathrm{c}T/b_\mathrm{d}$")

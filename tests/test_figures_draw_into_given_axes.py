@@ -1,0 +1,175 @@
+"""Drawn into somebody else's axes a result shows the same curves, and nothing else of that figure changes."""
+
+import inspect
+import json
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+import avc_casadi as avc
+from avc_casadi import figures
+from avc_casadi.certificate import llewellyn_table
+from avc_casadi.study.accuracy import Accuracy, GridMiss, SolverCost, TableError
+from avc_casadi.study.estimators import EstimatorTraces
+from avc_casadi.study.pareto import Pareto, Point
+
+RESULTS = Path(__file__).parent / "benchmarks" / "results"
+PROBLEM = avc.load_problem("figure5").changed(frequency={"points": 12})
+DAMPED = avc.load_problem("damped").changed(stability={"scope": "pointwise"}, frequency={"points": 8})
+COMPARISON = avc.compare(PROBLEM, ("closed-form", "exact"), mine=(7000.0, 10.0))
+REGION = avc.zwidth(PROBLEM)
+OF_DAMPED = avc.compare(DAMPED, ("closed-form", "exact"))
+RUNS = [avc.simulate("scenes/stiff-wall-pressed"), avc.simulate("scenes/free-motion")]
+
+
+def _pareto():
+    levels = {f"L{level}": level < 3 for level in range(6)}
+    return Pareto(
+        "p",
+        "t",
+        "paper",
+        (1.0, 10.0),
+        1.0,
+        1e5,
+        9e4,
+        4e3,
+        tuple(
+            Point(study, label, 1.0, constant, "all", "magnitude", 0.1, 0.2, 1e4, 1.0, 0.0, 0, levels, {}, 1.0)
+            for study in ("scope", "slope", "contact")
+            for label in ("x", "y")
+            for constant in (False, True)
+        ),
+    )
+
+
+def _estimates():
+    time = np.linspace(0.0, 6.0, 50)
+    names = ("zero-crossing", "spectral-peak", "adaptive-notch", "fused")
+    return EstimatorTraces(time, 3.0 + 0 * time, dict.fromkeys(names, 3.0 + 0 * time))
+
+
+def _frontier():
+    return json.loads((RESULTS / "frontier.json").read_text())
+
+
+def _accuracy():
+    costs = tuple(
+        SolverCost(method, solver, tolerance, 9, 1.0, seconds, error, error, share, 1.0, default)
+        for method, solver, tolerance, seconds, error, share, default in (
+            ("exact", None, None, 1e-5, 1e-15, 1.0, False),
+            ("direct", "edges", None, 1e-4, 1e-16, 1.0, True),
+            ("direct", "ipopt", 1e-4, 1e-3, 1e-5, 0.5, False),
+            ("direct", "ipopt", 1e-8, 2e-3, 1e-9, 1.0, False),
+        )
+    )
+    tables = tuple(
+        TableError(rows, kind, precision, 1e-2 / rows, 1e-3 / rows, 0.0)
+        for rows in (10, 100)
+        for kind in ("linear", "pchip", "nearest")
+        for precision in ("float64", "float32")
+    )
+    return Accuracy("p", "a reference", costs, tables, (GridMiss(5, 1.0, 2, 9), GridMiss(50, 0.1, 0, 9)))
+
+
+CALLS = {
+    "draw_accuracy": (3, lambda axes: figures.draw_accuracy(_accuracy(), axes)),
+    "draw_boundaries": (2, lambda axes: figures.draw_boundaries(COMPARISON, axes)),
+    "draw_comparison": (3, lambda axes: figures.draw_comparison(COMPARISON, axes)),
+    "draw_estimators": (4, lambda axes: figures.draw_estimators(_estimates(), axes)),
+    "draw_frontier": (4, lambda axes: figures.draw_frontier(_frontier(), axes)),
+    "draw_pareto": (6, lambda axes: figures.draw_pareto(_pareto(), axes)),
+    "draw_perceived": (5, lambda axes: figures.draw_perceived(COMPARISON, axes)),
+    "draw_perceived, damped": (
+        6,
+        lambda axes: figures.draw_perceived(OF_DAMPED, axes),
+    ),
+    "draw_scene": (4, lambda axes: figures.draw_scene(RUNS, axes=axes)),
+    "draw_traces": (4, lambda axes: figures.draw_traces(dict(zip("ab", RUNS, strict=True)), axes)),
+    "draw_zwidth": (2, lambda axes: figures.draw_zwidth(REGION, llewellyn_table(PROBLEM), axes=axes)),
+    "draw_zwidth, one panel": (1, lambda axes: figures.draw_zwidth(REGION, axes=axes)),
+}
+
+
+def curves(axes):
+    return [
+        (line.get_label(), np.asarray(line.get_xdata()).tolist(), np.asarray(line.get_ydata()).tolist())
+        for line in axes.lines
+    ]
+
+
+def look(axes):
+    return (
+        axes.get_title(),
+        axes.get_title(loc="left"),
+        axes.get_xlim(),
+        axes.get_ylim(),
+        axes.get_xscale(),
+        axes.get_xlabel(),
+        len(axes.get_children()),
+        axes.get_position().bounds,
+    )
+
+
+@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.parametrize("part", [False, True], ids=["figure", "part of a figure"])
+def test_the_same_curves_appear_and_nothing_else_changes(name, part):
+    count, draw = CALLS[name]
+    own = draw(None)
+    mine = Figure(figsize=(11, 13))
+    mine.suptitle("my title")
+    holder = mine.subfigures(1, 2)[0] if part else mine
+    *panels, other = holder.subplots(count + 1, 1)
+    other.plot([0, 1], [2, 3])
+    for axes in panels:
+        axes.set_title("my panel")
+    before = (dict(mpl.rcParams), mine.get_size_inches().tolist(), mine.get_suptitle(), look(other))
+    titles = [(axes.get_title(), axes.get_title(loc="left")) for axes in panels]
+    places = [axes.get_position().bounds for axes in panels]
+    returned = draw(panels[0] if count == 1 else panels)
+    assert returned is mine
+    assert (dict(mpl.rcParams), mine.get_size_inches().tolist(), mine.get_suptitle(), look(other)) == before
+    assert [(axes.get_title(), axes.get_title(loc="left")) for axes in panels] == titles
+    assert [axes.get_position().bounds for axes in panels] == places
+    assert not mine.legends
+    assert not holder.legends
+    for here, there in zip(panels, own.axes, strict=True):
+        assert str(curves(here)) == str(curves(there))  # as text, where not a number is like itself
+        assert (here.get_xlabel(), here.get_ylabel()) == (there.get_xlabel(), there.get_ylabel())
+        assert (here.get_xscale(), here.get_yscale()) == (there.get_xscale(), there.get_yscale())
+        assert len(here.patches) == len(there.patches)
+        assert len(here.collections) == len(there.collections)
+        np.testing.assert_allclose(here.get_xlim(), there.get_xlim())
+        np.testing.assert_allclose(here.get_ylim(), there.get_ylim())
+    FigureCanvasAgg(mine).draw()
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_another_number_of_axes_is_refused_by_the_panels(name):
+    count, draw = CALLS[name]
+    for wrong in {count + 1, count + 2} | ({count - 1} if count > 1 else set()):
+        with pytest.raises(avc.InputError, match=f"axes: are {wrong}; allowed: {count}, one a panel"):
+            draw(Figure().subplots(wrong, 1, squeeze=False))
+
+
+def test_what_is_no_axes_is_refused():
+    with pytest.raises(avc.InputError, match="axes: holds Figure; allowed: matplotlib Axes"):
+        figures.draw_boundaries(COMPARISON, Figure())
+    with pytest.raises(avc.InputError, match="axes: holds int, str"):
+        figures.draw_boundaries(COMPARISON, [1, "a"])
+
+
+def test_axes_are_taken_row_by_row_from_an_array():
+    grid = Figure().subplots(2, 2)
+    figures.draw_scene(RUNS, axes=grid)
+    assert [axes.get_ylabel() for axes in grid.ravel()] == ["position (mm)", "force (N)", "force (N)", "energy (mJ)"]
+
+
+def test_every_drawing_function_takes_axes_and_is_tried_here():
+    names = {name for name in dir(figures) if name.startswith("draw_")}
+    assert {name.partition(",")[0] for name in CALLS} == names
+    for name in names:
+        assert "axes" in inspect.signature(getattr(figures, name)).parameters
