@@ -112,3 +112,13 @@ def test_slew_bounds_every_change_of_a_table_that_jumps():
         most = 20.0 * T * np.maximum(gain[:-1], wanted[1:])
         assert np.all(np.abs(np.diff(gain)) <= most * (1 + 1e-12))
         assert np.any(np.diff(gain) != 0)
+
+
+def test_the_tank_remembers_no_more_than_its_ceiling_either_way():
+    """A hand that works on the wall for long fills it to the ceiling; one that is worked on empties it no farther."""
+    step = adaptation_step(T, AdaptationSettings(tank_j=0.004))
+    position = np.concatenate([np.linspace(0, 0.02, 500), np.linspace(0.02, 0, 500)])
+    given = {"held_force_n": 30.0, "position_m": position, "touching": 1.0, "wanted_stiffness_n_per_m": 100.0}
+    found = step.run(np.array([np.broadcast_to(given.get(name, 0.0), 1000) for name in step.inputs]))
+    assert found["tank_j"].max() == 0.004
+    assert found["tank_j"].min() == -0.004

@@ -150,3 +150,37 @@ def test_unknown_methods_and_impossible_settings_are_refused():
         estimator_step("fft", T)
     with pytest.raises(ValueError, match="low_hz"):
         EstimatorSettings(low_hz=10.0, high_hz=5.0)
+
+
+def test_an_oscillator_that_finds_nothing_to_lock_to_gives_no_number():
+    """Velocity without a frequency, white from sample to sample, whatever its size."""
+    for size in (3e-5, 2e-4):
+        aimless = np.cumsum(np.random.default_rng(3).normal(0, size, 6000))
+        _, valid = estimate("adaptive-notch", aimless)
+        assert valid[1000:].mean() < 0.05
+
+
+@pytest.mark.parametrize("hz", [37.3, 47.9])
+def test_crossings_are_timed_between_samples(hz):
+    """A half period of 10.4 samples: whole samples alone would be wrong by some per cent."""
+    assert late_error("zero-crossing", tone(hz), hz) < 0.005
+
+
+def test_while_no_crossing_comes_the_estimate_falls_with_the_time_that_has_passed():
+    moving = tone(12.0, 2.0)
+    stopped = np.concatenate([moving, np.full(1000, moving[-1])])
+    frequency, valid = estimate("zero-crossing", stopped)
+    passed = np.arange(200, 500)
+    assert valid[len(moving) + passed].any()
+    assert (frequency[len(moving) + passed] <= 1 / (T * passed)).all()
+
+
+@ALL
+def test_steps_of_a_coarse_encoder_at_rest_are_no_motion(method):
+    """An encoder of 50 um between two counts, 20 times a second: more than the usual floor, and yet nobody moves."""
+    resolution = 5e-5
+    flicker = resolution * (tone(20.0, 6.0) > 0)
+    step = estimator_step(method, T, EstimatorSettings.for_encoder(resolution, T))
+    assert not estimate(method, flicker, step)[1].any()
+    assert estimate(method, flicker)[1].any()
+    assert estimate(method, 5 * flicker, step)[1].any()

@@ -99,3 +99,13 @@ def test_a_delay_that_the_device_states_is_predicted_like_one_that_the_scene_sta
     np.testing.assert_array_equal(stated, pressed(5, "samples = 2"))
     assert np.abs(stated - pressed(3, "")).max() > 1e-6
     assert np.abs(stated - pressed(0, "samples = 1")).max() > 1e-6
+
+
+@pytest.mark.parametrize("ahead", [1, 2, 5])
+def test_forces_under_way_act_in_the_order_in_which_they_were_asked_for(ahead):
+    """Without steps and without a load the model is the mass itself: the prediction is exact, whatever was asked."""
+    asked = np.random.default_rng(2).normal(0, 1.0, 400)
+    position = moved(np.concatenate([np.zeros(ahead), asked[:-ahead]]), 0.0)
+    step = observer_step(T, ObserverSettings(0.0, MASS, ahead))
+    found = step.run(np.array([position, np.concatenate([[0.0], asked[:-1]])]))["position_m"]
+    np.testing.assert_allclose(found[:-ahead], position[ahead:], rtol=0, atol=1e-12)

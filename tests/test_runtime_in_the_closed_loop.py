@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from avc_casadi import InputError
-from avc_casadi.coupling import GainTable, thinned
+from avc_casadi.coupling import Gains, GainTable, thinned
 from avc_casadi.design import simulate, solve
 from avc_casadi.loop import Hand
 from avc_casadi.problem import load_problem, parse_problem
@@ -110,6 +110,10 @@ def test_anchor_is_forgotten_outside_the_wall_and_the_wall_does_not_melt():
     found, _ = with_table(scene(ADAPTIVE, SOFT.replace("amplitude_m = 0.004", "amplitude_m = 0.015")), JUMPING)
     assert np.abs(found["anchor_m"]).max() > 1e-6
     assert np.all(found["anchor_m"][found["position_m"] <= 0] == 0)
+    # Nothing acts there, so that the coupling is slack: the tool stands where the device is.
+    np.testing.assert_array_equal(
+        found["tool_m"][found["position_m"] <= 0], found["position_m"][found["position_m"] <= 0]
+    )
     stiff = (found["force_n"] > 1) & (found["stiffness_n_per_m"] > 1e6)
     # The wall of 2000 N/m behind a coupling of 1e7 N/m, to the last stroke.
     strokes = found["force_n"][stiff] / found["position_m"][stiff]
@@ -187,3 +191,23 @@ def test_effects_without_what_they_need_are_refused_by_name(effect, message):
     with pytest.raises(InputError, match=message) as refused:
         simulate(scene((effect,)))
     assert "scene.effects[2]" in str(refused.value)
+
+
+@pytest.mark.parametrize("adaptive", [True, False])
+def test_a_guard_reckons_with_all_that_the_springs_hold(adaptive):
+    """Its reserve is what passed less what is stored, both drawn up again from position, force and tool."""
+    guard = 'kind = "guard"\nmethod = "energy-tank"'
+    if adaptive:
+        found, ledger = with_table(scene((*ADAPTIVE, guard)), JUMPING)
+    else:
+        compiled, gains = compile_scene(scene((guard,))), Gains(5.0, 3e3)
+        traces = execute(compiled, compiled.parameter_values(gains), compiled.input_values())
+        found = {name: values[0] for name, values in traces.items()}
+        drawn = (found[name] for name in ("position_m", "force_n", "tool_m"))
+        ledger = energy_ledger(*drawn, gains.stiffness_n_per_m, compiled.environment)
+    change = np.diff(ledger.dissipated_j)
+    reserve = [0.0]
+    for step in change:
+        reserve.append(max(min(reserve[-1] + step, 0.0), -0.01))
+    assert min(reserve) < -1e-6
+    np.testing.assert_allclose(found["guard_reserve_j"], reserve, rtol=0, atol=1e-12)
