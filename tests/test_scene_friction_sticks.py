@@ -88,13 +88,19 @@ def test_friction_alone_can_hold_a_loop_at_rest_and_is_said_to():
 
 @pytest.mark.parametrize(
     ("mass", "k", "force", "frequency_hz"),
-    [(0.005, 28851.0, 8.788, 159.0), (0.005, 11014.0, 5.845, 218.0), (0.02, 110679.0, 32.18, 151.0)],
+    [
+        (0.005, 28851.0, 8.788, 159.0),
+        (0.005, 11014.0, 5.845, 218.0),
+        (0.02, 110679.0, 32.18, 151.0),
+        # Here the velocity, or what friction can still hold, dips below 0 between two samples that tell nothing of it.
+        (0.005, 40538.99341275645, 4.125698169283224, 200.67311840140897),
+    ],
 )
 def test_it_stops_and_breaks_away_again_within_one_sample(mass, k, force, frequency_hz):
     """A fast target pulls the mass loose in the sample in which it came to rest: as scipy finds both events."""
     motion = f'kind = "free"\nstart_m = -0.02\namplitude_m = 0.001\nfrequency_hz = {frequency_hz}\n'
     effects = (SPRING.format(k=k), FRICTION.format(force=force))
-    problem = scene_problem(effects, scene="duration_s = 0.05\n", motion=motion, head=HEAD.format(mass=mass))
+    problem = scene_problem(effects, scene="duration_s = 0.06\n", motion=motion, head=HEAD.format(mass=mass))
     run = simulate(problem, NO_COUPLING)
     target = compile_scene(problem).target
     reference = Reference(problem, NO_COUPLING, target.position_m, target.device_start_m)
