@@ -8,7 +8,7 @@ from scene_reference import scene_problem
 
 from avc_casadi import parse_problem, solve
 from avc_casadi.design.constant import tune_static
-from avc_casadi.design.joint import States
+from avc_casadi.design.joint import States, worst_slack
 from avc_casadi.design.joint._hands_table import hands_slack
 from avc_casadi.loop import hand_set, loop_at
 from avc_casadi.stability import frozen_parts, linear_stability, scope_slack
@@ -35,6 +35,15 @@ def test_scope_of_frozen_rows(margin, delay):
     np.testing.assert_allclose(asked.slack, robbed.slack, rtol=0, atol=1e-12)
     free = scope_slack(problem(2.0, 0.0, delay), ROWS, *GAINS)
     assert (free.slack - asked.slack > 1e-5).all()
+
+
+@pytest.mark.parametrize("scope", ["pointwise", "band", "all"])
+def test_exact_check_of_the_schedule_where_the_ends_of_a_band_decide(scope):
+    """Its short cut is the slack of the whole scope, margin and all."""
+    for margin in (0.0, 0.7):
+        case = problem(2.0, margin).changed(stability={"scope": scope})
+        short, whole = worst_slack(case, ROWS, GAINS), scope_slack(case, ROWS, *GAINS)
+        np.testing.assert_allclose(short.slack, whole.slack, rtol=1e-6, atol=1e-6)
 
 
 def test_table_that_the_schedule_is_solved_with():
