@@ -34,12 +34,13 @@ def test_same_optimum_as_plain_opti(band_factor, penalty):
     assert cost <= far_cost * (1 + 1e-4)
 
 
+@pytest.mark.parametrize("penalty", [0.05, 0.005])
 @pytest.mark.parametrize("limit", [np.inf, 3.0])
 @pytest.mark.parametrize("seed", range(4))
-def test_lattice_programme_equals_all_paths(monkeypatch, seed, limit):
+def test_lattice_programme_equals_all_paths(monkeypatch, seed, limit, penalty):
     monkeypatch.setattr(_lattice, "_POINTS", {2: (3, 4)})
     rng = np.random.default_rng(seed)
-    low, high, x, penalty = np.zeros(2), np.array([3.0, 6.0]), np.array([0.0, 0.7, 1.0, 2.0]), 0.05
+    low, high, x = np.zeros(2), np.array([3.0, 6.0]), np.array([0.0, 0.7, 1.0, 2.0])
     nodes = np.array(list(itertools.product([0.0, 1.5, 3.0], [0.0, 2.0, 4.0, 6.0]))).T
     costs = rng.random((4, 12))
 
