@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.loop import device_corners, hand_set, no_hand
+from avc_casadi.loop import RIGID_KEYS, device_corners, hand_set, no_hand
 from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, linear_stability
 from avc_casadi.support import plain
 
@@ -121,8 +121,8 @@ def _claim(problem: Problem, frequency: FloatArray, gains: FloatArray, *, let_go
     b, k, contact = gains
     hands = no_hand() if let_go else hand_set(problem.hands, draws=_DRAWS)
     parts = frozen_parts(problem, b, k)
-    corners = device_corners(problem)
-    radius = np.array([linear_stability(one.device, parts, contact, hands).radius for one in corners])
+    corners = device_corners(problem.device, RIGID_KEYS)
+    radius = np.array([linear_stability(device, parts, contact, hands).radius for device in corners])
     limit = np.full(len(b), 1 - RADIUS_TOLERANCE)
     if let_go:
         # Without a spring to the wall nothing calls a free device back: it keeps its place, which is no instability.
@@ -140,14 +140,14 @@ def _claim(problem: Problem, frequency: FloatArray, gains: FloatArray, *, let_go
         who = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held)
     failing = int(np.count_nonzero(~(radius.max(axis=(0, 2)) < limit)))
     where = "" if len(b) == 1 else f" at {frequency[row]:.4g} Hz ({failing} of {len(b)} gains judged)"
-    sentence = f"linearly unstable {who}{where}: spectral radius {worst:.6g}{_of(corners[corner].device, corners)}"
+    sentence = f"linearly unstable {who}{where}: spectral radius {worst:.6g}{_of(corners[corner], corners)}"
     return DeployClaim(name, False, sentence, _ADVICE, worst)
 
 
 _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
 
 
-def _of(device: Device, corners: tuple[Problem, ...]) -> str:
+def _of(device: Device, corners: list[Device]) -> str:
     if len(corners) == 1:
         return ""
     return f" (device {device.mass_kg:.4g} kg, {device.damping_ns_per_m:.4g} N.s/m)"

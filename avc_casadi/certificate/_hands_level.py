@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi.certificate._levels import Rows, level_result, not_judged
-from avc_casadi.loop import device_corners, hand_corners, hand_set, no_hand
+from avc_casadi.loop import RIGID_KEYS, device_corners, hand_corners, hand_set, no_hand
 from avc_casadi.stability import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_parts, linear_stability, switching_proof
 from avc_casadi.support import FloatArray
 
@@ -33,10 +33,10 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
     hands = hand_set(problem.hands, draws=draws, seed=seed)
     name = f"{len(hand_corners(problem.hands))} corners and {draws} draws (seed {seed}) of the hands"
     claim = f"each frozen row is linearly stable, with no friction, with {name}; this says nothing of switching"
-    if problem.device.delay_samples > MAX_DELAY_SAMPLES:
+    devices = device_corners(problem.device, RIGID_KEYS)
+    if max(device.delay_samples for device in devices) > MAX_DELAY_SAMPLES:
         return not_judged(rows, "L5", "sampled-data", f"more than {MAX_DELAY_SAMPLES} samples of delay")
     parts = frozen_parts(problem, rows.b, rows.k)
-    devices = [corner.device for corner in device_corners(problem)]
     found = [linear_stability(device, parts, rows.contact, hands) for device in devices]
     radii = np.concatenate([one.radius for one in found], axis=1)
     worst_case = np.argmax(radii, axis=1)[:, None]
@@ -58,7 +58,7 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
     margin = damping_reserve(device, parts.pick(only), rows.contact[only], hand)
     held = hand.values(0)
     detail["worst_hand"] = held
-    detail["worst_device"] = {"mass_kg": device.mass_kg, "damping_ns_per_m": device.damping_ns_per_m}
+    detail["worst_device"] = {key: getattr(device, key) for key in RIGID_KEYS}
     if not stable[worst]:
         missing = len(rows.present) - len(radius)
         claim = (

@@ -2,6 +2,9 @@
 
 from avc_casadi.loop._at_frequency import Loop as Loop
 from avc_casadi.loop._at_frequency import loop_at as loop_at
+from avc_casadi.loop._device_corners import LINEAR_KEYS as LINEAR_KEYS
+from avc_casadi.loop._device_corners import RIGID_KEYS as RIGID_KEYS
+from avc_casadi.loop._device_corners import corner_problems as corner_problems
 from avc_casadi.loop._device_corners import device_corners as device_corners
 from avc_casadi.loop._device_corners import least_damped as least_damped
 from avc_casadi.loop._equations import SampleAngle as SampleAngle
@@ -38,8 +41,10 @@ from avc_casadi.loop._paper_errors import Assumption as Assumption
 from avc_casadi.loop._paper_errors import PaperError as PaperError
 from avc_casadi.loop._plant import DEVICE as DEVICE
 from avc_casadi.loop._plant import GROUND as GROUND
+from avc_casadi.loop._plant import HANDLE as HANDLE
 from avc_casadi.loop._plant import TARGET as TARGET
 from avc_casadi.loop._plant import LinearPlant as LinearPlant
+from avc_casadi.loop._plant import Mechanics as Mechanics
 from avc_casadi.loop._plant import Plant as Plant
 from avc_casadi.loop._propagation import time_scale as time_scale
 from avc_casadi.loop._propagation import transition as transition
@@ -47,3 +52,6 @@ from avc_casadi.loop._realism import RealismResult as RealismResult
 from avc_casadi.loop._realism import bound_magnitudes as bound_magnitudes
 from avc_casadi.loop._realism import judge_realism as judge_realism
 from avc_casadi.loop._realism import relative_errors as relative_errors
+from avc_casadi.loop._sampled_plant import SampledPlant as SampledPlant
+from avc_casadi.loop._sampled_plant import device_plant as device_plant
+from avc_casadi.loop._sampled_plant import sampled_plant as sampled_plant

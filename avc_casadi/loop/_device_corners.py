@@ -2,27 +2,65 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import lru_cache
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from avc_casadi.problem import DeviceRange
+from avc_casadi.problem import Device
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
 
+RIGID_KEYS = ("mass_kg", "damping_ns_per_m", "delay_samples")
+"""Keys of a device that a loop with rigid mechanics and an ideal amplifier knows."""
+LINEAR_KEYS = (
+    *RIGID_KEYS,
+    "amplifier_bandwidth_hz",
+    "resonance.frequency_hz",
+    "resonance.damping_ratio",
+    "resonance.mass_ratio",
+)
+"""Keys of a device that `SampledPlant` knows."""
+
+
+def device_corners(device: Device, keys: Collection[str] | None = None) -> list[Device]:
+    """Return the devices at the corners of the declared ranges, each known exactly.
+
+    Args:
+        device: with its ranges; where it has none, it is the only corner.
+        keys: ranges that matter, such as `LINEAR_KEYS`, the others staying at their nominal value; None takes every
+            range. There are two corners to each range.
+    """
+    ends: dict[str, tuple[float, ...]] = {}
+    for table, ranges in (("", device.range), ("resonance.", device.range.resonance)):
+        for key in type(ranges).model_fields:
+            interval = getattr(ranges, key)
+            wanted = keys is None or f"{table}{key}" in keys
+            if wanted and isinstance(interval, tuple):
+                ends[f"{table}{key}"] = tuple(sorted(set(interval)))
+    whole = device.model_dump(exclude={"range"})
+    return [_changed(whole, dict(zip(ends, corner, strict=True))) for corner in product(*ends.values())]
+
+
+def _changed(whole: dict[str, Any], values: dict[str, float]) -> Device:
+    changed = dict(whole)
+    for key, value in values.items():
+        table, _, inner = key.rpartition(".")
+        if table:
+            changed[table] = {**changed[table], inner: value}
+        else:
+            changed[key] = value
+    return Device.model_validate(changed)
+
+
 # Every check of a schedule asks for the corners of the same few problems.
 @lru_cache(maxsize=16)
-def device_corners(problem: Problem) -> tuple[Problem, ...]:
-    """The problem at the corners of the ranges of device mass and damping, each with a device that is known exactly.
-
-    The nominal device alone where no range is given.
-    """
-    device = problem.device
-    masses = sorted(set(device.range.mass_kg or (device.mass_kg,)))
-    dampings = sorted(set(device.range.damping_ns_per_m or (device.damping_ns_per_m,)))
-    return tuple(_with_device(problem, mass, damping) for mass, damping in product(masses, dampings))
+def corner_problems(problem: Problem) -> tuple[Problem, ...]:
+    """The problem at the corners of the ranges of device mass and damping, each with a device that is known exactly."""
+    corners = device_corners(problem.device, ("mass_kg", "damping_ns_per_m"))
+    return tuple(problem.changed(device=corner) for corner in corners)
 
 
 @lru_cache(maxsize=16)
@@ -33,9 +71,6 @@ def least_damped(problem: Problem, credit_ns_per_m: float = 0.0) -> Problem:
         problem: the problem.
         credit_ns_per_m: damping of the hand, credited to the device.
     """
-    lowest = min(corner.device.damping_ns_per_m for corner in device_corners(problem))
-    return _with_device(problem, problem.device.mass_kg, lowest + credit_ns_per_m)
-
-
-def _with_device(problem: Problem, mass_kg: float, damping_ns_per_m: float) -> Problem:
-    return problem.changed(device={"mass_kg": mass_kg, "damping_ns_per_m": damping_ns_per_m, "range": DeviceRange()})
+    lowest = min(device.damping_ns_per_m for device in device_corners(problem.device, ("damping_ns_per_m",)))
+    known = {"damping_ns_per_m": lowest + credit_ns_per_m, "range": {"damping_ns_per_m": None}}
+    return problem.changed(device=known)

@@ -1,8 +1,10 @@
-"""The continuous part of a scene: masses on one axis joined by springs and dampers, moved by the hand's target."""
+"""The continuous part of the loop: masses on one axis joined by springs and dampers, moved by the hand's target."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +14,17 @@ from avc_casadi.support import FloatArray
 DEVICE = "device"
 TARGET = "target"
 GROUND = "ground"
+HANDLE = "handle"
+
+# Damping ratio of a current loop.
+_CURRENT_LOOP = 0.7
+
+
+class Mechanics(Protocol):
+    """What holds or joins the device mechanically, such as a hand."""
+
+    def mechanics(self, plant: Plant) -> None:
+        """Add masses, springs and dampers."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +57,13 @@ class Plant:
 
     Attributes:
         grip: the body that the hand holds.
-        actuator_rate_per_s: bandwidth of the actuator's first-order lag, rad/s, or None for none.
+        actuator_rate_per_s: bandwidth of the actuator, rad/s, or None for an ideal one.
+        actuator_order: 1, a lag; 2, a current loop with a damping ratio of 0.7.
     """
 
     grip: str = DEVICE
     actuator_rate_per_s: float | None = None
+    actuator_order: int = 1
     _masses: dict[str, FloatArray] = field(default_factory=dict)
     _links: list[tuple[str, str, FloatArray, FloatArray]] = field(default_factory=list)
 
@@ -70,6 +85,22 @@ class Plant:
         k, b = (np.asarray(value, dtype=np.float64) for value in (stiffness_n_per_m, damping_ns_per_m))
         self._links.append((one, other, k, b))
 
+    def split(self, frequency_hz: float, damping_ratio: float, mass_ratio: float) -> None:
+        """Move a share of the device's mass to a handle on a spring, which is what a hand then holds.
+
+        Args:
+            frequency_hz: frequency of motor and handle against each other, the device free.
+            damping_ratio: damping of that mode, as a share of the critical.
+            mass_ratio: share of the device's mass on the side of the hand.
+        """
+        handle = self.mass_kg(DEVICE) * mass_ratio
+        self.add_mass(DEVICE, -handle)
+        self.add_mass(HANDLE, handle)
+        reduced = handle * (1 - mass_ratio)
+        omega = 2 * math.pi * frequency_hz
+        self.join(DEVICE, HANDLE, reduced * omega**2, 2 * damping_ratio * omega * reduced)
+        self.grip = HANDLE
+
     def linear(self) -> LinearPlant:
         """Assemble the equations of motion."""
         bodies = self.bodies
@@ -78,7 +109,7 @@ class Plant:
         )
         names = [name for body in bodies for name in (f"{body}_position_m", f"{body}_velocity_m_per_s")]
         if self.actuator_rate_per_s is not None:
-            names.append("actuator_force_n")
+            names += ["actuator_force_n", "actuator_rate_n_per_s"][: self.actuator_order]
         n = len(names)
         matrix, target = np.zeros((*shape, n, n)), np.zeros((*shape, n, 2))
         force, friction = np.zeros((*shape, n)), np.zeros((*shape, n))
@@ -103,8 +134,14 @@ class Plant:
         friction[..., 1] = push
         if self.actuator_rate_per_s is None:
             force[..., 1] = push
-        else:
+        elif self.actuator_order == 1:
             matrix[..., 1, n - 1] = push
             matrix[..., n - 1, n - 1] = -self.actuator_rate_per_s
             force[..., n - 1] = self.actuator_rate_per_s
+        else:
+            matrix[..., 1, n - 2] = push
+            matrix[..., n - 2, n - 1] = 1.0
+            matrix[..., n - 1, n - 2] = -(self.actuator_rate_per_s**2)
+            matrix[..., n - 1, n - 1] = -2 * _CURRENT_LOOP * self.actuator_rate_per_s
+            force[..., n - 1] = self.actuator_rate_per_s**2
         return LinearPlant(tuple(names), matrix, force, target, friction)

@@ -29,8 +29,8 @@ class Transition:
 
 
 def time_scale(plant: LinearPlant, step_s: float) -> FloatArray:
-    """Return the diagonal that measures velocities in metres a step, which balances A."""
-    return np.array([step_s if name.endswith("_m_per_s") else 1.0 for name in plant.names])
+    """Return the diagonal that counts rates by the step, velocities in metres a step, which balances A."""
+    return np.array([step_s if name.endswith("_per_s") else 1.0 for name in plant.names])
 
 
 def transition(plant: LinearPlant, step_s: float) -> Transition:

@@ -8,7 +8,7 @@ import numpy as np
 
 from avc_casadi.design._rows import GainArrays
 from avc_casadi.design.joint._stage import loop_parameters
-from avc_casadi.loop import Loop, device_corners, least_damped, loop_at
+from avc_casadi.loop import Loop, corner_problems, least_damped, loop_at
 from avc_casadi.problem import Problem
 from avc_casadi.stability import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
 from avc_casadi.support import BoolArray, FloatArray
@@ -26,7 +26,7 @@ _INSIDE = 1 - 1e-9
 def deciding_corners(problem: Problem) -> tuple[Problem, ...]:
     """The problem at the corners of its device that decide: all for hands, the least damped one for Re Z_h."""
     if problem.stability.scope == "hands":
-        return device_corners(problem)
+        return corner_problems(problem)
     # Re Z_h does not depend on the mass and grows with the damping; the hand's is credited.
     return (least_damped(problem, problem.schedule.hand_damping_ns_per_m),)
 

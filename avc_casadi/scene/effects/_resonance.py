@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.loop import DEVICE, Plant
+from avc_casadi.loop import Plant
 from avc_casadi.problem import Problem
 from avc_casadi.scene.effects._base import SceneEffect, Station
-
-_BODY = "handle"
 
 
 @dataclass(frozen=True)
@@ -47,11 +44,4 @@ class Resonance(SceneEffect):
 
     def mechanics(self, plant: Plant) -> None:
         """Move a share of the device's mass to a second body, which the hand holds."""
-        whole = plant.mass_kg(DEVICE)
-        handle = whole * self.mass_ratio
-        plant.add_mass(DEVICE, -handle)
-        plant.add_mass(_BODY, handle)
-        reduced = handle * (1 - self.mass_ratio)
-        omega = 2 * math.pi * self.frequency_hz
-        plant.join(DEVICE, _BODY, reduced * omega**2, 2 * self.damping_ratio * omega * reduced)
-        plant.grip = _BODY
+        plant.split(self.frequency_hz, self.damping_ratio, self.mass_ratio)

@@ -1,0 +1,144 @@
+"""The device as it is declared, from sample to sample: motor, handle, hand and amplifier, discretised exactly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.loop._plant import DEVICE, GROUND, HANDLE, LinearPlant, Mechanics, Plant
+from avc_casadi.loop._propagation import Transition, transition
+from avc_casadi.support import FloatArray, IndexArray
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Device
+
+
+def device_plant(device: Device, hand: Mechanics | None = None) -> Plant:
+    """Return motor, handle and amplifier of a device, and the hand that holds it, as a continuous plant.
+
+    Dry friction, backlash, encoder, noise and force limit are no part of it: they are not linear.
+
+    Args:
+        device: the device at its nominal values, with a mass.
+        hand: what holds it, whose numbers may be arrays over hands; None leaves the device alone.
+    """
+    plant = Plant()
+    plant.add_mass(DEVICE, device.mass_kg)
+    plant.join(DEVICE, GROUND, 0.0, device.damping_ns_per_m)
+    mode = device.resonance
+    if mode is not None:
+        plant.split(mode.frequency_hz, mode.damping_ratio, mode.mass_ratio)
+    if hand is not None:
+        hand.mechanics(plant)
+    if device.amplifier_bandwidth_hz is not None:
+        plant.actuator_rate_per_s = 2 * math.pi * device.amplifier_bandwidth_hz
+        plant.actuator_order = device.amplifier_order
+    return plant
+
+
+@dataclass(frozen=True)
+class SampledPlant:
+    """x(k+1) = A x(k) + B_new u(k-n) + B_old u(k-n-1): u is the force that is asked, positive against +x.
+
+    A delay of n samples and a fraction lets the newer force arrive inside the sample; of a whole delay B_old is 0. The
+    hand's target rests at 0.
+
+    Attributes:
+        names: names of the s states; position and velocity of the motor come first.
+        matrix: A, shape (devices, hands, s, s).
+        new: B_new, shape (devices, hands, s).
+        old: B_old, shape (devices, hands, s).
+        whole_delay: n of each device, shape (devices,).
+        measured: row of the position that is measured, shape (s,).
+        held: row of the position that the hand holds, shape (s,).
+        sample_time_s: T.
+    """
+
+    names: tuple[str, ...]
+    matrix: FloatArray
+    new: FloatArray
+    old: FloatArray
+    whole_delay: IndexArray
+    measured: FloatArray
+    held: FloatArray
+    sample_time_s: float
+
+    @property
+    def forces_under_way(self) -> int:
+        """Number d of past forces that the future depends on, of the device with the longest delay."""
+        fractional = np.any(self.old != 0, axis=(1, 2))
+        return int(np.max(self.whole_delay + fractional))
+
+    def with_forces_under_way(self) -> tuple[FloatArray, FloatArray]:
+        """Return A and B of the state [x, u(k-1), ..., u(k-d)] and the force u(k).
+
+        Returns:
+            Shapes (devices, hands, s + d, s + d) and (devices, hands, s + d).
+        """
+        devices, hands, s = self.new.shape
+        d = self.forces_under_way
+        whole = np.zeros((devices, hands, s + d, s + d + 1))
+        whole[..., :s, :s] = self.matrix
+        for device, n in enumerate(self.whole_delay):
+            # Columns of u(k), u(k-1), ..., u(k-d).
+            columns = [s + d, *range(s, s + d)]
+            whole[device, :, :s, columns[n]] = self.new[device]
+            if n < d:
+                whole[device, :, :s, columns[n + 1]] = self.old[device]
+        if d:
+            whole[..., s, s + d] = 1.0
+            whole[..., np.arange(s + 1, s + d), np.arange(s, s + d - 1)] = 1.0
+        return whole[..., : s + d], whole[..., s + d]
+
+
+def sampled_plant(devices: Device | Sequence[Device], hand: Mechanics | None = None) -> SampledPlant:
+    """Discretise devices with a hand exactly.
+
+    Args:
+        devices: one device, or corners of one (`device_corners`), all with the same sample time and structure.
+        hand: what holds each of them, whose numbers may be arrays of shape (hands,); None leaves them alone.
+    """
+    some = devices if isinstance(devices, Sequence) else (devices,)
+    first = some[0]
+    plants = [device_plant(device, hand) for device in some]
+    grip = plants[0].grip
+    parts = [_sampled(plant.linear(), device) for plant, device in zip(plants, some, strict=True)]
+    names = parts[0][0]
+    matrix, new, old = (np.stack([part[index] for part in parts]) for index in (1, 2, 3))
+    sensed = HANDLE if first.encoder_at == "handle" and first.resonance is not None else DEVICE
+    return SampledPlant(
+        names=names,
+        matrix=matrix,
+        new=new,
+        old=old,
+        whole_delay=np.array([int(device.delay_samples) for device in some]),
+        measured=_row(names, sensed),
+        held=_row(names, grip),
+        sample_time_s=first.sample_time_s,
+    )
+
+
+def _sampled(plant: LinearPlant, device: Device) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
+    """Return the names and A, B_new, B_old of one device with all hands."""
+    period = device.sample_time_s
+    late = device.delay_samples - int(device.delay_samples)
+    whole = transition(plant, period)
+    if late == 0:
+        new, old = whole.force, np.zeros_like(whole.force)
+    else:
+        before, after = transition(plant, late * period), transition(plant, (1 - late) * period)
+        new, old = after.force, _moved(after, before.force)
+    n = plant.states
+    return plant.names, whole.matrix.reshape(-1, n, n), new.reshape(-1, n), old.reshape(-1, n)
+
+
+def _moved(step: Transition, state: FloatArray) -> FloatArray:
+    return np.asarray((step.matrix @ state[..., None])[..., 0])
+
+
+def _row(names: tuple[str, ...], body: str) -> FloatArray:
+    return np.array([float(name == f"{body}_position_m") for name in names])

@@ -1,0 +1,222 @@
+"""The sampled plant of a device: an independent exponential, and the Jacobian of the scene with the same effects."""
+
+import re
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import avc_casadi as avc
+from avc_casadi.coupling import NO_COUPLING
+from avc_casadi.loop import LINEAR_KEYS, RIGID_KEYS, device_corners, device_plant, sampled_plant
+from avc_casadi.problem import Device
+from avc_casadi.scene import compile_scene
+from avc_casadi.scene.effects import Hand, StylusHand, build_effects
+
+SPRING = 700.0
+
+
+def random_device(rng, *, whole=False, order=(0, 1, 2)):
+    bandwidth = {"amplifier_bandwidth_hz": rng.uniform(100, 3000), "amplifier_order": int(rng.choice([1, 2]))}
+    chosen = rng.choice(order)
+    mode = {
+        "frequency_hz": rng.uniform(30, 400),
+        "damping_ratio": rng.uniform(0, 0.3),
+        "mass_ratio": rng.uniform(0.1, 0.9),
+    }
+    delay = int(rng.integers(0, 4)) if whole else round(rng.uniform(0, 3), 3)
+    return Device.model_validate(
+        {
+            "mass_kg": rng.uniform(0.02, 1.0),
+            "damping_ns_per_m": rng.uniform(0, 5.0),
+            "sample_time_s": rng.uniform(2e-4, 2e-3),
+            "delay_samples": delay,
+            **(bandwidth | {"amplifier_order": int(chosen)} if chosen else {}),
+            **({"resonance": mode} if rng.random() < 0.6 else {}),
+        }
+    )
+
+
+def random_hand(rng):
+    if rng.random() < 0.3:
+        return StylusHand(0.21, 1.3, 575.0, 11.0, 170.0)
+    return Hand(rng.uniform(0.05, 0.3), rng.uniform(3, 20), rng.uniform(200, 800))
+
+
+def by_hand(device, hand):
+    """The continuous plant written down once more, for a hand of mass, damper and spring: A and b."""
+    mode, b_d = device.resonance, device.damping_ns_per_m
+    handle = device.mass_kg * mode.mass_ratio if mode else 0.0
+    motor, held = device.mass_kg - handle, handle + hand.mass_kg
+    if mode:
+        reduced, omega = motor * handle / device.mass_kg, 2 * np.pi * mode.frequency_hz
+        k, b = reduced * omega**2, 2 * mode.damping_ratio * omega * reduced
+        a = np.array(
+            [
+                [0, 1, 0, 0],
+                [-k / motor, -(b + b_d) / motor, k / motor, b / motor],
+                [0, 0, 0, 1],
+                [k / held, b / held, -(k + hand.stiffness_n_per_m) / held, -(b + hand.damping_ns_per_m) / held],
+            ]
+        )
+        push = np.array([0, -1 / motor, 0, 0])
+    else:
+        total = motor + hand.mass_kg
+        a = np.array([[0, 1], [-hand.stiffness_n_per_m / total, -(b_d + hand.damping_ns_per_m) / total]])
+        push = np.array([0, -1 / total])
+    if device.amplifier_bandwidth_hz is None:
+        return a, push
+    w, n, order = 2 * np.pi * device.amplifier_bandwidth_hz, len(push), device.amplifier_order
+    whole, drive = np.zeros((n + order, n + order)), np.zeros(n + order)
+    whole[:n, :n], whole[:n, n] = a, push
+    if order == 1:
+        whole[n, n], drive[n] = -w, w
+    else:
+        whole[n, n + 1], whole[n + 1, n], whole[n + 1, n + 1], drive[n + 1] = 1, -(w**2), -1.4 * w, w**2
+    return whole, drive
+
+
+def units(device, names):
+    """What each state moves the device in a sample, about, so that numbers of all states can be compared."""
+    period = device.sample_time_s
+    of = {"m": 1.0, "m_per_s": period, "n": period**2 / device.mass_kg, "n_per_s": period**3 / device.mass_kg}
+    return np.array([of[re.fullmatch(r"\w+?_(m|m_per_s|n|n_per_s)", name)[1]] for name in names])
+
+
+def close(found, expected, rows, columns):
+    """To 1e-9 of the largest number, in comparable units."""
+    scale = rows[:, None] / columns
+    assert np.abs((found - expected) * scale).max() < 1e-9 * np.abs(expected * scale).max()
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_the_matrices_are_those_of_the_written_down_plant(seed):
+    rng = np.random.default_rng(seed)
+    device, hand = random_device(rng), Hand(rng.uniform(0.05, 0.3), rng.uniform(3, 20), rng.uniform(200, 800))
+    found = sampled_plant(device, hand)
+    a, b = by_hand(device, hand)
+    n, period = len(b), device.sample_time_s
+    # Rates are counted by the sample, so that the exponential is balanced.
+    scale = np.array([period if name.endswith("_per_s") else 1.0 for name in found.names])
+
+    def step(duration):
+        whole = np.zeros((n + 1, n + 1))
+        whole[:n, :n], whole[:n, n] = a * scale[:, None] / scale * duration, b * scale * duration
+        moved = expm(whole)
+        return moved[:n, :n] / scale[:, None] * scale, moved[:n, n] / scale
+
+    late = (device.delay_samples % 1) * period
+    rows, force = units(device, found.names), units(device, ["asked_force_n"])
+    close(found.matrix[0, 0], step(period)[0], rows, rows)
+    rest = step(period - late)
+    close(found.new[0, 0][:, None], rest[1][:, None], rows, force)
+    if late == 0:
+        assert not found.old.any()
+    else:
+        close(found.old[0, 0][:, None], (rest[0] @ step(late)[1])[:, None], rows, force)
+    assert found.whole_delay == int(device.delay_samples)
+
+
+def scene_jacobian(device, hand):
+    """Next states by states of the scene in a spring on both sides, with their names."""
+    effects = ['kind = "hand"', f'kind = "environment"\nstiffness_n_per_m = {SPRING}\ndamping_ns_per_m = 0.0']
+    if device.resonance is not None:
+        numbers = device.resonance.model_dump()
+        effects.append("\n".join(['kind = "resonance"', *(f"{key} = {value!r}" for key, value in numbers.items())]))
+    if device.amplifier_bandwidth_hz is not None:
+        effects.append(f'kind = "amplifier"\nbandwidth_hz = {device.amplifier_bandwidth_hz!r}')
+    if device.delay_samples:
+        effects.append('kind = "delay"')
+    text = "[device]\nmass_kg = 1.0\ndamping_ns_per_m = 1.0\n[environment]\ndamping_ns_per_m = 0.0\n"
+    text += "stiffness_n_per_m = 1.0\n[frequency]\nstop_hz = 10.0\n"
+    text += "".join(f"[[scene.effects]]\n{effect}\n" for effect in effects)
+    problem = avc.parse_problem(text).changed(device=device)
+    built = tuple(hand if isinstance(effect, Hand) else effect for effect in build_effects(problem))
+    scene = compile_scene(problem, built, coupled=False)
+    states, inputs, parameters = (ca.SX.sym(name, scene.function.numel_in(i)) for i, name in enumerate("xup"))
+    slope = ca.Function(
+        "slope", [states, inputs, parameters], [ca.jacobian(scene.function(states, inputs, parameters)[0], states)]
+    )
+    at = [np.full(states.numel(), 1e-3), np.zeros(inputs.numel()), scene.parameter_values(NO_COUPLING)[0]]
+    return slope(*at).full(), scene.states
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_the_closed_loop_is_the_jacobian_of_the_scene(seed):
+    rng = np.random.default_rng(seed)
+    device, hand = random_device(rng, whole=True, order=(0, 1)), random_hand(rng)
+    found = sampled_plant(device, hand)
+    a, b = (part[0, 0] for part in found.with_forces_under_way())
+    d = found.forces_under_way
+    closed = a + np.outer(b, SPRING * np.append(found.measured, np.zeros(d)))
+    jacobian, names = scene_jacobian(device, hand)
+    assert names == (*found.names, *(f"delayed_{place + 1}_n" for place in range(d)))
+    rows = units(device, names)
+    close(closed, jacobian, rows, rows)
+
+
+def test_many_hands_and_corners_stand_beside_one_another():
+    device = Device(
+        mass_kg=0.1,
+        damping_ns_per_m=2.0,
+        delay_samples=1,
+        amplifier_bandwidth_hz=900.0,
+        resonance={"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5},
+        encoder_at="handle",
+        range={"mass_kg": (0.08, 0.12), "delay_samples": (0.5, 2), "resonance": {"frequency_hz": (120.0, 180.0)}},
+    )
+    hands = Hand(np.array([0.05, 0.1, 0.3]), np.array([3.0, 9.0, 20.0]), np.array([200.0, 500.0, 800.0]))
+    corners = device_corners(device)
+    whole = sampled_plant(corners, hands)
+    assert whole.matrix.shape == (8, 3, 5, 5)
+    assert whole.forces_under_way == 2
+    a, b = whole.with_forces_under_way()
+    for index, corner in enumerate(corners):
+        for hand in range(3):
+            one = Hand(*(float(np.asarray(value)[hand]) for value in vars(hands).values()))
+            alone = sampled_plant(corner, one)
+            np.testing.assert_array_equal(whole.matrix[index, hand], alone.matrix[0, 0])
+            np.testing.assert_array_equal(whole.new[index, hand], alone.new[0, 0])
+            np.testing.assert_array_equal(whole.old[index, hand], alone.old[0, 0])
+            # What waits longer than this corner's delay changes nothing.
+            own = np.abs(np.linalg.eigvals(alone.with_forces_under_way()[0][0, 0])).max()
+            assert np.abs(np.linalg.eigvals(a[index, hand])).max() == pytest.approx(own, rel=1e-9)
+    assert b.shape == (8, 3, 7)
+    names = dict(zip(whole.names, zip(whole.measured, whole.held, strict=True), strict=True))
+    assert names["handle_position_m"] == (1.0, 1.0)
+    motor = sampled_plant(device.model_copy(update={"encoder_at": "motor"}), hands)
+    assert dict(zip(motor.names, motor.measured, strict=True))["device_position_m"] == 1.0
+
+
+def test_a_device_alone_keeps_its_place_and_its_momentum_decays():
+    device = Device(mass_kg=0.1, damping_ns_per_m=2.0)
+    found = sampled_plant(device)
+    np.testing.assert_allclose(np.linalg.eigvals(found.matrix[0, 0]), [1.0, np.exp(-2.0 / 0.1 * 1e-3)], rtol=1e-12)
+    assert device_plant(device).grip == "device"
+
+
+def test_corners_take_every_range_or_those_that_matter():
+    device = Device(
+        mass_kg=0.1,
+        damping_ns_per_m=2.0,
+        coulomb_friction_n=0.2,
+        resonance={"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5},
+        range={
+            "mass_kg": (0.08, 0.12),
+            "damping_ns_per_m": (2.0, 2.0),
+            "coulomb_friction_n": (0.0, 0.3),
+            "resonance": {"mass_ratio": (0.4, 0.6)},
+        },
+    )
+    every = device_corners(device)
+    assert len(every) == 8
+    assert {(one.mass_kg, one.coulomb_friction_n, one.resonance.mass_ratio) for one in every} == {
+        (mass, friction, share) for mass in (0.08, 0.12) for friction in (0.0, 0.3) for share in (0.4, 0.6)
+    }
+    assert {one.resonance.frequency_hz for one in every} == {150.0}
+    assert all(one.range == type(one.range)() for one in every)
+    assert len(device_corners(device, LINEAR_KEYS)) == 4
+    assert len(device_corners(device, RIGID_KEYS)) == 2
+    plain = Device(mass_kg=0.1, damping_ns_per_m=2.0)
+    assert device_corners(plain) == [plain]
