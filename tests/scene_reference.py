@@ -5,6 +5,7 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from scipy.signal import bilinear
 
 import avc_casadi as avc
 
@@ -55,7 +56,7 @@ class Reference:
             self.b1 += effects["viscous-friction"].damping_ns_per_m
         self.m2, self.k12, self.b12 = 0.0, 0.0, 0.0
         if "resonance" in effects:
-            mode = effects["resonance"]
+            mode = effects["resonance"] if effects["resonance"].frequency_hz else device.resonance
             self.m2 = device.mass_kg * mode.mass_ratio
             self.m1 = device.mass_kg - self.m2
             reduced, omega = self.m1 * self.m2 / (self.m1 + self.m2), 2 * math.pi * mode.frequency_hz
@@ -72,11 +73,15 @@ class Reference:
             else:
                 self.m1 += self.hand[0]
         self.stylus = effects.get("stylus-hand")
-        self.bandwidth = 2 * math.pi * effects["amplifier"].bandwidth_hz if "amplifier" in effects else None
+        self.bandwidth, self.order = None, 1
+        if "amplifier" in effects:
+            self.bandwidth = 2 * math.pi * (effects["amplifier"].bandwidth_hz or device.amplifier_bandwidth_hz)
+            self.order = effects["amplifier"].order or device.amplifier_order
 
     def rates(self, y, force, xh, vh):
-        """Rates of [x1 v1 x2 v2 xs vs fa] without dry friction."""
-        x1, v1, x2, v2, xs, vs, fa = y
+        """Rates of [x1 v1 x2 v2 xs vs fa ra] without dry friction."""
+        x1, v1, x2, v2, xs, vs, fa, ra = y
+        w = self.bandwidth
         acting = fa if self.bandwidth else force
         on1, on2, ons = -acting - self.b1 * v1, 0.0, 0.0
         if self.m2:
@@ -98,7 +103,8 @@ class Reference:
             on2 / self.m2 if self.m2 else 0.0,
             vs,
             ons / self.stylus.mass_kg if self.stylus else 0.0,
-            self.bandwidth * (force - fa) if self.bandwidth else 0.0,
+            ra if self.order == 2 else w * (force - fa) if w else 0.0,
+            w**2 * (force - fa) - 1.4 * w * ra if self.order == 2 else 0.0,
         ]
 
     def move(self, y, force, k, begin, end):
@@ -151,26 +157,40 @@ class Reference:
     def run(self, samples, noise=None, late=None, dropped=None, commands=None):
         """Return position, velocity and held force at each sample; `commands` replay the forces of another computer."""
         effects, period = self.effects, self.T
-        lag = (effects["delay"].samples or self.problem.device.delay_samples) if "delay" in effects else 0
+        delay = (effects["delay"].samples or self.problem.device.delay_samples) if "delay" in effects else 0
+        lag = math.floor(delay)
         limit = math.inf
         if "saturation" in effects:
             limit = effects["saturation"].force_n or self.problem.device.max_force_n
         resolution = 0.0
         if "encoder" in effects:
             resolution = effects["encoder"].resolution_m or self.problem.device.encoder_resolution_m
-        computer, line, before = Computer(self), [0.0] * lag, 0.0
-        y = np.array([self.start, 0.0, self.start, 0.0, self.start, 0.0, 0.0])
+        at_handle = "encoder" in effects and (effects["encoder"].at or self.problem.device.encoder_at) == "handle"
+        gap = (effects["backlash"].gap_m or self.problem.device.backlash_m) if "backlash" in effects else 0.0
+        played, filters = self.start, sections_of(effects, self.T)
+        rest = self.start
+        for section in filters:
+            section.begin(rest)
+            rest *= section.gain
+        computer, line, before = Computer(self, rest), [0.0] * lag, 0.0
+        y = np.array([self.start, 0.0, self.start, 0.0, self.start, 0.0, 0.0, 0.0])
         out = []
         for k in range(samples):
             command = before
             if commands is not None:
                 command = commands[k]
             elif dropped is None or not dropped[k]:
-                x = y[0] + (0.0 if noise is None else noise[k])
-                line.append(computer.force(resolution * math.floor(x / resolution + 0.5) if resolution else x))
+                x = y[2] if at_handle else y[0]
+                if abs(x - played) > gap / 2:
+                    played = x - math.copysign(gap / 2, x - played)
+                x = (played if gap else x) + (0.0 if noise is None else noise[k])
+                x = resolution * math.floor(x / resolution + 0.5) if resolution else x
+                for section in filters:
+                    x = section(x)
+                line.append(computer.force(x))
                 command = min(max(line.pop(0), -limit), limit)
             out.append((y[0], y[1], command))
-            arrival = 0.0 if late is None else late[k] * period
+            arrival = (delay - lag) * period if late is None else late[k] * period
             if arrival > 0:
                 y = self.move(y, before, k, 0.0, arrival)
             y = self.move(y, command, k, arrival, period)
@@ -178,10 +198,42 @@ class Reference:
         return np.array(out).T
 
 
+class Filter:
+    """A difference equation with its past written out: inputs and outputs of the last two samples."""
+
+    def __init__(self, b0, b1, b2, a1, a2):
+        self.b, self.a, self.gain = (b0, b1, b2), (a1, a2), (b0 + b1 + b2) / (1 + a1 + a2)
+
+    def begin(self, value):
+        self.inputs, self.outputs = [value] * 2, [value * self.gain] * 2
+
+    def __call__(self, value):
+        given = [value, *self.inputs]
+        out = sum(b * u for b, u in zip(self.b, given, strict=True))
+        out -= sum(a * y for a, y in zip(self.a, self.outputs, strict=True))
+        self.inputs, self.outputs = given[:2], [out, self.outputs[0]]
+        return out
+
+
+def sections_of(effects, period):
+    """The filters on the position; the notch by scipy's bilinear transform of the prewarped analogue one."""
+    filters = []
+    if "notch" in effects:
+        table = effects["notch"]
+        warped = 2 / period * math.tan(math.pi * table.frequency_hz * period)
+        above = [1, table.depth * table.width * warped, warped**2]
+        b, a = bilinear(above, [1, table.width * warped, warped**2], 1 / period)
+        filters.append(Filter(*b, *a[1:]))
+    if "compensator" in effects:
+        filters += [Filter(*section) for section in effects["compensator"].sections]
+    return filters
+
+
 class Computer:
     """The force law: coupling and environment in series, found by bisection of their forces."""
 
-    def __init__(self, reference):
+    def __init__(self, reference, start=None):
+        start = reference.start if start is None else start
         problem, effects = reference.problem, reference.effects
         self.T, self.gains = reference.T, reference.gains
         wall = effects.get("wall") or effects.get("environment") or problem.environment
@@ -194,9 +246,9 @@ class Computer:
         self.share = 0.0
         if "velocity-filter" in effects:
             self.share = math.exp(-2 * math.pi * effects["velocity-filter"].cutoff_hz * self.T)
-        depth = self.depth(reference.start)
+        depth = self.depth(start)
         # Value and rate of the last sample.
-        self.stretch, self.surface, self.contact = [0.0, 0.0], [depth, 0.0], [reference.start, 0.0]
+        self.stretch, self.surface, self.contact = [0.0, 0.0], [depth, 0.0], [start, 0.0]
 
     def depth(self, x):
         return max(x, 0.0) if self.one_sided else x

@@ -68,12 +68,12 @@ stop_hz = 250
 motion = {kind = "pres"}
 [[scene.effects]]
 [[scene.effects]]
-kind = "resonance"
-damping_ratio = 0.1
+kind = "notch"
+depth = 1.5
 [[scene.effects]]
 kind = "delay"
 delay = 1
-samples = 1.0
+samples = -1
 [[scene.effects]]
 kind = "adaptation"
 passive = 1
@@ -102,9 +102,9 @@ def test_faults_of_many_kinds_are_told_together():
         (25, "scene.motion.kind", 'did you mean "press"?'),
         (26, "scene.effects[0].kind", "is missing"),
         (27, "scene.effects[1].frequency_hz", "is missing; allowed: 1e-6 to 1e7 Hz"),
-        (27, "scene.effects[1].mass_ratio", "is missing"),
+        (29, "scene.effects[1].depth", "is 1.5; allowed: 0 or 1e-9 to 1"),
         (32, "scene.effects[2].delay", "not a known key; allowed: kind, samples"),
-        (33, "scene.effects[2].samples", "is 1.0, not an integer; allowed: an integer 0 to 1000"),
+        (33, "scene.effects[2].samples", "is -1; allowed: 0 or 0.001 to 1000 samples"),
         (36, "scene.effects[3].passive", "is 1; allowed: true or false"),
         (38, "scene.effects[4].kind", "is 3; allowed:"),
     ]
@@ -187,7 +187,11 @@ def test_windows_line_ends_do_not_move_the_lines():
         ('["a b"]', '"a b"', "is not a known key"),
         ("[hands]\nkind = 'mass_kg'", "hands.kind", "is not a known key"),
         ("[[scene.effects]]\nkind = []", "scene.effects[0].kind", "is []; allowed:"),
-        ("[[scene.effects]]\nkind = 'delay'\nsamples = 1.5", "scene.effects[0].samples", "is 1.5, not an integer"),
+        (
+            "[[scene.effects]]\nkind = 'delay'\nsamples = -1.5",
+            "scene.effects[0].samples",
+            "is -1.5; allowed: 0 or 0.001 to 1000",
+        ),
         ("[name]", "name", "the file's own name"),
     ],
 )

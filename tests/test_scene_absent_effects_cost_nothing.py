@@ -27,6 +27,15 @@ ADDS = {
         True,
     ),
     'kind = "delay"\nsamples = 3': (("delayed_1_n", "delayed_2_n", "delayed_3_n"), (), True),
+    'kind = "delay"\nsamples = 0.5': (("delayed_1_n",), (), True),
+    'kind = "backlash"\ngap_m = 1e-4': (("backlash_position_m",), (), True),
+    'kind = "notch"\nfrequency_hz = 100.0': (("notch_first_m", "notch_second_m"), (), True),
+    'kind = "compensator"\nsections = [[1.0, -0.5, 0.1, 0.2, 0.1]]': (
+        ("compensator_1_first_m", "compensator_1_second_m"),
+        (),
+        True,
+    ),
+    'kind = "amplifier"\nbandwidth_hz = 200.0\norder = 2': (("actuator_force_n", "actuator_rate_n_per_s"), (), True),
     'kind = "jitter"\nrms_s = 1e-4': (("force_before_n",), ("late_share",), True),
     'kind = "jitter"\nrms_s = 0.0\ndropped_share = 0.1': (("force_before_n",), ("dropped",), True),
     'kind = "amplifier"\nbandwidth_hz = 200.0': (("actuator_force_n",), (), True),
@@ -61,7 +70,8 @@ def test_cheap_effects_cost_their_own_instructions_whatever_stands_beside_them()
 
 
 def test_every_state_input_and_parameter_is_used():
-    everything = (*BASE, *(effect for effect in ADDS if "dropped_share" not in effect))
+    alone = ("dropped_share", "samples = 0.5", "order = 2")
+    everything = (*BASE, *(effect for effect in ADDS if not any(part in effect for part in alone)))
     for effects in (BASE, everything, ('kind = "hand"',)):
         function = compile_scene(scene_problem(effects), damped=True).function
         symbols = [ca.SX.sym(name, function.sparsity_in(i)) for i, name in enumerate("xup")]

@@ -34,7 +34,8 @@ _COMPARED = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
-        "Simulate the scene of a problem file, with its listed effects only, and say what the hand would feel.\n"
+        "Simulate the scene of a problem file and say what the hand would feel: with its listed effects only, or with\n"
+        "none listed with a hand, a wall and all that the device declares.\n"
         "Exit code 1 if the device does not come to rest."
     )
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue; or a coupling file")
@@ -51,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate, measure the cost of each effect, write and show; 1 if the device does not come to rest."""
     from avc_casadi.coupling import NO_COUPLING, without_start
+    from avc_casadi.problem import left_out
     from avc_casadi.scene import explain
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
@@ -78,6 +80,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     document = found.document(trace) | parts.document()
     document["gains_from_hz"] = None if gains is None else float(gains.frequency_hz.min())
     document["notes"] = notes
+    document["left_out"] = list(left_out(problem))
     if beside:
         document["against"] = [{name: run.document()[name] for name in _COMPARED} for run in beside]
     complaint = "" if found.stable else f"avc: {problem.name}: the device does not come to rest ({found.claim})"
@@ -133,6 +136,11 @@ def _text(document: dict[str, Any], args: argparse.Namespace) -> str:
     lines = [
         f"{document['problem']}: {document['steps']} samples, coupling {coupling}",
         *(f"  note: {note}" for note in document["notes"]),
+        *(
+            [f"  declared and left out, as the scene lists other effects: {', '.join(document['left_out'])}"]
+            if document["left_out"]
+            else []
+        ),
         f"  {outcomes[document['outcome']]}{'; buzzes' if document['buzzing'] else ''}",
         f"  largest velocity at the end   {number(_times(document['peak_velocity_m_per_s'], 1e3))} mm/s",
         f"  position at the end           {number(_times(document['position_peak_to_peak_m'], 1e3))} mm peak to peak",

@@ -6,6 +6,9 @@ from avc_casadi.problem._catalogue import catalogue_names as catalogue_names
 from avc_casadi.problem._catalogue import catalogue_path as catalogue_path
 from avc_casadi.problem._catalogue import device_names as device_names
 from avc_casadi.problem._declared import declared as declared
+from avc_casadi.problem._declared import declared_effects as declared_effects
+from avc_casadi.problem._declared import left_out as left_out
+from avc_casadi.problem._declared import scene_effects as scene_effects
 from avc_casadi.problem._device import Device as Device
 from avc_casadi.problem._device import DeviceRange as DeviceRange
 from avc_casadi.problem._device import Resonance as Resonance
@@ -40,6 +43,8 @@ from avc_casadi.problem._model import Structure as Structure
 from avc_casadi.problem._plausibility import plausibility as plausibility
 from avc_casadi.problem._scene_file import AdaptationEffect as AdaptationEffect
 from avc_casadi.problem._scene_file import AmplifierEffect as AmplifierEffect
+from avc_casadi.problem._scene_file import BacklashEffect as BacklashEffect
+from avc_casadi.problem._scene_file import CompensatorEffect as CompensatorEffect
 from avc_casadi.problem._scene_file import CoulombFrictionEffect as CoulombFrictionEffect
 from avc_casadi.problem._scene_file import CouplingChoice as CouplingChoice
 from avc_casadi.problem._scene_file import DelayEffect as DelayEffect
@@ -55,6 +60,7 @@ from avc_casadi.problem._scene_file import Integrator as Integrator
 from avc_casadi.problem._scene_file import JitterEffect as JitterEffect
 from avc_casadi.problem._scene_file import Motion as Motion
 from avc_casadi.problem._scene_file import NoiseEffect as NoiseEffect
+from avc_casadi.problem._scene_file import NotchEffect as NotchEffect
 from avc_casadi.problem._scene_file import ObserverEffect as ObserverEffect
 from avc_casadi.problem._scene_file import Press as Press
 from avc_casadi.problem._scene_file import ResonanceEffect as ResonanceEffect

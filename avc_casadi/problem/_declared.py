@@ -4,6 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from avc_casadi.problem._scene_file import (
+    AmplifierEffect,
+    BacklashEffect,
+    CoulombFrictionEffect,
+    DelayEffect,
+    Effect,
+    EncoderEffect,
+    HandEffect,
+    NoiseEffect,
+    ResonanceEffect,
+    SaturationEffect,
+    WallEffect,
+)
+
 if TYPE_CHECKING:
     from avc_casadi.problem._model import Problem
 
@@ -35,3 +49,38 @@ def declared(problem: Problem) -> tuple[str, ...]:
     mode = range_.resonance
     found += [f"device.range.resonance.{key}" for key in type(mode).model_fields if getattr(mode, key) is not None]
     return tuple(found)
+
+
+def declared_effects(problem: Problem) -> tuple[Effect, ...]:
+    """Return the scene tables of a hand, a wall and everything that the device declares, its values left to it.
+
+    Ranges are no effects; backlash is none where the encoder sits beyond it, at the handle.
+    """
+    device = problem.device
+    at_handle = device.encoder_at == "handle" and device.resonance is not None
+    found: list[tuple[bool, Effect]] = [
+        (True, HandEffect()),
+        (True, WallEffect()),
+        (device.resonance is not None, ResonanceEffect()),
+        (device.coulomb_friction_n > 0, CoulombFrictionEffect()),
+        (device.backlash_m > 0 and not at_handle, BacklashEffect()),
+        (device.position_noise_rms_m > 0, NoiseEffect()),
+        (device.encoder_resolution_m > 0 or at_handle, EncoderEffect()),
+        (device.delay_samples > 0, DelayEffect()),
+        (device.max_force_n is not None, SaturationEffect()),
+        (device.amplifier_bandwidth_hz is not None, AmplifierEffect()),
+    ]
+    return tuple(effect for there, effect in found if there)
+
+
+def scene_effects(problem: Problem) -> tuple[Effect, ...]:
+    """Return the effects that a scene lists, or with none listed all that is declared."""
+    return problem.scene.effects or declared_effects(problem)
+
+
+def left_out(problem: Problem) -> tuple[str, ...]:
+    """Return the kinds of declared effects that a scene with a list of effects does not simulate."""
+    listed = {effect.kind for effect in scene_effects(problem)}
+    listed |= {"hand"} if "stylus-hand" in listed else set()
+    listed |= {"wall"} if "environment" in listed else set()
+    return tuple(effect.kind for effect in declared_effects(problem) if effect.kind not in listed)

@@ -123,6 +123,12 @@ def _ordered(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
+def _five(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or len(value) != 5:
+        raise refusal(f"is {shown(value)}; allowed: five numbers, [b0, b1, b2, a1, a2]")
+    return tuple(value)
+
+
 def _sequence(value: Any) -> Any:
     if not isinstance(value, list | tuple) or not value:
         raise refusal(f"is {shown(value)}; allowed: a list of at least one number")
@@ -178,4 +184,7 @@ LengthInterval = Annotated[tuple[Length, Length], BeforeValidator(_pair), AfterV
 DampingRatioInterval = Annotated[tuple[DampingRatio, DampingRatio], BeforeValidator(_pair), AfterValidator(_ordered)]
 MassShareInterval = Annotated[tuple[MassShare, MassShare], BeforeValidator(_pair), AfterValidator(_ordered)]
 DelayInterval = Annotated[tuple[DelaySamples, DelaySamples], BeforeValidator(_pair), AfterValidator(_ordered)]
+Coefficient = Annotated[float, BeforeValidator(Quantity("", 1e-15, 1e6, signed=True))]
+Section = Annotated[tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient], BeforeValidator(_five)]
+Sections = Annotated[tuple[Section, ...], BeforeValidator(_sequence)]
 Frequencies = Annotated[tuple[Hertz, ...], BeforeValidator(_sequence)]

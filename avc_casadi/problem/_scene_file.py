@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field
 from avc_casadi.problem._quantity import (
     Damping,
     DampingRatio,
+    DelaySamples,
     Force,
     ForceLimit,
     Hertz,
@@ -18,13 +19,14 @@ from avc_casadi.problem._quantity import (
     MassRatio,
     Position,
     Rate,
-    Samples,
+    Sections,
     Seed,
     Share,
     Span,
     Speed,
     Stiffness,
     Substeps,
+    Threshold,
     Wait,
     refusal,
     shown,
@@ -135,23 +137,31 @@ class ResonanceEffect(Table):
     """A structural resonance of the device."""
 
     kind: Literal["resonance"] = "resonance"
-    frequency_hz: Hertz
-    damping_ratio: DampingRatio
-    mass_ratio: MassRatio
+    frequency_hz: Hertz | None = None
+    damping_ratio: DampingRatio | None = None
+    mass_ratio: MassRatio | None = None
+
+
+class BacklashEffect(Table):
+    """Play between the handle and the motor, on which the encoder sits."""
+
+    kind: Literal["backlash"] = "backlash"
+    gap_m: Length | None = None
 
 
 class EncoderEffect(Table):
-    """Quantised position."""
+    """Quantised position, at the motor or at the handle beyond the resonance."""
 
     kind: Literal["encoder"] = "encoder"
     resolution_m: Length | None = None
+    at: Literal["motor", "handle"] | None = None
 
 
 class NoiseEffect(Table):
     """White noise on the sampled position."""
 
     kind: Literal["noise"] = "noise"
-    rms_m: Length
+    rms_m: Length | None = None
     seed: Seed = 0
 
 
@@ -162,6 +172,22 @@ class VelocityFilterEffect(Table):
     cutoff_hz: Hertz
 
 
+class NotchEffect(Table):
+    """A notch on the measured position: gain `depth` at its frequency, `width` its band as a share of that."""
+
+    kind: Literal["notch"] = "notch"
+    frequency_hz: Hertz
+    depth: Share = 0.0
+    width: Threshold = 0.5
+
+
+class CompensatorEffect(Table):
+    """A linear discrete filter on the measured position, in second-order sections [b0, b1, b2, a1, a2]."""
+
+    kind: Literal["compensator"] = "compensator"
+    sections: Sections
+
+
 class ObserverEffect(Table):
     """An observer of the position between encoder steps; the mass is that of device and hand together."""
 
@@ -170,10 +196,10 @@ class ObserverEffect(Table):
 
 
 class DelayEffect(Table):
-    """Whole samples between measurement and force."""
+    """Samples between measurement and force, whole or not."""
 
     kind: Literal["delay"] = "delay"
-    samples: Samples | None = None
+    samples: DelaySamples | None = None
 
 
 class JitterEffect(Table):
@@ -186,10 +212,11 @@ class JitterEffect(Table):
 
 
 class AmplifierEffect(Table):
-    """First-order bandwidth of the actuator."""
+    """Bandwidth of the actuator: a lag of order 1, or a current loop of order 2."""
 
     kind: Literal["amplifier"] = "amplifier"
-    bandwidth_hz: Hertz
+    bandwidth_hz: Hertz | None = None
+    order: Literal[1, 2] | None = None
 
 
 class SaturationEffect(Table):
@@ -231,10 +258,13 @@ Effect = Annotated[
     | CoulombFrictionEffect
     | ViscousFrictionEffect
     | ResonanceEffect
+    | BacklashEffect
     | EncoderEffect
     | NoiseEffect
     | VelocityFilterEffect
     | ObserverEffect
+    | NotchEffect
+    | CompensatorEffect
     | DelayEffect
     | JitterEffect
     | AmplifierEffect
@@ -253,7 +283,9 @@ def _tables(value: Any) -> Any:
 
 
 class Scene(Table):
-    """What is simulated: the motion of the hand's target, the coupling and the effects, and nothing else.
+    """What is simulated: the motion of the hand's target, the coupling and the effects.
+
+    With effects listed these and nothing else; without any, a hand, a wall and all that the device declares.
 
     A gain table is read at the interaction frequency, None being its lowest.
     """

@@ -157,7 +157,7 @@ def compile_scene(
     for name in plant.names:
         with tick.owned_by(owners[name]):
             tick.state(name, target.device_start_m if name.endswith("_position_m") else 0.0, computed=False)
-    tick.position = tick.states[0].symbol
+    tick.position = _sensed(problem, effects, tick)
     tick.trace("position_m", tick.states[0].symbol)
     tick.trace("velocity_m_per_s", tick.states[1].symbol)
     damper = damped if table is None else bool(np.any(table.gains[2] > 0))
@@ -209,6 +209,16 @@ def _mechanics(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[Line
     return linear, {name: owners[name.split("_", 1)[0]] for name in linear.names}
 
 
+def _sensed(problem: Problem, effects: tuple[SceneEffect, ...], tick: Tick) -> Any:
+    """Return the true position of the body that is measured: the motor, unless an effect says otherwise."""
+    body = next((effect.sensed_body for effect in effects if effect.sensed_body is not None), DEVICE)
+    symbols = {slot.name: slot.symbol for slot in tick.states}
+    if f"{body}_position_m" not in symbols:
+        message = f"measure the {body}, of which there is none; allowed: beside the effect resonance"
+        raise InputError.of(message, file=problem.name, key="scene.effects")
+    return symbols[f"{body}_position_m"]
+
+
 def _sample(
     tick: Tick, effects: tuple[SceneEffect, ...], environment: Environment | None, *, coupled: bool, damped: bool
 ) -> None:
@@ -236,20 +246,21 @@ def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPl
     """Choose how to get from one sample to the next: the scene's integrator, where there is something to choose."""
     friction = sum(effect.friction_n for effect in effects)
     integrator, substeps = problem.scene.integrator, problem.scene.substeps
+    constant = tick.late if isinstance(tick.late, float) else 0.0
+    varying = tick.late is not None and constant == 0
+    held, driven = tick.command is not None, bool(np.any(plant.target))
     if integrator == "rk4":
         return RungeKutta(Layout.of(plant, friction), substeps)
     if integrator == "projected" and friction > 0:
-        if tick.late is not None:
+        if varying:
             raise UnsupportedError(
                 f'{problem.name}: scene.integrator = "projected" needs whole substeps, which the lateness of '
                 'the effect jitter breaks up; take "exact" or "rk4", or jitter with rms_s = 0'
             )
-        return Projected(
-            substeps, held=tick.command is not None, driven=bool(np.any(plant.target)), friction_n=friction
-        )
-    if friction > 0 or tick.late is not None:
+        return Projected(substeps, held=held, driven=driven, late=constant, friction_n=friction)
+    if friction > 0 or varying:
         return TaylorSeries.of(plant, tick.sample_time_s, friction, substeps)
-    return MatrixExponential(substeps, held=tick.command is not None, driven=bool(np.any(plant.target)))
+    return MatrixExponential(substeps, held=held, driven=driven, late=constant)
 
 
 def _continue(tick: Tick, plant: LinearPlant, target: Target, advance: Advance) -> None:

@@ -18,7 +18,7 @@ from avc_casadi.coupling import (
     check_sample_time,
     gains_at,
 )
-from avc_casadi.problem import HandEffect, WallEffect
+from avc_casadi.problem import scene_effects
 from avc_casadi.scene._adapting import bind
 from avc_casadi.scene._compile import CompiledScene, compile_scene
 from avc_casadi.scene._execute import Engine, execute
@@ -180,8 +180,7 @@ def staged(problem: Problem, gains: AnyGains) -> Problem:
     if not isinstance(gains, Coupling):
         return problem
     check_sample_time(gains.sample_time_s, problem, f"coupling by {gains.method} for {gains.problem.name}")
-    listed = problem.scene.effects or (HandEffect(), WallEffect())
-    kept = tuple(effect for effect in listed if effect.kind not in RUNTIME_KINDS)
+    kept = tuple(effect for effect in scene_effects(problem) if effect.kind not in RUNTIME_KINDS)
     return problem.changed(scene={"effects": (*kept, *gains.runtime.effects(constant=gains.table.constant))})
 
 

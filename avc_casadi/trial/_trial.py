@@ -27,7 +27,6 @@ from avc_casadi.problem import (
     Scene,
     Stroke,
     WallEffect,
-    whole_delay,
 )
 from avc_casadi.scene import Engine, Judgement, compile_for, compiler, execute, held_by, judge, settled
 from avc_casadi.scene.effects import build_effects
@@ -114,7 +113,7 @@ class Conditions:
         if self.guarded:
             listed.append(GuardEffect())
         if self.delay_samples > 0:
-            listed.append(DelayEffect(samples=whole_delay(self.delay_samples, "a trial")))
+            listed.append(DelayEffect(samples=self.delay_samples))
         if self.max_force_n is not None:
             listed.append(SaturationEffect(force_n=self.max_force_n))
         if self.dropped_share > 0:

@@ -17,6 +17,7 @@ import numpy as np
 from avc_casadi import InputError, UnsupportedError
 from avc_casadi.coupling import Coupling
 from avc_casadi.loop import DEVICE, GROUND, Plant, transition
+from avc_casadi.problem import whole_delay
 from avc_casadi.scene import target_of
 from avc_casadi.scene.effects import Delay, Saturation, SceneEffect, build_effects
 from avc_hardware._connection import Connection
@@ -87,7 +88,8 @@ class FirmwareInTheLoop:
         self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
         self._state = np.zeros(self._step.matrix.shape[-1])
         self._state[0] = self._target.device_start_m
-        delay = sum(effect.samples for effect in effects if isinstance(effect, Delay))
+        late = sum(effect.samples for effect in effects if isinstance(effect, Delay))
+        delay = whole_delay(late, "the bench of the firmware")
         self._acting = deque([0.0] * (delay + 1))  # the force that acts, and those that are still to act
         self._sample = -1  # the motion has not begun
         self._limits = limits

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi import InputError
-from avc_casadi.problem import HandEffect, WallEffect
+from avc_casadi.problem import HandEffect, WallEffect, scene_effects
 from avc_casadi.scene import judge
 from avc_hardware._in_the_loop import PLANT_KINDS, FirmwareInTheLoop
 
@@ -97,9 +97,10 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None) -> Lo
     lasts = scene.duration_s if seconds is None else seconds
     if not (math.isfinite(lasts) and lasts > 0):
         raise InputError.of(f"{lasts:g} s; allowed: a finite time above 0", key="seconds")
-    kept = tuple(effect for effect in scene.effects if effect.kind in PLANT_KINDS - _HANDS)
+    there = scene_effects(coupling.problem)
+    kept = tuple(effect for effect in there if effect.kind in PLANT_KINDS - _HANDS)
     own = {"wall", "environment", "encoder", "saturation", "estimator", "adaptation", "guard"}
-    left_out = tuple(effect.kind for effect in scene.effects if effect.kind not in PLANT_KINDS | own)
+    left_out = tuple(effect.kind for effect in there if effect.kind not in PLANT_KINDS | own)
     bench = coupling.problem.changed(
         scene={"effects": (HandEffect(), WallEffect(), *kept), "duration_s": lasts, "integrator": "exact"}
     )

@@ -18,6 +18,7 @@ from avc_casadi.coupling import Gains, GainSchedule, Status, gain_schedule, gain
 from avc_casadi.design.constant._tuning_grid import gains_on_grid, rms_errors
 from avc_casadi.design.joint import ScheduleSolver
 from avc_casadi.loop import hand_set
+from avc_casadi.problem import scene_effects
 from avc_casadi.scene import simulate_batch
 
 if TYPE_CHECKING:
@@ -154,13 +155,13 @@ def _restless(rested: int, hands: int) -> str:
 
 
 def _frictions(problem: Problem) -> tuple[bool, ...]:
-    """Without dry friction, and with it where the scene lists it."""
-    listed = any(effect.kind == "coulomb-friction" for effect in problem.scene.effects)
+    """Without dry friction, and with it where the scene has it."""
+    listed = any(effect.kind == "coulomb-friction" for effect in scene_effects(problem))
     return (False, True) if listed else (False,)
 
 
 def _check_hand(problem: Problem) -> None:
-    kinds = {effect.kind for effect in problem.scene.effects} or {"hand"}
+    kinds = {effect.kind for effect in scene_effects(problem)}
     if "hand" not in kinds:
         raise UnsupportedError(
             f"{problem.name}: static-tuned tries the hands of [hands] in the scene, which needs the effect hand "

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi.loop import LinearPlant, transition
-from avc_casadi.scene.advance._advance import Drive, MatrixExponential
+from avc_casadi.scene.advance._advance import Drive, MatrixExponential, Stretch, stretches
 from avc_casadi.scene.loop import Expr, Tick
 from avc_casadi.support import FloatArray
 
@@ -17,35 +17,43 @@ class Projected:
     """Implicit and free of events; exact while the device slides, of first order where it stops or breaks away.
 
     Attributes:
-        substeps: equal steps a sample.
+        substeps: equal steps a stretch.
         held: whether a force acts at all.
         driven: whether a hand moves the plant.
+        late: when the new force arrives, as a share of the sample.
         friction_n: dry friction.
     """
 
     substeps: int
     held: bool
     driven: bool
+    late: float
     friction_n: float
 
     def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
         """Add the transition matrices and return the state one sample later."""
+        for stretch in stretches(self.late):
+            state = self._through(tick, stretch, state, drive)
+        return state
+
+    def _through(self, tick: Tick, stretch: Stretch, state: list[Expr], drive: Drive) -> list[Expr]:
         import casadi as ca  # noqa: PLC0415
 
         free = MatrixExponential(1, self.held, self.driven)
-        inner = Tick(tick.sample_time_s / self.substeps, tick.start_m)
+        inner = Tick(tick.sample_time_s * stretch.share / self.substeps, tick.start_m)
         now = [ca.SX.sym(f"x{index}") for index in range(len(state))]
         symbols = {name: ca.SX.sym(name) for name in ("force", "position", "velocity")}
         target = (symbols["position"], symbols["velocity"]) if self.driven else None
         moved = free.step(inner, now, Drive(symbols["force"] if self.held else None, None, None, target))
         parameters = [slot.symbol for slot in inner.parameters]
         substep = ca.Function("substep", [*now, *symbols.values(), *parameters], moved)
-        held = [tick.parameter(slot.name, slot.symbol.sparsity()) for slot in inner.parameters]
-        of_friction = tick.parameter("transition_of_friction", ca.Sparsity.dense(len(state), 1))
+        held = [tick.parameter(f"{slot.name}{stretch.name}", slot.symbol.sparsity()) for slot in inner.parameters]
+        of_friction = tick.parameter(f"transition_of_friction{stretch.name}", ca.Sparsity.dense(len(state), 1))
+        force = drive.force_before if stretch.before else drive.force
         for index in range(self.substeps):
-            elapsed = tick.sample_time_s * index / self.substeps
+            elapsed = tick.sample_time_s * (stretch.begin + stretch.share * index / self.substeps)
             aim = (0.0, 0.0) if drive.target is None else (drive.target[0] + drive.target[1] * elapsed, drive.target[1])
-            sliding = substep(*state, 0.0 if drive.force is None else drive.force, *aim, *held)
+            sliding = substep(*state, 0.0 if force is None else force, *aim, *held)
             stopping = -sliding[1] / of_friction[1]
             friction = ca.fmin(ca.fmax(stopping, -self.friction_n), self.friction_n)
             state = [x + of_friction[row] * friction for row, x in enumerate(sliding)]
@@ -53,7 +61,10 @@ class Projected:
         return state
 
     def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
-        """Return the transition matrices, that of the friction last."""
-        step_s = sample_time_s / self.substeps
-        free = MatrixExponential(1, self.held, self.driven).parameters(plant, step_s)
-        return np.concatenate([free, transition(replace(plant, force=plant.friction), step_s).force], axis=-1)
+        """Return the transition matrices of each stretch, that of the friction last."""
+        parts = []
+        for stretch in stretches(self.late):
+            step_s = sample_time_s * stretch.share / self.substeps
+            parts.append(MatrixExponential(1, self.held, self.driven).parameters(plant, step_s))
+            parts.append(transition(replace(plant, force=plant.friction), step_s).force)
+        return np.concatenate(parts, axis=-1)

@@ -2,8 +2,10 @@
 
 from avc_casadi.scene.effects._adaptation import Adaptation as Adaptation
 from avc_casadi.scene.effects._amplifier import Amplifier as Amplifier
+from avc_casadi.scene.effects._backlash import Backlash as Backlash
 from avc_casadi.scene.effects._base import SceneEffect as SceneEffect
 from avc_casadi.scene.effects._base import Station as Station
+from avc_casadi.scene.effects._compensator import Compensator as Compensator
 from avc_casadi.scene.effects._coulomb_friction import CoulombFriction as CoulombFriction
 from avc_casadi.scene.effects._delay import Delay as Delay
 from avc_casadi.scene.effects._encoder import Encoder as Encoder
@@ -14,6 +16,7 @@ from avc_casadi.scene.effects._hand import Grip as Grip
 from avc_casadi.scene.effects._hand import StylusGrip as StylusGrip
 from avc_casadi.scene.effects._jitter import Jitter as Jitter
 from avc_casadi.scene.effects._noise import Noise as Noise
+from avc_casadi.scene.effects._notch import Notch as Notch
 from avc_casadi.scene.effects._observer import Observer as Observer
 from avc_casadi.scene.effects._registry import KINDS as KINDS
 from avc_casadi.scene.effects._registry import build_effects as build_effects

@@ -63,6 +63,11 @@ class SceneEffect(ABC):
         return None
 
     @property
+    def sensed_body(self) -> str | None:
+        """The body whose position is measured, of the effect that says so; None leaves it to the others."""
+        return None
+
+    @property
     def friction_n(self) -> float:
         """Dry friction between device and ground."""
         return 0.0

@@ -29,8 +29,10 @@ class Noise(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table."""
-        return cls(required_number(table.rms_m, None, key="rms_m", place=place, problem=problem, source=""), table.seed)
+        """Take what is left out from the device."""
+        source, default = "device.position_noise_rms_m", problem.device.position_noise_rms_m
+        rms = required_number(table.rms_m, default, key="rms_m", place=place, problem=problem, source=source)
+        return cls(rms, table.seed)
 
     def sample(self, tick: Tick) -> None:
         """Add a drawn number to the position."""

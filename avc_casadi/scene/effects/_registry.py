@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections import Counter
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
-from avc_casadi.problem import HandEffect, Problem, WallEffect
+from avc_casadi.loop import HANDLE
+from avc_casadi.problem import Problem, scene_effects
 from avc_casadi.scene.effects._adaptation import Adaptation
 from avc_casadi.scene.effects._amplifier import Amplifier
+from avc_casadi.scene.effects._backlash import Backlash
 from avc_casadi.scene.effects._base import SceneEffect
+from avc_casadi.scene.effects._compensator import Compensator
 from avc_casadi.scene.effects._coulomb_friction import CoulombFriction
 from avc_casadi.scene.effects._delay import Delay
 from avc_casadi.scene.effects._encoder import Encoder
@@ -18,6 +21,7 @@ from avc_casadi.scene.effects._guard import Guard
 from avc_casadi.scene.effects._hand import Grip, StylusGrip
 from avc_casadi.scene.effects._jitter import Jitter
 from avc_casadi.scene.effects._noise import Noise
+from avc_casadi.scene.effects._notch import Notch
 from avc_casadi.scene.effects._observer import Observer
 from avc_casadi.scene.effects._resonance import Resonance
 from avc_casadi.scene.effects._saturation import Saturation
@@ -32,9 +36,12 @@ _EFFECTS: tuple[type[SceneEffect], ...] = (
     CoulombFriction,
     Grip,
     StylusGrip,
+    Backlash,
     Noise,
     Encoder,
     Observer,
+    Notch,
+    Compensator,
     VelocityFilter,
     Estimator,
     Adaptation,
@@ -52,13 +59,13 @@ _EITHER = (("hand", "stylus-hand"), ("wall", "environment"))
 
 
 def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
-    """Settle the effects of a problem's scene, in the order of the loop; with none listed, a hand and a wall.
+    """Settle the effects of a problem's scene, in the order of the loop; with none listed, all that is declared.
 
     Raises:
         InputError: impossible combinations and missing numbers, all at once.
         UnsupportedError: an effect that scenes do not simulate.
     """
-    tables = problem.scene.effects or (HandEffect(), WallEffect())
+    tables = scene_effects(problem)
     absent = [table.kind for table in tables if table.kind not in KINDS]
     if absent:
         raise UnsupportedError(
@@ -72,6 +79,7 @@ def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
             built.append(classes[table.kind].build(table, problem, f"scene.effects[{index}]"))
         except InputError as error:
             faults.extend(error.faults)
+    faults.extend(_clashes(problem, built))
     if faults:
         raise InputError(faults)
     return tuple(sorted(built, key=lambda effect: KINDS.index(effect.kind)))
@@ -87,4 +95,17 @@ def _impossible(problem: Problem, kinds: list[str]) -> list[Fault]:
     carried = problem.device.mass_kg > 0 or "hand" in kinds
     if not carried:
         messages.append("nothing has a mass; allowed: device.mass_kg above 0, or the effect hand with a mass")
+    return [Fault(problem.name, None, "scene.effects", message) for message in messages]
+
+
+def _clashes(problem: Problem, built: list[SceneEffect]) -> list[Fault]:
+    """Effects whose numbers do not go together."""
+    messages = []
+    delays = [effect.samples for effect in built if isinstance(effect, Delay)]
+    if any(samples != int(samples) for samples in delays) and any(isinstance(effect, Jitter) for effect in built):
+        messages.append(
+            f"delay of {delays[0]:g} samples and jitter exclude each other; allowed: whole samples, or no jitter"
+        )
+    if any(isinstance(effect, Backlash) for effect in built) and any(effect.sensed_body == HANDLE for effect in built):
+        messages.append("backlash and an encoder at the handle exclude each other; allowed: one of them")
     return [Fault(problem.name, None, "scene.effects", message) for message in messages]

@@ -30,17 +30,31 @@ class Resonance(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; a device without mass has no resonance."""
-        faults = []
-        if not 0 < table.mass_ratio < 1:
-            message = f"is {table.mass_ratio}; allowed: above 0 and below 1, the share on the side of the hand"
+        """Take what is left out from the device; a device without mass has no resonance."""
+        keys = ("frequency_hz", "damping_ratio", "mass_ratio")
+        declared = [getattr(problem.device.resonance, key, None) for key in keys]
+        values = [getattr(table, key) for key in keys]
+        values = [default if value is None else value for value, default in zip(values, declared, strict=True)]
+        faults = [
+            Fault(
+                problem.name,
+                None,
+                f"{place}.{key}",
+                f"is missing and so is device.resonance.{key}; allowed: one of both",
+            )
+            for key, value in zip(keys, values, strict=True)
+            if value is None
+        ]
+        frequency, damping, mass_ratio = values
+        if mass_ratio is not None and not 0 < mass_ratio < 1:
+            message = f"is {mass_ratio}; allowed: above 0 and below 1, the share on the side of the hand"
             faults.append(Fault(problem.name, None, f"{place}.mass_ratio", message))
         if problem.device.mass_kg == 0:
             message = "needs device.mass_kg above 0; leave the effect out or give the device its mass"
             faults.append(Fault(problem.name, None, place, message))
         if faults:
             raise InputError(faults)
-        return cls(table.frequency_hz, table.damping_ratio, table.mass_ratio)
+        return cls(frequency, damping, mass_ratio)
 
     def mechanics(self, plant: Plant) -> None:
         """Move a share of the device's mass to a second body, which the hand holds."""

@@ -1,0 +1,217 @@
+"""With no effects listed a scene holds all that the device declares; a list says what it leaves out."""
+
+import json
+
+import numpy as np
+import pytest
+from scene_reference import Reference, scene_problem
+
+import avc_casadi as avc
+from avc_casadi import InputError, UnsupportedError
+from avc_casadi.cli._main import main
+from avc_casadi.coupling import NO_COUPLING, Gains
+from avc_casadi.problem import Scene, declared_effects, left_out, scene_effects
+from avc_casadi.scene import compile_scene, simulate
+from avc_casadi.scene.effects import KINDS, build_effects
+
+HAND, WALL = 'kind = "hand"', 'kind = "wall"'
+DEVICE = """
+[device]
+mass_kg = 0.1
+damping_ns_per_m = 2.0
+delay_samples = 1.25
+coulomb_friction_n = 0.2
+encoder_resolution_m = 2e-5
+position_noise_rms_m = 1e-6
+amplifier_bandwidth_hz = 500.0
+amplifier_order = 2
+max_force_n = 8.0
+backlash_m = 1e-4
+resonance = {{ frequency_hz = 150.0, damping_ratio = 0.05, mass_ratio = 0.5 }}
+[environment]
+damping_ns_per_m = {b_e}
+stiffness_n_per_m = {k_e}
+"""
+ALL = {
+    "hand",
+    "wall",
+    "resonance",
+    "coulomb-friction",
+    "backlash",
+    "noise",
+    "encoder",
+    "delay",
+    "saturation",
+    "amplifier",
+}
+SOFT = {"b_e": 1.0, "k_e": 3e3}
+QUICK = 'kind = "press"\nspeed_m_per_s = 0.2\nstart_m = -0.002\n'
+
+
+def test_a_scene_without_a_list_holds_all_that_is_declared():
+    problem = scene_problem(head=DEVICE, **SOFT)
+    assert {effect.kind for effect in declared_effects(problem)} == ALL
+    assert scene_effects(problem) == declared_effects(problem)
+    found = {effect.kind: effect for effect in build_effects(problem)}
+    assert set(found) == ALL
+    assert found["delay"].samples == 1.25
+    assert found["noise"].rms_m == 1e-6
+    assert found["backlash"].gap_m == 1e-4
+    assert (found["amplifier"].bandwidth_hz, found["amplifier"].order) == (500.0, 2)
+    assert (found["resonance"].frequency_hz, found["resonance"].mass_ratio) == (150.0, 0.5)
+    assert left_out(problem) == ()
+
+
+def test_an_ideal_device_is_a_hand_at_a_wall():
+    problem = avc.load_problem("soft").changed(device={"coulomb_friction_n": 0.0, "encoder_resolution_m": 0.0})
+    problem = problem.changed(device={"max_force_n": None})
+    assert [effect.kind for effect in declared_effects(problem)] == ["hand", "wall"]
+
+
+def test_the_declared_device_agrees_with_an_independent_integration():
+    listed = "\n[[scene.effects]]\n".join(("", *(f'kind = "{kind}"' for kind in sorted(ALL))))
+    problem = scene_problem(head=DEVICE, **SOFT, scene="duration_s = 0.12\n", motion=QUICK)
+    gains = Gains(2.0, 1.5e3)
+    scene = compile_scene(problem)
+    noise = dict(zip(scene.inputs, scene.input_values(), strict=True))["noise_m"]
+    same = avc.parse_problem(avc.dump_problem(problem) + listed, name="listed")
+    reference = Reference(same, gains, scene.target.position_m, scene.target.device_start_m).run(120, noise)
+    run = simulate(problem, gains)
+    assert reference[2].max() > 0.1
+    for mine, other, size in zip(
+        (run.position_m, run.velocity_m_per_s, run.force_n), reference, (1e-10, 1e-7, 1e-6), strict=True
+    ):
+        assert np.abs(mine - other).max() < size
+
+
+def test_at_the_handle_the_encoder_sees_the_handle():
+    device = {"encoder_at": "handle", "backlash_m": 0.0}
+    problem = scene_problem(head=DEVICE, **SOFT).changed(device=device)
+    (encoder,) = [effect for effect in build_effects(problem) if effect.kind == "encoder"]
+    assert encoder.sensed_body == "handle"
+    ideal = problem.changed(device={"encoder_resolution_m": 0.0})
+    (encoder,) = [effect for effect in build_effects(ideal) if effect.kind == "encoder"]
+    assert (encoder.sensed_body, encoder.resolution_m) == ("handle", 0.0)
+    # Backlash lies before the handle.
+    assert "backlash" not in {e.kind for e in declared_effects(problem.changed(device={"backlash_m": 1e-3}))}
+
+
+def test_a_list_says_what_it_leaves_out():
+    listed = scene_problem((HAND, WALL, 'kind = "encoder"'), head=DEVICE, **SOFT)
+    assert set(left_out(listed)) == ALL - {"hand", "wall", "encoder"}
+    stylus = scene_problem(('kind = "stylus-hand"', 'kind = "environment"'), head=DEVICE, **SOFT)
+    assert not {"hand", "wall"} & set(left_out(stylus))
+
+
+def test_simulate_names_what_is_left_out(tmp_path, capsys):
+    file = tmp_path / "p.toml"
+    text = DEVICE.format(**SOFT) + '[scene]\nduration_s = 0.05\ncoupling = "none"\n'
+    file.write_text(text + f"[[scene.effects]]\n{HAND}\n[[scene.effects]]\n{WALL}\n")
+    main(["simulate", str(file)])
+    assert (
+        "declared and left out, as the scene lists other effects: resonance, coulomb-friction"
+        in capsys.readouterr().out
+    )
+    main(["simulate", str(file), "--json"])
+    assert set(json.loads(capsys.readouterr().out)["left_out"]) == ALL - {"hand", "wall"}
+    file.write_text(text)
+    main(["simulate", str(file), "--json"])
+    document = json.loads(capsys.readouterr().out)
+    assert document["left_out"] == []
+    assert {effect["kind"] for effect in document["effects"]} == ALL
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_projection_splits_the_sample_where_the_force_changes(share):
+    effects = (HAND, WALL, 'kind = "coulomb-friction"', f'kind = "delay"\nsamples = {1 + share}')
+    gains = Gains(10.0, 3e3)
+
+    def run(integrator, substeps):
+        scene = f'duration_s = 0.3\nintegrator = "{integrator}"\nsubsteps = {substeps}\n'
+        return simulate(scene_problem(effects, scene=scene, motion=QUICK, **SOFT), gains).position_m
+
+    exact = run("exact", 1)
+    coarse, fine = (np.abs(run("projected", n) - exact).max() for n in (1, 16))
+    assert coarse < 2e-5
+    assert fine < coarse / 4
+    # Without friction both are exact, and substeps change nothing.
+    free = tuple(effect for effect in effects if "friction" not in effect)
+    one, four = (
+        simulate(
+            scene_problem(free, scene=f"duration_s = 0.3\nsubsteps = {n}\n", motion=QUICK, **SOFT), gains
+        ).position_m
+        for n in (1, 4)
+    )
+    np.testing.assert_allclose(one, four, rtol=0, atol=1e-13)
+
+
+def test_a_delay_that_tends_to_whole_samples_tends_to_the_whole_delay():
+    def run(samples):
+        effects = (HAND, WALL, f'kind = "delay"\nsamples = {samples}')
+        return simulate(
+            scene_problem(effects, scene="duration_s = 0.2\n", motion=QUICK, **SOFT), Gains(10.0, 3e3)
+        ).position_m
+
+    whole = run(2)
+    for near in (1.999, 2.001):
+        assert 0 < np.abs(run(near) - whole).max() < 3e-6
+    assert np.abs(run(1.5) - whole).max() > 1e-5
+
+
+@pytest.mark.parametrize(
+    ("effects", "words"),
+    [
+        (('kind = "delay"\nsamples = 0.5', 'kind = "jitter"\nrms_s = 1e-4'), "whole samples, or no jitter"),
+        (('kind = "encoder"\nresolution_m = 1e-5\nat = "handle"',), "beside the effect resonance"),
+        (('kind = "resonance"\nfrequency_hz = 100.0',), "device.resonance.damping_ratio"),
+        (('kind = "backlash"',), "device.backlash_m"),
+        (('kind = "noise"',), "device.position_noise_rms_m"),
+        (('kind = "amplifier"',), "device.amplifier_bandwidth_hz"),
+        (('kind = "notch"\nfrequency_hz = 600.0',), "below the Nyquist frequency"),
+        (('kind = "compensator"\nsections = [[1, 0, 0, 0, 1.2]]',), "not stable"),
+        (('kind = "compensator"\nsections = [[1, 0, 0, -1.0, 0.0]]',), "not stable"),
+    ],
+)
+def test_effects_that_do_not_go_together_are_refused_by_name(effects, words):
+    with pytest.raises(InputError, match=words):
+        compile_scene(scene_problem((HAND, WALL, *effects)))
+
+
+def test_sections_have_five_numbers():
+    for sections in ("[]", "[[1, 2]]", "3", "[[1, 0, 0, 0, 'a']]"):
+        with pytest.raises(InputError, match="allowed"):
+            scene_problem((HAND, WALL, f'kind = "compensator"\nsections = {sections}'))
+
+
+def test_backlash_beyond_which_the_encoder_sits_is_refused():
+    mode = 'kind = "resonance"\nfrequency_hz = 120.0\ndamping_ratio = 0.05\nmass_ratio = 0.5'
+    both = ('kind = "backlash"\ngap_m = 1e-4', 'kind = "encoder"\nresolution_m = 1e-5\nat = "handle"')
+    with pytest.raises(InputError, match="backlash and an encoder at the handle exclude"):
+        compile_scene(scene_problem((HAND, WALL, mode, *both)))
+
+
+def test_the_observer_predicts_whole_samples_only():
+    effects = (HAND, WALL, 'kind = "encoder"', 'kind = "observer"', 'kind = "delay"\nsamples = 0.5')
+    with pytest.raises(UnsupportedError, match="the observer takes whole samples only"):
+        compile_scene(scene_problem(effects))
+
+
+def test_play_holds_the_measured_position_until_it_is_taken_up():
+    effects = (
+        HAND,
+        'kind = "environment"\nstiffness_n_per_m = 100.0\ndamping_ns_per_m = 0.0',
+        'kind = "backlash"\ngap_m = 2e-3',
+    )
+    run = simulate(
+        scene_problem(effects, scene="duration_s = 1.0\n", motion='kind = "free"\nstart_m = 0.0\n'), NO_COUPLING
+    )
+    seen = run.force_n / 100.0
+    assert np.abs(run.position_m - seen).max() == pytest.approx(1e-3, rel=1e-9)
+    moving = np.abs(np.diff(seen)) > 0
+    assert 0.1 < moving.mean() < 0.9
+    assert np.all(np.abs((run.position_m - seen)[1:][moving]) == pytest.approx(1e-3, rel=1e-9))
+
+
+def test_every_declared_effect_is_one_that_scenes_simulate():
+    assert set(KINDS) >= ALL
+    assert Scene(effects=[{"kind": kind} for kind in sorted(ALL)]).effects
