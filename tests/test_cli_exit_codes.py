@@ -120,7 +120,7 @@ def test_what_is_not_deployable_is_refused_and_names_the_claim(tmp_path):
         done = avc(*verb, "--json", cwd=tmp_path)
         assert done.returncode == 1
         (error,) = strict_json(done.stdout)["errors"]
-        assert "hands: linearly unstable with a hand of" in error["message"]
+        assert "hands (L5): linearly unstable with a hand of" in error["message"]
         assert "avc recommend" in error["message"]
         assert avc(*verb, "--unsafe", cwd=tmp_path).returncode == 0
     said = avc("push", "c.json", "--port", "emulator", "--unsafe", "--json", cwd=tmp_path)

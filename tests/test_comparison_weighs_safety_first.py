@@ -7,6 +7,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.cli import main
+from avc_casadi.coupling import Coupling
 from avc_casadi.study.comparison import Safety, comparison_document, safer, safety_reason
 
 PROBLEM = avc.load_problem("figure5")
@@ -79,8 +80,9 @@ def test_every_hand_weighs_more_than_let_go_and_that_more_than_passive(one, othe
 
 def test_what_was_not_judged_is_not_safe():
     problem = PROBLEM.changed(device={"delay_samples": 100})
-    certificate = avc.certify(problem, avc.solve(problem, "exact"))
-    safety = Safety.of(certificate)
+    gains = avc.solve(problem, "exact")
+    certificate = avc.certify(problem, gains)
+    safety = Safety.of(certificate, avc.deployable(Coupling.of(problem, gains)))
     assert not safety.deployable
     assert not safety.let_go
     assert replace(safety, hands=True, let_go=True).deployable

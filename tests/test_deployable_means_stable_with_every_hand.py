@@ -148,7 +148,7 @@ def test_without_a_spring_a_free_device_keeps_its_place():
 def test_the_gate_refuses_says_which_claim_fails_and_what_to_do():
     problem = avc.load_problem("figure5")
     direct = Coupling.of(problem, avc.solve(problem))
-    with pytest.raises(avc.NotDeployableError, match=r"hands: linearly unstable.*avc recommend.*unsafe"):
+    with pytest.raises(avc.NotDeployableError, match=r"hands \(L5\): linearly unstable.*avc recommend.*unsafe"):
         require_deployable(direct)
     assert not require_deployable(direct, unsafe=True).passed
 

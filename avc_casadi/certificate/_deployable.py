@@ -66,7 +66,7 @@ class Deployable:
         failed = [claim for claim in self.claims if not claim.passed]
         if not failed:
             return "deployable: linearly stable with every hand of [hands] and let go"
-        return "not deployable: " + "; ".join(f"{claim.name}: {claim.sentence}" for claim in failed)
+        return "not deployable: " + "; ".join(f"{_CALLED[claim.name]}: {claim.sentence}" for claim in failed)
 
     @property
     def advice(self) -> str:
@@ -144,6 +144,7 @@ def _claim(problem: Problem, frequency: FloatArray, gains: FloatArray, *, let_go
     return DeployClaim(name, False, sentence, _ADVICE, worst)
 
 
+_CALLED = {"hands": "hands (L5)", "let-go": "let-go"}
 _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
 
 

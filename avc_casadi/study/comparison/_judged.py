@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.certificate import certify
+from avc_casadi.certificate import certify, deployable
+from avc_casadi.coupling import Coupling
 from avc_casadi.loop import judge_realism
 from avc_casadi.passivity import SampledLoop, fractions, real_part
 from avc_casadi.study.comparison._safety import Safety
 from avc_casadi.support import Comparable, FloatArray, plain
 
 if TYPE_CHECKING:
-    from avc_casadi.certificate import Certificate
+    from avc_casadi.certificate import Certificate, Deployable
     from avc_casadi.coupling import (
         GainSchedule,
     )
@@ -36,11 +37,12 @@ class Judged(Comparable):
     certificate: Certificate
     realism: RealismResult
     real_part: dict[Model, FloatArray]
+    deployable: Deployable | None
 
     @property
     def safety(self) -> Safety:
         """What the gains are safe for."""
-        return Safety.of(self.certificate)
+        return Safety.of(self.certificate, self.deployable)
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
@@ -58,6 +60,7 @@ def judge_gains(problem: Problem, gains: GainSchedule) -> Judged:
         certificate=certify(problem, gains),
         realism=judge_realism(problem, gains.impedance, gains.usable),
         real_part={model: _real_part(problem, gains, model) for model in models},
+        deployable=deployable(Coupling.of(problem, gains)) if gains.usable.any() else None,
     )
 
 

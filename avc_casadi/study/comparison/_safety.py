@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from avc_casadi.certificate import Certificate
+    from avc_casadi.certificate import Certificate, Deployable
 
 
 @dataclass(frozen=True)
@@ -15,8 +15,8 @@ class Safety:
 
     Attributes:
         levels: whether every row meets each level.
-        hands: L5, linearly stable with every hand.
-        let_go: linearly stable with the device let go.
+        hands: L5, linearly stable with every hand, at the rows and where the device interpolates between them.
+        let_go: the same with the device let go.
         passive: L3, passive in the model of the loop that runs.
         rows_failed: by level, how many rows do not meet it.
         rows: how many rows there are.
@@ -30,13 +30,14 @@ class Safety:
     rows: int
 
     @classmethod
-    def of(cls, certificate: Certificate) -> Safety:
-        """Read a certificate; what it could not judge is not safe."""
+    def of(cls, certificate: Certificate, verdict: Deployable | None = None) -> Safety:
+        """Read a certificate and the verdict on the coupling; what could not be judged is not safe."""
         levels = certificate.levels
+        claims = {} if verdict is None else {claim.name: claim.passed for claim in verdict.claims}
         return cls(
             levels={level: found.passed for level, found in levels.items()},
-            hands=levels["L5"].passed,
-            let_go=bool(levels["L5"].detail.get("released_pass", False)),
+            hands=levels["L5"].passed and claims.get("hands", False),
+            let_go=bool(levels["L5"].detail.get("released_pass", False)) and claims.get("let-go", False),
             passive=levels["L3"].passed,
             rows_failed={level: found.rows_failed for level, found in levels.items()},
             rows=len(certificate.frequency_hz),
