@@ -7,12 +7,11 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from hardware_bench import require, run, scratch
+from hardware_bench import export_c, require, run, scratch
 from numpy.typing import ArrayLike
 
 from avc_casadi.coupling import Coupling
 from avc_casadi.support import Float32Array
-from avc_hardware import export_c
 
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 C99 = ("gcc", "-std=c99")

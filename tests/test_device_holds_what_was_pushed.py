@@ -8,22 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hardware_bench import coupling, require
+from hardware_bench import coupling, push, require, stream
 
 import avc_hardware
 from avc_casadi import InputError, LinkError, MissingExtraError, UnsupportedError
 from avc_casadi.coupling import Runtime
-from avc_hardware import (
-    EMULATOR_IS_FRESH,
-    Connection,
-    EmulatedBoard,
-    RuntimeFigures,
-    TableImage,
-    monitor,
-    push,
-    save_log,
-    stream,
-)
+from avc_hardware import EMULATOR_IS_FRESH, Connection, EmulatedBoard, RuntimeFigures, TableImage, monitor, save_log
 from avc_hardware import _messages as m
 from avc_hardware._faults import FaultKind, FaultyLink, LinkFault
 from avc_hardware._firmware import IMAGE, image_sha256

@@ -7,14 +7,13 @@ import re
 import numpy as np
 import pytest
 from exported import C99, CPP11, WARNINGS, Exported
-from hardware_bench import bench_problem, coupling, require, with_gains
+from hardware_bench import bench_problem, coupling, export_c, require, with_gains
 
 import avc_casadi as avc
 from avc_casadi import InputError
 from avc_casadi.coupling import Coupling, Runtime
 from avc_casadi.problem import DelayEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
 from avc_casadi.support import FloatArray
-from avc_hardware import export_c
 from avc_hardware._reference_coupling import ReferenceCoupling
 
 SEEDS = range(16)

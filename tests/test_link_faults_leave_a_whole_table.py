@@ -3,13 +3,13 @@
 import os
 
 import pytest
-from hardware_bench import coupling, host_core
+from hardware_bench import coupling, host_core, push
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import LinkError
 from avc_casadi.coupling import Gains, Runtime
-from avc_hardware import TableImage, push
+from avc_hardware import TableImage
 from avc_hardware._faults import FaultKind, FaultyLink, LinkFault
 from avc_hardware._host import HostCore, HostLink
 

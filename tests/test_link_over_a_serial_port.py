@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import serial
-from hardware_bench import coupling, host_core
+from hardware_bench import coupling, host_core, push, stream
 
 from avc_casadi import LinkError
-from avc_hardware import TableImage, find_port, list_ports, monitor, push, stream
+from avc_hardware import TableImage, find_port, list_ports, monitor
 from avc_hardware import _ports as ports_module
 from avc_hardware._host import HostCore
 

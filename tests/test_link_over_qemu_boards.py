@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hardware_bench import coupling, require, scratch
+from hardware_bench import coupling, push, require, scratch, stream
 
 from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Runtime
-from avc_hardware import TableImage, monitor, push, stream
+from avc_hardware import TableImage, monitor
 from avc_hardware.firmware_build import TARGETS, build_image
 
 BOARDS = ["netduinoplus2", "mps2-an386", "lm3s6965evb"]

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hardware_bench import coupling, host_core, host_library
+from hardware_bench import coupling, host_core, host_library, push
 
-from avc_casadi import InputError, LinkError, UnsupportedError
+import avc_hardware
+from avc_casadi import InputError, LinkError, NotDeployableError, UnsupportedError
 from avc_casadi.coupling import GainTable, Runtime
-from avc_hardware import BoardLimits, Connection, RuntimeFigures, TableImage, check_runs_on, push
+from avc_hardware import BoardLimits, Connection, RuntimeFigures, TableImage, check_runs_on
 from avc_hardware import _messages as m
 from avc_hardware._frames import Decoder, Frame, cobs_decode, encode
 from avc_hardware._host import HostCore, HostLink
@@ -165,6 +166,35 @@ def test_host_names_every_limit_that_is_passed() -> None:
     assert "wall's stiffness is 20000 N/m" in text
     assert "contact damping" not in text
     assert core.image() is None
+
+
+@pytest.mark.parametrize(
+    ("limit", "column", "words"),
+    [
+        ("max_damping_ns_per_m", 1, "damping b is"),
+        ("max_stiffness_n_per_m", 2, "stiffness k is"),
+        ("max_contact_damping_ns_per_m", 3, "contact damping b_p is"),
+    ],
+)
+def test_host_sends_nothing_above_any_one_limit(limit: str, column: int, words: str) -> None:
+    """The largest gain of the table passes; the limit a little lower is named before a byte of the table travels."""
+    made = coupling(9, largest=(80.0, 5e3, 60.0), wall=(1.0, 1e3))
+    largest = float(np.float32(made.table.rows[:, column].max()))
+    core = HostCore(host_library(), BoardLimits(**{limit: largest}))
+    assert push(made, HostLink(core)).rows == 9
+    core = HostCore(host_library(), BoardLimits(**{limit: 0.999 * largest}))
+    with pytest.raises(LinkError, match=f"not sent: {words}") as caught:
+        push(made, HostLink(core))
+    assert str(caught.value).count("narrow") == 1
+    assert core.image() is None
+
+
+def test_what_no_hand_could_hold_is_refused_before_a_port_is_opened() -> None:
+    for verb in (avc_hardware.push, avc_hardware.stream):
+        with pytest.raises(NotDeployableError, match=r"hands \(L5\): linearly unstable"):
+            verb(coupling(5), "/dev/does-not-exist")
+    with pytest.raises(NotDeployableError, match=r"hands \(L5\): linearly unstable"):
+        avc_hardware.export_c(coupling(5))
 
 
 @pytest.mark.parametrize(
