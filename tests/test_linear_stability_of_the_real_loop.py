@@ -184,3 +184,9 @@ def test_switching_search_is_not_offered_where_it_has_no_meaning():
     assert switching_proof(case, row * np.inf, row, row, hands) is None
     assert switching_proof(problem(delay=9), row, row, row, hands) is None
     assert switching_proof(problem(k_e=0.0), row, 0 * row, row, hands) is None
+
+
+def test_switching_is_judged_with_a_fraction_of_a_sample_under_way():
+    case, row = problem(b_d=30.0, delay=1.5, k_e=1e3), np.ones(3)
+    found = switching_proof(case, row, 50 * row, row, hand_corners(case.hands))
+    assert (found.pairs, found.proved) == (2, 2)

@@ -7,6 +7,14 @@ import pytest
 from avc_casadi.study.table1 import run_campaign
 
 
+class Listener:
+    def __init__(self):
+        self.seen = []
+
+    def advance(self, *told):
+        self.seen.append(told)
+
+
 def test_finished_cells_are_not_repeated(tmp_path):
     path, calls = tmp_path / "study.json", []
 
@@ -22,10 +30,10 @@ def test_finished_cells_are_not_repeated(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         run_campaign({"a": cell("a"), "b": cell("b", fails=True), "c": cell("c")}, path, {"seed": 1})
     assert json.loads(path.read_text())["cells"] == {"a": {"name": "a"}}
-    seen = []
-    found = run_campaign({name: cell(name) for name in "abc"}, path, {"seed": 1}, done=seen.append)
+    told = Listener()
+    found = run_campaign({name: cell(name) for name in "abc"}, path, {"seed": 1}, told)
     assert calls == ["a", "b", "b", "c"]
-    assert seen == ["b", "c"]
+    assert told.seen == [(2, 3, "b"), (3, 3, "c")]
     assert found == json.loads(path.read_text())
     assert list(found["cells"]) == ["a", "b", "c"]
 

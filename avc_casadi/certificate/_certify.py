@@ -15,6 +15,7 @@ from avc_casadi.coupling import check_sample_time
 from avc_casadi.loop import least_damped
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m
 from avc_casadi.problem import as_problem
+from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,7 +25,13 @@ if TYPE_CHECKING:
 
 
 def certify(
-    problem: Problem | str | Path, gains: GainSchedule, *, requested: bool = False, draws: int = 24, seed: int = 0
+    problem: Problem | str | Path,
+    gains: GainSchedule,
+    *,
+    requested: bool = False,
+    draws: int = 24,
+    seed: int = 0,
+    progress: Progress = SILENT,
 ) -> Certificate:
     """Say which stability claims a gain table meets, with the worst margin of each and where it stands.
 
@@ -35,6 +42,7 @@ def certify(
             judged as a rigid coupling.
         draws: hands drawn for L5 beside the corners of the range.
         seed: seed of the draws.
+        progress: told of the rows that are judged.
 
     Raises:
         InputError: gains of another sample time.
@@ -58,12 +66,12 @@ def certify(
     # A range of the device's damping is judged at its lower end, a range of mass and damping at all corners in L5.
     passive_rows = replace(rows, problem=least_damped(problem))
     levels: dict[Level, LevelResult] = {
-        "L0": passivity_level(passive_rows, "L0", model),
-        "L1": _if_offered(passive_rows, "L1", model),
-        "L2": _if_offered(passive_rows, "L2", "paper"),
-        "L3": _if_offered(passive_rows, "L3", "sampled-data"),
-        "L4": _if_offered(passive_rows, "L4", model),
-        "L5": hands_level(rows, draws=draws, seed=seed),
+        "L0": passivity_level(passive_rows, "L0", model, progress),
+        "L1": _if_offered(passive_rows, "L1", model, progress),
+        "L2": _if_offered(passive_rows, "L2", "paper", progress),
+        "L3": _if_offered(passive_rows, "L3", "sampled-data", progress),
+        "L4": _if_offered(passive_rows, "L4", model, progress),
+        "L5": hands_level(rows, draws=draws, seed=seed, progress=progress),
     }
     device = problem.device
     parts = fractions(SampledLoop.of(problem), rows.b, rows.k)
@@ -80,9 +88,11 @@ def certify(
     )
 
 
-def _if_offered(rows: Rows, level: Level, model: Model) -> LevelResult:
+def _if_offered(rows: Rows, level: Level, model: Model, progress: Progress) -> LevelResult:
     """Judge L1 to L4; a device for which a level is not offered does not meet it."""
     try:
-        return llewellyn_level(rows, model) if level == "L4" else passivity_level(rows, level, model)
+        if level == "L4":
+            return llewellyn_level(rows, model, progress)
+        return passivity_level(rows, level, model, progress)
     except UnsupportedError as refusal:
         return not_judged(rows, level, model, str(refusal))

@@ -14,7 +14,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.loop import RIGID_KEYS, device_corners, hand_set, no_hand
 from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, linear_stability
-from avc_casadi.support import plain
+from avc_casadi.support import SILENT, Progress, plain
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainTable
@@ -91,13 +91,18 @@ class Deployable:
         }
 
 
-def deployable(coupling: Coupling) -> Deployable:
-    """Judge a coupling on the loop of its own problem, whatever certificate it carries."""
+def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
+    """Judge a coupling on the loop of its own problem, whatever certificate it carries.
+
+    Args:
+        coupling: the coupling.
+        progress: told of the gains that are judged.
+    """
     problem, table = coupling.problem, coupling.table
     frequency, gains = _judged(table)
     try:
-        held = _claim(problem, frequency, gains, let_go=False)
-        released = _claim(problem, frequency, gains, let_go=True)
+        held = _claim(problem, frequency, gains, let_go=False, progress=progress)
+        released = _claim(problem, frequency, gains, let_go=True, progress=progress)
     except UnsupportedError as refusal:
         why = f"not judged: {refusal}"
         advice = "shorten the delay, or judge the loop by other means"
@@ -117,12 +122,14 @@ def _judged(table: GainTable) -> tuple[FloatArray, FloatArray]:
     return frequency, table(frequency)
 
 
-def _claim(problem: Problem, frequency: FloatArray, gains: FloatArray, *, let_go: bool) -> DeployClaim:
+def _claim(
+    problem: Problem, frequency: FloatArray, gains: FloatArray, *, let_go: bool, progress: Progress
+) -> DeployClaim:
     b, k, contact = gains
     hands = no_hand() if let_go else hand_set(problem.hands, draws=_DRAWS)
     parts = frozen_parts(problem, b, k)
     corners = device_corners(problem.device, RIGID_KEYS)
-    radius = np.array([linear_stability(device, parts, contact, hands).radius for device in corners])
+    radius = np.array([linear_stability(device, parts, contact, hands, progress=progress).radius for device in corners])
     limit = np.full(len(b), 1 - RADIUS_TOLERANCE)
     if let_go:
         # Without a spring to the wall nothing calls a free device back: it keeps its place, which is no instability.

@@ -7,18 +7,23 @@ from typing import TYPE_CHECKING
 from avc_casadi._errors import NotDeployableError
 from avc_casadi.certificate._certify import certify
 from avc_casadi.certificate._deployable import Deployable, deployable
+from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
-def certified(coupling: Coupling) -> Coupling:
+def certified(coupling: Coupling, progress: Progress = SILENT) -> Coupling:
     """Return the coupling with its certificate: the levels of its rows, and the verdict on the table that runs.
 
     The certificate is the `certify` document; ``deployable`` in it holds the verdict.
+
+    Args:
+        coupling: the coupling.
+        progress: told of the rows that are judged.
     """
-    levels = certify(coupling.problem, coupling.schedule).document()
-    return coupling.with_certificate(levels | {"deployable": deployable(coupling).document()})
+    levels = certify(coupling.problem, coupling.schedule, progress=progress).document()
+    return coupling.with_certificate(levels | {"deployable": deployable(coupling, progress).document()})
 
 
 def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployable:

@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi.certificate._levels import Rows, level_result, not_judged
 from avc_casadi.loop import RIGID_KEYS, device_corners, hand_corners, hand_set, no_hand
 from avc_casadi.stability import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_parts, linear_stability, switching_proof
-from avc_casadi.support import FloatArray
+from avc_casadi.support import SILENT, FloatArray, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.certificate._certificate import (
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _LARGEST_SHIFT = 1e6
 
 
-def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
+def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILENT) -> LevelResult:
     """Judge L5 on the loop that runs on a device, whatever model the gains were designed for.
 
     The margin of a row is the damping that its device can lose, with the worst hand, before the loop stands on the edge
@@ -37,7 +37,7 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
     if max(device.delay_samples for device in devices) > MAX_DELAY_SAMPLES:
         return not_judged(rows, "L5", "sampled-data", f"more than {MAX_DELAY_SAMPLES} samples of delay")
     parts = frozen_parts(problem, rows.b, rows.k)
-    found = [linear_stability(device, parts, rows.contact, hands) for device in devices]
+    found = [linear_stability(device, parts, rows.contact, hands, progress=progress) for device in devices]
     radii = np.concatenate([one.radius for one in found], axis=1)
     worst_case = np.argmax(radii, axis=1)[:, None]
     radius = np.take_along_axis(radii, worst_case, axis=1)[:, 0]
@@ -45,7 +45,7 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
         :, 0
     ]
     stable = np.asarray(radius < 1 - RADIUS_TOLERANCE)
-    detail = _beside(rows, parts, devices, radius) | {"hands": len(hands), "hands_seed": seed}
+    detail = _beside(rows, parts, devices, radius, progress) | {"hands": len(hands), "hands_seed": seed}
     # Rows rank by spectral radius; the margin in N.s/m is that of the worst one.
     tolerance = np.full(len(radius), RADIUS_TOLERANCE)
     result = level_result(rows, "L5", "sampled-data", claim, stable, 1.0 - radius, frequency, tolerance)
@@ -77,10 +77,12 @@ def hands_level(rows: Rows, *, draws: int, seed: int) -> LevelResult:
     )
 
 
-def _beside(rows: Rows, parts: Fractions, devices: list[Device], radius: FloatArray) -> dict[str, Any]:
+def _beside(
+    rows: Rows, parts: Fractions, devices: list[Device], radius: FloatArray, progress: Progress
+) -> dict[str, Any]:
     """What stands beside the verdict: the device let go, and whether gains may switch between neighbouring rows."""
     released = [linear_stability(device, parts, rows.contact, no_hand()) for device in devices]
-    switching = switching_proof(rows.problem, rows.b, rows.k, rows.contact, hand_corners(rows.problem.hands))
+    switching = switching_proof(rows.problem, rows.b, rows.k, rows.contact, hand_corners(rows.problem.hands), progress)
     return {
         "spectral_radius": float(np.max(radius)) if len(radius) else None,
         "row_spectral_radius": rows.spread(radius),

@@ -12,10 +12,14 @@ from avc_casadi.certificate._certificate import (
     LevelResult,
 )
 from avc_casadi.passivity import RELATIVE_TOLERANCE, SampledLoop, WorstMargin, llewellyn_margin, worst_margin
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress, chunks
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Model, Problem
+
+
+# Rows that Llewellyn's condition is judged on at a time.
+_ROWS_AT_ONCE = 4000
 
 
 @dataclass(frozen=True)
@@ -45,13 +49,14 @@ class Rows:
         return whole
 
 
-def passivity_level(rows: Rows, level: Level, model: Model) -> LevelResult:
+def passivity_level(rows: Rows, level: Level, model: Model, progress: Progress = SILENT) -> LevelResult:
     """Judge L0 (own frequency), L1 (band), L2 or L3 (all frequencies) in the model named."""
     own = rows.frequency_hz[rows.present]
     factor = rows.problem.stability.band_factor
     bands = {"L0": (own, own), "L1": (own / factor, own * factor)}
     low, high = bands.get(level, (np.zeros(len(own)), np.full(len(own), np.inf)))
-    worst = worst_margin(SampledLoop.of(rows.problem, model), rows.b, rows.k, rows.contact, low, high)
+    loop = SampledLoop.of(rows.problem, model)
+    worst = worst_margin(loop, rows.b, rows.k, rows.contact, low, high, progress=progress)
     where = {
         "L0": "at its own frequency",
         "L1": f"from 1/{factor:g} to {factor:g} times its own frequency",
@@ -76,10 +81,14 @@ def passivity_level(rows: Rows, level: Level, model: Model) -> LevelResult:
     )
 
 
-def llewellyn_level(rows: Rows, model: Model) -> LevelResult:
+def llewellyn_level(rows: Rows, model: Model, progress: Progress = SILENT) -> LevelResult:
     """Judge L4: the coupling alone protects any passive environment from any passive hand."""
     loop = SampledLoop.of(rows.problem, model)
-    margin, frequency = llewellyn_margin(loop, rows.b, rows.k, rows.contact)
+    found = [
+        llewellyn_margin(loop, rows.b[some], rows.k[some], rows.contact[some])
+        for some in chunks(len(rows.b), _ROWS_AT_ONCE, progress, "Llewellyn")
+    ]
+    margin, frequency = (np.concatenate(column) for column in zip(*found, strict=True))
     tolerance = RELATIVE_TOLERANCE * (rows.problem.device.damping_ns_per_m + rows.contact + np.abs(margin))
     tolerance = np.where(np.isfinite(margin), tolerance, 0.0)
     hold = "the paper's hold" if model == "paper" else "the sampled-data hold"

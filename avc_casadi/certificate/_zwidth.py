@@ -11,7 +11,7 @@ from avc_casadi.loop import Hand, hand_set, no_hand
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m, worst_margin
 from avc_casadi.problem import as_problem, whole_delay
 from avc_casadi.stability import linear_stability
-from avc_casadi.support import BoolArray, Columns, Comparable, FloatArray, Tabular, short
+from avc_casadi.support import SILENT, BoolArray, Columns, Comparable, FloatArray, Progress, Tabular, short
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from avc_casadi.problem import Device, Model, Problem
 
+    Condition = Callable[[FloatArray, FloatArray], BoolArray]
 
 _DAMPINGS = 61
 _SCAN = 60
@@ -76,7 +77,7 @@ class ZWidth(Tabular):
         return f"{self.problem!r}, B {short(self.damping_ns_per_m, 'N.s/m')}; largest K in N/m: {spans}"
 
 
-def zwidth(problem: Problem | str | Path) -> ZWidth:
+def zwidth(problem: Problem | str | Path, progress: Progress = SILENT) -> ZWidth:
     """Compute the region for the problem's device and hands; its environment and coupling do not enter.
 
     Where the device has no delay the passive region of one sample of delay stands beside the others. Passive regions
@@ -84,6 +85,7 @@ def zwidth(problem: Problem | str | Path) -> ZWidth:
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
+        progress: told of the curves.
 
     Raises:
         UnsupportedError: a fractional delay.
@@ -104,23 +106,27 @@ def zwidth(problem: Problem | str | Path) -> ZWidth:
     late = delay or 1
     at = "" if delay == 0 else f", {delay} samples of delay"
 
-    def passive(model: Model, samples: int) -> FloatArray:
-        return _largest(damping, scan, lambda b, k: _passive(device, model, samples, b, k))
+    def passive(model: Model, samples: int) -> Condition:
+        return lambda b, k: _passive(device, model, samples, b, k)
 
-    def stable(some: Hand) -> FloatArray:
-        return _largest(damping, scan, lambda b, k: _stable(device, some, b, k))
+    def stable(some: Hand) -> Condition:
+        return lambda b, k: _stable(device, some, b, k)
 
-    curves = [
-        Curve("passive-paper", f"passive, paper's hold{at}", delay, passive("paper", delay)),
-        Curve("passive-sampled-data", f"passive, sampled-data{at}", delay, passive("sampled-data", delay)),
+    claims = [
+        ("passive-paper", f"passive, paper's hold{at}", delay, passive("paper", delay)),
+        ("passive-sampled-data", f"passive, sampled-data{at}", delay, passive("sampled-data", delay)),
     ]
     if delay == 0:
         claim = "passive, sampled-data, 1 sample of delay"
-        curves.append(Curve("passive-delayed", claim, late, passive("sampled-data", late)))
-    curves += [
-        Curve("stable-released", f"linearly stable without a hand{at}", delay, stable(no_hand())),
-        Curve("stable-hands", f"linearly stable with every hand{at}", delay, stable(hands)),
+        claims.append(("passive-delayed", claim, late, passive("sampled-data", late)))
+    claims += [
+        ("stable-released", f"linearly stable without a hand{at}", delay, stable(no_hand())),
+        ("stable-hands", f"linearly stable with every hand{at}", delay, stable(hands)),
     ]
+    curves: list[Curve] = []
+    for key, claim, samples, met in claims:
+        progress.advance(len(curves), len(claims), claim)
+        curves.append(Curve(key, claim, samples, _largest(damping, scan, met)))
     friction, resolution = device.coulomb_friction_n, device.encoder_resolution_m
     return ZWidth(
         problem=problem.name,

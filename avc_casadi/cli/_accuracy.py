@@ -33,7 +33,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = avc.load_problem(args.problem)
     with console.step("accuracy of solvers, tables, grids and the scene"):
-        study = study_accuracy(problem)
+        study = study_accuracy(problem, console)
     if plot is not None:
         from avc_casadi.figures import draw_accuracy, save_figure
 

@@ -36,8 +36,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     problem, gains, file, notes = _judged(args)
     with console.step(f"certificate of {gains.rows} rows"):
-        certificate = avc.certify(problem, gains, requested=args.requested).document()
-        verdict = avc.deployable(Coupling.of(problem, gains)) if gains.usable.any() else None
+        certificate = avc.certify(problem, gains, requested=args.requested, progress=console).document()
+        verdict = avc.deployable(Coupling.of(problem, gains), console) if gains.usable.any() else None
     claimed = claimed_level(problem)
     deployment = (
         {"pass": False, "sentence": "not deployable: no row has gains"} if verdict is None else verdict.document()

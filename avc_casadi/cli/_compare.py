@@ -59,7 +59,7 @@ def compared(problem: avc.Problem, mine: tuple[float, float] | None, console: Co
 
     def solve(problem: avc.Problem, method: MethodName) -> GainSchedule:
         with console.step(f"{method}: {len(problem.frequencies_hz())} frequencies"):
-            return avc.solve(problem, method)
+            return avc.solve(problem, method, progress=console)
 
     return avc.compare(problem, mine=mine, solver=solve)
 

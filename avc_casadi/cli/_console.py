@@ -10,6 +10,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, TextIO
 
+# A line of progress is written at most five times a second.
+_BETWEEN_S = 0.2
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -42,6 +45,8 @@ class Console:
     def __init__(self, *, as_json: bool) -> None:
         self.as_json = as_json
         self._descriptor: int | None = None
+        self._step: str | None = None
+        self._shown = 0.0
         if sys.stdout is not None and _is_descriptor(sys.stdout, 1):
             sys.stdout.flush()
             self._descriptor = os.dup(1)
@@ -92,14 +97,27 @@ class Console:
             yield
             return
         started = time.perf_counter()
-        sys.stderr.write(f"{what} ...")
-        sys.stderr.flush()
+        self._step, self._shown = what, started
+        self._show(f"{what} ...")
         outcome = "stopped"
         try:
             yield
             outcome = f"{time.perf_counter() - started:.2f} s"
         finally:
-            sys.stderr.write(f"\r{what} ... {outcome}\n")
+            self._show(f"{what} ... {outcome}\n")
+            self._step = None
+
+    def advance(self, done: int, total: int, what: str = "") -> None:
+        """Show in the line of the present step how far it has come, a few times a second."""
+        now = time.perf_counter()
+        if self._step is not None and now - self._shown >= _BETWEEN_S:
+            self._shown = now
+            self._show(f"{self._step} ... {done} of {total} {what}".rstrip())
+
+    def _show(self, line: str) -> None:
+        """Overwrite the line of the present step; Ctrl-C may have cut it anywhere."""
+        with suppress(OSError):
+            sys.stderr.write(f"\r\x1b[K{line}")
             sys.stderr.flush()
 
     def _write(self, text: str) -> None:

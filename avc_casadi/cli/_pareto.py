@@ -31,7 +31,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = avc.load_problem(args.problem)
-    study = pareto(problem, console.step)
+    study = pareto(problem, console)
     if plot is not None:
         from avc_casadi.figures import draw_pareto, save_figure
 

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             document = stiffest(problem)
         return Answer(document, stiffest_text(document))
     with console.step(f"candidates with {args.hands} hands"):
-        found = recommend(problem, args.hands, versions=package_versions())
+        found = recommend(problem, args.hands, versions=package_versions(), progress=console)
     if out is not None and found.coupling is not None:
         write_text(out, json_text(coupling_document(found.coupling)), "--out")
     document = found.document()

@@ -63,12 +63,14 @@ def _worked_through(
     comparison = compared(problem, None, console)
     if comparison.scope != "pointwise":
         with console.step(f"direct, scope {comparison.scope}"):
-            comparison = with_delivered(comparison, problem, avc.solve(problem))
+            comparison = with_delivered(comparison, problem, avc.solve(problem, progress=console))
     gains = comparison.methods[comparison.delivered]
     with console.step("certificate"):
-        certificate = avc.certify(problem, gains).document()
+        certificate = avc.certify(problem, gains, progress=console).document()
     with console.step(f"coupling to deploy: {args.method or 'recommended'}"):
-        deployment = _recommended(problem) if args.method is None else _by_method(problem, args.method)
+        deployment = (
+            _recommended(problem, console) if args.method is None else _by_method(problem, args.method, console)
+        )
     compare = comparison_document(comparison)
     files = {
         "gains.json": json_text(gain_document(gains) | {"certificate": certificate}),
@@ -107,17 +109,18 @@ def _worked_through(
     return Answer(document, "\n".join(lines), code=1 if complaint else 0, complaint=complaint)
 
 
-def _recommended(problem: avc.Problem) -> dict[str, Any]:
+def _recommended(problem: avc.Problem, console: Console) -> dict[str, Any]:
     """Return the `recommend` document, and the coupling itself as ``of``."""
-    found = avc.recommend(problem, versions=package_versions())
+    found = avc.recommend(problem, versions=package_versions(), progress=console)
     return found.document() | {"of": found.coupling}
 
 
-def _by_method(problem: avc.Problem, method: MethodName) -> dict[str, Any]:
+def _by_method(problem: avc.Problem, method: MethodName, console: Console) -> dict[str, Any]:
     """Return what is known of the coupling of a method, in the keys of the `recommend` document."""
     from avc_casadi.recommendation import judged_as_recommended
 
-    found = judged_as_recommended(problem, avc.solve(problem, method), versions=package_versions())
+    gains = avc.solve(problem, method, progress=console)
+    found = judged_as_recommended(problem, gains, versions=package_versions(), progress=console)
     return found.document() | {"of": found.coupling}
 
 

@@ -44,10 +44,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     out = None if args.out is None else output_file(args.out, "--out", (".json", ".csv"))
     problem = avc.load_problem(args.problem)
     with console.step(f"{method}: {len(problem.frequencies_hz())} frequencies"):
-        gains = avc.solve(problem, method, solver=args.solver, tolerance=args.tolerance, as_printed=args.as_printed)
-    document = solve_document(problem, gains)
+        gains = avc.solve(
+            problem, method, solver=args.solver, tolerance=args.tolerance, as_printed=args.as_printed, progress=console
+        )
     coupling = Coupling.of(problem, gains, versions=package_versions()) if gains.usable.any() else None
-    document["deployable"] = None if coupling is None else avc.deployable(coupling).document()
+    with console.step(f"certificate of {gains.rows} rows"):
+        document = solve_document(problem, gains, console)
+        document["deployable"] = None if coupling is None else avc.deployable(coupling, console).document()
     if args.as_printed:
         document["paper_errors"] = paper_errors()
     if out is not None:
@@ -70,12 +73,12 @@ def methods_help() -> str:
     return "closed-form, direct, exact, schedule, static or static-tuned"
 
 
-def solve_document(problem: avc.Problem, gains: GainSchedule) -> dict[str, Any]:
+def solve_document(problem: avc.Problem, gains: GainSchedule, console: Console) -> dict[str, Any]:
     """Return the `solve` document with certificate, realism and the limit that stands beside every result."""
     from avc_casadi.coupling import gain_document
     from avc_casadi.loop import judge_realism
 
-    certificate = avc.certify(problem, gains).document()
+    certificate = avc.certify(problem, gains, progress=console).document()
     limit = certificate["passive_limit_n_per_m"]
     realism = judge_realism(problem, gains.impedance, gains.usable).document()
     return gain_document(gains) | {"certificate": certificate, "realism": realism, "passive_limit_n_per_m": limit}

@@ -80,7 +80,7 @@ def _coupling(args: argparse.Namespace, console: Console) -> Coupling:
         return read_subject(args.subject, args.problem)
     problem = avc.load_problem(args.subject)
     with console.step("recommended coupling"):
-        found = avc.recommend(problem)
+        found = avc.recommend(problem, progress=console)
     if found.coupling is None:
         raise avc.NotDeployableError(f"{problem.name}: {found.reason}")
     return found.coupling

@@ -32,7 +32,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.study.table1 import table1
 
     with console.step(f"{args.hands} hands of each set before six walls"):
-        document = table1(args.hands, args.seed)
+        document = table1(args.hands, args.seed, progress=console)
     return Answer(document, table_text(document))
 
 

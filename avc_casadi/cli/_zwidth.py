@@ -44,9 +44,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = avc.load_problem(args.problem)
     with console.step(f"{args.method}: {len(problem.frequencies_hz())} frequencies"):
-        gains = avc.solve(problem, args.method)
+        gains = avc.solve(problem, args.method, progress=console)
     with console.step("region"):
-        region = zwidth(problem)
+        region = zwidth(problem, console)
         wall = rendered_wall(problem, gains)
     damped = problem.device.damping_ns_per_m > 0
     with console.step("static couplings"):

@@ -28,12 +28,14 @@ class Method:
         help: one line for people.
         options: names of `solve`'s options that it takes.
         keeps_realism: whether it keeps ``realism.require``.
+        reports: whether it takes long enough to tell of its progress.
     """
 
     place: str
     help: str
     options: tuple[str, ...] = ()
     keeps_realism: bool = False
+    reports: bool = False
 
     @property
     def solver(self) -> Callable[..., GainSchedule]:
@@ -54,12 +56,16 @@ METHODS: Mapping[MethodName, Method] = {
         "the paper's NLP (11)-(12), solved directly at every frequency",
         options=("solver", "tolerance"),
         keeps_realism=True,
+        reports=True,
     ),
-    "exact": Method("avc_casadi.design.pointwise:solve_exact", "the global optimum of (11)-(12) from arc geometry"),
+    "exact": Method(
+        "avc_casadi.design.pointwise:solve_exact", "the global optimum of (11)-(12) from arc geometry", reports=True
+    ),
     "schedule": Method(
         "avc_casadi.design.joint:solve_schedule",
         "all frequencies as one optimal-control problem: smooth gains that meet the problem's scope",
         keeps_realism=True,
+        reports=True,
     ),
     "static": Method(
         "avc_casadi.design.constant:solve_static", "the best constant gains under Llewellyn's condition (6)"
@@ -67,6 +73,7 @@ METHODS: Mapping[MethodName, Method] = {
     "static-tuned": Method(
         "avc_casadi.design.constant:solve_static_tuned",
         "the best constant gains, stable with every hand of [hands] and at rest in the scene",
+        reports=True,
     ),
 }
 assert tuple(METHODS) == get_args(MethodName)  # noqa: S101 - the type and the registry name the same methods

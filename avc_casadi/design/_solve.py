@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from avc_casadi._errors import InputError
 from avc_casadi.design._methods import METHODS, Method, MethodName
 from avc_casadi.problem import Problem, as_problem
+from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
@@ -22,6 +23,7 @@ def solve(
     solver: str | None = None,
     tolerance: float | None = None,
     as_printed: bool = False,
+    progress: Progress = SILENT,
 ) -> GainSchedule:
     """Solve a problem at all its frequencies.
 
@@ -31,6 +33,7 @@ def solve(
         solver: solver of ``direct``; None is its default.
         tolerance: requested relative tolerance of a CasADi solver, 1e-14 to 1; None is its default.
         as_printed: closed form only, the equations as the paper prints them.
+        progress: told of the frequencies, starts or trials that are done.
 
     Raises:
         InputError: unknown method or solver, or an option that the method does not have.
@@ -53,7 +56,8 @@ def solve(
     if tolerance is not None and not 1e-14 <= tolerance <= 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 1e-14 to 1", key="tolerance")
     stated = as_problem(problem)
-    return _noted(stated, chosen, chosen.solver(stated, **options))
+    told = {"progress": progress} if chosen.reports else {}
+    return _noted(stated, chosen, chosen.solver(stated, **options, **told))
 
 
 def method_named(name: str) -> MethodName:

@@ -17,7 +17,7 @@ from avc_casadi.passivity._sampled import (
     size_of_terms,
 )
 from avc_casadi.passivity._stationary import stationary_cosines
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress, chunks
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Model
@@ -62,6 +62,7 @@ def worst_margin(
     high_hz: Values = np.inf,
     *,
     refine: bool = True,
+    progress: Progress = SILENT,
 ) -> WorstMargin:
     """Find the smallest Re Z_h of frozen gains over low_hz <= f <= high_hz, exactly.
 
@@ -79,6 +80,7 @@ def worst_margin(
         high_hz: upper end; clipped at the Nyquist frequency.
         refine: False leaves out the refinement, which takes most of the time; for searches that end with an exact
             check.
+        progress: told of the rows.
 
     Returns:
         One result per row, shape (n,).
@@ -100,8 +102,8 @@ def worst_margin(
     degree = loop.whole_delay("the worst passivity margin over a band of frequencies") + 2
     at_once = max(1, _NUMBERS_AT_ONCE // (len(seeds_hz(degree, 1.0)) + degree + 28))
     pieces = [
-        _worst(loop, [column[start : start + at_once] for column in columns], degree, refine=refine)
-        for start in range(0, max(rows, 1), at_once)
+        _worst(loop, [column[some] for column in columns], degree, refine=refine)
+        for some in chunks(rows, at_once, progress, "passivity")
     ]
     return WorstMargin(
         np.concatenate([piece.margin_ns_per_m for piece in pieces]),

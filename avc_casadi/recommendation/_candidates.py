@@ -13,6 +13,7 @@ from avc_casadi.design.constant import tuned_margin
 from avc_casadi.loop import with_let_go
 from avc_casadi.recommendation._limits import DampingRange, damping_range
 from avc_casadi.recommendation._reach import tuned
+from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.loop import Hand, StylusHand
@@ -28,7 +29,9 @@ _SHARES = (0.5, 0.25)
 _OF_STIFFEST = (0.9, 0.75)
 
 
-def candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange) -> Iterator[Coupling]:
+def candidates(
+    problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange, progress: Progress = SILENT
+) -> Iterator[Coupling]:
     """Yield the couplings to be judged.
 
     No coupling but the wall itself; a rigid coupling with a contact damper; for a wall beyond what the device can give,
@@ -39,20 +42,21 @@ def candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: DampingR
         problem: device, wall and hands.
         subjects: the extreme hands.
         stiffest: the stiffest wall that is stable with everybody and let go.
+        progress: told of the tuning.
     """
     people = with_let_go(subjects)
     for gains, name in (*_rigid(problem, people), *_softened(problem, people, stiffest)):
         yield from _with_observer(Coupling.constant(problem, gains, name))
     safe = problem.changed(hands={"let_go": True})
     for share in _RESERVES:
-        found = _tuned(safe, share)
+        found = _tuned(safe, share, progress)
         if isinstance(found, Gains):
             yield from _with_observer(Coupling.constant(problem, found, "static-tuned"))
 
 
-def _tuned(problem: Problem, share: float) -> object:
+def _tuned(problem: Problem, share: float, progress: Progress) -> object:
     try:
-        return tuned(problem, scheduled=False, margin_ns_per_m=share * tuned_margin(problem))
+        return tuned(problem, scheduled=False, margin_ns_per_m=share * tuned_margin(problem), progress=progress)
     except UnsupportedError:
         return None
 

@@ -11,7 +11,7 @@ from avc_casadi.coupling import Gains, gains_at
 from avc_casadi.design import solve
 from avc_casadi.recommendation._designs import tuning_problem
 from avc_casadi.recommendation._error_curve import TOLERANCE, error_curve
-from avc_casadi.support import plain
+from avc_casadi.support import SILENT, Progress, plain
 from avc_casadi.trial import MOTIONS, Conditions, exact_interval, judged
 
 if TYPE_CHECKING:
@@ -25,7 +25,12 @@ STIFFNESS_TOLERANCE = 0.08
 
 
 def tuned(
-    problem: Problem, *, scheduled: bool, margin_ns_per_m: float, structure: Structure = "damped"
+    problem: Problem,
+    *,
+    scheduled: bool,
+    margin_ns_per_m: float,
+    structure: Structure = "damped",
+    progress: Progress = SILENT,
 ) -> Gains | GainSchedule | None:
     """Tune constant or scheduled gains for the training hands; None where the margin cannot be met.
 
@@ -34,9 +39,10 @@ def tuned(
         scheduled: gains that follow frequency; otherwise the best constant gains of the same problem.
         margin_ns_per_m: damping that the device is robbed of while the frozen loop must stay stable.
         structure: series or damped.
+        progress: told of the starts or reserves that are tried.
     """
     stated = tuning_problem(problem, structure, margin_ns_per_m)
-    table = solve(stated, "schedule" if scheduled else "static-tuned")
+    table = solve(stated, "schedule" if scheduled else "static-tuned", progress=progress)
     if not table.usable.all():
         return None
     return table if scheduled else gains_at(table)

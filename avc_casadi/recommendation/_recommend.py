@@ -17,7 +17,7 @@ from avc_casadi.recommendation._candidates import candidates
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
 from avc_casadi.recommendation._limits import stiffest_wall
-from avc_casadi.support import plain
+from avc_casadi.support import SILENT, Progress, plain
 from avc_casadi.trial import CouplingTrial, people_of, try_coupling
 
 if TYPE_CHECKING:
@@ -98,7 +98,13 @@ class Recommendation:
 
 
 def judged_as_recommended(
-    problem: Problem, gains: GainSchedule, hands: int = 100, seed: int = 0, *, versions: Mapping[str, str] | None = None
+    problem: Problem,
+    gains: GainSchedule,
+    hands: int = 100,
+    seed: int = 0,
+    *,
+    versions: Mapping[str, str] | None = None,
+    progress: Progress = SILENT,
 ) -> Recommendation:
     """Certify and try the gains of a method as `recommend` does with its own, whatever the verdict.
 
@@ -108,10 +114,11 @@ def judged_as_recommended(
         hands: number of simulated hands.
         seed: of their draw.
         versions: of what made it, by package.
+        progress: told of the rows that are judged and the motions that are tried.
     """
-    found = certified(Coupling.of(problem, gains, versions=versions))
-    tried = try_coupling(found, people_of(problem.hands, hands, seed), seed)
-    verdict = deployable(found)
+    found = certified(Coupling.of(problem, gains, versions=versions), progress)
+    tried = try_coupling(found, people_of(problem.hands, hands, seed), seed, progress)
+    verdict = deployable(found, progress)
     extreme = hand_corners(problem.hands)
     return Recommendation(
         problem=problem,
@@ -165,7 +172,12 @@ def stiffest(problem: Problem) -> dict[str, Any]:
 
 
 def recommend(
-    problem: Problem | str | Path, hands: int = 100, seed: int = 0, *, versions: Mapping[str, str] | None = None
+    problem: Problem | str | Path,
+    hands: int = 100,
+    seed: int = 0,
+    *,
+    versions: Mapping[str, str] | None = None,
+    progress: Progress = SILENT,
 ) -> Recommendation:
     """Choose the coupling to deploy.
 
@@ -178,19 +190,20 @@ def recommend(
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw.
         versions: of what makes it, by package; written into the coupling.
+        progress: told of the candidates that are tuned, judged and tried.
     """
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
     limit = stiffest_wall(problem.device, with_let_go(extreme))
-    every = list(candidates(problem, extreme, limit))
-    judged = _tried([one for one in every if deployable(one).passed], people, seed)
+    every = list(candidates(problem, extreme, limit, progress))
+    judged = _tried(_safe(every, progress), people, seed, progress)
     considered = len(every)
     best = _best(judged) if judged else None
     return Recommendation(
         problem=problem,
         coupling=None
         if best is None
-        else replace(certified(best.coupling).with_trial(best.trial.document()), versions=versions or {}),
+        else replace(certified(best.coupling, progress).with_trial(best.trial.document()), versions=versions or {}),
         trial=None if best is None else best.trial,
         deployable=best is not None,
         stiffest_wall_n_per_m=limit.stiffness_n_per_m,
@@ -202,7 +215,17 @@ def recommend(
     )
 
 
-def _tried(safe: list[Coupling], people: Hand | StylusHand, seed: int) -> list[_Judged]:
+def _safe(every: list[Coupling], progress: Progress) -> list[Coupling]:
+    """Keep the couplings that are deployable."""
+    safe: list[Coupling] = []
+    for done, one in enumerate(every, start=1):
+        if deployable(one).passed:
+            safe.append(one)
+        progress.advance(done, len(every), "candidates judged")
+    return safe
+
+
+def _tried(safe: list[Coupling], people: Hand | StylusHand, seed: int, progress: Progress) -> list[_Judged]:
     """Try deployable couplings, the stiffest first, until nothing that is left could win."""
     ranked = sorted(enumerate(safe), key=lambda pair: (-_expected(pair[1]), pair[0]))
     judged: list[_Judged] = []
@@ -211,6 +234,7 @@ def _tried(safe: list[Coupling], people: Hand | StylusHand, seed: int) -> list[_
         if enough and _expected(one) < (1 - 2 * _AS_STIFF) * max(_expected(found.coupling) for found in enough):
             break
         judged.append(_Judged(one, try_coupling(one, people, seed), order))
+        progress.advance(len(judged), len(ranked), "deployable candidates tried")
     return judged
 
 

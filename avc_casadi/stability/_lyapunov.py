@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from avc_casadi.passivity import RIGID
 from avc_casadi.stability._transition import frozen_transition, joint_rendering
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress, chunks
 
 if TYPE_CHECKING:
     from avc_casadi.loop import Hand
@@ -21,6 +22,8 @@ _SWEEPS = 12
 _EVEN_DECAY = 0.75
 # The cost grows with the cube of the number of states, two neighbours and all hands: about 1 s at this size.
 _MAX_DELAY_SAMPLES = 8
+# Pairs of matrices held at a time.
+_PAIRS_AT_ONCE = 10_000
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ def switching_proof(
     stiffness_n_per_m: FloatArray,
     contact_damping_ns_per_m: FloatArray,
     hands: Hand,
+    progress: Progress = SILENT,
 ) -> SwitchingProof | None:
     """Look for a common Lyapunov function of each pair of neighbouring rows, one function for each hand.
 
@@ -53,6 +57,7 @@ def switching_proof(
         stiffness_n_per_m: k.
         contact_damping_ns_per_m: b_p.
         hands: hands that hold the device, each constant in time.
+        progress: told of the pairs.
 
     Returns:
         The count, or None where the search is not offered: fewer than two rows, infinite gains, no spring at all, or
@@ -64,17 +69,20 @@ def switching_proof(
     offered = gains.shape[1] > 1 and (np.abs(gains) <= RIGID).all() and device.delay_samples <= _MAX_DELAY_SAMPLES
     if not offered or (springs <= 0).any():
         return None
-    matrices = frozen_transition(device, joint_rendering(problem, *gains), hands)
-    if not np.isfinite(matrices).all():
-        return None
     # Forces under way are counted in the distance that they move the device.
     mass = max(device.mass_kg + float(np.mean(hands.mass_kg)), np.finfo(np.float64).tiny)
-    unit = np.ones(matrices.shape[-1])
+    unit = np.ones(4 + math.ceil(device.delay_samples))
     unit[4:] = device.sample_time_s**2 / mass
-    matrices = matrices * unit[:, None] / unit[None, :]
-    pairs = np.stack([matrices[:-1], matrices[1:]], axis=2).reshape(-1, 2, *matrices.shape[2:])
-    proved = np.asarray(common_lyapunov(pairs).reshape(-1, len(hands)).all(axis=1))
-    return SwitchingProof(len(proved), int(np.count_nonzero(proved)), len(hands))
+    pairs, proved = gains.shape[1] - 1, 0
+    for some in chunks(pairs, max(1, _PAIRS_AT_ONCE // len(hands)), progress, "switching"):
+        rows = gains[:, some.start : some.stop + 1]
+        matrices = frozen_transition(device, joint_rendering(problem, *rows), hands)
+        if not np.isfinite(matrices).all():
+            return None
+        matrices = matrices * unit[:, None] / unit[None, :]
+        neighbours = np.stack([matrices[:-1], matrices[1:]], axis=2).reshape(-1, 2, *matrices.shape[2:])
+        proved += int(np.count_nonzero(common_lyapunov(neighbours).reshape(-1, len(hands)).all(axis=1)))
+    return SwitchingProof(pairs, proved, len(hands))
 
 
 def lyapunov(matrices: FloatArray, decrease: FloatArray) -> FloatArray:

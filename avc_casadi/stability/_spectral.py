@@ -11,7 +11,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.passivity import SampledLoop, fractions
 from avc_casadi.stability._transition import fraction_rendering, frozen_transition
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress, chunks
 
 if TYPE_CHECKING:
     from avc_casadi.loop import Hand
@@ -52,6 +52,7 @@ def linear_stability(
     contact_damping_ns_per_m: Values,
     hands: Hand,
     damping_shift_ns_per_m: float = 0.0,
+    progress: Progress = SILENT,
 ) -> LinearStability:
     """Spectral radius of each frozen rendering with each hand, on the loop that runs on a device.
 
@@ -61,6 +62,7 @@ def linear_stability(
         contact_damping_ns_per_m: b_p, broadcast to shape (n,).
         hands: h hands.
         damping_shift_ns_per_m: added to the damping of the device.
+        progress: told of the rows.
 
     Raises:
         UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
@@ -75,8 +77,7 @@ def linear_stability(
     size = 4 + math.ceil(device.delay_samples)
     rows_at_once = max(1, _NUMBERS_AT_ONCE // (len(hands) * size * size))
     radius, frequency = np.empty((n, len(hands))), np.empty((n, len(hands)))
-    for start in range(0, n, rows_at_once):
-        some = slice(start, start + rows_at_once)
+    for some in chunks(n, rows_at_once, progress, "spectral radius") if n else ():
         matrices = frozen_transition(device, rendering.pick(some), hands, damping_shift_ns_per_m)
         defined = np.asarray(np.isfinite(matrices).all(axis=(2, 3)))
         values = np.linalg.eigvals(np.where(defined[..., None, None], matrices, 0.0))

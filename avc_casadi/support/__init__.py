@@ -1,4 +1,4 @@
-"""What every room stands on: array types, finite JSON, interrupts, equality, tables and how results show themselves."""
+"""What every room stands on: array types, finite JSON, interrupts, progress, equality, tables, how results show."""
 
 from avc_casadi.support._arrays import BoolArray as BoolArray
 from avc_casadi.support._arrays import ComplexArray as ComplexArray
@@ -16,6 +16,9 @@ from avc_casadi.support._interrupt import starting_processes as starting_process
 from avc_casadi.support._interrupt import uninterrupted as uninterrupted
 from avc_casadi.support._json import json_text as json_text
 from avc_casadi.support._json import plain as plain
+from avc_casadi.support._progress import SILENT as SILENT
+from avc_casadi.support._progress import Progress as Progress
+from avc_casadi.support._progress import chunks as chunks
 from avc_casadi.support._same import Comparable as Comparable
 from avc_casadi.support._same import same as same
 from avc_casadi.support._table import ROWS_SHOWN as ROWS_SHOWN

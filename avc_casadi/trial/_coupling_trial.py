@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.support import BoolArray, FloatArray, plain
+from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress, plain
 from avc_casadi.trial._binomial import exact_interval
 from avc_casadi.trial._trial import MOTIONS, Conditions, traces
 from avc_casadi.trial._vibration import QUIET, felt_vibration
@@ -96,13 +96,16 @@ class CouplingTrial:
         return document
 
 
-def try_coupling(coupling: Coupling, subjects: Hand | StylusHand, seed: int = 0) -> CouplingTrial:
+def try_coupling(
+    coupling: Coupling, subjects: Hand | StylusHand, seed: int = 0, progress: Progress = SILENT
+) -> CouplingTrial:
     """Let everybody press, tap and hold, with all that the problem declares of the device.
 
     Args:
         coupling: what runs.
         subjects: the people.
         seed: of their draw, to be told.
+        progress: told of the motions.
     """
     problem = coupling.problem
     conditions = Conditions.of(coupling)
@@ -124,6 +127,7 @@ def try_coupling(coupling: Coupling, subjects: Hand | StylusHand, seed: int = 0)
                 force.append(np.abs(part.force_n).max(axis=-1))
                 depth.append(part.position_m.max(axis=-1))
         by_motion[name] = np.concatenate(stable)
+        progress.advance(len(by_motion), len(MOTIONS), f"motions, {name} the last")
     whole = np.asarray(np.all(list(by_motion.values()), axis=0))
     return CouplingTrial(
         seed=seed,

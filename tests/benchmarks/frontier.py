@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from script_arguments import script_arguments
+from script_arguments import PRINTED, script_arguments
 
 import avc_casadi as avc
 from avc_casadi.coupling import gains_at
@@ -156,7 +156,7 @@ def main(people, out, figure):
     cells = dict(
         (*bounds(problem), *untuned(problem, subjects), *swept(problem, subjects), *ablated(problem, subjects))
     )
-    document = run_campaign(cells, out, about, done=lambda name: print(name, flush=True))
+    document = run_campaign(cells, out, about, PRINTED)
     save_figure(draw_frontier(document), figure)
 
 

@@ -9,7 +9,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from script_arguments import script_arguments
+from script_arguments import PRINTED, script_arguments
 
 import avc_casadi as avc
 from avc_casadi.design.constant import tuned_margin
@@ -77,7 +77,7 @@ def main(people, out):
         "seed": SEED,
         "avc_casadi": avc.__version__,
     }
-    document = run_campaign(dict(cells(people)), out, about, done=lambda name: print(name, flush=True))
+    document = run_campaign(dict(cells(people)), out, about, PRINTED)
     for name, cell in document["cells"].items():
         low = cell["stable_low"]
         print(f"{name}: {cell['stable']} of {cell['people']} (at least {100 * low:.2f} %)", cell["stiffness_share"])

@@ -3,7 +3,21 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+
+
+class _Printed:
+    def step(self, what: str) -> AbstractContextManager[None]:
+        print(what, flush=True)
+        return nullcontext()
+
+    def advance(self, done: int, total: int, what: str = "") -> None:
+        print(f"{done} of {total}: {what}", flush=True)
+
+
+PRINTED = _Printed()
+"""Progress, a line for each cell."""
 
 
 def script_arguments(

@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from script_arguments import script_arguments
+from script_arguments import PRINTED, script_arguments
 
 import avc_casadi as avc
 from avc_casadi.recommendation import design
@@ -127,7 +127,7 @@ def main(count, out):
         "avc_casadi": avc.__version__,
     }
     cells = dict((*adversary(problem, designs), *grid(problem, designs, people), *least_friction(people)))
-    run_campaign(cells, out, about, done=lambda name: print(name, flush=True))
+    run_campaign(cells, out, about, PRINTED)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from avc_casadi.design.joint import ScheduleSolver
 from avc_casadi.loop import hand_set
 from avc_casadi.problem import scene_effects
 from avc_casadi.scene import simulate_batch
+from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -92,12 +93,13 @@ def tuned_margin(problem: Problem) -> float:
     return reserve if reserve >= _LEAST_NS_PER_M else 0.0
 
 
-def tune_static(problem: Problem, budget: Budget | None = None) -> StaticTuned:
+def tune_static(problem: Problem, budget: Budget | None = None, progress: Progress = SILENT) -> StaticTuned:
     """Tune constant gains for the problem's set of hands, in the problem's structure, gain box and frequencies.
 
     Args:
         problem: the problem; its scene is what the hands do, its objective what counts as error.
         budget: what may be spent; None is the default.
+        progress: told of the reserves that are tried.
 
     Raises:
         UnsupportedError: a scene whose hand is not the effect ``hand``.
@@ -108,6 +110,7 @@ def tune_static(problem: Problem, budget: Budget | None = None) -> StaticTuned:
     solver, reserve = ScheduleSolver(constant=True), problem.stability.margin_ns_per_m or tuned_margin(problem)
     rested = raised = 0
     for raised in range(1 + budget.raises):
+        progress.advance(raised, 1 + budget.raises, f"{reserve:.4g} N.s/m in reserve")
         # Realism is for the tables: a row may be unreal where the constant gains are the best that there are.
         stated = problem.changed(stability={"scope": "hands", "margin_ns_per_m": reserve}, realism={"require": "none"})
         table = solver.solve(stated)
@@ -125,14 +128,18 @@ def tune_static(problem: Problem, budget: Budget | None = None) -> StaticTuned:
     return StaticTuned(None, np.inf, reserve / _RAISE, raised, rested, len(hands), budget.seed, why)
 
 
-def solve_static_tuned(problem: Problem) -> GainSchedule:
+def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
     """Solve by tuned constant gains; every row has the same ones, and the notes say how they were tried.
+
+    Args:
+        problem: the problem.
+        progress: told of the reserves that are tried.
 
     Raises:
         UnsupportedError: a scene whose hand is not the effect ``hand``.
     """
     started = time.perf_counter()
-    found = tune_static(problem)
+    found = tune_static(problem, progress=progress)
     n = len(problem.frequencies_hz())
     values = (np.nan,) * 3 if found.gains is None else tuple(vars(found.gains).values())
     b, k, contact = (np.full(n, value) for value in values)

@@ -31,7 +31,7 @@ from avc_casadi.design.joint._task import Task
 from avc_casadi.design.pointwise import EDGES, edge_search_gains, solve_direct
 from avc_casadi.loop import Loop, loop_at
 from avc_casadi.problem import Problem
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress
 
 _TIE = 1e-7
 """Magnitude errors closer than this, relative to |Z_h_ds|, are equal: the smaller distance wins."""
@@ -70,7 +70,7 @@ class ScopedGains:
 
 
 def solve_direct_in_scope(
-    problem: Problem, *, solver: str | None = None, tolerance: float | None = None
+    problem: Problem, *, solver: str | None = None, tolerance: float | None = None, progress: Progress = SILENT
 ) -> GainSchedule:
     """Solve `direct`: each frequency on its own, or with the wider scope and the realism that the problem asks for.
 
@@ -78,22 +78,24 @@ def solve_direct_in_scope(
         problem: the problem.
         solver: as in `solve_direct`; beyond the pointwise scope the edge search alone.
         tolerance: of the CasADi backends; pointwise alone.
+        progress: told of the frequencies.
 
     Raises:
         InputError: unknown solver.
         UnsupportedError: another solver beyond the pointwise scope.
     """
     if problem.stability.scope == "pointwise" and problem.realism.require == "none":
-        return solve_direct(problem, solver=solver, tolerance=tolerance)
-    return solve_scoped(problem, solver=solver)
+        return solve_direct(problem, solver=solver, tolerance=tolerance, progress=progress)
+    return solve_scoped(problem, solver=solver, progress=progress)
 
 
-def solve_scoped(problem: Problem, *, solver: str | None = None) -> GainSchedule:
+def solve_scoped(problem: Problem, *, solver: str | None = None, progress: Progress = SILENT) -> GainSchedule:
     """Solve `direct` for a scope other than pointwise.
 
     Args:
         problem: the problem.
         solver: None or ``edges``: the edge search, and IPOPT for the frequencies that it leaves.
+        progress: told of the frequencies.
 
     Raises:
         UnsupportedError: another solver.
@@ -108,7 +110,7 @@ def solve_scoped(problem: Problem, *, solver: str | None = None) -> GainSchedule
         )
     started = time.perf_counter()
     loop = loop_at(problem, problem.frequencies_hz())
-    found = scoped_gains(problem, loop)
+    found = scoped_gains(problem, loop, progress)
     seconds = time.perf_counter() - started
     status = row_status(problem, *found.gains)
     status = tuple(Status.FAILED if bad else item for item, bad in zip(status, found.failed, strict=True))
@@ -132,11 +134,11 @@ def solve_scoped(problem: Problem, *, solver: str | None = None) -> GainSchedule
     )
 
 
-def scoped_gains(problem: Problem, loop: Loop) -> ScopedGains:
+def scoped_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> ScopedGains:
     """Minimise (11) at each frequency subject to the problem's scope, met exactly, and to the gain box."""
     frequency = problem.frequencies_hz()
     # Where every hand must be stable, (12) need not hold: only then do these gains include all that meet the scope.
-    b, k, p = edge_search_gains(problem, loop, _NO_MARGIN if problem.stability.scope == "hands" else None)
+    b, k, p = edge_search_gains(problem, loop, _NO_MARGIN if problem.stability.scope == "hands" else None, progress)
     found = np.isfinite(b)
     b0, k0, p0 = (np.where(found, gain, 0.0) for gain in (b, k, p))
     separate = found & worst_slack(problem, frequency, (b0, k0, p0)).met
@@ -146,7 +148,7 @@ def scoped_gains(problem: Problem, loop: Loop) -> ScopedGains:
     if rest.size:
         task = Task.of(_unlinked(problem), frequency[rest], objective="tied")
         missing = missing_rows(task)
-        best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK))
+        best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK), progress)
         best = _from_others(task, missing, best)
         for gain, value in zip((b, k, p), best, strict=True):
             gain[rest] = value
@@ -163,13 +165,14 @@ def _unlinked(problem: Problem) -> Problem:
     )
 
 
-def _in_parts(task: Task, missing: Missing, relaxed: GainArrays, parts: int) -> GainArrays:
+def _in_parts(task: Task, missing: Missing, relaxed: GainArrays, parts: int, progress: Progress = SILENT) -> GainArrays:
     """Solve some frequencies after the other."""
     b, k, p = relaxed
     found = []
     for rows in np.array_split(np.arange(len(task.frequency_hz)), parts):
         part = replace(task.at(task.frequency_hz[rows]), weight=_WEIGHT * len(rows))
         found.append(_solved(part, missing.at(rows), (b[rows], k[rows], p[rows])))
+        progress.advance(int(rows[-1]) + 1, len(task.frequency_hz), "frequencies with a wider scope")
     return tuple(np.concatenate(gain) for gain in zip(*found, strict=True))  # type: ignore[return-value]
 
 

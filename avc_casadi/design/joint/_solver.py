@@ -22,6 +22,7 @@ from avc_casadi.design.joint._scope import Slots
 from avc_casadi.design.joint._starts import from_starts
 from avc_casadi.design.joint._task import Task
 from avc_casadi.problem import Problem
+from avc_casadi.support import SILENT, Progress
 
 
 class ScheduleSolver:
@@ -37,8 +38,12 @@ class ScheduleSolver:
         self._constant = constant
         self._memory: tuple[tuple[object, ...], Outcome] | None = None
 
-    def solve(self, problem: Problem) -> GainSchedule:
+    def solve(self, problem: Problem, progress: Progress = SILENT) -> GainSchedule:
         """Solve for all frequencies of the problem, which increase.
+
+        Args:
+            problem: the problem.
+            progress: told of the starts.
 
         Returns:
             The schedule; its notes say how good it is known to be. A row whose scope no gains of the box can meet is
@@ -56,20 +61,21 @@ class ScheduleSolver:
         if self._memory is not None and self._memory[0] == kind:
             outcome = _from_before(task, self._memory[1])
         if outcome is None:
-            outcome = _from_scratch(task)
+            outcome = _from_scratch(task, progress)
         self._memory = (kind, outcome) if outcome.solution.success and not outcome.missing.rows.any() else None
         solved = time.perf_counter()
         return replace(_schedule(task, outcome), build_seconds=built - started, solve_seconds=solved - built)
 
 
-def solve_schedule(problem: Problem, *, constant: bool = False) -> GainSchedule:
+def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progress = SILENT) -> GainSchedule:
     """Solve the joint schedule of a problem once; see `ScheduleSolver` for repeated solves.
 
     Args:
         problem: the problem.
         constant: look for the best gains that do not vary with frequency: same goal, scope and box.
+        progress: told of the starts.
     """
-    return ScheduleSolver(constant=constant).solve(problem)
+    return ScheduleSolver(constant=constant).solve(problem, progress)
 
 
 def _kind(problem: Problem, task: Task) -> tuple[object, ...]:
@@ -87,10 +93,10 @@ def _from_before(task: Task, before: Outcome) -> Outcome | None:
     return refined(task, replace(before.solution, states=states), before.slots.moved(task.problem, task.frequency_hz))
 
 
-def _from_scratch(task: Task) -> Outcome:
+def _from_scratch(task: Task, progress: Progress) -> Outcome:
     """Solve from several starts; add what violates the scope to the cheapest solution, or else to the next."""
     missing = missing_rows(task)
-    found = from_starts(task, missing)
+    found = from_starts(task, missing, progress)
     for solution in found.solutions:
         outcome = refined(task, solution, found.slots, missing, found.costs, solved=solution.success)
         if outcome is not None:

@@ -12,7 +12,7 @@ from avc_casadi.design.joint._program import Solution, solve_program
 from avc_casadi.design.joint._scope import Slots, worst_slack
 from avc_casadi.design.joint._task import Task
 from avc_casadi.design.pointwise import exact_gains
-from avc_casadi.support import FloatArray
+from avc_casadi.support import SILENT, FloatArray, Progress
 
 _SMOOTHING = 0.1
 """Width in ln(omega) over which the separate optima are averaged: they jump, and the NLP would follow each jump."""
@@ -35,17 +35,17 @@ class Found:
     costs: tuple[float, ...]
 
 
-def from_starts(task: Task, missing: Missing) -> Found:
+def from_starts(task: Task, missing: Missing, progress: Progress = SILENT) -> Found:
     """Solve from each start, and long schedules on some of their stages first.
 
     Frequencies at which a start has its worst Re Z_h are bounded from the beginning.
     """
     n = len(task.frequency_hz)
     if n <= 2 * _STAGES:
-        return _over_all_stages(task, missing)
+        return _over_all_stages(task, missing, progress)
     some = np.unique(np.linspace(0, n - 1, _STAGES).round().astype(int))
     few = task.at(task.frequency_hz[some])
-    found = _over_all_stages(few, missing.at(some))
+    found = _over_all_stages(few, missing.at(some), progress)
     x, y = task.log_frequency, few.log_frequency
     start = np.array([np.interp(x, y, state) for state in found.solutions[0].states])
     slots = _seeded(task, missing, [start])
@@ -53,7 +53,7 @@ def from_starts(task: Task, missing: Missing) -> Found:
     return Found((best,), slots, found.costs)
 
 
-def _over_all_stages(task: Task, missing: Missing) -> Found:
+def _over_all_stages(task: Task, missing: Missing, progress: Progress) -> Found:
     backoff = task.backoff(missing.rows)
     data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), backoff)
     lattice = lattice_path(
@@ -67,7 +67,11 @@ def _over_all_stages(task: Task, missing: Missing) -> Found:
     starts = constants if task.constant else [lattice.path, constants[0], _smoothed_optima(task)]
     slots = _seeded(task, missing, starts[:2])
     data = task.data(slots, backoff)
-    solutions = [solve_program(data, task.objective, start, extra=task.hands, patient=False) for start in starts]
+    solutions: list[Solution] = []
+    for start in starts:
+        progress.advance(len(solutions), len(starts), "starts")
+        solutions.append(solve_program(data, task.objective, start, extra=task.hands, patient=False))
+    progress.advance(len(starts), len(starts), "starts")
     if not any(solution.success for solution in solutions):
         solutions = [solve_program(data, task.objective, start, extra=task.hands) for start in starts[:2]]
     ranked = sorted(solutions, key=lambda solution: (not solution.success, solution.cost))

@@ -19,7 +19,7 @@ from avc_casadi.design.pointwise._infeasible import row_reasons
 from avc_casadi.design.pointwise._nlp_solver import nlp_gains, nlp_solvers
 from avc_casadi.design.pointwise._optimality import KKT_TOLERANCE, Optimality, optimality
 from avc_casadi.loop import Loop, loop_at
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -28,7 +28,9 @@ EXCESS_TOLERANCE = 1e-6
 """A magnitude error that exceeds the global optimum's by more than this share of |Z_h_ds| is a failed row."""
 
 
-def solve_direct(problem: Problem, *, solver: str | None = None, tolerance: float | None = None) -> GainSchedule:
+def solve_direct(
+    problem: Problem, *, solver: str | None = None, tolerance: float | None = None, progress: Progress = SILENT
+) -> GainSchedule:
     """Solve (11)-(12) at every frequency, ties broken by distance, then b_p, k and b.
 
     Every row's feasibility and first-order optimality are recomputed from the CasADi NLP, and what a CasADi backend
@@ -38,6 +40,7 @@ def solve_direct(problem: Problem, *, solver: str | None = None, tolerance: floa
         problem: the problem.
         solver: ``edges`` (default, see `_edge_search`) or a backend of CasADi, one NLP a frequency and start.
         tolerance: relative tolerance of the CasADi backends; the edge search always goes to rounding.
+        progress: told of the frequencies.
 
     Raises:
         InputError: unknown solver.
@@ -50,12 +53,12 @@ def solve_direct(problem: Problem, *, solver: str | None = None, tolerance: floa
     notes = []
     if name == EDGES:
         built = time.perf_counter()
-        gains = optimum = edge_search_gains(problem, loop)
+        gains = optimum = edge_search_gains(problem, loop, progress=progress)
         solved = time.perf_counter()
     else:
         nlp_solvers(name, accuracy)
         built = time.perf_counter()
-        found = nlp_gains(problem, loop, name, accuracy)
+        found = nlp_gains(problem, loop, name, accuracy, progress=progress)
         solved = time.perf_counter()
         gains = found.gains
         searched = edge_search_gains(problem, loop)

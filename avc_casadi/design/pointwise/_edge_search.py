@@ -18,27 +18,42 @@ from avc_casadi.design._rows import GainArrays, best_candidate
 from avc_casadi.design.pointwise._curves import Curves, Pieces, Points, find_roots, join
 from avc_casadi.design.pointwise._wanted import guarded_margin, wanted_points
 from avc_casadi.loop import Loop, abs2, coupling_gains
-from avc_casadi.support import ComplexArray, FloatArray
+from avc_casadi.support import SILENT, ComplexArray, FloatArray, Progress, chunks
 
 if TYPE_CHECKING:
     from avc_casadi.design.pointwise._curves import Function, Index
     from avc_casadi.problem import Problem
 
+_ROWS_AT_ONCE = 2000
+"""Frequencies searched at a time: enough to be quick, and few enough to be held and told of."""
 _STATIONARY = {"tolerance": 1e-9, "rounding": 1e-13}
 """Stationary points: the square of their last bracket's width is below the rounding of Z, and so is what |Z|^2 gains
 between an end of a piece and a stationary point so near that the slope has almost vanished there."""
 
 
-def edge_search_gains(problem: Problem, loop: Loop, margin_ns_per_m: float | None = None) -> GainArrays:
+def edge_search_gains(
+    problem: Problem, loop: Loop, margin_ns_per_m: float | None = None, progress: Progress = SILENT
+) -> GainArrays:
     """Return the optimal (b, k, b_p), each (n,); not a number where the search meets no feasible gains.
 
     Args:
         problem: the problem.
         loop: its loop at n frequencies.
         margin_ns_per_m: least Re Z_h; None is the problem's.
+        progress: told of the frequencies.
     """
-    lowest, highest = problem.coupling.contact_damping_ns_per_m
     margin = problem.stability.margin_ns_per_m if margin_ns_per_m is None else margin_ns_per_m
+    rows = np.arange(len(loop.target))
+    found = [
+        _searched(problem, loop.rows(rows[some]), margin)
+        for some in chunks(len(rows), _ROWS_AT_ONCE, progress, "frequencies")
+    ]
+    b, k, p = (np.concatenate(gain) for gain in zip(*found, strict=True))
+    return b, k, p
+
+
+def _searched(problem: Problem, loop: Loop, margin: float) -> GainArrays:
+    lowest, highest = problem.coupling.contact_damping_ns_per_m
     groups = [
         _inner_points(problem, loop, margin),
         *_curve_points(_box_edges(problem, loop, {lowest, highest}, margin), margin),

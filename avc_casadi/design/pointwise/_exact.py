@@ -24,10 +24,14 @@ from avc_casadi.design.pointwise._edges import Edges
 from avc_casadi.design.pointwise._infeasible import row_reasons
 from avc_casadi.design.pointwise._wanted import guarded_margin, wanted_points
 from avc_casadi.loop import Loop, abs2, coupling_gains, loop_at
-from avc_casadi.support import FloatArray
+from avc_casadi.support import SILENT, FloatArray, Progress, chunks
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
+
+
+# Frequencies solved at a time: few enough to be held and told of.
+_ROWS_AT_ONCE = 10_000
 
 
 def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[FloatArray]:
@@ -100,8 +104,23 @@ def _segment_candidates(
     return [gain.reshape(-1, p.shape[-1]) for gain in np.broadcast_arrays(b, k, p)]
 
 
-def exact_gains(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the optimal (b, k, b_p), each (n,); not a number where no gains of the box meet the constraint."""
+def exact_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the optimal (b, k, b_p), each (n,); not a number where no gains of the box meet the constraint.
+
+    Args:
+        problem: the problem.
+        loop: its loop at n frequencies.
+        progress: told of the frequencies.
+    """
+    rows = np.arange(len(loop.target))
+    found = [
+        _by_arcs(problem, loop.rows(rows[some])) for some in chunks(len(rows), _ROWS_AT_ONCE, progress, "frequencies")
+    ]
+    b, k, p = (np.concatenate(gain) for gain in zip(*found, strict=True))
+    return b, k, p
+
+
+def _by_arcs(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray, FloatArray]:
     margin = problem.stability.margin_ns_per_m
     radius = np.abs(loop.target)
     contacts = problem.coupling.contact_damping_ns_per_m
@@ -115,15 +134,19 @@ def exact_gains(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray, F
     return best_candidate(problem, loop, b, k, p)
 
 
-def solve_exact(problem: Problem) -> GainSchedule:
+def solve_exact(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
     """Solve (11)-(12) at every frequency by arc geometry: the global optimum, without iteration.
+
+    Args:
+        problem: the problem.
+        progress: told of the frequencies.
 
     Returns:
         The schedule; infeasible rows say by how much the constraint is missed.
     """
     started = time.perf_counter()
     loop = loop_at(problem, problem.frequencies_hz())
-    gains = exact_gains(problem, loop)
+    gains = exact_gains(problem, loop, progress)
     status = row_status(problem, *gains)
     seconds = time.perf_counter() - started
     return gain_schedule(

@@ -16,7 +16,7 @@ from avc_casadi.design.pointwise._nlp import coupling_nlp, nlp_parameters
 from avc_casadi.design.pointwise._silent_terminal import silent_terminal
 from avc_casadi.design.pointwise._wanted import guarded_margin
 from avc_casadi.loop import Loop, coupling_impedance
-from avc_casadi.support import BoolArray, FloatArray, HeldInterrupt
+from avc_casadi.support import SILENT, BoolArray, FloatArray, HeldInterrupt, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -110,7 +110,14 @@ def _last_line(error: Exception) -> str:
     return str(error).strip().splitlines()[-1]
 
 
-def nlp_gains(problem: Problem, loop: Loop, name: str, tolerance: float, starts: FloatArray = _STARTS) -> Found:
+def nlp_gains(
+    problem: Problem,
+    loop: Loop,
+    name: str,
+    tolerance: float,
+    starts: FloatArray = _STARTS,
+    progress: Progress = SILENT,
+) -> Found:
     """Solve every frequency by a CasADi solver.
 
     Args:
@@ -119,6 +126,7 @@ def nlp_gains(problem: Problem, loop: Loop, name: str, tolerance: float, starts:
         name: the backend.
         tolerance: relative tolerance asked of it.
         starts: fixed starts as shares, shape (m, 3).
+        progress: told of the frequencies.
 
     Raises:
         KeyboardInterrupt: Ctrl-C, whatever the solver made of it.
@@ -142,6 +150,7 @@ def nlp_gains(problem: Problem, loop: Loop, name: str, tolerance: float, starts:
             points.append(np.array(run.points))
             claims.append(np.array(run.claims))
             calls += run.calls
+            progress.advance(len(points), parameters.shape[1], "frequencies")
     most = max(len(row) for row in points)
     found = np.full((most, 3, len(points)), np.nan)
     claimed = np.zeros((most, len(points)), dtype=bool)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +14,14 @@ from avc_casadi.scene import IntegratorAccuracy, integrator_accuracy
 from avc_casadi.study.accuracy._grids import GridMiss, grid_misses
 from avc_casadi.study.accuracy._solvers import TOLERANCES, SolverCost, reference_errors, solver_costs
 from avc_casadi.study.accuracy._tables import TableError, table_errors
-from avc_casadi.support import plain
+from avc_casadi.support import SILENT, Progress, plain
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
 SCHEMA = "avc-accuracy/1"
+# Closed form, exact and the edge search are measured beside the CasADi solvers.
+_OWN_METHODS = 3
 WHY_DEFAULT = (
     "direct with the edge search: at rounding from the optimum at every frequency, with feasibility and optimality"
     " recomputed from the CasADi NLP; exact is faster and the cross-check; no CasADi solver that is optimal everywhere"
@@ -81,7 +82,7 @@ class Accuracy:
 
 def study_accuracy(
     problem: Problem,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = SILENT,
     *,
     tolerances: tuple[float, ...] = TOLERANCES,
     solvers: tuple[str, ...] = tuple(BACKENDS),
@@ -90,22 +91,24 @@ def study_accuracy(
 
     Args:
         problem: the problem.
-        progress: called with a line about each measurement.
+        progress: told of each measurement.
         tolerances: asked of each CasADi solver.
         solvers: CasADi solvers to measure.
     """
     reference = reference_errors(problem, problem.frequencies_hz())
-    costs = []
+    costs: list[SolverCost] = []
+    most = _OWN_METHODS + len(solvers) * len(tolerances)
     for cost in solver_costs(problem, reference, tolerances=tolerances, solvers=solvers):
         costs.append(cost)
         asked = "" if cost.tolerance is None else f", tolerance {cost.tolerance:g}"
         name = f"{cost.method} {cost.solver or ''}".strip()
-        progress(f"{name}{asked}: {1e6 * cost.seconds_per_frequency:.3g} us a frequency")
+        progress.advance(len(costs), most, f"{name}{asked}")
+    progress.advance(len(costs), len(costs), "gain tables")
     tables = tuple(table_errors(problem))
-    progress(f"{len(tables)} gain tables")
+    progress.advance(len(costs), len(costs), "grids")
     grids = tuple(grid_misses(problem))
+    progress.advance(len(costs), len(costs), "integrators of the scene")
     scenes, why = _scenes(problem)
-    progress(f"{len(scenes)} integrators of the scene")
     return Accuracy(problem.name, reference.source, tuple(costs), tables, grids, scenes, why)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +13,9 @@ from avc_casadi.design.joint import solve_schedule
 from avc_casadi.passivity import passive_limit_n_per_m
 from avc_casadi.problem import as_problem
 from avc_casadi.study.pareto._variants import HANDS_HZ, Study, Variant, variants
-from avc_casadi.support import Columns, Comparable, FloatArray, Tabular, plain
+from avc_casadi.support import SILENT, Columns, Comparable, FloatArray, Progress, Tabular, plain
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from avc_casadi.problem import Problem
@@ -121,14 +119,12 @@ class Pareto(Tabular):
         return {"schema": "avc-pareto/1", **plain(facts), "points": [plain(vars(point)) for point in self.points]}
 
 
-def pareto(
-    problem: Problem | str | Path, progress: Callable[[str], AbstractContextManager[None]] = lambda _: nullcontext()
-) -> Pareto:
+def pareto(problem: Problem | str | Path, progress: Progress = SILENT) -> Pareto:
     """Study a problem: about thirty schedules, each certified.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
-        progress: called with the name of each design; a context that lasts as long as its solution.
+        progress: told of each variant.
 
     Example:
         >>> study = avc.pareto("figure5")
@@ -144,7 +140,7 @@ def pareto(
     weight = np.where(inside, _log_weights(frequency), 0.0)
     points = []
     for variant in variants(problem):
-        with progress(f"{variant.study} {variant.label}{', constant gains' if variant.constant else ''}"):
+        with progress.step(f"{variant.study} {variant.label}{', constant gains' if variant.constant else ''}"):
             points.append(_point(variant, weight / weight.sum()))
     device, upper, lower = problem.device, problem.boundaries.upper, problem.boundaries.lower
     return Pareto(

@@ -7,14 +7,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from avc_casadi.support import json_text
+from avc_casadi.support import SILENT, Progress, json_text
 
 
 def run_campaign(
     cells: Mapping[str, Callable[[], dict[str, Any]]],
     path: Path,
     about: dict[str, Any],
-    done: Callable[[str], None] | None = None,
+    progress: Progress = SILENT,
 ) -> dict[str, Any]:
     """Compute the cells that a file does not hold yet.
 
@@ -22,7 +22,7 @@ def run_campaign(
         cells: name of each cell and what computes it, JSON values.
         path: JSON document; written anew after each cell.
         about: command, seed and whatever else the cells depend on. A file with another one is not continued.
-        done: called with the name of each cell that is finished.
+        progress: told of each cell that is finished.
 
     Returns:
         The document {about, cells}.
@@ -44,6 +44,5 @@ def run_campaign(
         partial = path.with_suffix(".partial")
         partial.write_text(text, encoding="utf-8")
         partial.replace(path)
-        if done is not None:
-            done(name)
+        progress.advance(len(document["cells"]), len(cells), name)
     return document

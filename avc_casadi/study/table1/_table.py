@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import avc_casadi as avc
 from avc_casadi.design.constant import TUNED_MARGIN_SHARE
-from avc_casadi.recommendation import COUPLINGS, CandidateName, Design
+from avc_casadi.recommendation import COUPLINGS, CandidateName
 from avc_casadi.study.table1._paper import PAPER, PEOPLE
 from avc_casadi.study.table1._wall import all_designs, rows, try_wall
 from avc_casadi.study.table1._workers import in_processes
+from avc_casadi.support import SILENT, Progress
 from avc_casadi.trial import CONFIDENCE, WEBER, WEBER_SWEEP, Population, draw_subjects
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 SCHEMA = "avc-table1/1"
 DEFAULT_HANDS = 200
 DEFAULT_SEED = 2026
+POPULATIONS: tuple[Population, ...] = ("A", "B")
 # Set B is there to show what the designs do to hands that they were not made for.
 SET_B_COUPLINGS: tuple[CandidateName, ...] = ("none", "static", "static-tuned", "schedule")
 
@@ -30,7 +29,7 @@ def table1(
     walls: tuple[str, ...] = tuple(PAPER),
     couplings: tuple[CandidateName, ...] = tuple(COUPLINGS),
     workers: int | None = None,
-    done: Callable[[str], None] | None = None,
+    progress: Progress = SILENT,
 ) -> dict[str, Any]:
     """Rebuild Table 1; the same seed gives the same people and the same counts.
 
@@ -40,48 +39,39 @@ def table1(
         walls: which walls of the catalogue.
         couplings: which couplings.
         workers: processes; None takes one for each processor.
-        done: called with the name of each wall that is finished.
+        progress: told of each wall and population that is finished.
 
     Returns:
         The JSON document of `avc table1`: ``rows`` for set A, ``rows_set_b`` for the stylus hands and their arms.
     """
-    tasks = [(wall, couplings, hands, seed) for wall in walls]
-    workers = min(len(tasks), os.cpu_count() or 1) if workers is None else workers
-    found: list[tuple[list[dict[str, Any]], list[dict[str, Any]]]] = []
-    if workers == 1:
-        for task in tasks:
-            found.append(_wall(task))
-            if done is not None:
-                done(task[0])
-    else:
-        for task, result in zip(tasks, in_processes(_wall, tasks, workers), strict=True):
-            found.append(result)
-            if done is not None:
-                done(task[0])
+    cells = [(wall, population, couplings, hands, seed) for population in POPULATIONS for wall in walls]
+    workers = min(len(cells), os.cpu_count() or 1) if workers is None else workers
+    results = map(_rows, cells) if workers == 1 else in_processes(_rows, cells, workers)
+    found: dict[str, list[dict[str, Any]]] = {population: [] for population in POPULATIONS}
+    for done, ((wall, population, *_), some) in enumerate(zip(cells, results, strict=True), start=1):
+        found[population] += some
+        progress.advance(done, len(cells), f"walls, {wall} with set {population} the last")
     return {
         "schema": SCHEMA,
         "hands": hands,
         "seed": seed,
-        "rows": [row for of_a, _ in found for row in of_a],
-        "rows_set_b": [row for _, of_b in found for row in of_b],
+        "rows": found["A"],
+        "rows_set_b": found["B"],
         "couplings": {name: COUPLINGS[name] for name in couplings},
         "method": _method(),
     }
 
 
-def _wall(task: tuple[str, tuple[CandidateName, ...], int, int]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    wall, couplings, hands, seed = task
-    problem = avc.load_problem(wall.lower())
-    designs = all_designs(problem, couplings)
-
-    def of(population: Population, tried: tuple[Design, ...], *, matching: bool) -> list[dict[str, Any]]:
-        people = draw_subjects(population, hands, seed)
-        found = rows(wall, problem, tried, try_wall(problem, people, tried, matching=matching))
-        # The paper's people are set beside those that its column calibrates, set A.
-        return found if matching else [row | {"paper": None} for row in found]
-
-    kept = tuple(one for one in designs if one.coupling in SET_B_COUPLINGS)
-    return of("A", designs, matching=True), of("B", kept, matching=False)
+def _rows(cell: tuple[str, Population, tuple[CandidateName, ...], int, int]) -> list[dict[str, Any]]:
+    wall, population, couplings, hands, seed = cell
+    problem, matching = avc.load_problem(wall.lower()), population == "A"
+    designs = all_designs(
+        problem, couplings if matching else tuple(name for name in couplings if name in SET_B_COUPLINGS)
+    )
+    people = draw_subjects(population, hands, seed)
+    found = rows(wall, problem, designs, try_wall(problem, people, designs, matching=matching))
+    # The paper's people are set beside those that its column calibrates, set A.
+    return found if matching else [row | {"paper": None} for row in found]
 
 
 def _method() -> dict[str, Any]:

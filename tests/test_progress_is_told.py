@@ -1,0 +1,128 @@
+"""Long work tells how far it has come, to its end and not too often, and its results do not depend on who listens."""
+
+import io
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.certificate import zwidth
+from avc_casadi.cli._console import Console
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.pointwise import edge_search_gains, exact_gains
+from avc_casadi.loop import loop_at
+from avc_casadi.recommendation import judged_as_recommended
+
+
+class Listener:
+    def __init__(self):
+        self.steps, self.told = [], []
+
+    @contextmanager
+    def step(self, what):
+        self.steps.append(what)
+        yield
+
+    def advance(self, done, total, what=""):
+        self.told.append((done, total, what))
+
+
+def many(points):
+    return avc.load_problem("figure5").changed(frequency={"points": points})
+
+
+@pytest.mark.parametrize(("search", "points"), [(edge_search_gains, 2100), (exact_gains, 10_100)])
+def test_frequencies_are_told_and_do_not_depend_on_their_neighbours(search, points):
+    problem, listener = many(points), Listener()
+    loop = loop_at(problem, problem.frequencies_hz())
+    whole = search(problem, loop, progress=listener)
+    assert listener.told[-1][:2] == (points, points)
+    assert len(listener.told) == 2
+    last = search(problem, loop.rows(np.arange(points - 50, points)))
+    for gain, own in zip(whole, last, strict=True):
+        np.testing.assert_array_equal(gain[-50:], own)
+
+
+@pytest.mark.parametrize("method", ["direct", "exact", "schedule", "static-tuned"])
+def test_methods_that_take_long_tell_of_it(method):
+    listener = Listener()
+    told = avc.solve(many(12), method, progress=listener)
+    silent = avc.solve(many(12), method)
+    assert listener.told
+    assert all(0 <= done <= total for done, total, _ in listener.told)
+    np.testing.assert_array_equal(told.stiffness_n_per_m, silent.stiffness_n_per_m)
+
+
+def test_a_backend_tells_of_every_frequency():
+    listener = Listener()
+    avc.solve(many(3), "direct", solver="sqpmethod", progress=listener)
+    assert [done for done, _, _ in listener.told] == [1, 2, 3]
+
+
+def test_a_certificate_tells_of_its_levels():
+    problem, listener = many(20), Listener()
+    avc.certify(problem, avc.solve(problem, "exact"), progress=listener)
+    assert {"passivity", "Llewellyn", "spectral radius", "switching"} <= {what for _, _, what in listener.told}
+
+
+def test_the_region_tells_of_its_curves():
+    listener = Listener()
+    region = zwidth(avc.load_problem("soft"), listener)
+    assert [done for done, _, _ in listener.told] == list(range(len(region.curves)))
+
+
+def test_the_verdict_on_deployment_tells_of_each_claim():
+    problem, listener = many(20), Listener()
+    avc.deployable(Coupling.of(problem, avc.solve(problem, "exact")), listener)
+    assert [what for _, _, what in listener.told] == ["spectral radius"] * 2
+    assert all(done == total for done, total, _ in listener.told)
+
+
+def test_a_recommendation_tells_of_candidates_that_are_judged_and_tried():
+    listener = Listener()
+    found = avc.recommend("soft", hands=2, progress=listener)
+    judged = [told[:2] for told in listener.told if told[2] == "candidates judged"]
+    assert judged == [(done, found.considered) for done in range(1, found.considered + 1)]
+    tried = [told[:2] for told in listener.told if told[2] == "deployable candidates tried"]
+    assert [done for done, _ in tried] == list(range(1, len(tried) + 1))
+    assert len(tried) >= 1
+    assert any("in reserve" in what for _, _, what in listener.told)
+
+
+def test_the_trial_of_a_method_tells_of_its_motions():
+    listener, problem = Listener(), many(3)
+    judged_as_recommended(problem, avc.solve(problem, "static"), hands=2, progress=listener)
+    motions = [told for told in listener.told if told[2].startswith("motions")]
+    assert [told[:2] for told in motions] == [(1, 3), (2, 3), (3, 3)]
+    assert "Llewellyn" in {what for _, _, what in listener.told}
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_a_terminal_is_written_to_five_times_a_second(monkeypatch):
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    console = Console(as_json=False)
+    with console.step("work"):
+        for done in range(1000):
+            now[0] = done * 2e-3
+            console.advance(done, 1000, "rows")
+    lines = terminal.getvalue().split("\r")
+    assert 8 <= sum(" of 1000 rows" in line for line in lines) <= 10
+    assert lines[-1].endswith("work ... 2.00 s\n")
+
+
+def test_nothing_is_written_where_nobody_looks(monkeypatch):
+    elsewhere = io.StringIO()
+    monkeypatch.setattr("sys.stderr", elsewhere)
+    console = Console(as_json=False)
+    with console.step("work"):
+        console.advance(1, 2, "rows")
+    assert elsewhere.getvalue() == ""
