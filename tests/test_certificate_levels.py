@@ -11,7 +11,7 @@ from avc_casadi import load_problem, parse_problem
 from avc_casadi.certificate import TITLES, certify
 from avc_casadi.coupling import Status, gain_schedule
 from avc_casadi.design import solve
-from avc_casadi.loop import hand_corners
+from avc_casadi.loop import hand_corners, hand_set
 from avc_casadi.passivity import SampledLoop, llewellyn_margin, worst_margin
 from avc_casadi.stability import deciding_frequencies_hz, frozen_parts, linear_stability, scope_slack
 
@@ -234,3 +234,84 @@ def test_a_released_device_is_stable_only_if_every_corner_of_it_is():
     both = detail(range={"damping_ns_per_m": (1.0, 5.0)})
     assert not both["released_pass"]
     assert both["released_spectral_radius"] == max(lean["released_spectral_radius"], rich["released_spectral_radius"])
+
+
+@pytest.mark.parametrize(
+    ("b_d", "b", "k", "fault"),
+    [(20.0, 5.0, -200.0, "negative DC stiffness"), (2000.0, 300.0, -2e5, "pole outside the unit circle")],
+)
+def test_a_real_part_that_is_positive_everywhere_does_not_make_a_rendering_passive(b_d, b, k, fault):
+    case = problem(b_d=b_d, rows=2)
+    levels = certify(case, table(case, b, k), draws=0).levels
+    for level in ("L2", "L3"):
+        assert levels[level].margin_ns_per_m > 0
+        assert not levels[level].passed
+        assert fault in levels[level].claim
+    # L0 and L1 speak of Re Z_h alone.
+    assert levels["L0"].passed
+    assert levels["L1"].passed
+    for scope in ("pointwise", "band", "all"):
+        asked = problem(b_d=b_d, rows=2, scope=scope)
+        assert not scope_slack(asked, asked.frequencies_hz(), b, k).met.any()
+
+
+def test_the_worst_row_is_counted_among_all_rows():
+    case = problem(b_d=1.0, rows=4)
+    status = (Status.INFEASIBLE, Status.SOLVED, Status.SOLVED, Status.INFEASIBLE)
+    levels = certify(case, table(case, 0.1, np.array([1.0, 100.0, 4e4, 1.0]), status=status), draws=0).levels
+    for name in ("L3", "L5"):
+        assert levels[name].row == 2
+        assert f"the row of {case.frequencies_hz()[2]:.5g} Hz" in levels[name].claim
+
+
+def test_contact_damping_counts_in_every_level():
+    """Sampled-data without delay: at Nyquist b_d - b_p - a_1 a_2/(a_1 + a_2); at its own frequency b_p cos(omega T)."""
+    case = problem(b_d=60.0, rows=3, model="sampled-data")
+    with_it, without = (certify(case, table(case, 2.0, 4e3, contact), draws=0).levels for contact in (30.0, 0.0))
+    lead, wall = 2.0 + 4e3 * 1e-3 / 2, 10.0 + 1e5 * 1e-3 / 2
+    assert with_it["L3"].margin_ns_per_m == pytest.approx(60 - 30 - lead * wall / (lead + wall), rel=1e-12)
+    own = with_it["L0"].row_margin_ns_per_m - without["L0"].row_margin_ns_per_m
+    np.testing.assert_allclose(own, 30 * np.cos(2 * np.pi * case.frequencies_hz() * 1e-3), rtol=1e-9)
+    assert with_it["L5"].detail["spectral_radius"] != without["L5"].detail["spectral_radius"]
+
+
+def test_a_loop_that_grows_slowly_is_not_stable():
+    """Growth of 2 % a second is instability, decay of 2 % a second is not: k at both sides of a radius of 1."""
+    case = problem(b_d=1.0, rows=1)
+    hands = hand_set(case.hands)
+
+    def radius(k):
+        return float(linear_stability(case.device, frozen_parts(case, 0.0, k), 0.0, hands).radius.max())
+
+    low, high = 1e2, 1e5
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if radius(middle) < 1 else (low, middle)
+    for share, sign in ((0.99, -1), (1.01, 1)):
+        level = certify(case, table(case, 0.0, share * low)).levels["L5"]
+        assert 0 < sign * (level.detail["spectral_radius"] - 1) < 1e-3
+        assert level.passed == (sign < 0)
+
+
+def test_the_worst_hand_and_device_of_l5_have_the_radius_stated():
+    case = problem(b_d=3.0, rows=2).changed(
+        device={"range": {"damping_ns_per_m": (1.0, 5.0), "mass_kg": (0.05, 0.2)}},
+        hands={"mass_kg": (0.02, 0.3), "damping_ns_per_m": (1.0, 20.0), "stiffness_n_per_m": (100.0, 900.0)},
+    )
+    for b, k in ((2.0, 5e3), (0.0, 2e4), (40.0, 8e4)):
+        detail = certify(case, table(case, b, k)).levels["L5"].detail
+        alone = case.changed(
+            device={"range": {}, **detail["worst_device"]},
+            hands={key: (value, value) for key, value in detail["worst_hand"].items()},
+        )
+        radius = linear_stability(alone.device, frozen_parts(alone, b, k), 0.0, hand_corners(alone.hands)).radius.max()
+        assert radius == pytest.approx(detail["spectral_radius"], rel=1e-12)
+
+
+def test_switching_is_proved_where_rows_hardly_differ_and_open_where_they_jump():
+    case = problem(b_d=2.0, rows=2)
+    for b, k, proved in (((2.0, 2.1), (3e3, 3.1e3), 1), ((1.0, 300.0), (100.0, 1e3), 0)):
+        levels = certify(case, table(case, np.array(b), np.array(k)), draws=0).levels
+        found = levels["L5"].detail["common_lyapunov"]
+        assert levels["L5"].passed
+        assert (found["pairs"], found["proved"], found["pass"]) == (1, proved, bool(proved))

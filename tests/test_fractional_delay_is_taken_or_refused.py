@@ -8,12 +8,12 @@ import avc_casadi as avc
 from avc_casadi import UnsupportedError
 from avc_casadi.certificate import certify, deployable, llewellyn_table, zwidth
 from avc_casadi.coupling import Coupling, Status, gain_schedule
-from avc_casadi.loop import HandSet, loop_at
+from avc_casadi.loop import Hand, loop_at
 from avc_casadi.passivity import SampledLoop, llewellyn_margin, passive_limit_n_per_m, worst_margin
-from avc_casadi.stability import frozen_parts, joint_rendering, linear_stability, transition
+from avc_casadi.stability import frozen_parts, frozen_transition, joint_rendering, linear_stability
 
 T = 1e-3
-HAND = HandSet(np.array([0.05]), np.array([3.0]), np.array([800.0]), 1, 0)
+HAND = Hand(np.array([0.05]), np.array([3.0]), np.array([800.0]))
 
 
 def problem(delay, **tables):
@@ -50,7 +50,7 @@ def marched(case, b, k, contact, samples):
 def test_the_judged_loop_is_the_marched_one(delay):
     case = problem(delay)
     rendering = joint_rendering(case, *(np.array([gain]) for gain in (5.0, 2e4, 10.0)))
-    matrix = transition(case.device, rendering, HAND)[0, 0]
+    matrix = frozen_transition(case.device, rendering, HAND)[0, 0]
     state, trace = np.zeros(len(matrix)), []
     state[[0, 2]] = 1e-3
     for _ in range(100):

@@ -1,5 +1,7 @@
 """The exactly discretised loop: propagation, measured stability limits, hands, delay and switching."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_lyapunov
@@ -139,7 +141,8 @@ def test_hands_are_corners_and_seeded_draws():
     assert one == hand_set(hands, draws=5, seed=3) != hand_set(hands, draws=5, seed=4)
     corners = one.pick(slice(0, 8))
     assert corners == hand_corners(hands)
-    assert len({tuple(corners.values(row).values()) for row in range(8)}) == 8
+    held = {tuple(corners.values(row).values()) for row in range(8)}
+    assert held == set(itertools.product(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m))
     assert {*corners.mass_kg} == {*hands.mass_kg}
     assert ((one.mass_kg >= hands.mass_kg[0]) & (one.mass_kg <= hands.mass_kg[1])).all()
 
@@ -190,3 +193,22 @@ def test_switching_is_judged_with_a_fraction_of_a_sample_under_way():
     case, row = problem(b_d=30.0, delay=1.5, k_e=1e3), np.ones(3)
     found = switching_proof(case, row, 50 * row, row, hand_corners(case.hands))
     assert (found.pairs, found.proved) == (2, 2)
+
+
+def test_stable_with_some_hands_is_not_stable():
+    """A wall rendered directly that a heavy, well damped hand holds and a light one does not."""
+    case = problem()
+    hands = Hand(np.array([0.02, 0.3]), np.array([1.0, 60.0]), np.array([100.0, 100.0]))
+    walls = SampledLoop(2.0, 0.0, np.array([1e3, 2e4, 1e6]), T, 0, "sampled-data")
+    found = linear_stability(case.device, fractions(walls, np.inf, 1.0), 0.0, hands)
+    np.testing.assert_array_equal(found.radius < 1, [[True, True], [False, True], [False, False]])
+    np.testing.assert_array_equal(found.stable, [True, False, False])
+
+
+def test_a_jump_between_rows_that_are_stable_alone_is_left_open():
+    case = problem()
+    hands = hand_corners(case.hands)
+    one, other = np.array([1.0, 300.0]), np.array([100.0, 1e3])
+    assert switching_proof(case, one, other, 0 * one, hands).proved == 0
+    for row in (0, 1):
+        assert switching_proof(case, one[[row, row]], other[[row, row]], 0 * one, hands).proved == 1

@@ -80,3 +80,11 @@ def test_coupling_that_is_not_passive_or_rigid_is_refused():
     margin, _ = llewellyn_margin(loop("paper"), [-1.0, np.inf, 0.0], [0.0, 1.0, 0.0])
     assert np.isneginf(margin[:2]).all()
     assert margin[2] == 1.0
+
+
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+def test_a_margin_is_damping_that_the_device_does_not_have(model):
+    asked = largest_llewellyn_stiffness(loop(model), np.array([0.0, 0.1]), margin_ns_per_m=0.4)
+    robbed = largest_llewellyn_stiffness(loop(model, b_d=0.6), np.array([0.0, 0.1]))
+    np.testing.assert_allclose(asked, robbed, rtol=1e-9)
+    assert (asked < largest_llewellyn_stiffness(loop(model), np.array([0.0, 0.1]))).all()

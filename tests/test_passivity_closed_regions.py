@@ -111,3 +111,12 @@ def test_tolerance_stays_small_where_low_frequencies_are_huge(b):
     found = worst_margin(loop, b, 1e-3)  # 1e-3 N.s/m short of passive at Nyquist, with enormous damping at DC
     assert found.tolerance_ns_per_m[0] < 1e-9
     assert not found.passive[0]
+
+
+@given(damping, maybe_damping, stiffness, st.floats(0, 0.9))
+def test_lead_bound_with_a_margin_is_that_of_a_device_without_so_much_damping(b_d, b_e, k_e, share):
+    asked, robbed = (
+        largest_lead_for_all_frequencies(SampledLoop(own, b_e, k_e, T, 0, "sampled-data"), margin_ns_per_m=margin)
+        for own, margin in ((b_d, share * b_d), (b_d - share * b_d, 0.0))
+    )
+    assert asked == robbed

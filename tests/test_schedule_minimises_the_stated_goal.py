@@ -7,9 +7,15 @@ from schedule_problems import figure5
 
 from avc_casadi import solve
 
+ERRORS = {
+    "magnitude": lambda ratio, _: np.abs(ratio) - 1,
+    "complex": lambda ratio, _: np.abs(ratio - 1),
+    "perceptual": lambda ratio, jnd: np.maximum(np.abs(ratio - 1) / jnd - 1, 0),
+}
+
 
 def stated_goal(problem, gains):
-    """Return the weighted mean of the squared complex error, and that of the penalty on b_p.
+    """Return the weighted mean of the squared error, and that of the penalty on b_p.
 
     Trapezoids over ln(frequency), a tenth outside the frequencies of interaction, divided by their sum.
     """
@@ -30,17 +36,24 @@ def stated_goal(problem, gains):
     weight[(gains.frequency_hz < low) | (gains.frequency_hz > high)] /= 10
     weight /= weight.sum()
     penalty = problem.schedule.contact_damping_penalty * (gains.contact_damping_ns_per_m / np.abs(target)) ** 2
-    return float(weight @ np.abs(z / target - 1) ** 2), float(weight @ penalty)
+    error = ERRORS[problem.realism.objective](z / target, problem.realism.jnd)
+    return float(weight @ error**2), float(weight @ penalty)
 
 
+@pytest.mark.parametrize("objective", list(ERRORS))
 @pytest.mark.parametrize("interaction", [(2.0, 20.0), (30.0, 300.0)])
-def test_errors_weigh_a_tenth_outside_interaction_and_contact_damping_costs_its_penalty(interaction):
+def test_errors_weigh_a_tenth_outside_interaction_and_contact_damping_costs_its_penalty(interaction, objective):
     problem = figure5(
         points=15,
         coupling={"structure": "damped", "contact_damping_ns_per_m": (0.0, 150.0)},
         stability={"model": "sampled-data", "scope": "band"},
-        realism={"objective": "complex"},
-        schedule={"slope_penalty": 0.0, "contact_damping_penalty": 1e-1, "interaction_hz": interaction},
+        realism={"objective": objective, "jnd": 0.05},
+        # Perceptual errors count thresholds, so that a penalty must be larger to be seen beside them.
+        schedule={
+            "slope_penalty": 0.0,
+            "contact_damping_penalty": 10.0 if objective == "perceptual" else 1e-1,
+            "interaction_hz": interaction,
+        },
     )
     gains = solve(problem, "schedule")
     assert gains.usable.all()

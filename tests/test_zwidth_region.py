@@ -8,6 +8,7 @@ import pytest
 from avc_casadi import UnsupportedError, parse_problem
 from avc_casadi.certificate import _zwidth as _region
 from avc_casadi.certificate import llewellyn_table, rendered_wall, zwidth
+from avc_casadi.coupling import Status, gain_schedule
 from avc_casadi.design import solve
 from avc_casadi.figures import draw_zwidth
 from avc_casadi.loop import loop_at, no_hand
@@ -132,3 +133,14 @@ def test_curve_ends_at_the_first_stretch_and_asks_no_further():
     assert found[:2] == pytest.approx([20.0, 300.0], rel=1e-9)
     assert np.isnan(found[2])
     assert max(k for b, k in asked if b == 0.0) < 200.0
+
+
+def test_contact_damping_is_damping_of_the_rendered_wall():
+    case = problem(structure="damped")
+    n = len(case.frequencies_hz())
+    walls = [
+        rendered_wall(case, gain_schedule(case, "file", tuple(np.full(n, v) for v in gains), (Status.SOLVED,) * n))
+        for gains in ((5.0, 4e3, 33.0), (5.0, 4e3, 0.0))
+    ]
+    np.testing.assert_allclose(walls[0][0] - walls[1][0], 33.0, rtol=1e-9)
+    np.testing.assert_allclose(walls[0][1], walls[1][1], rtol=1e-9)
