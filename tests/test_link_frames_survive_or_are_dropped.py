@@ -115,3 +115,14 @@ def test_a_frame_of_any_length_is_answered_or_dropped() -> None:
     content = b"\1" * (1016 + 1)
     core.write(cobs_encode(content + struct.pack("<I", zlib.crc32(content))) + b"\0")
     assert core.read() == b""
+
+
+def test_the_longest_frame_is_received_whole() -> None:
+    frame = Frame(Kind.CHUNK, 5, b"\1" * MAX_PAYLOAD)
+    assert len(encode(frame)) > MAX_ENCODED // 2
+    assert Decoder().feed(encode(frame)) == [frame]
+
+
+@pytest.mark.parametrize("version", [0, 2])
+def test_a_frame_of_another_protocol_is_not_read(version: int) -> None:
+    assert parse(Frame(Kind.HEARTBEAT | 0x80, 5, struct.pack("<II", 7, 0), version)) == Refusal(Reason.VERSION, version)

@@ -187,6 +187,15 @@ def test_host_sends_nothing_above_any_one_limit(limit: str, column: int, words: 
         push(made, HostLink(core))
     assert str(caught.value).count("narrow") == 1
     assert core.image() is None
+    # Of many rows above it the worst is named.
+    core = HostCore(host_library(), BoardLimits(**{limit: 0.3 * largest}))
+    with pytest.raises(LinkError, match=f"{words} {largest:.6g} "):
+        push(gains, HostLink(core))
+
+
+def test_what_a_board_says_in_single_precision_is_taken_as_it_was_meant() -> None:
+    device = Connection(HostLink(host_core())).device
+    assert (device.sample_time_s, device.metres_per_count) == (0.001, 2e-6)
 
 
 def test_what_no_hand_could_hold_is_refused_before_a_port_is_opened() -> None:
