@@ -419,3 +419,49 @@ def test_session_waits_and_sends_nothing_by_itself() -> None:
     with pytest.raises(StopIteration) as stop:
         dialogue.send((sequence, m.Committed(3, 4)))
     assert stop.value.value == m.Committed(3, 4)
+
+
+def test_a_table_that_changes_while_it_is_read_back_is_said_to() -> None:
+    dialogue = Session(1, timeout_s=0.1).read_table(40, 20)
+    step = next(dialogue)
+    for table_id, offset in ((7, 0), (8, 20)):
+        (asked,) = [frame for frame in Decoder().feed(step.data) if frame.type == Kind.READBACK]
+        if offset:
+            with pytest.raises(LinkError, match="changed while it was read back"):
+                dialogue.send((asked.sequence, m.Readback(table_id, offset, bytes(20))))
+        else:
+            step = dialogue.send((asked.sequence, m.Readback(table_id, offset, bytes(20))))
+
+
+def test_a_table_read_back_is_compared_byte_by_byte() -> None:
+    """The right name over one wrong byte, as often as it is tried, is no success."""
+    table = gain_table(schedule(8))
+    spoilt = table.image[:-1] + bytes([table.image[-1] ^ 1])
+
+    class Spoiling(Session):
+        def read_table(self, size: int, part: int) -> Generator[Exchange, Any, tuple[int, bytes]]:
+            yield from super().read_table(size, part)
+            return table.table_id, spoilt
+
+    connection = Connection(HostLink(host_core()))
+    with pytest.raises(LinkError, match="differs from the one sent"):
+        connection.run(Spoiling(5, timeout_s=0.1).push(table, connection.device))
+
+
+def test_no_more_than_the_window_is_sent_at_once() -> None:
+    connection = Connection(HostLink(host_core()))
+    narrow = dataclasses.replace(connection.device, window_bytes=600)
+    sizes = []
+
+    def watched() -> Generator[Exchange, Any, Any]:
+        dialogue = connection.session.push(gain_table(schedule(120)), narrow)
+        step = next(dialogue)
+        while True:
+            sizes.append(len(step.data))
+            try:
+                step = dialogue.send((yield step))
+            except StopIteration as end:
+                return end.value
+
+    assert connection.run(watched()).attempts == 1
+    assert 300 < max(sizes) <= 600

@@ -166,3 +166,10 @@ def test_seeds_repeat_and_differ():
     assert np.abs(one - other).max() > 1e-7
     noise = dict(zip(compile_scene(problem).inputs, compile_scene(problem).input_values(), strict=True))["noise_m"]
     assert noise.std() == pytest.approx(1e-5, rel=0.05)
+
+
+def test_as_many_samples_are_dropped_as_said():
+    effects = ('kind = "hand"', 'kind = "wall"', 'kind = "jitter"\nrms_s = 0.0\ndropped_share = 0.1')
+    compiled = compile_scene(scene_problem(effects, scene="duration_s = 20.0\n"))
+    dropped = dict(zip(compiled.inputs, compiled.input_values(), strict=True))["dropped"]
+    assert dropped.mean() == pytest.approx(0.1, abs=0.01)
