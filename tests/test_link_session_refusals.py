@@ -465,3 +465,12 @@ def test_no_more_than_the_window_is_sent_at_once() -> None:
 
     assert connection.run(watched()).attempts == 1
     assert 300 < max(sizes) <= 600
+
+
+def test_a_busy_device_is_given_time() -> None:
+    device = Connection(HostLink(host_core())).device
+    dialogue = Session(1, timeout_s=0.1).push(gain_table(schedule(8)), device)
+    (begin,) = Decoder().feed(next(dialogue).data)
+    step = dialogue.send((begin.sequence, Refusal(Reason.BUSY, 2)))
+    assert step.data == b""
+    assert step.timeout_s > 0.5

@@ -46,6 +46,10 @@ CASES = {
     "velocity-filter-rigid": ((HAND, WALL, 'kind = "velocity-filter"\ncutoff_hz = 150.0'), Gains(math.inf, 0.0, 20.0)),
     "delay": ((HAND, WALL, 'kind = "delay"\nsamples = 3'), SOFT),
     "saturation": ((HAND, WALL, 'kind = "saturation"'), SERIES),
+    "saturation-both-ways": (
+        (HAND, 'kind = "environment"\nstiffness_n_per_m = 3000.0', 'kind = "saturation"\nforce_n = 0.5'),
+        Gains(20.0, 1e4),
+    ),
     "amplifier": ((HAND, WALL, 'kind = "amplifier"\nbandwidth_hz = 200.0'), SOFT),
     "current-loop": ((HAND, WALL, 'kind = "amplifier"\nbandwidth_hz = 200.0\norder = 2'), SOFT),
     "current-loop-and-friction": ((HAND, WALL, 'kind = "amplifier"\nbandwidth_hz = 150.0\norder = 2', FRICTION), SOFT),
