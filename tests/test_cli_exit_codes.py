@@ -130,11 +130,8 @@ def test_what_is_not_deployable_is_refused_and_names_the_claim(tmp_path):
 
 
 def test_refused_push_is_a_no(tmp_path):
-    assert avc("solve", "soft", "--out", "gains.json", cwd=tmp_path).returncode == 0
-    document = json.loads((tmp_path / "gains.json").read_text())
-    stiff = {"stiffness_n_per_m": [2e8] * len(document["frequency_hz"])}
-    (tmp_path / "stiff.json").write_text(json.dumps(document | stiff))
-    done = avc("push", "stiff.json", "--problem", "soft", "--port", "emulator", "--unsafe", "--json", cwd=tmp_path)
+    (tmp_path / "stiff.csv").write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n5.0,0.0,2e8\n50.0,0.0,2e8\n")
+    done = avc("push", "stiff.csv", "--problem", "soft", "--port", "emulator", "--unsafe", "--json", cwd=tmp_path)
     assert done.returncode == 1
     (error,) = strict_json(done.stdout)["errors"]
     assert "narrow coupling.stiffness_n_per_m" in error["message"]
@@ -163,7 +160,7 @@ def test_certify_says_no_to_what_may_not_be_deployed_whatever_the_problem_claims
     )
     done = avc("certify", "weak.toml", "stiff.csv", cwd=tmp_path)
     assert done.returncode == 1
-    assert text_of(done).startswith("avc: not deployable: hands: linearly unstable")
+    assert text_of(done).startswith("avc: not deployable: hands (L5): linearly unstable")
     assert f"claimed by the problem file: {level}" in done.stdout.decode()
     (tmp_path / "soft.csv").write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n5.0,5.0,1e3\n50.0,5.0,1e3\n")
     done = avc("certify", "weak.toml", "soft.csv", "--json", cwd=tmp_path)
@@ -291,7 +288,7 @@ def test_solve_says_yes_where_gains_were_found_and_tells_whether_they_are_deploy
     done = avc("solve", "weak.toml", "--method", "exact", cwd=tmp_path)
     assert done.returncode == 0
     (line,) = [line for line in done.stdout.decode().splitlines() if "deployable" in line]
-    assert line.startswith("not deployable: hands: ")
+    assert line.startswith("not deployable: hands (L5): ")
     document = strict_json(avc("solve", "weak.toml", "--method", "exact", "--json", cwd=tmp_path).stdout)
     assert None not in document["damping_ns_per_m"]
     assert document["deployable"]["pass"] is False

@@ -185,7 +185,7 @@ def test_a_folder_that_cannot_be_written_is_found_before_the_work(tmp_path, monk
 
 
 def test_a_run_that_ends_early_leaves_the_files_before_it(tmp_path, monkeypatch):
-    def stop(*_):
+    def stop(*_, **__):
         raise KeyboardInterrupt
 
     (tmp_path / "gains.json").write_text("of the run before")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi.cli._subject import unsafe_note
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -14,15 +15,17 @@ def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:
     """Push to the emulated device and try it there; a push that cannot be made is no reason to lose the rest.
 
     Returns:
-        The `push` document with ``in_the_loop``; or ``{"skipped": why}``, or ``{"refused": why}``.
+        The `push` document with ``unsafe`` (empty where it is deployable) and ``in_the_loop``; or ``{"skipped": why}``, or ``{"refused": why}``.
     """
+    from avc_casadi.certificate import require_deployable
     from avc_hardware import push, tried_in_the_loop
 
     if coupling is None:
         return {"skipped": "no coupling is deployable"}
     try:
+        note = unsafe_note(require_deployable(coupling, unsafe=unsafe))
         pushed = push(coupling, "emulator", unsafe=unsafe).document()
-        return pushed | {"in_the_loop": tried_in_the_loop(coupling).document()}
+        return pushed | {"unsafe": note, "in_the_loop": tried_in_the_loop(coupling).document()}
     except (avc.MissingExtraError, avc.UnsupportedError) as error:
         return {"skipped": str(error)}
     except (avc.LinkError, avc.NotDeployableError) as error:

@@ -45,9 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the main job."""
     problem = avc.load_problem(args.problem)
-    console.say(f"{problem.name}: {problem.title}")
     asked = f"avc-{problem.name.replace('/', '-')}" if args.out is None else args.out
     with output_folder(asked, "--out") as folder:
+        console.say(f"{problem.name}: {problem.title}")
         return _worked_through(problem, args, console, folder, Path(asked))
 
 
