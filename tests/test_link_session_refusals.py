@@ -190,7 +190,7 @@ def test_host_sends_nothing_above_any_one_limit(limit: str, column: int, words: 
     # Of many rows above it the worst is named.
     core = HostCore(host_library(), BoardLimits(**{limit: 0.3 * largest}))
     with pytest.raises(LinkError, match=f"{words} {largest:.6g} "):
-        push(gains, HostLink(core))
+        push(made, HostLink(core))
 
 
 def test_what_a_board_says_in_single_precision_is_taken_as_it_was_meant() -> None:
@@ -435,7 +435,7 @@ def test_a_table_that_changes_while_it_is_read_back_is_said_to() -> None:
 
 def test_a_table_read_back_is_compared_byte_by_byte() -> None:
     """The right name over one wrong byte, as often as it is tried, is no success."""
-    table = gain_table(schedule(8))
+    table = TableImage.of(coupling(8))
     spoilt = table.image[:-1] + bytes([table.image[-1] ^ 1])
 
     class Spoiling(Session):
@@ -454,7 +454,7 @@ def test_no_more_than_the_window_is_sent_at_once() -> None:
     sizes = []
 
     def watched() -> Generator[Exchange, Any, Any]:
-        dialogue = connection.session.push(gain_table(schedule(120)), narrow)
+        dialogue = connection.session.push(TableImage.of(coupling(120)), narrow)
         step = next(dialogue)
         while True:
             sizes.append(len(step.data))
@@ -469,7 +469,7 @@ def test_no_more_than_the_window_is_sent_at_once() -> None:
 
 def test_a_busy_device_is_given_time() -> None:
     device = Connection(HostLink(host_core())).device
-    dialogue = Session(1, timeout_s=0.1).push(gain_table(schedule(8)), device)
+    dialogue = Session(1, timeout_s=0.1).push(TableImage.of(coupling(8)), device)
     (begin,) = Decoder().feed(next(dialogue).data)
     step = dialogue.send((begin.sequence, Refusal(Reason.BUSY, 2)))
     assert step.data == b""

@@ -15,7 +15,8 @@ def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:
     """Push to the emulated device and try it there; a push that cannot be made is no reason to lose the rest.
 
     Returns:
-        The `push` document with ``unsafe`` (empty where it is deployable) and ``in_the_loop``; or ``{"skipped": why}``, or ``{"refused": why}``.
+        The `push` document with ``unsafe`` (empty where it is deployable) and ``in_the_loop``; or
+        ``{"skipped": why}``, or ``{"refused": why}``.
     """
     from avc_casadi.certificate import require_deployable
     from avc_hardware import push, tried_in_the_loop
