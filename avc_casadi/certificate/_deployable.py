@@ -1,19 +1,20 @@
 """Deployable: whether a coupling may go into a device, and which claim fails where it may not.
 
 One definition, for every verb: linearly stable with every hand of [hands] and with the device let go, over every corner
-of [device.range], on the loop with the device's sample time and delay; at the table's rows and between them.
+of [device.range], on the loop of the device as declared: its sample time and delay, amplifier and resonance; at the
+table's rows and between them. An observer between encoder steps is no part of it: it is not linear.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.loop import RIGID_KEYS, device_corners, hand_set, no_hand
-from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, linear_stability
+from avc_casadi.loop import LINEAR_KEYS, device_corners, hand_set, linear_values, no_hand
+from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, rigid, whole_stability
 from avc_casadi.support import SILENT, Progress, plain
 
 if TYPE_CHECKING:
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 # Points judged between two neighbouring rows, where the device interpolates.
 _BETWEEN = 3
 _DRAWS = 24
+# A device in no touch with anything has its place twice for an eigenvalue where nothing damps it: rounding moves a
+# double one by its root, unless the matrix is triangular, as that of a rigid device is.
+_FREE_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True)
@@ -101,13 +105,14 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
     problem, table = coupling.problem, coupling.table
     frequency, gains = _judged(table)
     try:
-        held = _claim(problem, frequency, gains, let_go=False, progress=progress)
-        released = _claim(problem, frequency, gains, let_go=True, progress=progress)
+        claims = tuple(_claim(problem, frequency, gains, let_go=let_go, progress=progress) for let_go in (False, True))
     except UnsupportedError as refusal:
         why = f"not judged: {refusal}"
         advice = "shorten the delay, or judge the loop by other means"
         return Deployable(tuple(DeployClaim(name, False, why, advice, np.nan) for name in ("hands", "let-go")))
-    return Deployable((held, released))
+    if coupling.runtime.observer_mass_kg is not None:
+        claims = tuple(replace(claim, sentence=claim.sentence + _OBSERVER) for claim in claims)
+    return Deployable(claims)
 
 
 def _judged(table: GainTable) -> tuple[FloatArray, FloatArray]:
@@ -128,12 +133,13 @@ def _claim(
     b, k, contact = gains
     hands = no_hand() if let_go else hand_set(problem.hands, draws=_DRAWS)
     parts = frozen_parts(problem, b, k)
-    corners = device_corners(problem.device, RIGID_KEYS)
-    radius = np.array([linear_stability(device, parts, contact, hands, progress=progress).radius for device in corners])
+    corners = device_corners(problem.device, LINEAR_KEYS)
+    radius = np.array([whole_stability(device, parts, contact, hands, progress=progress).radius for device in corners])
     limit = np.full(len(b), 1 - RADIUS_TOLERANCE)
     if let_go:
         # Without a spring to the wall nothing calls a free device back: it keeps its place, which is no instability.
-        limit = np.where(parts.integral > 0, limit, 1 + RADIUS_TOLERANCE)
+        free = 1 + (RADIUS_TOLERANCE if rigid(problem.device) else _FREE_TOLERANCE)
+        limit = np.where(parts.integral > 0, limit, free)
     corner, row, hand = (int(index) for index in np.unravel_index(np.argmax(radius), radius.shape))
     passed = bool((radius.max(axis=(0, 2)) < limit).all())
     worst = float(radius[corner, row, hand])
@@ -156,6 +162,18 @@ _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is dep
 
 
 def _of(device: Device, corners: list[Device]) -> str:
+    """Name the corner of a device by what distinguishes it from the others."""
     if len(corners) == 1:
         return ""
-    return f" (device {device.mass_kg:.4g} kg, {device.damping_ns_per_m:.4g} N.s/m)"
+    every = [linear_values(corner) for corner in corners]
+    changed = {key: value for key, value in linear_values(device).items() if len({one[key] for one in every}) > 1}
+    return f" (device {', '.join(_told(key, value) for key, value in changed.items())})"
+
+
+def _told(key: str, value: float) -> str:
+    """Return a value with what it is: the unit of a mass or a damping says that, other values have their key."""
+    unit = {"mass_kg": "kg", "damping_ns_per_m": "N.s/m"}.get(key)
+    return f"{key} {value:.4g}" if unit is None else f"{value:.4g} {unit}"
+
+
+_OBSERVER = " (judged without the observer, which is not linear)"

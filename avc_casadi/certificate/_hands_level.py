@@ -8,8 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi.certificate._levels import Rows, level_result, not_judged
-from avc_casadi.loop import RIGID_KEYS, device_corners, hand_corners, hand_set, no_hand
-from avc_casadi.stability import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_parts, linear_stability, switching_proof
+from avc_casadi.loop import LINEAR_KEYS, device_corners, hand_corners, hand_set, linear_values, no_hand
+from avc_casadi.stability import (
+    MAX_DELAY_SAMPLES,
+    RADIUS_TOLERANCE,
+    frozen_parts,
+    rigid,
+    switching_proof,
+    whole_stability,
+)
 from avc_casadi.support import SILENT, FloatArray, Progress
 
 if TYPE_CHECKING:
@@ -24,7 +31,7 @@ _LARGEST_SHIFT = 1e6
 
 
 def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILENT) -> LevelResult:
-    """Judge L5 on the loop that runs on a device, whatever model the gains were designed for.
+    """Judge L5 on the loop of the device as declared, whatever model the gains were designed for.
 
     The margin of a row is the damping that its device can lose, with the worst hand, before the loop stands on the edge
     of stability (negative: that it lacks); it is found for the worst row alone.
@@ -33,11 +40,11 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
     hands = hand_set(problem.hands, draws=draws, seed=seed)
     name = f"{len(hand_corners(problem.hands))} corners and {draws} draws (seed {seed}) of the hands"
     claim = f"each frozen row is linearly stable, with no friction, with {name}; this says nothing of switching"
-    devices = device_corners(problem.device, RIGID_KEYS)
+    devices = device_corners(problem.device, LINEAR_KEYS)
     if max(device.delay_samples for device in devices) > MAX_DELAY_SAMPLES:
         return not_judged(rows, "L5", "sampled-data", f"more than {MAX_DELAY_SAMPLES} samples of delay")
     parts = frozen_parts(problem, rows.b, rows.k)
-    found = [linear_stability(device, parts, rows.contact, hands, progress=progress) for device in devices]
+    found = [whole_stability(device, parts, rows.contact, hands, progress=progress) for device in devices]
     radii = np.concatenate([one.radius for one in found], axis=1)
     worst_case = np.argmax(radii, axis=1)[:, None]
     radius = np.take_along_axis(radii, worst_case, axis=1)[:, 0]
@@ -58,7 +65,7 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
     margin = damping_reserve(device, parts.pick(only), rows.contact[only], hand)
     held = hand.values(0)
     detail["worst_hand"] = held
-    detail["worst_device"] = {key: getattr(device, key) for key in RIGID_KEYS}
+    detail["worst_device"] = linear_values(device)
     if not stable[worst]:
         missing = len(rows.present) - len(radius)
         claim = (
@@ -81,8 +88,12 @@ def _beside(
     rows: Rows, parts: Fractions, devices: list[Device], radius: FloatArray, progress: Progress
 ) -> dict[str, Any]:
     """What stands beside the verdict: the device let go, and whether gains may switch between neighbouring rows."""
-    released = [linear_stability(device, parts, rows.contact, no_hand()) for device in devices]
-    switching = switching_proof(rows.problem, rows.b, rows.k, rows.contact, hand_corners(rows.problem.hands), progress)
+    released = [whole_stability(device, parts, rows.contact, no_hand()) for device in devices]
+    switching = None
+    if rigid(rows.problem.device):  # the proof knows no other device
+        switching = switching_proof(
+            rows.problem, rows.b, rows.k, rows.contact, hand_corners(rows.problem.hands), progress
+        )
     return {
         "spectral_radius": float(np.max(radius)) if len(radius) else None,
         "row_spectral_radius": rows.spread(radius),
@@ -101,7 +112,7 @@ def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand:
     """
 
     def stable(shift: float) -> bool:
-        return bool(linear_stability(device, parts, contact, hand, shift).stable[0])
+        return bool(whole_stability(device, parts, contact, hand, shift).stable[0])
 
     starts_stable = stable(0.0)
     available = device.damping_ns_per_m + hand.values(0)["damping_ns_per_m"]

@@ -44,6 +44,17 @@ def device_corners(device: Device, keys: Collection[str] | None = None) -> list[
     return [_changed(whole, dict(zip(ends, corner, strict=True))) for corner in product(*ends.values())]
 
 
+def linear_values(device: Device) -> dict[str, float]:
+    """Return the numbers of `LINEAR_KEYS` that a device has, by key."""
+    found: dict[str, float] = {}
+    for key in LINEAR_KEYS:
+        table, _, inner = key.rpartition(".")
+        value = getattr(getattr(device, table) if table else device, inner, None)
+        if value is not None:
+            found[key] = value
+    return found
+
+
 def _changed(whole: dict[str, Any], values: dict[str, float]) -> Device:
     changed = dict(whole)
     for key, value in values.items():

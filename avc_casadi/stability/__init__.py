@@ -18,3 +18,8 @@ from avc_casadi.stability._transition import fraction_rendering as fraction_rend
 from avc_casadi.stability._transition import frozen_transition as frozen_transition
 from avc_casadi.stability._transition import joint_rendering as joint_rendering
 from avc_casadi.stability._transition import mechanics as mechanics
+from avc_casadi.stability._whole_device import closed_loop as closed_loop
+from avc_casadi.stability._whole_device import plants_with_forces as plants_with_forces
+from avc_casadi.stability._whole_device import rigid as rigid
+from avc_casadi.stability._whole_device import sampled_stability as sampled_stability
+from avc_casadi.stability._whole_device import whole_stability as whole_stability

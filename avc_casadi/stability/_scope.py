@@ -9,7 +9,8 @@ import numpy as np
 
 from avc_casadi.loop import hand_set
 from avc_casadi.passivity import SampledLoop, worst_margin
-from avc_casadi.stability._spectral import RADIUS_TOLERANCE, frozen_parts, linear_stability
+from avc_casadi.stability._spectral import RADIUS_TOLERANCE, frozen_parts
+from avc_casadi.stability._whole_device import whole_stability
 from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def scope_slack(
     )
     margin = problem.stability.margin_ns_per_m
     if problem.stability.scope == "hands":
-        stability = linear_stability(
+        stability = whole_stability(
             problem.device, frozen_parts(problem, b, k), contact, hand_set(problem.hands), -margin
         )
         worst = np.argmax(stability.radius, axis=1)[:, None]

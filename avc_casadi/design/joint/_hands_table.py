@@ -13,7 +13,7 @@ from avc_casadi.design.joint._scope import deciding_corners
 from avc_casadi.design.joint._states import States
 from avc_casadi.loop import hand_corners
 from avc_casadi.problem import Problem
-from avc_casadi.stability import frozen_parts, linear_stability
+from avc_casadi.stability import frozen_parts, whole_stability
 from avc_casadi.support import FloatArray
 
 _POINTS = {2: (32, 32), 3: (18, 18, 12)}
@@ -32,7 +32,7 @@ def hands_slack(problem: Problem, states: States, at: FloatArray) -> FloatArray:
     b, k, contact = states.gains(at)
     hands, margin = hand_corners(problem.hands), problem.stability.margin_ns_per_m
     slack = [
-        1 - linear_stability(corner.device, frozen_parts(corner, b, k), contact, hands, -margin).radius.max(axis=1)
+        1 - whole_stability(corner.device, frozen_parts(corner, b, k), contact, hands, -margin).radius.max(axis=1)
         for corner in deciding_corners(problem)
     ]
     return np.asarray(np.clip(np.min(slack, axis=0), -_CLIP, _CLIP))
