@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.loop import with_let_go
-from avc_casadi.problem import DeviceRange
 from avc_casadi.recommendation._limits import stiffest_wall
 
 if TYPE_CHECKING:
     from avc_casadi.loop import Hand, StylusHand
-    from avc_casadi.problem import Problem
+    from avc_casadi.problem import Device, Problem
 
 
 @dataclass(frozen=True)
@@ -37,11 +36,11 @@ def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help,
     device = problem.device
     changes: dict[str, dict[str, Any]] = {
         "half the sample time": {"sample_time_s": device.sample_time_s / 2},
-        "twice the damping of the device": {"damping_ns_per_m": 2 * device.damping_ns_per_m, "range": DeviceRange()},
-        "twice the mass of the device": {"mass_kg": 2 * device.mass_kg, "range": DeviceRange()},
+        "twice the damping of the device": _twice(device, "damping_ns_per_m"),
+        "twice the mass of the device": _twice(device, "mass_kg"),
     }
     if device.delay_samples:
-        changes["no delay"] = {"delay_samples": 0}
+        changes["no delay"] = {"delay_samples": 0, "range": {"delay_samples": None}}
     people = with_let_go(extreme)
     found = [
         Help(change, float(stiffest_wall(problem.changed(device=keys).device, people).stiffness_n_per_m))
@@ -49,3 +48,12 @@ def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help,
         if keys.get("damping_ns_per_m") != 0 and keys.get("mass_kg") != 0
     ]
     return tuple(sorted(found, key=lambda one: -one.stiffest_wall_n_per_m))
+
+
+def _twice(device: Device, key: str) -> dict[str, Any]:
+    """Double a value, and the range within which it is known."""
+    interval = getattr(device.range, key)
+    return {
+        key: 2 * getattr(device, key),
+        "range": {key: None if interval is None else tuple(2 * end for end in interval)},
+    }

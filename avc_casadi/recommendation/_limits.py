@@ -1,8 +1,9 @@
 """The stiffest wall that a set of hands can hold at all, exactly: rigid coupling and a contact damper, no friction.
 
-The force K x + D (x - x')/T is held for T; D is the damping of wall and contact damper together. The loop is linear,
-and its spectral radius with each hand says whether it dies out. No coupling in series can hold a stiffer wall: it only
-softens it.
+The force K x + D (x - x')/T, x the measured position, is held for T; D is the damping of wall and contact damper
+together. The device is that which is declared: delay, amplifier and resonance, at every corner of their ranges. The
+loop is linear, and its spectral radius with each hand says whether it dies out. No coupling in series can hold a
+stiffer wall: it only softens it.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop import DEVICE, GROUND, Hand, Plant, StylusHand, hand_corners, transition
-from avc_casadi.problem import Hands, whole_delay
+from avc_casadi.loop import LINEAR_KEYS, Hand, StylusHand, device_corners, hand_corners, sampled_plant
+from avc_casadi.problem import Hands
+from avc_casadi.stability import Rendering, closed_loop, plants_with_forces
 from avc_casadi.support import FloatArray, IndexArray
 from avc_casadi.trial import STYLUS_RANGES, Population
 
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
 
 _SCAN = 121
 _HALVINGS = 40
+# Up to so many devices with hands all are looked at every time; of more those alone that once decided, the others at
+# the end.
+_FEW = 32
 
 
 def corner_subjects(population: Population) -> Hand | StylusHand:
@@ -38,35 +43,83 @@ def corner_subjects(population: Population) -> Hand | StylusHand:
 def loop_radius(
     device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray
 ) -> FloatArray:
-    """Spectral radius of the frozen loop in contact, shape (walls, people).
+    """Spectral radius of the frozen loop in contact at the worst corner of the device, shape (walls, people).
 
     Args:
-        device: mass, damping, sample time, delay.
+        device: the device as declared.
         subjects: the people.
         stiffness_n_per_m: K, shape (walls,).
         damping_ns_per_m: D, shape (walls,).
     """
-    plant = Plant()
-    plant.add_mass(DEVICE, device.mass_kg)
-    plant.join(DEVICE, GROUND, 0.0, device.damping_ns_per_m)
-    subjects.mechanics(plant)
-    linear = plant.linear()
-    moves = transition(linear, device.sample_time_s)
-    n, d = linear.states, whole_delay(device.delay_samples, "the stiffest wall of a recommendation")
-    rate = damping_ns_per_m / device.sample_time_s
-    # States: those of the plant, the position before, and d forces under way, the newest first.
-    loop = np.zeros((len(stiffness_n_per_m), len(subjects), n + 1 + d, n + 1 + d))
-    loop[:, :, :n, :n] = moves.matrix
-    loop[:, :, n, 0] = 1.0
-    asked = np.zeros((len(stiffness_n_per_m), n + 1 + d))
-    asked[:, 0], asked[:, n] = stiffness_n_per_m + rate, -rate
-    if d == 0:
-        loop[:, :, :n, :] += asked[:, None, None, :] * moves.force[..., None]
-    else:
-        loop[:, :, n + 1, :] = asked[:, None, :]
-        loop[:, :, np.arange(n + 2, n + 1 + d), np.arange(n + 1, n + d)] = 1.0
-        loop[:, :, :n, n + d] += moves.force
-    return np.asarray(np.abs(np.linalg.eigvals(loop)).max(axis=-1))
+    every = _Loops.of(device, subjects).radius(stiffness_n_per_m, damping_ns_per_m)
+    return np.asarray(every.reshape(len(every), -1, len(subjects)).max(axis=1))
+
+
+@dataclass(frozen=True)
+class _Loops:
+    """Every corner of a device with everybody.
+
+    Attributes:
+        matrix: A with the forces under way, shape (pairs, s, s); corners first.
+        push: B, shape (pairs, s).
+        measured: row of the measured position, shape (s,).
+        sample_time_s: T.
+        most_damping_ns_per_m: more no wall can have: 2 m/T of all that moves.
+        deciding: the pairs that are looked at every time.
+    """
+
+    matrix: FloatArray
+    push: FloatArray
+    measured: FloatArray
+    sample_time_s: float
+    most_damping_ns_per_m: float
+    deciding: set[int]
+
+    @classmethod
+    def of(cls, device: Device, subjects: Hand | StylusHand) -> _Loops:
+        corners = device_corners(device, LINEAR_KEYS)
+        matrix, push, measured = plants_with_forces(sampled_plant(corners, subjects))
+        mass = max(corner.mass_kg for corner in corners) + float(np.max(subjects.mass_kg))
+        most = 2 * mass / device.sample_time_s
+        few = set(range(len(matrix))) if len(matrix) <= _FEW else set()
+        return cls(matrix, push, measured, device.sample_time_s, most, few)
+
+    def radius(
+        self, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray, pairs: IndexArray | None = None
+    ) -> FloatArray:
+        """Spectral radius of walls with all pairs, or some, shape (walls, pairs)."""
+        rate = damping_ns_per_m / self.sample_time_s
+        force = np.stack([stiffness_n_per_m + rate, -rate, np.zeros_like(rate)], axis=-1)
+        rendering = Rendering(force, np.zeros_like(force))
+        some = slice(None) if pairs is None else pairs
+        loop = closed_loop(self.matrix[some], self.push[some], self.measured, rendering)
+        # The rendering has no state of its own here.
+        return np.asarray(np.abs(np.linalg.eigvals(loop[..., :-1, :-1])).max(axis=-1))
+
+    def worst(self, stiffness_n_per_m: float) -> Callable[[FloatArray], FloatArray]:
+        """Return the radius of a wall, from its damping, with the worst of the deciding pairs."""
+
+        def radius(damping: FloatArray) -> FloatArray:
+            stiffness = np.full(len(damping), stiffness_n_per_m)
+            return np.asarray(self.radius(stiffness, damping, np.array(sorted(self.deciding))).max(axis=1))
+
+        return radius
+
+    def confirmed(self, stiffness_n_per_m: float, damping_ns_per_m: FloatArray) -> bool:
+        """Whether a wall is stable with all pairs too; where it is not, the worst are added to those that decide."""
+        if len(self.deciding) == len(self.matrix):
+            return True
+        every = self.radius(np.full(len(damping_ns_per_m), stiffness_n_per_m), damping_ns_per_m)
+        found = {int(pair) for row in every if row.max() >= 1 for pair in (np.argmax(row),)} - self.deciding
+        self.deciding.update(found)
+        return not found
+
+    def start(self, stiffness_n_per_m: float) -> None:
+        """Let those decide first that are the worst with some damping."""
+        if not self.deciding:
+            damping = np.linspace(0.0, self.most_damping_ns_per_m, 9)
+            every = self.radius(np.full(len(damping), stiffness_n_per_m), damping)
+            self.deciding.update(int(pair) for pair in np.argmax(every, axis=1))
 
 
 @dataclass(frozen=True)
@@ -85,43 +138,40 @@ class DampingRange:
 
 
 def damping_range(device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float) -> DampingRange:
-    """Find the damping with which a wall is stable with everybody.
+    """Find the damping with which a wall is stable with everybody at every corner of the device.
 
     The stable damping of each hand is an interval below 2 m/T of all that moves.
     """
-    radius = _radius(device, subjects, stiffness_n_per_m)
-    scan, inside = _stable_dampings(radius, _most_damping(device, subjects))
-    if len(inside) == 0:
-        return DampingRange(stiffness_n_per_m, np.nan, np.nan)
-    low = 0.0 if scan[inside[0]] == 0 else _edge(radius, scan[inside[0] - 1], scan[inside[0]])
-    last = len(scan) - 1
-    high = scan[-1] if inside[-1] == last else _edge(radius, scan[inside[-1] + 1], scan[inside[-1]])
-    return DampingRange(stiffness_n_per_m, float(low), float(high))
+    return _damping_range(_Loops.of(device, subjects), stiffness_n_per_m)
 
 
-def _most_damping(device: Device, subjects: Hand | StylusHand) -> float:
-    return 2 * (device.mass_kg + float(np.max(subjects.mass_kg))) / device.sample_time_s
+def _damping_range(loops: _Loops, stiffness_n_per_m: float) -> DampingRange:
+    radius = loops.worst(stiffness_n_per_m)
+    while True:
+        scan, inside = _stable_dampings(loops, stiffness_n_per_m)
+        if len(inside) == 0:
+            return DampingRange(stiffness_n_per_m, np.nan, np.nan)
+        low = 0.0 if scan[inside[0]] == 0 else _edge(radius, scan[inside[0] - 1], scan[inside[0]])
+        last = len(scan) - 1
+        high = scan[-1] if inside[-1] == last else _edge(radius, scan[inside[-1] + 1], scan[inside[-1]])
+        if loops.confirmed(stiffness_n_per_m, np.array([low, high])):
+            return DampingRange(stiffness_n_per_m, float(low), float(high))
 
 
-def _radius(
-    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float
-) -> Callable[[FloatArray], FloatArray]:
-    def radius(damping: FloatArray) -> FloatArray:
-        every = loop_radius(device, subjects, np.full(len(damping), stiffness_n_per_m), damping)
-        return np.asarray(every.max(axis=1))
-
-    return radius
-
-
-def _stable_dampings(radius: Callable[[FloatArray], FloatArray], most: float) -> tuple[FloatArray, IndexArray]:
+def _stable_dampings(loops: _Loops, stiffness_n_per_m: float) -> tuple[FloatArray, IndexArray]:
     """Return a scan of dampings and which of them are stable; finer about the least radius where none is."""
-    scan = np.linspace(0.0, most, _SCAN)
-    found = radius(scan)
-    if not (found < 1).any():
-        best = int(np.argmin(found))
-        scan = np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, _SCAN - 1)], _SCAN)
+    loops.start(stiffness_n_per_m)
+    radius = loops.worst(stiffness_n_per_m)
+    while True:
+        scan = np.linspace(0.0, loops.most_damping_ns_per_m, _SCAN)
         found = radius(scan)
-    return scan, np.flatnonzero(found < 1)
+        if not (found < 1).any():
+            best = int(np.argmin(found))
+            scan = np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, _SCAN - 1)], _SCAN)
+            found = radius(scan)
+        inside = np.flatnonzero(found < 1)
+        if len(inside) == 0 or loops.confirmed(stiffness_n_per_m, scan[inside[[0, -1]]]):
+            return scan, inside
 
 
 def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: float) -> float:
@@ -136,12 +186,12 @@ def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: fl
 
 def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
     """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %."""
-    most = _most_damping(device, subjects)
-    low, high = 1.0, 4 * most / device.sample_time_s
+    loops = _Loops.of(device, subjects)
+    low, high = 1.0, 4 * loops.most_damping_ns_per_m / device.sample_time_s
     while high > 1.0001 * low:
         middle = float(np.sqrt(low * high))
-        if len(_stable_dampings(_radius(device, subjects, middle), most)[1]):
+        if len(_stable_dampings(loops, middle)[1]):
             low = middle
         else:
             high = middle
-    return damping_range(device, subjects, low)
+    return _damping_range(loops, low)
