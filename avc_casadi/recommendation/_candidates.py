@@ -85,9 +85,13 @@ def _dampings(found: DampingRange) -> list[float]:
 
 
 def _with_observer(coupling: Coupling) -> Iterator[Coupling]:
-    """Yield a coupling without an observer, and with one where an encoder or a delay may call for it."""
+    """Yield a coupling without an observer, and with one where an encoder or a delay may call for it.
+
+    The observer looks whole samples ahead: it is none for a delay that is not whole.
+    """
     yield coupling
     problem = coupling.problem
-    if problem.device.encoder_resolution_m > 0:
+    device = problem.device
+    if device.encoder_resolution_m > 0 and device.delay_samples == int(device.delay_samples):
         mass = problem.device.mass_kg + problem.hands.mass_kg[0]
         yield Coupling.constant(problem, coupling.table.at_rest, coupling.method, Runtime(observer_mass_kg=mass))

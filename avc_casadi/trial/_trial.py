@@ -27,6 +27,7 @@ from avc_casadi.problem import (
     Scene,
     Stroke,
     WallEffect,
+    declared_effects,
 )
 from avc_casadi.scene import Engine, Judgement, compile_for, compiler, execute, held_by, judge, settled
 from avc_casadi.scene.effects import build_effects
@@ -64,6 +65,7 @@ class Conditions:
         observer_mass_kg: mass that the observer behind the encoder reckons with; None is no observer.
         guarded: with the passivity controller in the time domain.
         runtime: what follows a gain table.
+        others: what else the device declares, its values left to the problem.
     """
 
     friction_n: float = 0.0
@@ -74,6 +76,7 @@ class Conditions:
     observer_mass_kg: float | None = None
     guarded: bool = False
     runtime: tuple[Effect, ...] = (EstimatorEffect(), AdaptationEffect())
+    others: tuple[Effect, ...] = ()
 
     @classmethod
     def declared(cls, problem: Problem) -> Conditions:
@@ -95,6 +98,7 @@ class Conditions:
             runtime=tuple(
                 effect for effect in runtime.effects(constant=False) if effect.kind in {"estimator", "adaptation"}
             ),
+            others=_others(coupling.problem),
         )
 
     def without_friction(self) -> Conditions:
@@ -103,10 +107,11 @@ class Conditions:
 
     def effects(self) -> tuple[Effect, ...]:
         """Return the effects of a scene with a hand and a one-sided wall; what is 0 is not listed."""
-        listed: list[Effect] = [HandEffect(), WallEffect()]
+        listed: list[Effect] = [HandEffect(), WallEffect(), *self.others]
         if self.friction_n > 0:
             listed.append(CoulombFrictionEffect(force_n=self.friction_n))
         if self.encoder_m > 0:
+            # Of motor or handle, as the problem says.
             listed.append(EncoderEffect(resolution_m=self.encoder_m))
             if self.observer_mass_kg is not None:
                 listed.append(ObserverEffect(mass_kg=self.observer_mass_kg))
@@ -119,6 +124,14 @@ class Conditions:
         if self.dropped_share > 0:
             listed.append(JitterEffect(rms_s=0.0, dropped_share=self.dropped_share))
         return tuple(listed)
+
+
+def _others(problem: Problem) -> tuple[Effect, ...]:
+    """Return the declared effects that conditions have no number for; of encoders that without steps, at the handle."""
+    numbered = {"hand", "wall", "coulomb-friction", "delay", "saturation"}
+    if problem.device.encoder_resolution_m > 0:
+        numbered.add("encoder")
+    return tuple(effect for effect in declared_effects(problem) if effect.kind not in numbered)
 
 
 @dataclass(frozen=True)

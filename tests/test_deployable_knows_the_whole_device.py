@@ -1,0 +1,319 @@
+"""Deployment is judged on the device as declared: amplifier, resonance, side of the encoder and any delay.
+
+Each radius is held against a loop written down here from first principles and discretised by scipy.
+"""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import avc_casadi as avc
+from avc_casadi.certificate import certify
+from avc_casadi.coupling import Coupling, Gains, Runtime
+from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, hand_corners, no_hand, with_let_go
+from avc_casadi.recommendation import damping_range, loop_radius, stiffest_wall
+from avc_casadi.stability import frozen_parts, linear_stability, sampled_stability, whole_stability
+from avc_casadi.trial import Conditions, people_of, try_coupling
+
+MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
+HANDS = Hand(np.array([0.05, 0.15, 0.3]), np.array([3.0, 8.0, 20.0]), np.array([200.0, 500.0, 800.0]))
+
+
+def problem(stiffness=5e3, damping=0.5, **device):
+    found = avc.load_problem("ve7").changed(
+        environment={"stiffness_n_per_m": stiffness, "damping_ns_per_m": damping}, frequency={"stop_hz": 240.0}
+    )
+    return found.changed(device=device) if device else found
+
+
+def random_device(rng):
+    """Draw what a device may declare of its linear part."""
+    order = int(rng.integers(0, 3))
+    device = {
+        "mass_kg": rng.uniform(0.05, 0.5),
+        "damping_ns_per_m": rng.uniform(0.2, 4.0),
+        "sample_time_s": rng.uniform(5e-4, 2e-3),
+        "delay_samples": float(rng.choice([0, 1, 2, round(rng.uniform(0, 2.5), 2)])),
+        "encoder_at": str(rng.choice(["motor", "handle"])),
+    }
+    if order:
+        device |= {"amplifier_bandwidth_hz": rng.uniform(150, 2000), "amplifier_order": order}
+    if rng.random() < 0.6:
+        mode = {"frequency_hz": rng.uniform(40, 300), "damping_ratio": rng.uniform(0.01, 0.2)}
+        device["resonance"] = mode | {"mass_ratio": rng.uniform(0.2, 0.8)}
+    return device
+
+
+def equations(device, hand):
+    """Motor, handle with hand, and amplifier: A, b of a force against +x, and the row that is measured."""
+    mode, (m_h, b_h, k_h) = device.resonance, hand
+    if mode is None:
+        mass = device.mass_kg + m_h
+        a = np.array([[0, 1], [-k_h / mass, -(device.damping_ns_per_m + b_h) / mass]])
+        b, measured = np.array([0, -1 / mass]), 0
+    else:
+        handle, motor = mode.mass_ratio * device.mass_kg, (1 - mode.mass_ratio) * device.mass_kg
+        between = motor * handle / (motor + handle)
+        k = between * (2 * np.pi * mode.frequency_hz) ** 2
+        c = 2 * mode.damping_ratio * np.sqrt(k * between)
+        a, b = np.zeros((4, 4)), np.array([0, 0, -1 / motor, 0])
+        a[:2, 2:] = np.eye(2)
+        springs = np.array([[k, -k], [-k, k + k_h]])
+        dampers = np.array([[c + device.damping_ns_per_m, -c], [-c, c + b_h]])
+        a[2:, :2], a[2:, 2:] = (-x / np.array([[motor], [handle + m_h]]) for x in (springs, dampers))
+        measured = 0 if device.encoder_at == "motor" else 1
+    if device.amplifier_bandwidth_hz is None:
+        return a, b, np.eye(len(b))[measured]
+    w, n = 2 * np.pi * device.amplifier_bandwidth_hz, len(b)
+    lag = np.array([[-w]]) if device.amplifier_order == 1 else np.array([[0, w], [-w, -1.4 * w]])
+    whole = np.zeros((n + len(lag), n + len(lag)))
+    whole[:n, :n], whole[:n, n], whole[n:, n:] = a, b, lag
+    drive = np.zeros(len(whole))
+    drive[-1] = w
+    return whole, drive, np.eye(len(drive))[measured]
+
+
+def loop(device, hand, gains, wall):
+    """One sample of the closed loop as a matrix: the sample is split where the newer force arrives."""
+    a, b, measured = equations(device, hand)
+    n, time = len(b), device.sample_time_s
+    whole, late = int(device.delay_samples), device.delay_samples % 1
+    (g, k, b_p), (b_e, k_e) = gains, wall
+
+    def moved(state, force, duration):
+        both = np.zeros((n + 1, n + 1))
+        both[:n, :n], both[:n, n] = a * duration, b * duration
+        return expm(both)[:n] @ np.append(state, force)
+
+    def tick(state):
+        x, before, joint_before, line = state[:n], state[n], state[n + 1], list(state[n + 2 :])
+        y = measured @ x
+        joint = (g * (y - before) / time + k * y + (g + b_e) * joint_before / time) / ((g + b_e) / time + k + k_e)
+        force = b_e * (joint - joint_before) / time + k_e * joint + b_p * (y - before) / time
+        forces = [force, *line]
+        x = moved(x, forces[whole + 1], late * time) if late else x
+        x = moved(x, forces[whole], (1 - late) * time)
+        return np.array([*x, y, joint, *forces[: len(line)]])
+
+    # Rates count by the sample, so that the eigenvalues keep their digits.
+    size = n + 2 + whole + 1
+    matrix = np.stack([tick(row) for row in np.eye(size)], axis=1)
+    rates = 2 if device.resonance is not None else 1
+    scale = np.ones(size)
+    scale[rates : 2 * rates] = time
+    scale[2 * rates : n] = scale[n + 2 :] = time**2 / device.mass_kg
+    return matrix * scale[:, None] / scale
+
+
+def growth(*args):
+    return np.abs(np.linalg.eigvals(loop(*args))).max()
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_the_radius_is_that_of_the_written_down_loop(seed):
+    rng = np.random.default_rng(seed)
+    case = problem(10 ** rng.uniform(2.5, 4), rng.uniform(0.1, 5), **random_device(rng))
+    gains = 10 ** rng.uniform([-1, 2.5, -1], [1, 5, 1])
+    wall = case.environment.damping_ns_per_m, case.environment.stiffness_n_per_m
+    found = whole_stability(case.device, frozen_parts(case, *gains[:2]), gains[2], HANDS).radius[0]
+    for index, radius in enumerate(found):
+        hand = HANDS.values(index)
+        assert radius == pytest.approx(growth(case.device, tuple(hand.values()), gains, wall), abs=1e-9)
+    # A joint far stiffer than the wall is none: the rigid loop of the stiffest wall.
+    rigid = loop_radius(case.device, HANDS, np.array([wall[1]]), np.array([wall[0] + gains[2]]))[0]
+    for index, radius in enumerate(rigid):
+        hand = tuple(HANDS.values(index).values())
+        assert radius == pytest.approx(growth(case.device, hand, (0.0, 1e13, gains[2]), wall), abs=1e-7)
+
+
+def test_a_rigid_device_is_judged_as_before():
+    """Equal to the loop of mass, damper and whole delay, written out as it was."""
+    walls, dampings, time = np.array([1e3, 2e4, 7e4]), np.array([3.0, 40.0, 82.0]), 1e-3
+    for delay in (0, 1, 2):
+        device = problem(delay_samples=delay).device
+        found = loop_radius(device, HANDS, walls, dampings)
+        for row, (k, d) in enumerate(zip(walls, dampings, strict=True)):
+            for index in range(len(HANDS)):
+                m, b, k_h = HANDS.values(index).values()
+                mass, damping = device.mass_kg + m, device.damping_ns_per_m + b
+                step = expm(
+                    np.array([[0, time, 0], [-k_h / mass * time, -damping / mass * time, -time / mass], [0, 0, 0]])
+                )
+                old = np.zeros((3 + delay, 3 + delay))
+                old[:2, :2], old[2, 0] = step[:2, :2], 1.0
+                asked = np.zeros(3 + delay)
+                asked[[0, 2]] = k + d / time, -d / time
+                if delay:
+                    old[3, :] = asked
+                    old[np.arange(4, 3 + delay), np.arange(3, 2 + delay)] = 1.0
+                    old[:2, 2 + delay] += step[:2, 2]
+                else:
+                    old[:2] += np.outer(step[:2, 2], asked)
+                assert found[row, index] == pytest.approx(np.abs(np.linalg.eigvals(old)).max(), abs=1e-9)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 0.4, 1.7])
+def test_without_amplifier_and_resonance_both_ways_agree(delay):
+    case = problem(2e4, 5.0, delay_samples=delay)
+    parts = frozen_parts(case, np.array([5.0, 0.0, 80.0]), np.array([2e4, 1e6, 3e3]))
+    for hands in (HANDS, no_hand()):
+        fast = linear_stability(case.device, parts, 10.0, hands)
+        np.testing.assert_array_equal(whole_stability(case.device, parts, 10.0, hands).radius, fast.radius)
+        slow = sampled_stability(case.device, parts, 10.0, hands)
+        np.testing.assert_allclose(slow.radius, fast.radius, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(slow.frequency_hz, fast.frequency_hz, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "declared",
+    [
+        {"resonance": MODE, "encoder_at": "handle"},
+        {"amplifier_bandwidth_hz": 15.0},
+        {"amplifier_bandwidth_hz": 20.0, "amplifier_order": 2},
+        {"delay_samples": 2.5},
+    ],
+    ids=["resonance", "lag", "current loop", "delay"],
+)
+def test_what_is_declared_can_refuse_a_coupling(declared):
+    """Stable on the ideal device, unstable on the declared one, and the marched motion grows there too."""
+    gains = Gains(0.0, 1e8, 25.0)
+    ideal, real = problem(1.5e4, 1.5), problem(1.5e4, 1.5, **declared)
+    assert avc.deployable(Coupling.constant(ideal, gains, "x")).passed
+    verdict = avc.deployable(Coupling.constant(real, gains, "x"))
+    assert not verdict.passed
+    assert (
+        not certify(real, avc.coupling.schedule_of(real, Coupling.constant(real, gains, "x").table, "x"))
+        .levels["L5"]
+        .passed
+    )
+    hands = hand_corners(real.hands)
+    held = [tuple(hands.values(index).values()) for index in range(len(hands))]
+    wall, ends = (1.5, 1.5e4), []
+    for case in (ideal, real):
+        matrices = [loop(case.device, hand, tuple(vars(gains).values()), wall) for hand in held]
+        start = np.ones(len(matrices[0]))
+        ends.append(max(np.abs(np.linalg.matrix_power(one, 3000) @ start)[0] for one in matrices))
+    assert ends[0] < 1e-3
+    assert ends[1] > 1e3
+
+
+def test_the_simulated_loop_grows_where_the_radius_says_so():
+    """On both sides of the limit: the scene with all that is declared, its wall never left."""
+    device = {"resonance": MODE, "amplifier_bandwidth_hz": 300.0, "delay_samples": 0.5, "encoder_resolution_m": 0.0}
+    case = problem(1e3, 0.0, **device, coulomb_friction_n=0.0, max_force_n=None)
+    limit = stiffest_wall(case.device, with_let_go(hand_corners(case.hands)))
+    middle = (limit.lowest_ns_per_m + limit.highest_ns_per_m) / 2
+    hands = hand_corners(case.hands)
+    for share, rests in ((0.9, True), (1.3, False)):
+        stiff = case.changed(
+            environment={"stiffness_n_per_m": share * limit.stiffness_n_per_m, "damping_ns_per_m": 0.0}
+        )
+        gains = Gains(0.0, 1e12, middle)
+        claims = avc.deployable(Coupling.constant(stiff, gains, "x")).claims
+        assert all(claim.passed for claim in claims) == rests
+        held = stiff.changed(
+            scene={"duration_s": 4.0, "motion": {"kind": "hold", "end_m": 0.02}, "effects": ()},
+        )
+        assert all(claim.radius < 1 for claim in claims) == rests
+        stable = avc.simulate_batch(held, hands, gains).stable
+        radius = loop_radius(stiff.device, hands, np.array([stiff.environment.stiffness_n_per_m]), np.array([middle]))[
+            0
+        ]
+        clear = np.abs(radius - 1) > 2e-3
+        assert clear.any()
+        np.testing.assert_array_equal(stable[clear], radius[clear] < 1)
+
+
+RANGES = {
+    "mass_kg": [0.09, 0.12],
+    "delay_samples": [0.5, 1.5],
+    "amplifier_bandwidth_hz": [500.0, 2000.0],
+    "resonance": {"frequency_hz": [120.0, 180.0], "damping_ratio": [0.02, 0.1]},
+}
+
+
+def test_every_corner_of_the_device_is_judged():
+    device = {"mass_kg": 0.1, "delay_samples": 1, "amplifier_bandwidth_hz": 1000.0, "resonance": MODE}
+    case = problem(2e3, 0.0, **device, range=RANGES)
+    people = with_let_go(hand_corners(case.hands))
+    corners = device_corners(case.device, LINEAR_KEYS)
+    assert len(corners) == 32
+    k, d = np.array([500.0, 2e3]), np.array([1.0, 3.0])
+    alone = np.max([loop_radius(corner, people, k, d) for corner in corners], axis=0)
+    np.testing.assert_allclose(loop_radius(case.device, people, k, d), alone, rtol=0, atol=1e-9)
+    # The wall is the stiffest for all corners together, and its damping stands on the edge.
+    limit = stiffest_wall(case.device, people)
+    found = damping_range(case.device, people, 0.8 * limit.stiffness_n_per_m)
+    edges = np.array([found.lowest_ns_per_m, found.highest_ns_per_m])
+    at = np.full(2, 0.8 * limit.stiffness_n_per_m)
+    assert loop_radius(case.device, people, at, edges).max(axis=1) == pytest.approx(1, abs=1e-8)
+    assert limit.stiffness_n_per_m <= min(stiffest_wall(one, people).stiffness_n_per_m for one in corners[::7]) * 1.001
+    # A coupling that the nominal device holds, and a corner does not: the corner is named.
+    nominal = case.changed(device={"range": {key: None for key in RANGES if key != "resonance"}})
+    nominal = nominal.changed(device={"range": {"resonance": dict.fromkeys(RANGES["resonance"])}})
+    top = stiffest_wall(nominal.device, people)
+    gains = Gains(0.0, 0.9 * top.stiffness_n_per_m, (top.lowest_ns_per_m + top.highest_ns_per_m) / 2)
+    stiff = {"stiffness_n_per_m": 1e9}
+    assert avc.deployable(Coupling.constant(nominal.changed(environment=stiff), gains, "x")).passed
+    verdict = avc.deployable(Coupling.constant(case.changed(environment=stiff), gains, "x"))
+    assert not verdict.passed
+    for told in ("device 0.", "delay_samples", "amplifier_bandwidth_hz", "resonance.frequency_hz"):
+        assert told in verdict.sentence
+
+
+@pytest.mark.parametrize("damping", [0.0, 1.0])
+def test_a_free_device_with_a_resonance_keeps_its_place(damping):
+    case = problem(0.0, 0.0, resonance=MODE, amplifier_bandwidth_hz=500.0, damping_ns_per_m=damping)
+    claims = avc.deployable(Coupling.constant(case, Gains(0.0, 1e3), "x")).claims
+    assert [claim.passed for claim in claims] == [True, True]
+
+
+def test_an_observer_is_told_not_to_be_judged():
+    coupling = Coupling.constant(problem(), Gains(0.0, 1e3, 1.0), "x", Runtime(observer_mass_kg=0.15))
+    assert all("without the observer" in claim.sentence for claim in avc.deployable(coupling).claims)
+
+
+def test_the_trial_simulates_all_that_is_declared():
+    device = {
+        "resonance": MODE,
+        "amplifier_bandwidth_hz": 500.0,
+        "position_noise_rms_m": 1e-6,
+        "backlash_m": 1e-5,
+        "coulomb_friction_n": 0.1,
+        "encoder_resolution_m": 1e-5,
+        "delay_samples": 0.5,
+        "max_force_n": 5.0,
+    }
+    case = problem(500.0, 0.5, **device)
+    coupling = Coupling.constant(case, Gains(0.0, 1e8, 2.0), "x")
+    listed = {effect.kind for effect in Conditions.of(coupling).effects()}
+    whole = {"resonance", "amplifier", "noise", "backlash", "coulomb-friction", "encoder", "delay", "saturation"}
+    assert listed == whole | {"hand", "wall"}
+    frictionless = {effect.kind for effect in Conditions.of(coupling).without_friction().effects()}
+    assert frictionless == listed - {"coulomb-friction"}
+    tried = try_coupling(coupling, people_of(case.hands, 9))
+    assert set(tried.effects) == listed
+    handle = case.changed(device={"encoder_at": "handle", "encoder_resolution_m": 0.0})
+    seen = Conditions.of(Coupling.constant(handle, Gains(0.0, 1e8, 2.0), "x")).effects()
+    assert {"encoder"} <= {effect.kind for effect in seen}
+    assert "backlash" not in {effect.kind for effect in seen}
+
+
+def test_what_is_recommended_for_a_resonant_device_is_told_as_it_is():
+    case = problem(800.0, 0.0, resonance=MODE, amplifier_bandwidth_hz=1000.0, delay_samples=0.5, backlash_m=1e-5)
+    case = case.changed(
+        device={"range": {"mass_kg": [0.1, 0.12], "backlash_m": [0.0, 2e-5]}},
+        coupling={"structure": "damped", "contact_damping_ns_per_m": [0.0, 1e-3]},
+    )
+    best = avc.recommend(case, hands=9)
+    assert best.deployable
+    assert best.not_used == ()
+    assumed = "\n".join(best.assumed)
+    assert "device.range.mass_kg: linear stability at its corners, trial at nominal" in assumed
+    assert "device.range.backlash_m: trial at nominal" in assumed
+    outside = best.coupling.table.at_rest.contact_damping_ns_per_m > 1e-3
+    assert ("gain box of [coupling] does not bound what is recommended: b_p" in assumed) == outside
+    ideal = stiffest_wall(problem().device, with_let_go(hand_corners(case.hands)))
+    assert best.stiffest_wall_n_per_m < 0.5 * ideal.stiffness_n_per_m
+    handle = case.changed(device={"encoder_at": "handle"})
+    assert any("backlash_m (not seen" in line for line in avc.recommendation.recommend(handle, hands=9).not_used)
