@@ -291,6 +291,19 @@ def test_the_wall_is_that_of_the_coupling() -> None:
         assert force[-1] == pytest.approx(1e-3 * k * stiffness / (k + stiffness), rel=1e-4)
 
 
+@pytest.mark.parametrize("damping", [0.0, 40.0, 100.0])
+def test_the_damper_of_the_wall_is_that_of_the_coupling(damping: float) -> None:
+    """Pressed at speed v through a spring k, the wall answers with k k_e/(k + k_e) x + b_e v (k/(k + k_e))^2."""
+    core, stiffness, speed = host_core(), 2e3, 0.01
+    made = coupling(1, largest=(0.0, 1e4, 0.0), seed=4, wall=(damping, stiffness))
+    push(made, HostLink(core))
+    # 5 counts of 2 um in each tick of 1 ms, from the surface on.
+    force, _ = core.tick(np.arange(400, dtype=np.int32) * 5)
+    (k,), depth = made.table.gains[1], 399 * speed * 1e-3
+    share = k / (k + stiffness)
+    assert force[-1] == pytest.approx(share * stiffness * depth + damping * speed * share**2, rel=1e-4)
+
+
 def test_table_id_comes_from_the_content() -> None:
     a, b = image(9, seed=1), image(9, seed=2)
     assert a.table_id == image(9, seed=1).table_id
