@@ -144,7 +144,19 @@ def test_hands_are_corners_and_seeded_draws():
     held = {tuple(corners.values(row).values()) for row in range(8)}
     assert held == set(itertools.product(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m))
     assert {*corners.mass_kg} == {*hands.mass_kg}
-    assert ((one.mass_kg >= hands.mass_kg[0]) & (one.mass_kg <= hands.mass_kg[1])).all()
+
+
+def test_drawn_hands_fill_their_ranges_and_do_not_leave_them():
+    """Uniform draws: of 1000 the outermost stand within 2 % of the ends, and the mean within 5 % of the middle."""
+    hands = problem().hands
+    drawn = hand_set(hands, draws=1000).pick(slice(8, None))
+    assert len(drawn) == 1000
+    for name, values in vars(drawn).items():
+        low, high = getattr(hands, name)
+        share = (values - low) / (high - low)
+        assert 0 <= share.min() < 0.02, name
+        assert 0.98 < share.max() <= 1, name
+        assert share.mean() == pytest.approx(0.5, abs=0.05), name
 
 
 def test_long_delay_is_refused_by_name():
