@@ -9,6 +9,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.certificate import levels_table
 from avc_casadi.cli import main
+from avc_casadi.cli._recommend import conclusion_lines
 from avc_casadi.report import ReportContents, report_html, summarise
 from avc_casadi.study.comparison import comparison_document, comparison_tables
 from avc_casadi.support import Table, number
@@ -22,7 +23,9 @@ def told():
     certificate = avc.certify(PROBLEM, comparison.methods["direct"]).document()
     summary = summarise(PROBLEM, comparison, comparison.methods["direct"], certificate, {"skipped": "no device"})
     document = comparison_document(comparison)
-    page = report_html(ReportContents(PROBLEM, comparison, summary, certificate, [], {}))
+    found = avc.recommend(PROBLEM, hands=10).document()
+    contents = ReportContents(PROBLEM, comparison, summary, certificate, [], {}, conclusion_lines(found), found)
+    page = report_html(contents)
     return document, certificate, page
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.certificate import certify
+from avc_casadi.cli._recommend import conclusion_lines
 from avc_casadi.figures import draw_boundaries, draw_perceived, figure_svg
 from avc_casadi.loop import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.report import ReportContents, report_html, summarise
@@ -52,7 +53,9 @@ def contents():
         ("second", figure_svg(draw_perceived(comparison))),
     ]
     summary = summarise(problem, comparison, comparison.methods["direct"], certificate, push)
-    return ReportContents(problem, comparison, summary, certificate, figures, {"avc-casadi": avc.__version__})
+    found = avc.recommend(problem, hands=10).document()
+    versions = {"avc-casadi": avc.__version__}
+    return ReportContents(problem, comparison, summary, certificate, figures, versions, conclusion_lines(found), found)
 
 
 @pytest.fixture(scope="module")
