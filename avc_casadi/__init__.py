@@ -55,6 +55,7 @@ __all__ = [
     "dump_problem",
     "fault_document",
     "figures",
+    "load_device",
     "load_problem",
     "pareto",
     "parse_problem",

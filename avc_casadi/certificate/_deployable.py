@@ -55,6 +55,12 @@ class Deployable:
 
     Attributes:
         claims: each claim with its result.
+
+    Example:
+        >>> problem = avc.load_problem("soft")
+        >>> coupling = avc.Coupling.of(problem, avc.solve(problem, "static-tuned"))
+        >>> [claim.name for claim in avc.deployable(coupling).claims]
+        ['hands', 'let-go']
     """
 
     claims: tuple[DeployClaim, ...]
@@ -101,6 +107,11 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
     Args:
         coupling: the coupling.
         progress: told of the gains that are judged.
+
+    Example:
+        >>> problem = avc.load_problem("figure5")
+        >>> avc.deployable(avc.Coupling.of(problem, avc.solve(problem, "direct"))).passed
+        False
     """
     problem, table = coupling.problem, coupling.table
     frequency, gains = _judged(table)

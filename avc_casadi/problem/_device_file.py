@@ -98,6 +98,10 @@ def load_device(source: str | Path) -> DeviceFile:
 
     Raises:
         InputError: with every fault of the file at once, each with its line and key.
+
+    Example:
+        >>> avc.load_device("reference-r1").device.amplifier_bandwidth_hz
+        1000.0
     """
     path = device_path(source)
     if isinstance(path, str):

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.problem._findings import validated
+from avc_casadi.problem._findings import checked
 from avc_casadi.problem._model import Problem
 from avc_casadi.problem._values import dotted
 
@@ -55,7 +55,7 @@ def problem_of(document: Mapping[str, Any], *, file: str = "problem", key: str =
     """
     name = document.get("name", "")
     tables = {table: values for table, values in document.items() if table != "name"}
-    found = validated(tables, name if isinstance(name, str) else "")
+    found = checked(Problem, tables, name if isinstance(name, str) else "")
     if isinstance(found, list):
         prefix = f"{key}." if key else ""
         raise InputError([Fault(file, None, f"{prefix}{dotted(path)}", message) for path, message in found])

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ValidationError
 
-from avc_casadi.problem._model import Problem
 from avc_casadi.problem._quantity import Quantity, Whole, shown
 from avc_casadi.problem._rules import RULES, Finding, Rule, broken_rules
 from avc_casadi.problem._values import Path, Values
@@ -26,12 +25,7 @@ _NOT_A_KEY = "name"
 _CONSEQUENCES = {"default_factory_not_called"}
 
 
-def validated(tables: Mapping[str, Any], name: str) -> Problem | list[Finding]:
-    """Return the problem of parsed tables, or everything that is wrong with them."""
-    return checked(Problem, tables, name, RULES)
-
-
-def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequence[Rule]) -> _M | list[Finding]:
+def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequence[Rule] = RULES) -> _M | list[Finding]:
     """Return a file's parsed tables as a model, or everything that is wrong with them.
 
     Fields come first, then each rule between values wherever the values that it needs are sound, so that a

@@ -7,7 +7,7 @@ from pathlib import Path
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.problem._catalogue import catalogue_names, catalogue_path
 from avc_casadi.problem._device_reference import with_device
-from avc_casadi.problem._findings import validated
+from avc_casadi.problem._findings import checked
 from avc_casadi.problem._lines import KeyLines
 from avc_casadi.problem._model import Problem
 from avc_casadi.problem._text import tables_of, text_of
@@ -81,7 +81,7 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
     """
     try:
         tables = with_device(tables_of(text, file), folder)
-        result = [tables] if isinstance(tables, tuple) else validated(tables, name)
+        result = [tables] if isinstance(tables, tuple) else checked(Problem, tables, name)
         if isinstance(result, Problem):
             return result
         lines = KeyLines(text.replace("\r\n", "\n"))

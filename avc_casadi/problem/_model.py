@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.problem._device import Device
+from avc_casadi.problem._findings import checked
 from avc_casadi.problem._quantity import (
     Damping,
     DampingInterval,
@@ -200,10 +201,9 @@ class Problem(Table):
         Raises:
             InputError: with every value that is refused and every rule that is broken.
         """
-        from avc_casadi.problem._findings import validated  # noqa: PLC0415 - it reads this class
-
         whole = {name: getattr(self, name) for name in type(self).model_fields if name != "name"}
-        found = validated(
+        found = checked(
+            type(self),
             {
                 name: _merged(whole.get(name), tables[name]) if name in tables else whole[name]
                 for name in {**whole, **tables}
@@ -212,7 +212,7 @@ class Problem(Table):
         )
         if isinstance(found, list):
             raise InputError([Fault(self.name or "problem", None, dotted(path), message) for path, message in found])
-        return found  # type: ignore[return-value]
+        return found
 
     def __repr__(self) -> str:
         device, wall, f = self.device, self.environment, self.frequencies_hz()

@@ -17,7 +17,7 @@ from avc_casadi.recommendation._candidates import candidates
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
 from avc_casadi.recommendation._limits import stiffest_wall
-from avc_casadi.support import SILENT, Progress, plain
+from avc_casadi.support import SILENT, Comparable, Progress, plain, short
 from avc_casadi.trial import CouplingTrial, people_of, try_coupling
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ _AS_STIFF = 0.01
 _ERROR_HZ = (1.0, 10.0, 50.0)
 
 
-@dataclass(frozen=True)
-class Recommendation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recommendation(Comparable):
     """The coupling to deploy and what is known of it.
 
     Attributes:
@@ -46,6 +46,11 @@ class Recommendation:
         reason: one sentence: why this one, or why none.
         assumed: what is assumed.
         not_used: what the problem declares and nothing here uses.
+
+    Example:
+        >>> found = avc.recommend("figure5", hands=10)
+        >>> found.deployable, found.trial.hands
+        (True, 10)
     """
 
     problem: Problem
@@ -58,6 +63,10 @@ class Recommendation:
     reason: str
     assumed: tuple[str, ...]
     not_used: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        felt = "none" if self.trial is None else f"{self.coupling!r}, felt {short(self.trial.stiffness_n_per_m, 'N/m')}"
+        return f"Recommendation({self.problem.name!r}: {felt}; {self.reason})"
 
     def felt(self) -> dict[str, Any]:
         """Return what the hand feels: stiffness, complex error against the physical wall, tap, vibration."""
@@ -191,6 +200,11 @@ def recommend(
         seed: of their draw.
         versions: of what makes it, by package; written into the coupling.
         progress: told of the candidates that are tuned, judged and tried.
+
+    Example:
+        >>> found = avc.recommend("figure5", hands=10)
+        >>> 60e3 < found.felt()["stiffness_n_per_m"] < found.stiffest_wall_n_per_m
+        True
     """
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress, plain
+from avc_casadi.support import SILENT, BoolArray, Columns, FloatArray, Progress, Tabular, plain, short
 from avc_casadi.trial._binomial import exact_interval
 from avc_casadi.trial._trial import MOTIONS, Conditions, traces
 from avc_casadi.trial._vibration import QUIET, felt_vibration
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 NOT_SIMULATED = ("hands that change while they hold on", "several axes")
 
 
-@dataclass(frozen=True)
-class CouplingTrial:
+@dataclass(frozen=True, eq=False, repr=False)
+class CouplingTrial(Tabular):
     """How simulated hands fared; every array has shape (hands,).
 
     Attributes:
@@ -64,6 +64,24 @@ class CouplingTrial:
         """Median stiffness felt; not a number where nobody is in contact."""
         felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
         return float(np.median(felt)) if len(felt) else np.nan
+
+    def to_dict(self) -> Columns:
+        """Return what became of each hand as columns, each of shape (hands,)."""
+        return {
+            "hand": np.arange(self.hands),
+            "stable": self.stable,
+            "stable_without_friction": self.stable_without_friction,
+            "vibration": self.vibration,
+            "stiffness_n_per_m": self.stiffness_n_per_m,
+            "tap_force_n": self.tap_force_n,
+            "tap_depth_m": self.tap_depth_m,
+        }
+
+    def _summary(self) -> str:
+        return (
+            f"{int(self.stable.sum())} of {self.hands} hands at rest, {int(self.stable_without_friction.sum())} without "
+            f"friction; {short(self.stiffness_n_per_m, 'N/m')} felt"
+        )
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
