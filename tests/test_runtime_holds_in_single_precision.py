@@ -4,6 +4,7 @@ import ctypes
 import shutil
 import subprocess
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -16,7 +17,6 @@ from avc_casadi.runtime import (
     ObserverSettings,
     adaptation_step,
     estimator_step,
-    generate_c,
     guard_step,
     hold_step,
     observer_step,
@@ -54,7 +54,9 @@ def _compiled(step, folder):
         outputs=len(step.outputs),
     )
     source = folder / "step.c"
-    source.write_text(generate_c(step).replace("long long int", "long long") + loop)
+    generator = ca.CodeGenerator(step.name, {"casadi_real": "float", "with_header": False, "main": False, "mex": False})
+    generator.add(function)
+    source.write_text(str(generator.dump()).replace("long long int", "long long") + loop)
     flags = ["-O2", "-ffp-contract=off", "-fsingle-precision-constant", "-fPIC", "-shared"]
     subprocess.run([COMPILER, *flags, str(source), "-o", str(folder / "step.so"), "-lm"], check=True)  # noqa: S603 - a found compiler
     return ctypes.CDLL(str(folder / "step.so")).run

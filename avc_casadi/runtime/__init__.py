@@ -15,4 +15,3 @@ from avc_casadi.runtime._observer import observer_step as observer_step
 from avc_casadi.runtime._signal import EstimatorSettings as EstimatorSettings
 from avc_casadi.runtime._step import Expr as Expr
 from avc_casadi.runtime._step import Step as Step
-from avc_casadi.runtime._step import generate_c as generate_c

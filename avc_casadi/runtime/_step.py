@@ -1,10 +1,10 @@
-"""Step: one algorithm of the control computer as one CasADi function of fixed size, for scenes and for generated C."""
+"""Step: one algorithm of the control computer as one CasADi function of fixed size, for scenes and firmware."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,6 @@ from avc_casadi.support import FloatArray
 
 # A CasADi SX expression; CasADi ships no types.
 Expr = Any
-Real = Literal["float", "double"]
 _BLOCK = 200
 
 
@@ -147,21 +146,6 @@ class StepBuilder:
             outputs=tuple(self._outputs),
             function=function,
         )
-
-
-def generate_c(step: Step, real: Real = "float") -> str:
-    """Return a step as self-contained C: `int NAME(const real** arg, real** res, ...)`, as CasADi writes it.
-
-    Args:
-        step: the step.
-        real: type of all numbers. For ``float`` compile with ``-fsingle-precision-constant``, or the constants make the
-            arithmetic double.
-    """
-    import casadi as ca  # noqa: PLC0415
-
-    generator = ca.CodeGenerator(step.name, {"casadi_real": real, "with_header": False, "main": False, "mex": False})
-    generator.add(step.function)
-    return str(generator.dump())
 
 
 def _symbol(name: str) -> Expr:
