@@ -9,10 +9,10 @@ from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi.coupling import NO_COUPLING
-from avc_casadi.loop import LINEAR_KEYS, RIGID_KEYS, device_corners, device_plant, sampled_plant
+from avc_casadi.loop import LINEAR_KEYS, RIGID_KEYS, Hand, StylusHand, device_corners, device_plant, sampled_plant
 from avc_casadi.problem import Device
 from avc_casadi.scene import compile_scene
-from avc_casadi.scene.effects import Hand, StylusHand, build_effects
+from avc_casadi.scene.effects import Grip, build_effects
 
 SPRING = 700.0
 
@@ -134,7 +134,7 @@ def scene_jacobian(device, hand):
     text += "stiffness_n_per_m = 1.0\n[frequency]\nstop_hz = 10.0\n"
     text += "".join(f"[[scene.effects]]\n{effect}\n" for effect in effects)
     problem = avc.parse_problem(text).changed(device=device)
-    built = tuple(hand if isinstance(effect, Hand) else effect for effect in build_effects(problem))
+    built = tuple(Grip(hand) if isinstance(effect, Grip) else effect for effect in build_effects(problem))
     scene = compile_scene(problem, built, coupled=False)
     states, inputs, parameters = (ca.SX.sym(name, scene.function.numel_in(i)) for i, name in enumerate("xup"))
     slope = ca.Function(

@@ -8,7 +8,16 @@ from test_scene_agrees_with_solve_ivp import CASES, FRICTION, HAND, QUICK, WALL
 import avc_casadi as avc
 from avc_casadi.coupling import Gains
 from avc_casadi.loop import Hand
-from avc_casadi.scene import NativeScene, compile_for, compile_scene, compiler, execute, settled, simulate_batch
+from avc_casadi.scene import (
+    NativeScene,
+    compile_for,
+    compile_scene,
+    compiler,
+    execute,
+    held_by,
+    settled,
+    simulate_batch,
+)
 from avc_casadi.scene.effects import build_effects
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -58,7 +67,7 @@ def test_threads_and_chunks_do_not_change_a_bit():
     problem = scene_problem(('kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"'), scene="duration_s = 0.3\n")
     draw = np.random.default_rng(1).uniform
     hands = Hand(draw(0.05, 0.3, 300), draw(3, 20, 300), draw(200, 800, 300))
-    effects = tuple(hands if effect.kind == "hand" else effect for effect in compile_scene(problem).effects)
+    effects = held_by(problem, compile_scene(problem).effects, hands)
     scene = compile_scene(problem, effects)
     parameters = scene.parameter_values(Gains(200.0, 1e5))
     native = NativeScene(scene)
