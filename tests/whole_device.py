@@ -1,0 +1,110 @@
+"""The exported C of a coupling in a simulator of its own: the whole device by its equations, nothing of the project.
+
+Only the numbers of the device are the problem's.
+"""
+
+import ctypes
+import itertools
+import math
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from hardware_bench import require, run, scratch
+
+_SOURCE = Path(__file__).with_name("whole_device.c")
+_DEVICE = (
+    "mass",
+    "damping",
+    "time",
+    "delay",
+    "friction",
+    "encoder",
+    "bandwidth",
+    "limit",
+    "resonance",
+    "ratio",
+    "share",
+)
+_DEED = ("mass", "damping", "stiffness", "weight", "start", "velocity", "speed", "end", "swing", "frequency", "until")
+_FOUND = ("motor_speed", "handle_speed", "force", "motor", "handle", "most")
+SECONDS, TAIL_S, REST = 3.0, 0.5, 5e-3
+
+
+def _doubles(names):
+    return type("Doubles", (ctypes.Structure,), {"_fields_": [(name, ctypes.c_double) for name in names]})
+
+
+_Device, _Deed, _Found = _doubles(_DEVICE), _doubles(_DEED), _doubles(_FOUND)
+
+
+def declared(device, **changed):
+    """The numbers of a problem's device, as they stand in its file."""
+    mode = device.resonance
+    numbers = {
+        "mass": device.mass_kg,
+        "damping": device.damping_ns_per_m,
+        "time": device.sample_time_s,
+        "delay": device.delay_samples,
+        "friction": device.coulomb_friction_n,
+        "encoder": device.encoder_resolution_m,
+        "bandwidth": device.amplifier_bandwidth_hz,
+        "limit": device.max_force_n or math.inf,
+        "resonance": mode.frequency_hz,
+        "ratio": mode.damping_ratio,
+        "share": mode.mass_ratio,
+    }
+    return _Device(**(numbers | changed))
+
+
+def held(hand, speed):
+    """A hand that reaches from 10 mm before the wall to 10 mm behind its face."""
+    mass, damping, stiffness = hand
+    return _Deed(mass=mass, damping=damping, stiffness=stiffness, start=-0.01, speed=speed, end=0.01)
+
+
+def tapping(hand):
+    """A hand that strikes twice a second from 20 mm before the wall, and stays in it at the third time."""
+    mass, damping, stiffness = hand
+    goes = {"start": -0.005, "swing": 0.015, "frequency": 2.0, "until": 1.125, "end": 0.01}
+    return _Deed(mass=mass, damping=damping, stiffness=stiffness, **goes)
+
+
+def thrown(velocity):
+    """Let go, and flying at the wall."""
+    return _Deed(start=-0.01, velocity=velocity)
+
+
+def leaning(weight):
+    """Let go, and lying on the wall by a weight."""
+    return _Deed(weight=weight, start=-0.001)
+
+
+def people(hands, drawn, seed):
+    """The corners of [hands], then some of its inside."""
+    box = np.array([hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m])
+    inside = np.random.default_rng(seed).uniform(box[:, 0], box[:, 1], (drawn, 3))
+    return [*itertools.product(*box), *map(tuple, inside)]
+
+
+class WholeDevice:
+    """A device that runs the exported files, by name."""
+
+    def __init__(self, device, files):
+        require("gcc")
+        self.device = device
+        folder = Path(tempfile.mkdtemp(dir=scratch()))
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="ascii")
+        library = folder / "whole.so"
+        sources = (str(folder / "avc_coupling.c"), str(_SOURCE))
+        build = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared")
+        run("gcc", *build, "-I", str(folder), *sources, "-lm", "-o", str(library))
+        self._c = ctypes.CDLL(str(library))
+
+    def meets(self, deed, seconds=SECONDS, tail_s=TAIL_S, **changed):
+        """What is found over the last half second; `changed` are other numbers of the device."""
+        device, found = declared(self.device, **changed), _Found()
+        counts = (round(seconds / device.time), round(tail_s / device.time))
+        self._c.whole_device(ctypes.byref(device), ctypes.byref(deed), *counts, ctypes.byref(found))
+        return found
