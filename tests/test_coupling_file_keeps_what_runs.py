@@ -125,3 +125,34 @@ def test_all_faults_at_once(tmp_path):
         avc.read_coupling(tmp_path / "c.json")
     keys = {fault.key for fault in refused.value.faults}
     assert {"runtime.guard", "table.frequency_hz", "problem_file", "trial"} <= keys
+
+
+@pytest.mark.parametrize(
+    ("key", "change"),
+    [
+        ("table", lambda document: document["stiffness_n_per_m"].__setitem__(0, 5e5)),
+        ("id", lambda document: document["table"]["stiffness_n_per_m"].__setitem__(0, 5e5)),
+        ("id", lambda document: document["problem_file"]["device"].update(mass_kg=5.0)),
+        ("wall", lambda document: document["wall"].update(stiffness_n_per_m=1e9)),
+        ("max_force_n", lambda document: document.update(max_force_n=1e6)),
+        ("lacks", lambda document: document.update(lacks=5)),
+    ],
+)
+def test_a_file_of_which_a_part_was_changed_is_refused(key, change, tmp_path):
+    problem = avc.load_problem("figure5")
+    path = tmp_path / "c.json"
+    avc.write_coupling(Coupling.of(problem, avc.solve(problem, "exact")), path)
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError) as caught:
+        avc.read_coupling(path)
+    assert key in [fault.key for fault in caught.value.faults]
+
+
+def test_another_problem_than_its_own_is_refused(tmp_path):
+    path = tmp_path / "c.json"
+    avc.write_coupling(Coupling.of(avc.load_problem("soft"), avc.solve("soft")), path)
+    assert avc.read_coupling(path, "soft").id == avc.read_coupling(path).id
+    with pytest.raises(InputError, match="carries its own problem"):
+        avc.read_coupling(path, "figure5")

@@ -13,7 +13,7 @@ from avc_casadi.cli._subject import is_coupling, read_subject
 from avc_casadi.cli._text import number, passive_limit
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import GainSchedule
+    from avc_casadi.coupling import Coupling, GainSchedule
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,10 +34,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.certificate import levels_table
     from avc_casadi.coupling import Coupling
 
-    problem, gains, file, notes = _judged(args)
+    problem, gains, coupling, notes = _judged(args)
+    file = args.problem if args.gains is None else args.gains
     with console.step(f"certificate of {gains.rows} rows"):
         certificate = avc.certify(problem, gains, requested=args.requested, progress=console).document()
-        verdict = avc.deployable(Coupling.of(problem, gains), console) if gains.usable.any() else None
+        if coupling is None and gains.usable.any():
+            coupling = Coupling.of(problem, gains)
+        verdict = None if coupling is None else avc.deployable(coupling, console)
     claimed = claimed_level(problem)
     deployment = (
         {"pass": False, "sentence": "not deployable: no row has gains"} if verdict is None else verdict.document()
@@ -64,16 +67,16 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
 
 
-def _judged(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, str, list[str]]:
-    """Return the problem, the gains, their file and notes."""
+def _judged(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, Coupling | None, list[str]]:
+    """Return the problem, the gains, the coupling if a file of one was given, and notes."""
     if args.gains is not None:
         problem = avc.load_problem(args.problem)
         gains, notes = gains_for(problem, args.gains)
-        return problem, gains, args.gains, notes
+        return problem, gains, None, notes
     if not is_coupling(args.problem):
-        raise avc.InputError.of("is missing; give a coupling or gain file, .json or .csv", key="gains")
+        raise avc.InputError.of("is missing; give a coupling or gain file, .json or .csv", key="GAINS")
     coupling = read_subject(args.problem, None)
-    return coupling.problem, coupling.schedule, args.problem, []
+    return coupling.problem, coupling.schedule, coupling, []
 
 
 def _beside_hands(level: Mapping[str, Any]) -> str:

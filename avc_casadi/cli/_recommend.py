@@ -34,6 +34,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.recommendation import recommend, stiffest
     from avc_casadi.support import json_text
 
+    if args.stiffest and args.out is not None:
+        raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--out")
     out = None if args.out is None else output_file(args.out, "--out", (".json",))
     problem = avc.load_problem(args.problem)
     if args.stiffest:
@@ -106,7 +108,9 @@ def gains_line(coupling: dict[str, Any]) -> str:
     runtime = coupling["runtime"]
     beside = []
     if runtime["observer_mass_kg"] is not None:
-        beside.append(f"observer of {number(runtime['observer_mass_kg'])} kg")
+        beside.append(
+            f"observer of {number(runtime['observer_mass_kg'])} kg (in exported C, not in the packaged firmware)"
+        )
     if not coupling["constant"]:
         beside.append(f"estimator {runtime['estimator']} and adaptation over {len(rows['frequency_hz'])} rows")
     if runtime["guard"] is not None:

@@ -101,7 +101,7 @@ def _worked_through(
     ]
     scoped = comparison.delivered != comparison.optimum
     complaints = [without_gains(gain_document(gains)) if scoped else infeasible(compare)]
-    if not deployment["deployable"]:
+    if not deployment["deployable"] and not push.get("unsafe"):
         complaints.append(f"avc: {problem.name}: {deployment['reason']}")
     if "refused" in push:
         complaints.append(f"avc: push refused: {push['refused']}")

@@ -9,6 +9,7 @@ import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._foreign import gains_for
+from avc_casadi.cli._subject import is_coupling, read_subject
 from avc_casadi.cli._text import number, table
 
 if TYPE_CHECKING:
@@ -57,19 +58,22 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     trace = None if args.trace is None else output_file(args.trace, "--trace", (".npz",))
-    problem = avc.load_problem(args.problem)
+    coupling = read_subject(args.problem, None) if is_coupling(args.problem) else None
+    if coupling is not None and args.gains is not None:
+        raise avc.InputError.of("does not go with a coupling file; give the problem instead", key="--gains")
+    problem = avc.load_problem(args.problem) if coupling is None else coupling.problem
     others = _others(args.against)
-    gains, notes = gains_of(args.gains, problem, console)
+    gains, notes = (coupling.schedule, []) if coupling is not None else gains_of(args.gains, problem, console)
     why = "" if gains is None else without_start(gains)
     if why:
         file, key = (problem.name, "scene.coupling") if args.gains is None else (args.gains, "--gains")
         no = avc.InputError.of(why, file=file, key=key)
         return Answer(avc.fault_document(no), "", code=1, complaint=f"avc: {no}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
-        found = avc.simulate(problem, gains, seed=args.seed)
+        found = avc.simulate(problem, coupling or gains, seed=args.seed)
         beside = [avc.simulate(problem, _gains_by(name, problem), seed=args.seed) for name in others]
     with console.step("cost of each effect"):
-        parts = explain(problem, NO_COUPLING if gains is None else gains)
+        parts = explain(problem, coupling or (NO_COUPLING if gains is None else gains))
     if trace is not None:
         trace = found.save(trace)
     if plot is not None:

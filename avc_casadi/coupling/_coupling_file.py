@@ -8,6 +8,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.coupling._coupling import Coupling
 from avc_casadi.coupling._gain_check import COUPLING_SCHEMA, GainCheck
@@ -67,7 +69,7 @@ def read_coupling(path: str | Path, problem: Problem | str | Path | None = None)
 
     Args:
         path: .json or .csv.
-        problem: for files that do not carry theirs. A file that does is read for its own.
+        problem: for files that do not carry theirs; a file that does must carry the same.
 
     Raises:
         InputError: with every fault of the file; or it knows no problem and none is given; or it was made for another
@@ -82,7 +84,15 @@ def read_coupling(path: str | Path, problem: Problem | str | Path | None = None)
     if path.suffix.lower() != ".csv":
         document = read_document(path)
         if document.get("schema") == COUPLING_SCHEMA:
-            return _from_document(document, path)
+            found = _from_document(document, path)
+            if problem is not None and not _same_problem(as_problem(problem), found.problem):
+                raise InputError.of(
+                    f"carries its own problem, {found.problem.name}, and {as_problem(problem).name} is another; leave "
+                    "--problem out",
+                    file=str(path),
+                    key="--problem",
+                )
+            return found
     schedule = read_gains(path)
     if problem is None:
         raise InputError.of(
@@ -94,6 +104,11 @@ def read_coupling(path: str | Path, problem: Problem | str | Path | None = None)
     check_sample_time(schedule.sample_time_s, stated, str(path))
     made = Coupling.of(stated, schedule)
     return Coupling(stated, schedule, made.table, made.runtime, lacks=_RELEASE_0_1)
+
+
+def _same_problem(one: Problem, other: Problem) -> bool:
+    words = {"name", "title", "source"}
+    return one.model_dump(exclude=words) == other.model_dump(exclude=words)
 
 
 def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None:
@@ -133,9 +148,12 @@ def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
         for key in ("certificate", "trial", "versions")
         if not isinstance(document.get(key), Mapping | None)
     ]
+    lacks = document.get("lacks") or []
+    if not isinstance(lacks, list) or not all(isinstance(one, str) for one in lacks):
+        faults.append(Fault(str(path), None, "lacks", "must be a list of texts"))
     if faults:
         raise InputError(faults)
-    return Coupling(
+    found = Coupling(
         problem=problem,
         schedule=schedule,
         table=table,
@@ -143,8 +161,29 @@ def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
         certificate=document.get("certificate"),
         trial=document.get("trial"),
         versions=document.get("versions") or {},
-        lacks=tuple(map(str, document.get("lacks") or ())),
+        lacks=tuple(lacks),
     )
+    _check_whole(found, document, path)
+    return found
+
+
+def _check_whole(found: Coupling, document: Mapping[str, Any], path: Path) -> None:
+    """Refuse a file of which a part was changed: what is certified must be what runs."""
+    again = "make it again: avc recommend P --out FILE, or avc solve P --out FILE"
+    faults = []
+    if document.get("id") != found.id:
+        message = f"is {document.get('id')!r}, and what the file holds is {found.id!r}: it was changed since; {again}"
+        faults.append(Fault(str(path), None, "id", message))
+    beside = GainTable.of(found.schedule)(found.table.frequency_hz)
+    if not np.allclose(beside, found.table.gains, rtol=1e-9, atol=0.0):
+        faults.append(Fault(str(path), None, "table", f"is not that of the gains beside it; {again}"))
+    wall, limit = document.get("wall"), document.get("max_force_n")
+    if wall != {"damping_ns_per_m": found.wall.damping_ns_per_m, "stiffness_n_per_m": found.wall.stiffness_n_per_m}:
+        faults.append(Fault(str(path), None, "wall", f"is not the environment of problem_file; {again}"))
+    if limit != found.max_force_n:
+        faults.append(Fault(str(path), None, "max_force_n", f"is not device.max_force_n of problem_file; {again}"))
+    if faults:
+        raise InputError(faults)
 
 
 def _problem(document: Mapping[str, Any], path: Path) -> Problem:

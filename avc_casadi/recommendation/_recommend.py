@@ -267,6 +267,8 @@ def _best(judged: list[_Judged]) -> _Judged:
         left = [one for one in left if int(one.trial.stable.sum()) == most]
     quiet = [one for one in left if bool(one.trial.quiet.all())]
     left = quiet or left
+    if judged[0].coupling.wall.stiffness_n_per_m == 0:  # nothing is stiff: what is felt is noise
+        return min(left, key=lambda one: (round(_error(one.coupling), 3), one.order))
     stiffness = [np.nan_to_num(one.trial.stiffness) for one in left]
     as_stiff = [one for one, felt in zip(left, stiffness, strict=True) if felt >= (1 - _AS_STIFF) * max(stiffness)]
     return min(as_stiff, key=lambda one: (round(_error(one.coupling), 3), one.order))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ from avc_hardware._runtime_program import GAINS
 from avc_hardware._table import TableImage
 
 if TYPE_CHECKING:
+    from avc_casadi.certificate import Deployable
     from avc_casadi.coupling import Coupling
     from avc_casadi.support import Float32Array
 
@@ -28,6 +30,7 @@ _HEADER = """\
  * wall: {wall_damping:.9g} N.s/m and {wall_stiffness:.9g} N/m, on one side, at position 0
  * beside the gains: {beside}
  * force: {force}
+ * {verdict}
  * sample time: {sample_time:.9g} s, and no other: the gains mean another loop at another rate
  *
  * C99, also C++11; no heap, no library. IEEE single precision; no -ffast-math. With -ffp-contract=off the bits are the
@@ -183,13 +186,13 @@ def export_c(coupling: Coupling, *, unsafe: bool = False) -> dict[str, str]:
         InputError: the wall gives no force, the observer has no encoder step to look between, a gain is too large for
             single precision, or two rows become one in it.
     """
-    require_deployable(coupling, unsafe=unsafe)
+    verdict = require_deployable(coupling, unsafe=unsafe)
     rows = TableImage.of(coupling).rows
     program = coupling_program(coupling)
-    return {HEADER: _header(coupling, program), SOURCE: _source(coupling, program, rows)}
+    return {HEADER: _header(coupling, program, verdict), SOURCE: _source(coupling, program, rows)}
 
 
-def _header(coupling: Coupling, program: CouplingProgram) -> str:
+def _header(coupling: Coupling, program: CouplingProgram, verdict: Deployable) -> str:
     problem, runtime, force = coupling.problem, coupling.runtime, coupling.max_force_n
     beside = []
     if runtime.observer_mass_kg is not None:
@@ -210,6 +213,7 @@ def _header(coupling: Coupling, program: CouplingProgram) -> str:
         method=_comment(coupling.method),
         structure=coupling.structure,
         rows="constant gains" if program.before is None else f"{count} rows from {low:.6g} to {high:.6g} Hz",
+        verdict=_wrapped(verdict.sentence if verdict.passed else f"UNSAFE, written by request: {verdict.sentence}"),
         wall_damping=coupling.wall.damping_ns_per_m,
         wall_stiffness=coupling.wall.stiffness_n_per_m,
         beside="; ".join(beside) or "nothing",
@@ -268,6 +272,10 @@ def _indented(lines: list[str]) -> str:
 
 def _literal(value: float) -> str:
     return literal(np.float32(value))
+
+
+def _wrapped(text: str) -> str:
+    return "\n * ".join(textwrap.wrap(_comment(text), 115))
 
 
 def _comment(text: str) -> str:
