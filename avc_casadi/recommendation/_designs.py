@@ -13,7 +13,7 @@ from avc_casadi.coupling import NO_COUPLING, Gains, GainSchedule, gains_at
 from avc_casadi.design import method_named, solve
 from avc_casadi.design.constant import tuned_margin
 from avc_casadi.design.pointwise import project
-from avc_casadi.problem import Boundaries, Frequency, Impedance, Scene
+from avc_casadi.problem import Boundaries, Frequency, HandEffect, Impedance, Scene, WallEffect
 from avc_casadi.support import plain
 
 if TYPE_CHECKING:
@@ -126,7 +126,8 @@ def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: floa
     """State what both tuned designs solve: same goal, structure, gain box, frequencies and training hands.
 
     The contact damper may reach 2 m/T of the device alone, beyond which it outruns the loop by itself. Constant gains
-    are tried in a press; whatever else people do with them is for a trial.
+    are tried in a press without dry friction and steps of the encoder, against which no reserve of damping helps;
+    whatever else people do with them, and the whole device, are for a trial.
 
     Args:
         problem: device and wall.
@@ -144,7 +145,7 @@ def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: floa
         realism={"objective": "complex"},
         schedule={"slope_penalty": TUNED_SLOPE_PENALTY},
         frequency=Frequency(start_hz=TUNED_HZ[0], stop_hz=stop, points=TUNED_POINTS),
-        scene=Scene(),
+        scene=Scene(effects=(HandEffect(), WallEffect())),
     )
 
 
