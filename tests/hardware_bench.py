@@ -17,6 +17,7 @@ import pytest
 import avc_hardware
 from avc_casadi import Problem, load_problem
 from avc_casadi.coupling import Coupling, Gains, GainSchedule, GainTable, Runtime, Status
+from avc_casadi.runtime import StateFeedback
 from avc_hardware._firmware import ARM_INSTALL
 from avc_hardware._host import HostCore
 from avc_hardware.firmware_build import HOST_INSTALL, build_host
@@ -66,6 +67,19 @@ def scratch() -> Path:
 def host_library() -> Path:
     require("gcc")
     return build_host(scratch())
+
+
+def believer(seed: int) -> StateFeedback:
+    """A mass on a drag under the force that was asked for, with or without lag, the push of a hand for a state."""
+    rng = np.random.default_rng(seed)
+    kept, gained, drag = rng.uniform(0.9, 1.0), float(rng.uniform(-8e-6, -2e-6)), float(rng.uniform(0.95, 1.0))
+    innovation, feedback = (0.4, 0.08, 0.003), (1.0, float(rng.uniform(0.5, 4.0)), 0.2)
+    state = ((1.0, 1.0, 0.5), (0.0, drag, 1.0), (0.0, 0.0, kept))
+    asked, places = (gained / 2, gained, 0.0), (0,)
+    if seed % 2:  # a handle that follows, in place of the position first
+        state = (*((*row, 0.0) for row in state), (0.7, 0.0, 0.0, 0.3))
+        asked, innovation, feedback, places = (*asked, 0.0), (*innovation, 0.1), (0.6, *feedback[1:], 0.4), (0, 3)
+    return StateFeedback(state, asked, innovation, feedback, places, 0, 1.5e-5 * (seed % 3), 1e-5 * (seed % 3))
 
 
 def host_core() -> HostCore:

@@ -173,6 +173,7 @@ class Reference:
             section.begin(rest)
             rest *= section.gain
         computer, line, before = Computer(self, rest), [0.0] * lag, 0.0
+        believer = Believer(effects["state-feedback"]) if "state-feedback" in effects else None
         y = np.array([self.start, 0.0, self.start, 0.0, self.start, 0.0, 0.0, 0.0])
         out = []
         for k in range(samples):
@@ -187,8 +188,11 @@ class Reference:
                 x = resolution * math.floor(x / resolution + 0.5) if resolution else x
                 for section in filters:
                     x = section(x)
-                line.append(computer.force(x))
-                command = min(max(line.pop(0), -limit), limit)
+                x = x if believer is None else believer(x)
+                line.append(min(max(computer.force(x), -limit), limit))
+                command = line.pop(0)
+                if believer is not None:
+                    believer.force = line[-1] if line else command
             out.append((y[0], y[1], command))
             arrival = (delay - lag) * period if late is None else late[k] * period
             if arrival > 0:
@@ -213,6 +217,26 @@ class Filter:
         out -= sum(a * y for a, y in zip(self.a, self.outputs, strict=True))
         self.inputs, self.outputs = given[:2], [out, self.outputs[0]]
         return out
+
+
+class Believer:
+    """Observer and feedback in matrices, with the force that was asked for in the tick before."""
+
+    def __init__(self, table):
+        self.table, self.state, self.force = table, None, 0.0
+        self.a, self.b, self.l, self.r = (
+            np.array(getattr(table, key)) for key in ("state", "force_m_per_n", "innovation", "feedback")
+        )
+
+    def __call__(self, value):
+        value += self.table.face_m
+        if self.state is None:
+            self.state = np.array([value if row in self.table.positions else 0.0 for row in range(len(self.b))])
+        else:
+            self.state = self.a @ self.state + self.b * self.force
+        error = value - self.state[self.table.measures]
+        self.state = self.state + self.l * math.copysign(max(abs(error) - self.table.dead_zone_m, 0.0), error)
+        return float(self.r @ self.state)
 
 
 def sections_of(effects, period):

@@ -11,8 +11,15 @@ import avc_casadi as avc
 from avc_casadi.certificate import certify
 from avc_casadi.coupling import Coupling, Gains, Runtime
 from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, hand_corners, no_hand, with_let_go
-from avc_casadi.recommendation import damping_range, loop_radius, stiffest_wall
-from avc_casadi.stability import frozen_parts, linear_stability, sampled_stability, whole_stability
+from avc_casadi.stability import (
+    damping_range,
+    frozen_parts,
+    linear_stability,
+    loop_radius,
+    sampled_stability,
+    stiffest_wall,
+    whole_stability,
+)
 from avc_casadi.trial import Conditions, people_of, try_coupling
 
 MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}

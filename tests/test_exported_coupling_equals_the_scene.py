@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from exported import C99, CPP11, WARNINGS, Exported
-from hardware_bench import bench_problem, coupling, export_c, require, with_gains
+from hardware_bench import believer, bench_problem, coupling, export_c, require, with_gains
 
 import avc_casadi as avc
 from avc_casadi import InputError
@@ -16,11 +16,14 @@ from avc_casadi.problem import DelayEffect, EncoderEffect, HandEffect, Saturatio
 from avc_casadi.support import FloatArray
 from avc_hardware._reference_coupling import ReferenceCoupling
 
-SEEDS = range(16)
+SEEDS = range(22)
 
 
 def drawn(seed: int) -> Coupling:
-    """Any coupling: T of 0.1 to 3 ms; with and without observer, guard, delay, encoder, force limit, adaptation."""
+    """Any coupling: T of 0.1 to 3 ms; with and without observer, guard, delay, encoder, force limit, adaptation.
+
+    The last seeds have an observer with state feedback.
+    """
     rng = np.random.default_rng(seed)
     time_s = float(np.exp(rng.uniform(np.log(1e-4), np.log(3e-3))))
     estimators = ("fused", "zero-crossing", "adaptive-notch", "spectral-peak")
@@ -29,7 +32,8 @@ def drawn(seed: int) -> Coupling:
         hold_s=float(rng.uniform(0, 0.3)),
         slew_per_s=None if seed % 3 == 0 else float(rng.uniform(1, 50)),
         passive=seed % 5 != 0,
-        observer_mass_kg=None if seed % 4 < 2 else float(rng.uniform(0.1, 0.5)),
+        observer_mass_kg=None if seed % 4 < 2 or seed >= 16 else float(rng.uniform(0.1, 0.5)),
+        state_feedback=believer(seed) if seed >= 16 else None,
         guard=(None, "passivity-controller", "energy-tank")[seed % 3],
     )
     return coupling(
@@ -123,6 +127,7 @@ RUNTIMES = {
     "nothing": Runtime("zero-crossing"),
     "observer": Runtime("zero-crossing", observer_mass_kg=0.25),
     "controller": Runtime("zero-crossing", guard="passivity-controller"),
+    "state feedback": Runtime("zero-crossing", state_feedback=believer(3)),
     "observer and tank": Runtime("zero-crossing", observer_mass_kg=0.25, guard="energy-tank"),
 }
 

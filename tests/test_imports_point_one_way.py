@@ -24,6 +24,7 @@ ROOMS = (
     "design.pointwise",
     "design.joint",
     "design.constant",
+    "design.robust",
     "design",
     "recommendation",
     "study.comparison",

@@ -11,7 +11,7 @@ from whole_device import REST, WholeDevice, held, leaning, people, tapping, thro
 import avc_casadi as avc
 import avc_hardware
 from avc_casadi.loop import hand_corners, with_let_go
-from avc_casadi.recommendation import stiffest_wall
+from avc_casadi.stability import stiffest_wall
 
 NAMES = ["reference-r1", "reference-r2"]
 # Softly, twice a second, and hard, m/s.

@@ -35,6 +35,12 @@ ADDS = {
         (),
         True,
     ),
+    'kind = "state-feedback"\nstate = [[1.0]]\nforce_m_per_n = [-1e-6]\ninnovation = [0.5]\nfeedback = [1.0]\n'
+    "positions = [0]": (
+        ("asked_force_n", "state_feedback_started", "state_feedback_s1_m"),
+        (),
+        True,
+    ),
     'kind = "amplifier"\nbandwidth_hz = 200.0\norder = 2': (("actuator_force_n", "actuator_rate_n_per_s"), (), True),
     'kind = "jitter"\nrms_s = 1e-4': (("force_before_n",), ("late_share",), True),
     'kind = "jitter"\nrms_s = 0.0\ndropped_share = 0.1': (("force_before_n",), ("dropped",), True),

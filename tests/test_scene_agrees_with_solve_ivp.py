@@ -15,6 +15,12 @@ from avc_casadi.scene.effects import build_effects
 HAND, WALL = 'kind = "hand"', 'kind = "wall"'
 FRICTION = 'kind = "coulomb-friction"'
 SERIES, SOFT, DAMPED = Gains(200.0, 1e5), Gains(10.0, 7e3), Gains(math.inf, math.inf, 80.0)
+# A mass of 0.15 kg under the force asked for, with the push of the hand as a state.
+FEEDBACK = (
+    'kind = "state-feedback"\nstate = [[1.0, 1.0, 0.5], [0.0, 0.98, 1.0], [0.0, 0.0, 1.0]]\n'
+    "force_m_per_n = [-3.3e-6, -6.6e-6, 0.0]\ninnovation = [0.4, 0.08, 0.003]\nfeedback = [1.0, 3.0, 0.2]\n"
+    "positions = [0]\ndead_zone_m = 1.5e-5\nface_m = 1e-5"
+)
 QUICK = 'kind = "press"\nspeed_m_per_s = 0.2\nstart_m = -0.002\n'
 
 CASES = {
@@ -84,6 +90,11 @@ CASES = {
     "compensator": (
         (HAND, WALL, 'kind = "compensator"\nsections = [[0.9, -0.5, 0.1, -0.6, 0.2], [1.3, -0.8, 0.0, -0.5, 0.0]]'),
         SOFT,
+    ),
+    "state-feedback": ((HAND, WALL, 'kind = "encoder"\nresolution_m = 2e-5', FEEDBACK), SOFT),
+    "state-feedback-late-and-limited": (
+        (HAND, WALL, FRICTION, FEEDBACK, 'kind = "delay"\nsamples = 1', 'kind = "saturation"\nforce_n = 1.5'),
+        Gains(0.0, 1e9),
     ),
     "late": ((HAND, WALL, 'kind = "jitter"\nrms_s = 2e-4'), SOFT),
     "dropped": ((HAND, WALL, 'kind = "jitter"\nrms_s = 0.0\ndropped_share = 0.1\nseed = 2'), SOFT),

@@ -6,9 +6,8 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.coupling import NO_COUPLING, Gains
 from avc_casadi.problem import Hold
-from avc_casadi.recommendation import corner_subjects, damping_range, loop_radius, stiffest_wall
-from avc_casadi.stability import frozen_parts, linear_stability
-from avc_casadi.trial import Conditions, judged
+from avc_casadi.stability import damping_range, frozen_parts, linear_stability, loop_radius, stiffest_wall
+from avc_casadi.trial import Conditions, corner_subjects, judged
 
 DEVICE = avc.load_problem("ve7").device
 # Contact is never left: the wall acts as on both sides.

@@ -134,7 +134,7 @@ class Coupling:
         wall = self.wall
         runs = {
             "rows": self.table.rows.tolist(),
-            "runtime": vars(self.runtime),
+            "runtime": self.runtime.document(),
             "wall": [wall.damping_ns_per_m, wall.stiffness_n_per_m],
             "device": self.problem.device.model_dump(mode="json"),
         }

@@ -16,7 +16,8 @@ from avc_casadi.coupling._gain_check import COUPLING_SCHEMA, GainCheck
 from avc_casadi.coupling._gain_file import gain_document, read_document, read_gains
 from avc_casadi.coupling._gain_table import GainTable
 from avc_casadi.coupling._runtime import Runtime
-from avc_casadi.problem import Problem, as_problem, problem_document, problem_of
+from avc_casadi.problem import Problem, StateFeedbackEffect, as_problem, effect_of, problem_document, problem_of
+from avc_casadi.runtime import STATE_FEEDBACK_KEYS, StateFeedback
 from avc_casadi.support import json_text, plain
 
 _TABLE = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
@@ -44,7 +45,7 @@ def coupling_document(coupling: Coupling) -> dict[str, Any]:
         "structure": coupling.structure,
         "constant": coupling.table.constant,
         "table": {name: plain(column) for name, column in columns},
-        "runtime": dict(vars(coupling.runtime)),
+        "runtime": coupling.runtime.document(),
         "wall": {"damping_ns_per_m": wall.damping_ns_per_m, "stiffness_n_per_m": wall.stiffness_n_per_m},
         "sample_time_s": coupling.sample_time_s,
         "max_force_n": coupling.max_force_n,
@@ -209,7 +210,12 @@ def _runtime(document: Mapping[str, Any], path: Path) -> Runtime:
     known = {item.name for item in fields(Runtime)}
     if not isinstance(found, Mapping) or set(found) - known:
         raise InputError.of(f"must be a table with {', '.join(sorted(known))}", file=str(path), key="runtime")
-    kinds: dict[str, tuple[type, ...]] = {"estimator": (str,), "guard": (str,), "passive": (bool,)}
+    kinds: dict[str, tuple[type, ...]] = {
+        "estimator": (str,),
+        "guard": (str,),
+        "passive": (bool,),
+        "state_feedback": (Mapping,),
+    }
     wrong = [
         Fault(str(path), None, f"runtime.{key}", f"is {value!r}, of the wrong type")
         for key, value in found.items()
@@ -218,7 +224,20 @@ def _runtime(document: Mapping[str, Any], path: Path) -> Runtime:
     ]
     if wrong:
         raise InputError(wrong)
+    feedback = _state_feedback(found.get("state_feedback"), path)
     try:
-        return Runtime(**found)
+        return Runtime(**{**found, "state_feedback": feedback})
     except InputError as error:
         raise InputError([Fault(str(path), None, f"runtime.{one.key}", one.message) for one in error.faults]) from None
+
+
+def _state_feedback(found: Mapping[str, Any] | None, path: Path) -> StateFeedback | None:
+    """Read what runs between measurement and wall, by the rules of the scene's effect."""
+    if found is None:
+        return None
+    key = "runtime.state_feedback"
+    table = effect_of(StateFeedbackEffect, found, file=str(path), key=key)
+    try:
+        return StateFeedback(**{name: getattr(table, name) for name in STATE_FEEDBACK_KEYS})
+    except InputError as error:
+        raise InputError([Fault(str(path), None, f"{key}.{one.key}", one.message) for one in error.faults]) from None

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from avc_casadi._errors import InputError
-from avc_casadi.problem import AdaptationEffect, Effect, EstimatorEffect, GuardEffect, ObserverEffect
-from avc_casadi.runtime import ESTIMATORS, GUARDS
+from avc_casadi.problem import (
+    AdaptationEffect,
+    Effect,
+    EstimatorEffect,
+    GuardEffect,
+    ObserverEffect,
+    StateFeedbackEffect,
+)
+from avc_casadi.runtime import ESTIMATORS, GUARDS, StateFeedback
 
-RUNTIME_KINDS = ("observer", "estimator", "adaptation", "guard")
+RUNTIME_KINDS = ("observer", "state-feedback", "estimator", "adaptation", "guard")
 """Effects of a scene that belong to the control computer: a coupling brings its own."""
 
 
@@ -23,6 +31,7 @@ class Runtime:
         passive: whether gains change without creating energy, with anchor and tank.
         observer_mass_kg: mass that the observer between encoder steps reckons with; None for no observer.
         guard: method of the guard in the time domain; None for no guard.
+        state_feedback: observer and feedback of a robust design; None for the measured position as it is.
     """
 
     estimator: str = "fused"
@@ -31,6 +40,7 @@ class Runtime:
     passive: bool = True
     observer_mass_kg: float | None = None
     guard: str | None = None
+    state_feedback: StateFeedback | None = None
 
     def __post_init__(self) -> None:
         if self.estimator not in ESTIMATORS:
@@ -41,12 +51,20 @@ class Runtime:
             value = getattr(self, name)
             if value is not None and not 0 <= value < float("inf"):
                 raise InputError.of(f"is {value!r}; allowed: a finite number, 0 or more", key=name)
+        if self.observer_mass_kg is not None and self.state_feedback is not None:
+            raise InputError.of("stands beside observer_mass_kg; allowed: one of them", key="state_feedback")
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return asdict(self)
 
     def effects(self, *, constant: bool) -> tuple[Effect, ...]:
         """Return the effects of a scene; constant gains need nothing that follows frequency."""
         listed: list[Effect] = []
         if self.observer_mass_kg is not None:
             listed.append(ObserverEffect(mass_kg=self.observer_mass_kg))
+        if self.state_feedback is not None:
+            listed.append(StateFeedbackEffect(**vars(self.state_feedback)))
         if not constant:
             listed += [
                 EstimatorEffect.model_validate({"method": self.estimator}),

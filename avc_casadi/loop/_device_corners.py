@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -44,6 +44,11 @@ def device_corners(device: Device, keys: Collection[str] | None = None) -> list[
     return [_changed(whole, dict(zip(ends, corner, strict=True))) for corner in product(*ends.values())]
 
 
+def device_with(device: Device, values: Mapping[str, float]) -> Device:
+    """Return a device that is known exactly, with other values of some keys, such as ``resonance.frequency_hz``."""
+    return _changed(device.model_dump(exclude={"range"}), values)
+
+
 def linear_values(device: Device) -> dict[str, float]:
     """Return the numbers of `LINEAR_KEYS` that a device has, by key."""
     found: dict[str, float] = {}
@@ -55,7 +60,7 @@ def linear_values(device: Device) -> dict[str, float]:
     return found
 
 
-def _changed(whole: dict[str, Any], values: dict[str, float]) -> Device:
+def _changed(whole: dict[str, Any], values: Mapping[str, float]) -> Device:
     changed = dict(whole)
     for key, value in values.items():
         table, _, inner = key.rpartition(".")

@@ -22,6 +22,7 @@ from avc_casadi.problem._device_file import Sources as Sources
 from avc_casadi.problem._device_file import device_catalogue as device_catalogue
 from avc_casadi.problem._device_file import load_device as load_device
 from avc_casadi.problem._dump import dump_problem as dump_problem
+from avc_casadi.problem._dump import effect_of as effect_of
 from avc_casadi.problem._dump import problem_document as problem_document
 from avc_casadi.problem._dump import problem_of as problem_of
 from avc_casadi.problem._load import as_problem as as_problem
@@ -66,6 +67,7 @@ from avc_casadi.problem._scene_file import Press as Press
 from avc_casadi.problem._scene_file import ResonanceEffect as ResonanceEffect
 from avc_casadi.problem._scene_file import SaturationEffect as SaturationEffect
 from avc_casadi.problem._scene_file import Scene as Scene
+from avc_casadi.problem._scene_file import StateFeedbackEffect as StateFeedbackEffect
 from avc_casadi.problem._scene_file import Stroke as Stroke
 from avc_casadi.problem._scene_file import StylusHandEffect as StylusHandEffect
 from avc_casadi.problem._scene_file import Tap as Tap

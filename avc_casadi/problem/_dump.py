@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.problem._findings import checked
 from avc_casadi.problem._model import Problem
+from avc_casadi.problem._table import Table
 from avc_casadi.problem._values import dotted
+
+_T = TypeVar("_T", bound=Table)
 
 
 def dump_problem(problem: Problem) -> str:
@@ -59,6 +62,24 @@ def problem_of(document: Mapping[str, Any], *, file: str = "problem", key: str =
     if isinstance(found, list):
         prefix = f"{key}." if key else ""
         raise InputError([Fault(file, None, f"{prefix}{dotted(path)}", message) for path, message in found])
+    return found
+
+
+def effect_of(table: type[_T], document: Mapping[str, Any], *, file: str, key: str) -> _T:
+    """Read the table of one effect from JSON values.
+
+    Args:
+        table: its kind.
+        document: its values.
+        file: what the faults call the file.
+        key: where in it the table stands.
+
+    Raises:
+        InputError: with every fault.
+    """
+    found = checked(table, document, "", ())
+    if isinstance(found, list):
+        raise InputError([Fault(file, None, f"{key}.{dotted(path)}", message) for path, message in found])
     return found
 
 

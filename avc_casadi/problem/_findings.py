@@ -36,7 +36,7 @@ def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequen
     if _NOT_A_KEY in tables:
         findings.append(((_NOT_A_KEY,), "is not a key; the file's own name is the name of the problem"))
     try:
-        found = model.model_validate({**keys, _NOT_A_KEY: name})
+        found = model.model_validate({**keys, _NOT_A_KEY: name} if _NOT_A_KEY in model.model_fields else keys)
     except ValidationError as error:
         items = [item for item in error.errors(include_url=False) if item["loc"]]
         items = [item for item in items if item["type"] not in _CONSEQUENCES]

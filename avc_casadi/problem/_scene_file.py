@@ -11,12 +11,16 @@ from avc_casadi.problem._quantity import (
     Damping,
     DampingRatio,
     DelaySamples,
+    Entries,
+    EntryRows,
     Force,
     ForceLimit,
     Hertz,
     Length,
     Mass,
     MassRatio,
+    Place,
+    Places,
     Position,
     Rate,
     Sections,
@@ -195,6 +199,20 @@ class ObserverEffect(Table):
     mass_kg: Mass | None = None
 
 
+class StateFeedbackEffect(Table):
+    """An observer with a dead zone and state feedback, as a robust design makes it; its states are lengths."""
+
+    kind: Literal["state-feedback"] = "state-feedback"
+    state: EntryRows
+    force_m_per_n: Entries
+    innovation: Entries
+    feedback: Entries
+    positions: Places
+    measures: Place = 0
+    dead_zone_m: Length = 0.0
+    face_m: Length = 0.0
+
+
 class DelayEffect(Table):
     """Samples between measurement and force, whole or not."""
 
@@ -263,6 +281,7 @@ Effect = Annotated[
     | NoiseEffect
     | VelocityFilterEffect
     | ObserverEffect
+    | StateFeedbackEffect
     | NotchEffect
     | CompensatorEffect
     | DelayEffect

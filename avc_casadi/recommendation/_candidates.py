@@ -11,8 +11,8 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import Coupling, Gains, Runtime
 from avc_casadi.design.constant import tuned_margin
 from avc_casadi.loop import with_let_go
-from avc_casadi.recommendation._limits import DampingRange, damping_range
 from avc_casadi.recommendation._reach import tuned
+from avc_casadi.stability import DampingRange, damping_range
 from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:

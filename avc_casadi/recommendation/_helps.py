@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.loop import with_let_go
-from avc_casadi.recommendation._limits import stiffest_wall
+from avc_casadi.stability import stiffest_wall
 
 if TYPE_CHECKING:
     from avc_casadi.loop import Hand, StylusHand

@@ -82,7 +82,11 @@ def reach(
     return {
         "people": len(whole),
         "population": population,
-        "conditions": {name: value for name, value in asdict(conditions).items() if name not in {"runtime", "others"}},
+        "conditions": {
+            name: value
+            for name, value in asdict(conditions).items()
+            if name not in {"runtime", "others", "state_feedback"}
+        },
         "stable": int(whole.sum()),
         "stable_low": interval[0],
         "stable_high": interval[1],

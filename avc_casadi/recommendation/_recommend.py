@@ -16,7 +16,7 @@ from avc_casadi.problem import Problem, declared, declared_effects, load_problem
 from avc_casadi.recommendation._candidates import candidates
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
-from avc_casadi.recommendation._limits import stiffest_wall
+from avc_casadi.stability import stiffest_wall
 from avc_casadi.support import SILENT, Comparable, Progress, plain, short
 from avc_casadi.trial import CouplingTrial, people_of, try_coupling
 

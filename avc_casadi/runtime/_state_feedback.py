@@ -1,4 +1,4 @@
-"""An observer with a dead zone and state feedback: what the wall sees is a weighted sum of what the observer believes."""
+"""An observer with a dead zone and state feedback: the wall sees a weighted sum of what the observer believes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.runtime._step import Expr, Step, StepBuilder
+from avc_casadi.runtime._step import Step, StepBuilder
 from avc_casadi.support import FloatArray
 
 MOST_STATES = 16
@@ -84,9 +84,7 @@ class StateFeedback:
     def numbers(self) -> FloatArray:
         """Return A by rows, B, L, R, dead zone and face, in the order of the step's parameters."""
         rows = [value for row in self.state for value in row]
-        return np.array(
-            [*rows, *self.force_m_per_n, *self.innovation, *self.feedback, self.dead_zone_m, self.face_m]
-        )
+        return np.array([*rows, *self.force_m_per_n, *self.innovation, *self.feedback, self.dead_zone_m, self.face_m])
 
 
 def state_feedback_step(settings: StateFeedback) -> Step:

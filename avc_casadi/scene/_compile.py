@@ -108,7 +108,7 @@ class CompiledScene:
 
     def parameter_values(self, gains: Gains) -> FloatArray:
         """Return the parameters of every hand, shape (hands, parameters)."""
-        parts = []
+        parts = [effect.numbers for effect in self.effects if effect.station < Station.ENVIRONMENT]
         if self.coupled and self.environment is not None:
             parts.append(
                 coupling_parameters(

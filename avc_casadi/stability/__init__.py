@@ -13,6 +13,12 @@ from avc_casadi.stability._spectral import RADIUS_TOLERANCE as RADIUS_TOLERANCE
 from avc_casadi.stability._spectral import LinearStability as LinearStability
 from avc_casadi.stability._spectral import frozen_parts as frozen_parts
 from avc_casadi.stability._spectral import linear_stability as linear_stability
+from avc_casadi.stability._state_feedback import largest_radius as largest_radius
+from avc_casadi.stability._state_feedback import state_feedback_loop as state_feedback_loop
+from avc_casadi.stability._stiffest_wall import DampingRange as DampingRange
+from avc_casadi.stability._stiffest_wall import damping_range as damping_range
+from avc_casadi.stability._stiffest_wall import loop_radius as loop_radius
+from avc_casadi.stability._stiffest_wall import stiffest_wall as stiffest_wall
 from avc_casadi.stability._transition import Rendering as Rendering
 from avc_casadi.stability._transition import fraction_rendering as fraction_rendering
 from avc_casadi.stability._transition import frozen_transition as frozen_transition

@@ -7,6 +7,7 @@ puts the means near the measured ones. The arm of van Beek et al. (Sci Rep 5:180
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -79,3 +80,11 @@ def people_of(hands: Hands, count: int, seed: int = 0) -> Hand:
     drawn = draw_hands(hands, max(0, count - len(corners)), seed)
     both = (np.append(np.atleast_1d(getattr(corners, name)), value) for name, value in vars(drawn).items())
     return Hand(*both).pick(slice(0, count))
+
+
+def corner_subjects(population: Population) -> Hand | StylusHand:
+    """Every corner of the ranges of a population: the extreme people."""
+    if population == "A":
+        return hand_corners(Hands())
+    corners = np.array(list(product(*STYLUS_RANGES.values())))
+    return StylusHand(**dict(zip(STYLUS_RANGES, corners.T, strict=True)))

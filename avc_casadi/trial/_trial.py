@@ -25,6 +25,7 @@ from avc_casadi.problem import (
     Press,
     SaturationEffect,
     Scene,
+    StateFeedbackEffect,
     Stroke,
     WallEffect,
     declared_effects,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainSchedule, GainTable
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
+    from avc_casadi.runtime import StateFeedback
 
 
 # A tap leaves the wall and strikes it again twice a second, and ends in contact: where it ended in free space, every
@@ -63,6 +65,7 @@ class Conditions:
         max_force_n: largest force of the actuator; None is no limit.
         dropped_share: share of the samples that the computer misses.
         observer_mass_kg: mass that the observer behind the encoder reckons with; None is no observer.
+        state_feedback: observer and feedback behind the encoder; None is none.
         guarded: with the passivity controller in the time domain.
         runtime: what follows a gain table.
         others: what else the device declares, its values left to the problem.
@@ -74,6 +77,7 @@ class Conditions:
     max_force_n: float | None = None
     dropped_share: float = 0.0
     observer_mass_kg: float | None = None
+    state_feedback: StateFeedback | None = None
     guarded: bool = False
     runtime: tuple[Effect, ...] = (EstimatorEffect(), AdaptationEffect())
     others: tuple[Effect, ...] = ()
@@ -94,6 +98,7 @@ class Conditions:
             device.delay_samples,
             device.max_force_n,
             observer_mass_kg=runtime.observer_mass_kg,
+            state_feedback=runtime.state_feedback,
             guarded=runtime.guard is not None,
             runtime=tuple(
                 effect for effect in runtime.effects(constant=False) if effect.kind in {"estimator", "adaptation"}
@@ -115,6 +120,8 @@ class Conditions:
             listed.append(EncoderEffect(resolution_m=self.encoder_m))
             if self.observer_mass_kg is not None:
                 listed.append(ObserverEffect(mass_kg=self.observer_mass_kg))
+        if self.state_feedback is not None:
+            listed.append(StateFeedbackEffect(**vars(self.state_feedback)))
         if self.guarded:
             listed.append(GuardEffect())
         if self.delay_samples > 0:

@@ -20,6 +20,7 @@ from avc_casadi.scene.effects import (
     Observer,
     Saturation,
     SceneEffect,
+    StateFeedback,
     Wall,
     build_effects,
 )
@@ -96,7 +97,7 @@ def _computer(coupling: Coupling) -> Iterator[SceneEffect]:
     if coupling.max_force_n is not None:
         listed.append(SaturationEffect())
     built = build_effects(problem.changed(scene={"effects": tuple(listed)}))
-    kinds = (Observer, Estimator, Adaptation, Wall, Guard, Saturation, Delay)
+    kinds = (Observer, StateFeedback, Estimator, Adaptation, Wall, Guard, Saturation, Delay)
     for kind in kinds:
         for effect in built:
             if isinstance(effect, kind):
@@ -130,7 +131,7 @@ class _Built:
         for effect in effects:
             if isinstance(effect, Adaptation):
                 replace(effect, table=place).sample(tick)
-            elif isinstance(effect, Observer | Estimator):
+            elif isinstance(effect, Observer | StateFeedback | Estimator):
                 effect.sample(tick)
         seen = tick.position
         cut = tick.position = seen if constant else ca.SX.sym("seen_m")
@@ -156,10 +157,7 @@ class _Built:
         symbols = [slot.symbol for slot in tick.states]
         names = tuple(slot.name for slot in tick.states)
         if self.frequency is None:
-            numbers = self._parameters()
-            results = ca.substitute(
-                [ca.SX(self.command), ca.SX(asked), *successors], [slot.symbol for slot in tick.parameters], numbers
-            )
+            results = self._settled([ca.SX(self.command), ca.SX(asked), *successors])
             after = _program("after", {"position_m": self.measured}, names, symbols, FORCES, names, results)
             return CouplingProgram(names, initial, None, after, ())
         read = ca.vertcat(self.cut, *self.wanted)
@@ -175,11 +173,19 @@ class _Built:
             symbols,
             ("frequency_hz", "seen_m"),
             early,
-            [ca.SX(self.frequency), ca.SX(self.seen), *first],
+            self._settled([ca.SX(self.frequency), ca.SX(self.seen), *first]),
         )
         given = {"seen_m": self.cut} | dict(zip((f"wanted_{name}" for name in GAINS), self.wanted, strict=True))
-        after = _program("after", given, names, symbols, FORCES, rest, [ca.SX(self.command), ca.SX(asked), *last])
+        results = self._settled([ca.SX(self.command), ca.SX(asked), *last])
+        after = _program("after", given, names, symbols, FORCES, rest, results)
         return CouplingProgram(names, initial, before, after, early)
+
+    def _settled(self, results: list[Any]) -> list[Any]:
+        """Put numbers in the place of the tick's parameters."""
+        import casadi as ca  # noqa: PLC0415
+
+        settled: list[Any] = ca.substitute(results, [slot.symbol for slot in self.tick.parameters], self._parameters())
+        return settled
 
     def _parameters(self) -> list[float]:
         """Return the numbers of the tick's parameters, in its order."""
@@ -196,7 +202,10 @@ class _Built:
             "series_stiffness_n_per_m": series,
             "contact_damping_ns_per_m": gains.contact_damping_ns_per_m,
         }
-        return [known[slot.name] for slot in self.tick.parameters]
+        feedback = coupling.runtime.state_feedback
+        given = [] if feedback is None else feedback.numbers().tolist()
+        # What runs before the wall has added its numbers before the wall's.
+        return [*given, *(known[slot.name] for slot in self.tick.parameters[len(given) :])]
 
 
 def _program(

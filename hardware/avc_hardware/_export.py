@@ -198,6 +198,11 @@ def _header(coupling: Coupling, program: CouplingProgram, verdict: Deployable) -
     if runtime.observer_mass_kg is not None:
         ahead = problem.device.delay_samples
         beside.append(f"observer for {runtime.observer_mass_kg:g} kg" + (f", {ahead} samples ahead" if ahead else ""))
+    if runtime.state_feedback is not None:
+        half = runtime.state_feedback.dead_zone_m
+        beside.append(
+            f"observer of {runtime.state_feedback.states} states with a dead zone of +-{half:.4g} m, and feedback"
+        )
     if program.before is not None:
         slew = "no slew limit" if runtime.slew_per_s is None else f"at most {runtime.slew_per_s:g} a second"
         passive = ", passive" if runtime.passive else ""

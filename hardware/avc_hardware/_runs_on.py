@@ -37,6 +37,8 @@ def check_runs_on(coupling: Coupling, device: Device | None = None) -> None:
     lacks = []
     if runtime.observer_mass_kg is not None:
         lacks.append("an observer between encoder steps (runtime.observer_mass_kg)")
+    if runtime.state_feedback is not None:
+        lacks.append("an observer with state feedback (runtime.state_feedback)")
     if runtime.guard not in {None, GUARD}:
         lacks.append(f"the guard {runtime.guard} (allowed: {GUARD}, or none)")
     if device is not None:

@@ -18,18 +18,10 @@ from avc_casadi.coupling import gains_at
 from avc_casadi.design import solve
 from avc_casadi.figures import draw_frontier, save_figure
 from avc_casadi.problem import AdaptationEffect, EstimatorEffect
-from avc_casadi.recommendation import (
-    corner_subjects,
-    damping_range,
-    design,
-    error_curve,
-    reach,
-    stiffest_wall,
-    tuned,
-    tuning_problem,
-)
+from avc_casadi.recommendation import design, error_curve, reach, tuned, tuning_problem
+from avc_casadi.stability import damping_range, stiffest_wall
 from avc_casadi.study.table1 import run_campaign
-from avc_casadi.trial import Conditions, draw_subjects
+from avc_casadi.trial import Conditions, corner_subjects, draw_subjects
 
 SEED = 2026
 WALL = "ve7"

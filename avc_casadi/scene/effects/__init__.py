@@ -22,6 +22,7 @@ from avc_casadi.scene.effects._registry import KINDS as KINDS
 from avc_casadi.scene.effects._registry import build_effects as build_effects
 from avc_casadi.scene.effects._resonance import Resonance as Resonance
 from avc_casadi.scene.effects._saturation import Saturation as Saturation
+from avc_casadi.scene.effects._state_feedback import StateFeedback as StateFeedback
 from avc_casadi.scene.effects._velocity_filter import VelocityFilter as VelocityFilter
 from avc_casadi.scene.effects._viscous_friction import ViscousFriction as ViscousFriction
 from avc_casadi.scene.effects._wall import Wall as Wall

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar, Self
 
+import numpy as np
+
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.coupling import GainTable
 from avc_casadi.loop import Plant
 from avc_casadi.problem import Problem
 from avc_casadi.scene.loop import Environment, Tick
+from avc_casadi.support import FloatArray
 
 
 class Station(IntEnum):
@@ -66,6 +69,11 @@ class SceneEffect(ABC):
     def sensed_body(self) -> str | None:
         """The body whose position is measured, of the effect that says so; None leaves it to the others."""
         return None
+
+    @property
+    def numbers(self) -> FloatArray:
+        """Its parameters of a run, in the order in which it adds them to the sample; none where they are constants."""
+        return np.zeros(0)
 
     @property
     def friction_n(self) -> float:

@@ -25,6 +25,7 @@ from avc_casadi.scene.effects._notch import Notch
 from avc_casadi.scene.effects._observer import Observer
 from avc_casadi.scene.effects._resonance import Resonance
 from avc_casadi.scene.effects._saturation import Saturation
+from avc_casadi.scene.effects._state_feedback import StateFeedback
 from avc_casadi.scene.effects._velocity_filter import VelocityFilter
 from avc_casadi.scene.effects._viscous_friction import ViscousFriction
 from avc_casadi.scene.effects._wall import Wall
@@ -42,20 +43,21 @@ _EFFECTS: tuple[type[SceneEffect], ...] = (
     Observer,
     Notch,
     Compensator,
+    StateFeedback,
     VelocityFilter,
     Estimator,
     Adaptation,
     Wall,
     TwoSidedEnvironment,
     Guard,
-    Delay,
     Saturation,
+    Delay,
     Jitter,
     Amplifier,
 )
 KINDS: tuple[str, ...] = tuple(effect.kind for effect in _EFFECTS)
 
-_EITHER = (("hand", "stylus-hand"), ("wall", "environment"))
+_EITHER = (("hand", "stylus-hand"), ("wall", "environment"), ("observer", "state-feedback"))
 
 
 def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:

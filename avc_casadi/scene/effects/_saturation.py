@@ -35,5 +35,3 @@ class Saturation(SceneEffect):
 
         if tick.command is not None:
             tick.command = ca.fmin(ca.fmax(tick.command, -self.force_n), self.force_n)
-        if tick.command_before is not None:
-            tick.command_before = ca.fmin(ca.fmax(tick.command_before, -self.force_n), self.force_n)

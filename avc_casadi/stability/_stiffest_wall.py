@@ -10,18 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop import LINEAR_KEYS, Hand, StylusHand, device_corners, hand_corners, sampled_plant
-from avc_casadi.problem import Hands
-from avc_casadi.stability import Rendering, closed_loop, plants_with_forces
+from avc_casadi.loop import LINEAR_KEYS, device_corners, sampled_plant
+from avc_casadi.stability._transition import Rendering
+from avc_casadi.stability._whole_device import closed_loop, plants_with_forces
 from avc_casadi.support import FloatArray, IndexArray
-from avc_casadi.trial import STYLUS_RANGES, Population
 
 if TYPE_CHECKING:
+    from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Device
 
 
@@ -30,14 +29,6 @@ _HALVINGS = 40
 # Up to so many devices with hands all are looked at every time; of more those alone that once decided, the others at
 # the end.
 _FEW = 32
-
-
-def corner_subjects(population: Population) -> Hand | StylusHand:
-    """Every corner of the ranges of a population: the extreme people."""
-    if population == "A":
-        return hand_corners(Hands())
-    corners = np.array(list(product(*STYLUS_RANGES.values())))
-    return StylusHand(**dict(zip(STYLUS_RANGES, corners.T, strict=True)))
 
 
 def loop_radius(
