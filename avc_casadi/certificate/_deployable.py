@@ -2,7 +2,8 @@
 
 One definition, for every verb: linearly stable with every hand of [hands] and with the device let go, over every corner
 of [device.range], on the loop of the device as declared: its sample time and delay, amplifier and resonance; at the
-table's rows and between them. An observer between encoder steps is no part of it: it is not linear.
+table's rows and between them. An observer between encoder steps is no part of it: it is not linear. State feedback is,
+with whatever share of the innovation passes its dead zone.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi.certificate._feedback_claims import SHARES, feedback_radius
 from avc_casadi.loop import LINEAR_KEYS, device_corners, hand_set, linear_values, no_hand
 from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, rigid, whole_stability
 from avc_casadi.support import SILENT, Progress, plain
@@ -35,7 +37,7 @@ class DeployClaim:
     """One claim that a deployable coupling meets.
 
     Attributes:
-        name: hands, or let-go.
+        name: hands, let-go, or dead-zone (of a coupling with state feedback).
         passed: whether it holds.
         sentence: what holds, or what does not and where.
         advice: what to do where it does not hold; empty where it does.
@@ -116,6 +118,8 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
     problem, table = coupling.problem, coupling.table
     frequency, gains = _judged(table)
     try:
+        if coupling.runtime.state_feedback is not None:
+            return Deployable(_feedback_claims(coupling))
         claims = tuple(_claim(problem, frequency, gains, let_go=let_go, progress=progress) for let_go in (False, True))
     except UnsupportedError as refusal:
         why = f"not judged: {refusal}"
@@ -168,7 +172,32 @@ def _claim(
     return DeployClaim(name, False, sentence, _ADVICE, worst)
 
 
-_CALLED = {"hands": "hands (L5)", "let-go": "let-go"}
+def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
+    found = feedback_radius(coupling)
+    share, corner, hand = found.worst
+    held = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*found.hands.values(hand).values())
+    where = _of(found.corners[corner], found.corners)
+    free = int(np.argmax(found.free))
+    every = f"with every hand of [hands] ({len(found.hands)} judged)"
+    return (
+        _claim_of("hands", float(found.held[0].max()), every, held + where),
+        _claim_of("let-go", float(found.free.max()), "let go", "let go" + _of(found.corners[free], found.corners)),
+        _claim_of(
+            "dead-zone",
+            float(found.held.max()),
+            f"{every}, whatever share of the innovation passes the dead zone",
+            f"{held}{where} where {SHARES[share]:g} of the innovation passes the dead zone",
+        ),
+    )
+
+
+def _claim_of(name: str, radius: float, passing: str, failing: str) -> DeployClaim:
+    if radius < 1 - RADIUS_TOLERANCE:
+        return DeployClaim(name, True, f"linearly stable {passing}, spectral radius {radius:.6g} at most", "", radius)
+    return DeployClaim(name, False, f"linearly unstable {failing}: spectral radius {radius:.6g}", _ADVICE, radius)
+
+
+_CALLED = {"hands": "hands (L5)", "let-go": "let-go", "dead-zone": "dead zone"}
 _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
 
 

@@ -72,13 +72,14 @@ class Coupling:
         Args:
             problem: what the gains were made for.
             schedule: gains by any method.
-            runtime: what runs beside them; None is the default.
+            runtime: what runs beside them; None is the default, with the observer that belongs to the schedule.
             versions: of what made it, by package.
 
         Raises:
             InputError: no row has gains.
         """
-        return cls(problem, schedule, thinned(GainTable.of(schedule)), runtime or Runtime(), versions=versions or {})
+        beside = runtime or Runtime(state_feedback=schedule.state_feedback)
+        return cls(problem, schedule, thinned(GainTable.of(schedule)), beside, versions=versions or {})
 
     @classmethod
     def constant(cls, problem: Problem, gains: Gains, method: str, runtime: Runtime | None = None) -> Coupling:

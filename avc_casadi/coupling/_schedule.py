@@ -14,6 +14,7 @@ from avc_casadi.support import BoolArray, Columns, ComplexArray, FloatArray, Tab
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem, Structure
+    from avc_casadi.runtime import StateFeedback
 
 
 class Status(StrEnum):
@@ -56,6 +57,7 @@ class GainSchedule(Tabular):
         build_seconds: time to set the method up.
         solve_seconds: time to solve all rows.
         notes: further facts for people, for example a quality statement.
+        state_feedback: observer and feedback without which the gains mean nothing; None for gains that stand alone.
 
     Example:
         >>> gains = avc.solve("soft", "exact")
@@ -83,6 +85,7 @@ class GainSchedule(Tabular):
     build_seconds: float = field(default=0.0, compare=False)
     solve_seconds: float = field(default=0.0, compare=False)
     notes: tuple[str, ...] = ()
+    state_feedback: StateFeedback | None = None
 
     @property
     def rows(self) -> int:
@@ -160,6 +163,7 @@ def gain_schedule(
     build_seconds: float = 0.0,
     solve_seconds: float = 0.0,
     notes: tuple[str, ...] = (),
+    state_feedback: StateFeedback | None = None,
 ) -> GainSchedule:
     """Complete gains (b, k, b_p) into a schedule; one code recomputes the impedances of every method.
 
@@ -177,6 +181,7 @@ def gain_schedule(
         build_seconds: time to set the method up.
         solve_seconds: time to solve.
         notes: facts for people.
+        state_feedback: observer and feedback that belong to the gains.
     """
     frequency = problem.frequencies_hz() if frequency_hz is None else frequency_hz
     loop = loop_at(problem, frequency)
@@ -206,4 +211,5 @@ def gain_schedule(
         build_seconds=build_seconds,
         solve_seconds=solve_seconds,
         notes=notes,
+        state_feedback=state_feedback,
     )

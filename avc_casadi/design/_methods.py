@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from avc_casadi.coupling import GainSchedule
 
-MethodName = Literal["closed-form", "direct", "exact", "schedule", "static", "static-tuned"]
+MethodName = Literal["closed-form", "direct", "exact", "schedule", "static", "static-tuned", "robust"]
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,11 @@ METHODS: Mapping[MethodName, Method] = {
     "static-tuned": Method(
         "avc_casadi.design.constant:solve_static_tuned",
         "the best constant gains, stable with every hand of [hands] and at rest in the scene",
+        reports=True,
+    ),
+    "robust": Method(
+        "avc_casadi.design.robust:solve_robust",
+        "the wall behind an observer with state feedback, for every hand and a device not quite as declared",
         reports=True,
     ),
 }

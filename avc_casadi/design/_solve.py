@@ -29,7 +29,7 @@ def solve(
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
-        method: one of `METHODS`: closed-form, direct, exact, schedule, static, static-tuned.
+        method: one of `METHODS`: closed-form, direct, exact, schedule, static, static-tuned, robust.
         solver: solver of ``direct``; None is its default.
         tolerance: requested relative tolerance of a CasADi solver, 1e-14 to 1; None is its default.
         as_printed: closed form only, the equations as the paper prints them.

@@ -15,4 +15,4 @@ from avc_casadi.recommendation._reach import with_observer as with_observer
 from avc_casadi.recommendation._recommend import Recommendation as Recommendation
 from avc_casadi.recommendation._recommend import judged_as_recommended as judged_as_recommended
 from avc_casadi.recommendation._recommend import recommend as recommend
-from avc_casadi.recommendation._recommend import stiffest as stiffest
+from avc_casadi.recommendation._stiffest import stiffest as stiffest

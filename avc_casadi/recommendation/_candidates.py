@@ -10,6 +10,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import Coupling, Gains, Runtime
 from avc_casadi.design.constant import tuned_margin
+from avc_casadi.design.robust import robust_ladder
 from avc_casadi.loop import with_let_go
 from avc_casadi.recommendation._reach import tuned
 from avc_casadi.stability import DampingRange, damping_range
@@ -29,24 +30,43 @@ _SHARES = (0.5, 0.25)
 _OF_STIFFEST = (0.9, 0.75)
 
 
-def candidates(
-    problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange, progress: Progress = SILENT
-) -> Iterator[Coupling]:
-    """Yield the couplings to be judged.
+def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange) -> Iterator[Coupling]:
+    """Yield couplings of spring and damper.
 
     No coupling but the wall itself; a rigid coupling with a contact damper; for a wall beyond what the device can give,
-    springs that soften it to just below that; constant gains with a contact damper, tuned for every hand and the device
-    let go, with growing reserves. Each behind an observer too where the encoder or a delay may call for it.
+    springs that soften it to just below that. Each behind an observer too where the encoder or a delay may call for it.
 
     Args:
         problem: device, wall and hands.
         subjects: the extreme hands.
         stiffest: the stiffest wall that is stable with everybody and let go.
-        progress: told of the tuning.
     """
     people = with_let_go(subjects)
     for gains, name in (*_rigid(problem, people), *_softened(problem, people, stiffest)):
         yield from _with_observer(Coupling.constant(problem, gains, name))
+
+
+def robust_candidates(problem: Problem, progress: Progress = SILENT) -> Iterator[Coupling]:
+    """Yield walls of rising stiffness behind an observer with state feedback; none for a device without a law.
+
+    Args:
+        problem: device, wall and hands.
+        progress: told of the walls.
+    """
+    try:
+        for rung in robust_ladder(problem, progress):
+            yield Coupling.constant(problem, rung.gains, "robust", Runtime(state_feedback=rung.found.law))
+    except UnsupportedError:
+        return
+
+
+def tuned_candidates(problem: Problem, progress: Progress = SILENT) -> Iterator[Coupling]:
+    """Yield constant gains tuned for every hand and the device let go, with growing reserves.
+
+    Args:
+        problem: device, wall and hands.
+        progress: told of the tuning.
+    """
     safe = problem.changed(hands={"let_go": True})
     for share in _RESERVES:
         found = _tuned(safe, share, progress)

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.coupling import Gains, GainTable
+from avc_casadi.certificate import rendering_of
+from avc_casadi.coupling import Coupling, Gains, GainTable
 from avc_casadi.loop import NUMPY, SampleAngle, environment_impedance, loop_at, perceived_impedance
+from avc_casadi.stability import force_over_position
 from avc_casadi.support import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
@@ -51,7 +53,7 @@ class ErrorCurve:
 
 def error_curve(
     problem: Problem,
-    gains: Gains | GainTable | GainSchedule,
+    gains: Gains | GainTable | GainSchedule | Coupling,
     frequency_hz: FloatArray = GRID_HZ,
     wall: Impedance | None = None,
 ) -> ErrorCurve:
@@ -59,15 +61,21 @@ def error_curve(
 
     Args:
         problem: device and the wall that is rendered; its bounds do not matter.
-        gains: constant gains, or a table, which is read at each frequency.
+        gains: constant gains, or a table, which is read at each frequency; or a coupling, with its state feedback.
         frequency_hz: where; a table is read at its end beyond it.
         wall: the wall that should be felt; None is the one that is rendered.
     """
     loop = loop_at(problem.changed(stability={"model": "sampled-data"}), frequency_hz)
-    b, k, b_p = _rows(gains, frequency_hz)
-    felt = np.asarray(loop.perceived(b, k, b_p))
     wall, device = wall or problem.environment, problem.device
     angle = SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
+    law = gains.runtime.state_feedback if isinstance(gains, Coupling) else None
+    if isinstance(gains, Coupling) and law is not None:
+        rendered = force_over_position(law, rendering_of(gains), frequency_hz, device.sample_time_s)
+        unit = environment_impedance(angle, "sampled-data", 0.0, 1.0)
+        felt = np.asarray(perceived_impedance(loop.device, loop.hold, rendered * unit))
+    else:
+        b, k, b_p = _rows(gains.table if isinstance(gains, Coupling) else gains, frequency_hz)
+        felt = np.asarray(loop.perceived(b, k, b_p))
     sampled = perceived_impedance(
         loop.device,
         loop.hold,

@@ -13,8 +13,11 @@ from avc_casadi.stability._spectral import RADIUS_TOLERANCE as RADIUS_TOLERANCE
 from avc_casadi.stability._spectral import LinearStability as LinearStability
 from avc_casadi.stability._spectral import frozen_parts as frozen_parts
 from avc_casadi.stability._spectral import linear_stability as linear_stability
+from avc_casadi.stability._state_feedback import force_over_innovation as force_over_innovation
+from avc_casadi.stability._state_feedback import force_over_position as force_over_position
 from avc_casadi.stability._state_feedback import largest_radius as largest_radius
 from avc_casadi.stability._state_feedback import state_feedback_loop as state_feedback_loop
+from avc_casadi.stability._state_feedback import stiffness_at_rest as stiffness_at_rest
 from avc_casadi.stability._stiffest_wall import DampingRange as DampingRange
 from avc_casadi.stability._stiffest_wall import damping_range as damping_range
 from avc_casadi.stability._stiffest_wall import loop_radius as loop_radius

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.support import FloatArray
+from avc_casadi.support import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
     from avc_casadi.runtime import StateFeedback
@@ -71,3 +71,44 @@ def state_feedback_loop(
 def largest_radius(loop: FloatArray) -> FloatArray:
     """Return the spectral radius of each loop, shape (a, p)."""
     return np.asarray(np.abs(np.linalg.eigvals(loop)).max(axis=-1))
+
+
+def force_over_innovation(
+    law: StateFeedback, rendering: Rendering, frequency_hz: FloatArray, sample_time_s: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return force and believed position over the innovation at each frequency, the dead zone passing all.
+
+    Returns:
+        F/e and s_m/e, each of shape (f,): F/x is F/e over 1 + s_m/e.
+    """
+    state, asked, gain, weight = (
+        np.array(part) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
+    )
+    z = np.exp(2j * np.pi * frequency_hz * sample_time_s)
+    wall = _rendered(rendering, z)
+    n = law.states
+    closed = state + wall[:, None, None] * np.outer(asked, weight)
+    pencil = z[:, None, None] * np.eye(n) - closed
+    believed = np.linalg.solve(pencil, closed @ gain[:, None])[..., 0]
+    return wall * ((believed + gain) @ weight), believed[:, law.measures]
+
+
+def force_over_position(
+    law: StateFeedback, rendering: Rendering, frequency_hz: FloatArray, sample_time_s: float
+) -> ComplexArray:
+    """Return force over the measured position at each frequency, N/m, shape (f,), the dead zone passing all."""
+    force, believed = force_over_innovation(law, rendering, frequency_hz, sample_time_s)
+    return np.asarray(force / (1 + believed))
+
+
+def stiffness_at_rest(rendering: Rendering) -> float:
+    """Return the stiffness of a rendering at rest."""
+    return float(_rendered(rendering, np.ones(1, dtype=np.complex128))[0].real)
+
+
+def _rendered(rendering: Rendering, z: ComplexArray) -> ComplexArray:
+    """Return force over the position that is seen."""
+    now, before, own = rendering.force[0]
+    state = rendering.state[0]
+    inner = (state[0] + state[1] / z) / (z - state[2]) if own else 0.0
+    return np.asarray(now + before / z + own * inner)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.loop import Hand, StylusHand
 
+# A press that ends at this share of the largest force leans on the limit, not on the wall.
+_NEAR_LIMIT = 0.97
 # What of a scene a problem's [device] has no key for, or that is not a part of it.
 NOT_SIMULATED = ("hands that change while they hold on", "several axes")
 
@@ -31,7 +33,8 @@ class CouplingTrial(Tabular):
         stable_without_friction: the same without the declared dry friction.
         by_motion: at rest in each motion.
         vibration: felt at the end of a press, in detection thresholds.
-        stiffness_n_per_m: felt at the end of a press; not a number without contact.
+        stiffness_n_per_m: felt at the end of a press; not a number without contact, or at the force limit.
+        at_force_limit: whether a press ends at the largest force of the actuator, which is as stiff as nothing.
         tap_force_n: largest force of a tap.
         tap_depth_m: how deep a tap goes.
         wall_n_per_m: stiffness of the wall.
@@ -44,6 +47,7 @@ class CouplingTrial(Tabular):
     by_motion: dict[str, BoolArray]
     vibration: FloatArray
     stiffness_n_per_m: FloatArray
+    at_force_limit: BoolArray
     tap_force_n: FloatArray
     tap_depth_m: FloatArray
     wall_n_per_m: float
@@ -73,6 +77,7 @@ class CouplingTrial(Tabular):
             "stable_without_friction": self.stable_without_friction,
             "vibration": self.vibration,
             "stiffness_n_per_m": self.stiffness_n_per_m,
+            "at_force_limit": self.at_force_limit,
             "tap_force_n": self.tap_force_n,
             "tap_depth_m": self.tap_depth_m,
         }
@@ -105,6 +110,7 @@ class CouplingTrial(Tabular):
                     "median": self.stiffness,
                     "highest": float(felt.max()) if len(felt) else None,
                 },
+                "at_force_limit": int(self.at_force_limit.sum()),
                 "share_of_wall": self.stiffness / self.wall_n_per_m if self.wall_n_per_m else None,
                 "tap_force_n": float(self.tap_force_n.max()),
                 "tap_depth_m": float(self.tap_depth_m.max()),
@@ -131,6 +137,8 @@ def try_coupling(
     by_motion: dict[str, BoolArray] = {}
     vibration: list[FloatArray] = []
     stiffness: list[FloatArray] = []
+    limited: list[BoolArray] = []
+    limit = np.inf if coupling.max_force_n is None else coupling.max_force_n
     force: list[FloatArray] = []
     depth: list[FloatArray] = []
     for name, motion in MOTIONS.items():
@@ -140,7 +148,8 @@ def try_coupling(
             stable.append(found.stable)
             if name == "press":
                 vibration.append(felt_vibration(part.position_m, part.sample_time_s))
-                stiffness.append(found.apparent_stiffness_n_per_m)
+                limited.append(np.abs(found.mean_force_n) > _NEAR_LIMIT * limit)
+                stiffness.append(np.where(limited[-1], np.nan, found.apparent_stiffness_n_per_m))
             if name == "tap":
                 force.append(np.abs(part.force_n).max(axis=-1))
                 depth.append(part.position_m.max(axis=-1))
@@ -155,6 +164,7 @@ def try_coupling(
         by_motion=by_motion,
         vibration=np.concatenate(vibration),
         stiffness_n_per_m=np.concatenate(stiffness),
+        at_force_limit=np.concatenate(limited),
         tap_force_n=np.concatenate(force),
         tap_depth_m=np.concatenate(depth),
         wall_n_per_m=coupling.wall.stiffness_n_per_m,

@@ -1,0 +1,123 @@
+"""From a wall that a plain spring and damper hold up to the wall that is wanted, as far as a law is found for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.coupling import Gains
+from avc_casadi.design.robust._goal import cost_of
+from avc_casadi.design.robust._law import Space
+from avc_casadi.design.robust._loops import Loops
+from avc_casadi.design.robust._search import Found, search
+from avc_casadi.loop import hand_corners, with_let_go
+from avc_casadi.stability import (
+    MAX_DELAY_SAMPLES,
+    Rendering,
+    fraction_rendering,
+    frozen_parts,
+    stiffest_wall,
+    stiffness_at_rest,
+)
+from avc_casadi.support import SILENT, Progress
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem
+
+# A spring that no hand tells from a rigid joint, and that a device still holds in single precision.
+_RIGID_N_PER_M = 1e8
+# The first wall as a share of what spring and damper hold, the next over the one before, and what lies between two, for
+# which the law of the lower one is taken as it is.
+_FIRST, _NEXT, _BETWEEN = 0.9, 1.4, 1.18
+# The first wall is the wanted one if that is no more than so many times what spring and damper hold.
+_AT_ONCE = 1.3
+_MOST_RUNGS = 8
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A wall that is felt, and the law for it.
+
+    Attributes:
+        gains: the spring before the wall, rigid where the wall itself is felt.
+        stiffness_n_per_m: felt at rest.
+        found: observer and feedback.
+    """
+
+    gains: Gains
+    stiffness_n_per_m: float
+    found: Found
+
+
+def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Rung]:
+    """Yield walls of rising stiffness, each with a law whose loops are all damped.
+
+    Each law is searched for from that of the wall before. A wall beyond what the device can give gets a spring before
+    it, so that both together are what is felt. The walls do not depend on the one that is wanted, but for the last.
+
+    Args:
+        problem: device with what is known of it, hands and wall.
+        progress: told of the walls.
+
+    Raises:
+        UnsupportedError: no mass, no stiffness to be felt, or too long a delay.
+    """
+    _check(problem)
+    wanted = problem.environment.stiffness_n_per_m
+    device, hands = problem.device, problem.hands
+    plain = stiffest_wall(device, with_let_go(hand_corners(hands))).stiffness_n_per_m
+    space, loops = Space(device, hands), Loops.of(device, hands)
+    start = None
+    stiffness = min(_FIRST * plain, wanted) if wanted > _AT_ONCE * plain else wanted
+    for rung in range(_MOST_RUNGS):
+        gains, rendering = _softened(problem, stiffness)
+        progress.advance(rung, rung + 2, f"walls, {stiffness:.4g} N/m")
+        try:
+            found = search(space, loops, rendering, start)
+        except np.linalg.LinAlgError:
+            return
+        if not found.cost.holds:
+            return
+        yield Rung(gains, stiffness, found)
+        if stiffness == wanted:
+            return
+        start = found.logarithms
+        if stiffness * _BETWEEN < wanted:
+            between = _as_it_is(problem, space, loops, found, stiffness * _BETWEEN)
+            if between is not None:
+                yield between
+        stiffness = min(stiffness * _NEXT, wanted)
+
+
+def _as_it_is(problem: Problem, space: Space, loops: Loops, found: Found, stiffness_n_per_m: float) -> Rung | None:
+    """Take the numbers of one wall for another."""
+    gains, rendering = _softened(problem, stiffness_n_per_m)
+    law = space.law(found.logarithms, stiffness_at_rest(rendering))
+    cost = cost_of(law, rendering, loops)
+    return Rung(gains, stiffness_n_per_m, Found(law, found.logarithms, cost)) if cost.holds else None
+
+
+def _softened(problem: Problem, stiffness_n_per_m: float) -> tuple[Gains, Rendering]:
+    """Return the spring with which the wall feels so stiff, and both as they are rendered."""
+    wall = problem.environment.stiffness_n_per_m
+    spring = stiffness_n_per_m * wall / (wall - stiffness_n_per_m) if stiffness_n_per_m < wall else _RIGID_N_PER_M
+    gains = Gains(0.0, min(spring, _RIGID_N_PER_M))
+    parts = frozen_parts(problem, np.zeros(1), np.array([gains.stiffness_n_per_m]))
+    return gains, fraction_rendering(parts, np.zeros(1), problem.device.sample_time_s)
+
+
+def _check(problem: Problem) -> None:
+    device = problem.device
+    faults = []
+    if not problem.environment.stiffness_n_per_m > 0:
+        faults.append("the wall has no stiffness to be felt (environment.stiffness_n_per_m)")
+    if not device.mass_kg > 0:
+        faults.append("the device has no mass (device.mass_kg), so that nothing is there when it is let go")
+    if device.delay_samples > MAX_DELAY_SAMPLES / 4:
+        faults.append(f"the delay of {device.delay_samples:g} samples is above {MAX_DELAY_SAMPLES // 4}")
+    if faults:
+        raise UnsupportedError(f"{problem.name}: robust: {'; '.join(faults)}; take another method, such as static")

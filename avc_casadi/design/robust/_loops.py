@@ -1,0 +1,106 @@
+"""The loops that a robust design is for: every hand, let go, and a device that is not quite as declared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, device_with, hand_corners, no_hand, sampled_plant
+from avc_casadi.problem import Hands
+from avc_casadi.stability import largest_radius, plants_with_forces, state_feedback_loop
+from avc_casadi.support import ComplexArray, FloatArray
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Device
+    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.stability import Rendering
+
+Plants = tuple[FloatArray, FloatArray, FloatArray]
+
+# What a device may differ from its file by, where the file gives no range: mass, resonance, delay in samples.
+_MASS, _RESONANCE, _DELAY_SAMPLES = (0.9, 1.1), (0.9, 1.1), 0.25
+# So many loops at other devices are kept, those that are worst with the law that the search starts from.
+_KEPT = 28
+# From what a hand feels as stiffness to the end of the band.
+_SLOW_HZ, _FAST_HZ, _SLOW, _FAST = 0.2, 20.0, 40, 120
+
+
+@dataclass(frozen=True)
+class Loops:
+    """Plants in contact.
+
+    Attributes:
+        nominal: the device as declared with every corner of the hands and one in the middle.
+        varied: the hands with devices that are not quite as declared.
+        free: the device let go, at every corner that is declared.
+        frequency_hz: where the loop is looked at, shape (f,).
+        response: position that is measured over force, nominal, shape (hands, f), m/N.
+        sample_time_s: T.
+    """
+
+    nominal: Plants
+    varied: Plants
+    free: Plants
+    frequency_hz: FloatArray
+    response: ComplexArray
+    sample_time_s: float
+
+    @classmethod
+    def of(cls, device: Device, hands: Hands) -> Loops:
+        """Collect the loops of a device.
+
+        Args:
+            device: as declared, with its ranges.
+            hands: ranges of the hands.
+        """
+        t = device.sample_time_s
+        held = _with_middle(hands)
+        nominal = plants_with_forces(sampled_plant(device, held))
+        varied = plants_with_forces(sampled_plant(other_devices(device), held))
+        free = plants_with_forces(sampled_plant(device_corners(device, LINEAR_KEYS), no_hand()))
+        fast = np.geomspace(1.05 * _FAST_HZ, 0.499 / t, _FAST) if 0.4 / t > _FAST_HZ else np.zeros(0)
+        slow = np.geomspace(_SLOW_HZ, min(_FAST_HZ, 0.45 / t), _SLOW)
+        frequency = np.concatenate([slow, fast])
+        matrix, push, measured = nominal
+        z = np.exp(2j * np.pi * frequency * t)
+        pencil = z[None, :, None, None] * np.eye(len(measured)) - matrix[:, None]
+        response = np.linalg.solve(pencil, np.broadcast_to(push[:, None, :, None], (*pencil.shape[:3], 1)))
+        return cls(nominal, varied, free, frequency, (response[..., 0] @ measured).astype(np.complex128), t)
+
+    def hardest(self, law: StateFeedback, rendering: Rendering) -> Loops:
+        """Keep the varied loops that are worst with a law."""
+        matrix, push, measured = self.varied
+        if len(matrix) <= _KEPT:
+            return self
+        radius = largest_radius(state_feedback_loop(self.varied, law, rendering))[0]
+        worst = np.sort(np.argsort(-radius, kind="stable")[:_KEPT])
+        return replace(self, varied=(matrix[worst], push[worst], measured))
+
+
+def other_devices(device: Device) -> list[Device]:
+    """Return the device, its declared corners, and what it may be where the file does not say how well it is known."""
+    declared = device_corners(device, LINEAR_KEYS)
+    known = device.range
+    masses: tuple[float, ...] = (1.0,) if known.mass_kg is not None else _MASS
+    modes: tuple[float, ...] = (1.0,)
+    if device.resonance is not None and (known.resonance is None or known.resonance.frequency_hz is None):
+        modes = _RESONANCE
+    late = (0.0,) if known.delay_samples is not None else (0.0, _DELAY_SAMPLES)
+    assumed = []
+    for mass, mode, delay in product(masses, modes, late):
+        values = {"mass_kg": device.mass_kg * mass, "delay_samples": device.delay_samples + delay}
+        if device.resonance is not None:
+            values["resonance.frequency_hz"] = device.resonance.frequency_hz * mode
+        assumed.append(device_with(device, values))
+    return [*declared, *assumed]
+
+
+def _with_middle(hands: Hands) -> Hand:
+    """Return the corners of the hands, and one in the middle: geometric but for the stiffness."""
+    corners = hand_corners(Hands(**{**vars(hands), "let_go": False}))
+    (m0, m1), (b0, b1), (k0, k1) = hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m
+    middle = ((m0 * m1) ** 0.5, (b0 * b1) ** 0.5, (k0 + k1) / 2)
+    return Hand(*(np.append(value, one) for value, one in zip(vars(corners).values(), middle, strict=True)))

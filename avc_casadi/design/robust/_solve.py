@@ -1,0 +1,61 @@
+"""Method `robust`: the stiffest wall, up to the one that is wanted, for which a robust law is found."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.coupling import GainSchedule, Status, gain_schedule
+from avc_casadi.design.robust._ladder import Rung, robust_ladder
+from avc_casadi.support import SILENT, Progress
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem
+
+
+def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
+    """Solve by an observer with state feedback before the wall; every row has the same gains.
+
+    The gains are the spring before the wall. The law that belongs to them is in ``state_feedback``; it holds every hand
+    of ``[hands]`` and the device let go at every corner of ``[device.range]``, with what a device may differ from its
+    file by, and whatever share of the innovation passes the dead zone. The impedances of the rows are those of spring
+    and wall alone.
+
+    Args:
+        problem: device, hands and wall; scope, structure, gain box and frequencies do not matter.
+        progress: told of the walls.
+
+    Raises:
+        UnsupportedError: no mass, no stiffness to be felt, or too long a delay.
+    """
+    started = time.perf_counter()
+    best: Rung | None = None
+    for rung in robust_ladder(problem, progress):
+        best = rung
+    n = len(problem.frequencies_hz())
+    values = (np.nan,) * 3 if best is None else tuple(vars(best.gains).values())
+    reason = "no law is found that holds every hand; soften the wall, or narrow [hands] or [device.range]"
+    b, k, contact = (np.full(n, value) for value in values)
+    return gain_schedule(
+        problem,
+        "robust",
+        (b, k, contact),
+        (Status.INFEASIBLE if best is None else Status.SOLVED,) * n,
+        reason=(reason if best is None else "",) * n,
+        solve_seconds=time.perf_counter() - started,
+        notes=() if best is None else (told(best),),
+        state_feedback=None if best is None else best.found.law,
+    )
+
+
+def told(rung: Rung) -> str:
+    """Say what a law is."""
+    law, cost = rung.found.law, rung.found.cost
+    return (
+        f"observer of {law.states} states with a dead zone of +-{1e6 * law.dead_zone_m:.4g} um, and feedback: "
+        f"{rung.stiffness_n_per_m:.5g} N/m at rest; spectral radius {cost.radius:.5f} at most over hands, let go and "
+        f"devices about the declared one, {cost.radius_any_share:.5f} over all shares of the innovation; the best that "
+        "a search found, not the best there is"
+    )

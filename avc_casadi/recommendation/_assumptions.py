@@ -1,0 +1,96 @@
+"""What a recommendation takes for granted, and what of the problem nothing here uses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.loop import LINEAR_KEYS
+from avc_casadi.problem import declared, declared_effects
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.problem import Problem
+
+_RANGE = "device.range."
+_SCENE_ALONE = {
+    "noise",
+    "jitter",
+    "amplifier",
+    "resonance",
+    "backlash",
+    "viscous-friction",
+    "velocity-filter",
+    "notch",
+    "compensator",
+}
+
+
+def assumed(problem: Problem, coupling: Coupling | None = None) -> tuple[str, ...]:
+    """Say what is taken for granted."""
+    device = problem.device
+    gaps = [
+        "hands are linear, on one axis, and constant while they hold on",
+    ]
+    if device.amplifier_bandwidth_hz is None and device.resonance is None:
+        gaps.append("amplifier and structure are ideal: no bandwidth and no resonance is declared")
+    elif device.amplifier_bandwidth_hz is None:
+        gaps.append("the amplifier is ideal: no bandwidth is declared")
+    elif device.resonance is None:
+        gaps.append("the structure is rigid: no resonance is declared")
+    if device.coulomb_friction_n == 0:
+        gaps.append("no dry friction is declared: none is assumed, the cautious end")
+    if device.encoder_resolution_m == 0:
+        gaps.append("no encoder resolution is declared: the position is taken as exact, the ideal end")
+    if device.max_force_n is None:
+        gaps.append("no force limit is declared: any force is taken as given")
+    linear, rest = _ranges(problem)
+    gaps += [f"{key}: linear stability at its corners, trial at nominal" for key in linear]
+    gaps += [f"{key}: trial at nominal; no part of linear stability" for key in rest]
+    if coupling is not None:
+        gaps += _outside(coupling)
+    return tuple(gaps)
+
+
+def _ranges(problem: Problem) -> tuple[list[str], list[str]]:
+    """Return the declared ranges that linear stability is judged over, and those of what is simulated alone."""
+    keys = [key for key in declared(problem) if key.startswith(_RANGE) and key not in _not_simulated(problem)]
+    return (
+        [key for key in keys if key.removeprefix(_RANGE) in LINEAR_KEYS],
+        [key for key in keys if key.removeprefix(_RANGE) not in LINEAR_KEYS],
+    )
+
+
+def _outside(coupling: Coupling) -> list[str]:
+    """Say where gains leave the gain box of [coupling]."""
+    box, gains = coupling.problem.coupling, coupling.table.gains
+    left = [
+        f"{symbol} of {outside[np.argmax(np.abs(outside - low))]:.4g} {unit} lies outside [{low:g}, {high:g}]"
+        for (symbol, unit), (low, high), values in zip(
+            (("b", "N.s/m"), ("k", "N/m"), ("b_p", "N.s/m")),
+            (box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m),
+            gains,
+            strict=True,
+        )
+        if len(outside := values[(values < low) | (values > high)])
+    ]
+    if not left:
+        return []
+    return [f"the gain box of [coupling] does not bound what is recommended: {' and '.join(left)}"]
+
+
+def _not_simulated(problem: Problem) -> set[str]:
+    """Return the declared keys that an encoder at the handle does not see: the play lies between it and the motor."""
+    device = problem.device
+    at_handle = device.encoder_at == "handle" and device.resonance is not None
+    return {"device.backlash_m", "device.range.backlash_m"} if at_handle else set()
+
+
+def not_used(problem: Problem) -> tuple[str, ...]:
+    """Name what the problem declares and no candidate, certificate or trial uses."""
+    unused = [f"{key} (not seen by an encoder at the handle)" for key in declared(problem)]
+    unused = [line for line in unused if line.partition(" ")[0] in _not_simulated(problem)]
+    simulated = {effect.kind for effect in declared_effects(problem)}
+    listed = [effect.kind for effect in problem.scene.effects if effect.kind in _SCENE_ALONE - simulated]
+    return (*unused, *(f"scene.effects: {kind} (simulated by avc simulate alone)" for kind in listed))

@@ -1,0 +1,134 @@
+"""Which of the candidates to deploy: the safest, of these the quiet, of these the stiffest, of these the nearest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.certificate import deployable
+from avc_casadi.recommendation._error_curve import error_curve
+from avc_casadi.support import SILENT, Progress
+from avc_casadi.trial import CouplingTrial, try_coupling
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.loop import Hand, StylusHand
+
+# Stiffnesses closer than this share are equal: the coupling nearer to the wall in motion wins.
+AS_STIFF = 0.01
+ERROR_HZ = (1.0, 10.0, 50.0)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A deployable coupling and how simulated hands fared with it.
+
+    Attributes:
+        coupling: what was tried.
+        trial: how they fared.
+        order: place among the candidates: the simpler ones come first.
+    """
+
+    coupling: Coupling
+    trial: CouplingTrial
+    order: int
+
+    @property
+    def safety(self) -> int:
+        """0: everybody rests without dry friction and with it; 1: with the declared friction; 2: not everybody."""
+        everybody = bool(self.trial.stable.all())
+        if everybody and bool(self.trial.stable_without_friction.all()):
+            return 0
+        return 1 if everybody else 2
+
+    @property
+    def complete(self) -> bool:
+        """Whether it is as safe as can be, and nobody feels a vibration."""
+        return self.safety == 0 and bool(self.trial.quiet.all())
+
+
+def expected_n_per_m(coupling: Coupling) -> float:
+    """Stiffness of coupling and wall in series at rest."""
+    k, wall = coupling.table.at_rest.stiffness_n_per_m, coupling.wall.stiffness_n_per_m
+    return k * wall / (k + wall) if k + wall else 0.0
+
+
+def tried(
+    couplings: Iterable[Coupling],
+    before: list[Judged],
+    people: Hand | StylusHand,
+    seed: int,
+    progress: Progress = SILENT,
+) -> list[Judged]:
+    """Try those that are deployable, the stiffest first, until nothing that is left could win.
+
+    Args:
+        couplings: candidates, the simpler ones first.
+        before: what was judged already.
+        people: who tries them.
+        seed: of their draw, to be told.
+        progress: told of the candidates.
+
+    Returns:
+        What was judged before, and now.
+    """
+    safe = [one for one in couplings if deployable(one).passed]
+    ranked = sorted(enumerate(safe, start=len(before)), key=lambda pair: (-expected_n_per_m(pair[1]), pair[0]))
+    judged = list(before)
+    for order, one in ranked:
+        enough = [found for found in judged if found.complete]
+        if enough and expected_n_per_m(one) < (1 - 2 * AS_STIFF) * max(
+            expected_n_per_m(found.coupling) for found in enough
+        ):
+            break
+        judged.append(Judged(one, try_coupling(one, people, seed), order))
+        progress.advance(len(judged), len(before) + len(ranked), "deployable candidates tried")
+    return judged
+
+
+def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
+    """Take the safest, of these the quiet, of these the stiffest, of these the nearest to the wall in motion.
+
+    Args:
+        judged: at least one.
+        lean_on_friction: whether rest by the declared dry friction is as good as rest without it.
+    """
+
+    def safety(one: Judged) -> int:
+        return max(one.safety, 1) if lean_on_friction else one.safety
+
+    safest = min(safety(one) for one in judged)
+    left = [one for one in judged if safety(one) == safest]
+    if safest == 2:
+        most = max(int(one.trial.stable.sum()) for one in left)
+        left = [one for one in left if int(one.trial.stable.sum()) == most]
+    quiet = [one for one in left if bool(one.trial.quiet.all())]
+    left = quiet or left
+    if judged[0].coupling.wall.stiffness_n_per_m == 0:  # nothing is stiff: what is felt is noise
+        return min(left, key=lambda one: (round(_error(one.coupling), 3), one.order))
+    stiffness = [expected_n_per_m(one.coupling) for one in left]
+    as_stiff = [one for one, felt in zip(left, stiffness, strict=True) if felt >= (1 - AS_STIFF) * max(stiffness)]
+    return min(as_stiff, key=lambda one: (round(_error(one.coupling), 3), one.order))
+
+
+def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str:
+    """Say why this one, or why none."""
+    if best is None:
+        return f"none of {considered} couplings is linearly stable with every hand of [hands] and let go"
+    trial = best.trial
+    who = {
+        0: f"all of {trial.hands} simulated hands come to rest, with and without dry friction",
+        1: f"all of {trial.hands} simulated hands come to rest, but only thanks to the declared dry friction",
+        2: f"{int(trial.stable.sum())} of {trial.hands} simulated hands come to rest, as many as with any candidate",
+    }[best.safety]
+    return f"the stiffest of {len(judged)} deployable candidates that are as safe: {who}"
+
+
+def _error(coupling: Coupling) -> float:
+    """Root of the mean squared complex error against the physical wall at the frequencies that are told."""
+    curve = error_curve(coupling.problem, coupling)
+    return float(np.sqrt(np.mean([curve.at(curve.physical, hz) ** 2 for hz in ERROR_HZ])))
