@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     import argparse
 
 
+# Shares of the force limit and of the stiffness felt from which it is worth a line.
+_AT_LIMIT, _STIFFER = 0.97, 1.1
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
@@ -24,6 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE", help="write the coupling, .json: for push, stream, export, simulate")
     parser.add_argument(
         "--stiffest", action="store_true", help="search only the stiffest wall that the device can give to every hand"
+    )
+    parser.add_argument(
+        "--lean-on-friction",
+        action="store_true",
+        help="take the stiffest coupling whose hands rest with the declared dry friction, if not without it",
     )
     parser.add_argument("--hands", type=positive_int, default=100, metavar="N", help="simulated hands (default 100)")
 
@@ -43,7 +52,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             document = stiffest(problem)
         return Answer(document, stiffest_text(document))
     with console.step(f"candidates with {args.hands} hands"):
-        found = recommend(problem, args.hands, versions=package_versions(), progress=console)
+        found = recommend(
+            problem,
+            args.hands,
+            lean_on_friction=args.lean_on_friction,
+            versions=package_versions(),
+            progress=console,
+        )
     if out is not None and found.coupling is not None:
         write_text(out, json_text(coupling_document(found.coupling)), "--out")
     document = found.document()
@@ -83,17 +98,39 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     first = "deploy on" if document["deployable"] else "DO NOT deploy on"
     return [
         f"{first} {document['problem']}: {gains_line(coupling)}",
-        (
-            f"felt: {number(felt['stiffness_n_per_m'])} N/m, {100 * (felt['share_of_wall'] or 0):.3g} % of the wall; "
-            f"complex error {errors}"
-        ),
+        f"felt: {_felt(felt)}; complex error against the physical wall {errors}",
         (
             f"trial: {trial['at_rest']} of {trial['hands']} hands at rest, {trial['at_rest_without_friction']} without "
             f"friction, {trial['quiet']} without a vibration that is felt; a tap reaches "
             f"{number(trial['tap_force_n'], 3)} N and {number(1e3 * trial['tap_depth_m'], 3)} mm"
         ),
+        *_limits(document),
         f"why: {document['reason']}",
     ]
+
+
+def _felt(felt: dict[str, Any]) -> str:
+    if felt["stiffness_n_per_m"] is None:
+        return "nothing but the force limit"
+    return f"{number(felt['stiffness_n_per_m'])} N/m, {100 * (felt['share_of_wall'] or 0):.3g} % of the wall"
+
+
+def _limits(document: dict[str, Any]) -> list[str]:
+    """Say what the force limit does, and what leaning on dry friction would give."""
+    trial, lines = document["trial"], []
+    limit = document["coupling"]["max_force_n"]
+    if limit is not None and trial["tap_force_n"] >= _AT_LIMIT * limit:
+        presses = f"; so do the presses of {trial['at_force_limit']} hands" if trial["at_force_limit"] else ""
+        lines.append(
+            f"force: a tap reaches the limit of {number(limit)} N, beyond which no coupling is stiffer{presses}"
+        )
+    leaning, felt = document["with_friction_n_per_m"], document["felt"]["stiffness_n_per_m"]
+    if leaning is not None and felt is not None and leaning > _STIFFER * felt:
+        lines.append(
+            f"friction: if rest by the declared {number(document['felt']['friction_n'])} N of dry friction is enough, "
+            f"{number(leaning)} N/m: --lean-on-friction"
+        )
+    return lines
 
 
 def gains_line(coupling: dict[str, Any]) -> str:
@@ -110,6 +147,12 @@ def gains_line(coupling: dict[str, Any]) -> str:
     if runtime["observer_mass_kg"] is not None:
         beside.append(
             f"observer of {number(runtime['observer_mass_kg'])} kg (in exported C, not in the packaged firmware)"
+        )
+    if runtime["state_feedback"] is not None:
+        law = runtime["state_feedback"]
+        beside.append(
+            f"observer of {len(law['innovation'])} states with a dead zone of +-{number(1e6 * law['dead_zone_m'])} um, "
+            "and state feedback (numbers in --out and --json, C by avc export)"
         )
     if not coupling["constant"]:
         beside.append(f"estimator {runtime['estimator']} and adaptation over {len(rows['frequency_hz'])} rows")

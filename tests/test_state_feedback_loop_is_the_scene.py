@@ -1,0 +1,155 @@
+"""The loop of a coupling with state feedback: the Jacobian of its scene, its step in time, its stiffness at rest."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from hardware_bench import believer
+
+import avc_casadi as avc
+from avc_casadi import InputError
+from avc_casadi.coupling import Coupling, Gains, Runtime
+from avc_casadi.design.robust import Space
+from avc_casadi.loop import Hand, sampled_plant
+from avc_casadi.problem import Device, Hands, StateFeedbackEffect
+from avc_casadi.runtime import StateFeedback, state_feedback_step
+from avc_casadi.scene import compile_scene
+from avc_casadi.scene.effects import Grip, build_effects
+from avc_casadi.stability import (
+    Rendering,
+    force_over_position,
+    fraction_rendering,
+    frozen_parts,
+    plants_with_forces,
+    state_feedback_loop,
+)
+
+HAND = Hand(0.12, 7.0, 450.0)
+
+
+def random_device(rng):
+    keys = {"mass_kg": rng.uniform(0.05, 0.5), "damping_ns_per_m": rng.uniform(0.1, 5), "delay_samples": 0}
+    keys["delay_samples"] = float(rng.choice([0, 1, 2, 0.4, 1.25]))
+    if rng.random() < 0.6:
+        keys["resonance"] = {
+            "frequency_hz": rng.uniform(60, 300),
+            "damping_ratio": rng.uniform(0.01, 0.1),
+            "mass_ratio": rng.uniform(0.2, 0.8),
+        }
+    if rng.random() < 0.6:
+        keys |= {"amplifier_bandwidth_hz": rng.uniform(200, 3000), "amplifier_order": int(rng.integers(1, 3))}
+    return Device.model_validate(keys | {"encoder_at": str(rng.choice(["motor", "handle"]))})
+
+
+def law_of(rng, share=1.0):
+    found = believer(int(rng.integers(0, 1000)))
+    gain = tuple(share * value for value in found.innovation)
+    return StateFeedback(found.state, found.force_m_per_n, gain, found.feedback, found.positions, found.measures)
+
+
+def scene_eigenvalues(device, law, gains, wall):
+    """Of the Jacobian of one sample in a wall on both sides, the law begun and without dead zone."""
+    kinds = ["hand", "environment"] + ["resonance"] * (device.resonance is not None)
+    kinds += ["amplifier"] * (device.amplifier_bandwidth_hz is not None) + ["delay"] * (device.delay_samples > 0)
+    if device.resonance is not None and device.encoder_at == "handle":
+        kinds.append("encoder")
+    text = "[device]\nmass_kg = 1.0\ndamping_ns_per_m = 1.0\n[frequency]\nstop_hz = 10.0\n[environment]\n"
+    text += f"damping_ns_per_m = {wall[0]}\nstiffness_n_per_m = {wall[1]}\n"
+    text += "".join(f'[[scene.effects]]\nkind = "{kind}"\n' for kind in kinds)
+    problem = avc.parse_problem(text).changed(device=device)
+    listed = (*problem.scene.effects, StateFeedbackEffect(**vars(law)))
+    problem = problem.changed(scene={"effects": listed})
+    built = tuple(Grip(HAND) if isinstance(one, Grip) else one for one in build_effects(problem))
+    scene = compile_scene(problem, built)
+    shape = [scene.function.numel_in(place) for place in range(3)]
+    symbols = [ca.SX.sym(name, count) for name, count in zip("xup", shape, strict=True)]
+    slope = ca.Function("slope", symbols, [ca.jacobian(scene.function(*symbols)[0], symbols[0])])
+    now = np.array([1.0 if name == "state_feedback_started" else 1e-3 for name in scene.states])
+    jacobian = slope(now, np.zeros(shape[1]), scene.parameter_values(gains)[0]).full()
+    return np.linalg.eigvals(jacobian), problem
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_its_eigenvalues_are_those_of_the_jacobian(seed):
+    rng = np.random.default_rng(seed)
+    device, share = random_device(rng), float(rng.choice([1.0, 0.3]))
+    law = law_of(np.random.default_rng(seed), share)
+    gains = Gains(0.0, float(rng.uniform(1e3, 1e5))) if seed % 3 else Gains(rng.uniform(0, 20), rng.uniform(1e3, 1e4))
+    wall = (0.0, 5e3) if seed % 2 else (3.0, 5e3)
+    expected, problem = scene_eigenvalues(device, law, gains, wall)
+    parts = frozen_parts(problem, np.array([gains.damping_ns_per_m]), np.array([gains.stiffness_n_per_m]))
+    rendering = fraction_rendering(parts, np.zeros(1), device.sample_time_s)
+    plants = plants_with_forces(sampled_plant(device, HAND))
+    # The share may stand in the innovation or beside it.
+    whole = law_of(np.random.default_rng(seed))
+    for found in (
+        state_feedback_loop(plants, law, rendering)[0, 0],
+        state_feedback_loop(plants, whole, rendering, (share,))[0, 0],
+    ):
+        ours = np.linalg.eigvals(found)
+        ours, theirs = (np.sort_complex(values[np.abs(values) > 1e-3]) for values in (ours, expected))
+        assert len(ours) == len(theirs)
+        distance = np.abs(ours[:, None] - theirs)
+        assert distance.min(axis=0).max() < 1e-6
+        assert distance.min(axis=1).max() < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_force_over_position_is_that_of_the_step_in_time(seed):
+    law = believer(seed)
+    rendering = Rendering(np.array([[800.0, 0.0, 0.0]]), np.zeros((1, 3)))
+    step, hz, t = state_feedback_step(law), 30.0, 1e-3
+    rng = np.random.default_rng(seed)
+    state, asked = np.zeros(len(step.states)), 0.0
+    state[0] = 1.0
+    numbers = law.numbers()
+    numbers[-2:] = 0.0
+    ticks = np.arange(6000)
+    position = np.sin(2 * np.pi * hz * ticks * t + rng.uniform(0, 6))
+    forces = []
+    for value in position:
+        state, (seen,) = (part.full().ravel() for part in step.function(state, [value, asked], numbers))
+        asked = 800.0 * seen
+        forces.append(asked)
+    last = slice(-2000, None)
+    turn = np.exp(-2j * np.pi * hz * ticks[last] * t)
+    expected = (np.array(forces)[last] @ turn) / (position[last] @ turn)
+    np.testing.assert_allclose(force_over_position(law, rendering, np.array([hz]), t)[0], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_at_rest_the_wall_has_its_own_stiffness(seed):
+    """A law believes in a hand of its own; what it renders at rest does not depend on it."""
+    rng = np.random.default_rng(seed)
+    device = random_device(rng)
+    space = Space(device, Hands())
+    stiffness = float(np.exp(rng.uniform(np.log(300), np.log(2e4))))
+    low, high = space.bounds
+    law = space.law(low + (high - low) * rng.uniform(0.2, 0.8, len(low)), stiffness)
+    rendering = Rendering(np.array([[stiffness, 0.0, 0.0]]), np.zeros((1, 3)))
+    force = force_over_position(law, rendering, np.array([1e-7 / device.sample_time_s]), device.sample_time_s)[0]
+    assert force.real == pytest.approx(stiffness, rel=1e-3)
+
+
+def test_what_is_no_law_is_refused_with_every_fault():
+    with pytest.raises(InputError) as caught:
+        StateFeedback(((1.0, 0.0), (0.0,)), (1.0, 2.0), (1.0,), (1.0, float("nan")), (0, 5), 1, -1.0)
+    told = str(caught.value)
+    for key in ("state[1]", "innovation", "feedback", "positions", "dead_zone_m"):
+        assert key in told
+
+
+def test_a_law_for_another_wall_is_refused_by_the_claim_that_fails():
+    problem = avc.load_problem("reference-r1")
+    space = Space(problem.device, problem.hands)
+    verdicts = {}
+    for stiffness in (2e3, 5e3, 12e3):
+        stated = problem.changed(environment={"stiffness_n_per_m": stiffness})
+        made = Coupling.constant(
+            stated, Gains(0.0, 1e8), "x", Runtime(state_feedback=space.law(space.start, stiffness))
+        )
+        verdicts[stiffness] = avc.deployable(made)
+    assert [claim.passed for claim in verdicts[2e3].claims] == [True, True, True]
+    assert [claim.passed for claim in verdicts[5e3].claims] == [True, False, True]
+    assert "let-go: linearly unstable let go" in verdicts[5e3].sentence
+    assert not any(claim.passed for claim in verdicts[12e3].claims)
+    assert "dead zone: linearly unstable with a hand of" in verdicts[12e3].sentence
