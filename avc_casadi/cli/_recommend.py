@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
@@ -49,7 +50,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     problem = avc.load_problem(args.problem)
     if args.stiffest:
         with console.step("stiffest wall"):
-            document = stiffest(problem)
+            document = stiffest(problem, min(2, os.cpu_count() or 1), console)
         return Answer(document, stiffest_text(document))
     with console.step(f"candidates with {args.hands} hands"):
         found = recommend(
@@ -75,8 +76,11 @@ def recommendation_lines(document: dict[str, Any]) -> list[str]:
     if document["what_would_help"]:
         rows = [[one["change"], number(one["stiffest_wall_n_per_m"])] for one in document["what_would_help"]]
         lines += [
-            f"stiffest wall that this device can give to every hand: {number(document['stiffest_wall_n_per_m'])} N/m",
-            table(["what would help", "stiffest wall\nN/m"], rows, left=(0,)),
+            (
+                f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m for every hand "
+                "(--stiffest: what a robust design gives, and what would help it)"
+            ),
+            table(["what would help", "plain wall\nN/m"], rows, left=(0,)),
         ]
     if document["certificate"]:
         lines += [f"claim: {claim['sentence']}" for claim in document["certificate"]["deployable"]["claims"]]
@@ -178,10 +182,15 @@ def stiffest_text(document: dict[str, Any]) -> str:
     return "\n".join(
         [
             (
-                f"{document['problem']}: stiffest wall that is linearly stable with every hand of [hands] and let go: "
-                f"{number(document['stiffest_wall_n_per_m'])} N/m, with {number(low)} to {number(high)} N.s/m of wall "
-                "and contact damping together"
+                f"{document['problem']}: stiffest wall that was found ({document['by']}), linearly stable with every "
+                f"hand of [hands] and let go: {number(document['stiffest_wall_n_per_m'])} N/m"
+            ),
+            (
+                f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m, with {number(low)} to "
+                f"{number(high)} N.s/m of wall and contact damping together"
             ),
             table(["what would help", "stiffest wall\nN/m"], rows, left=(0,)),
+            *(f"assumed: {gap}" for gap in document["assumed"]),
+            *(f"not used: {what}" for what in document["not_used"]),
         ]
     )

@@ -41,8 +41,9 @@ class Recommendation(Comparable):
         deployable: whether the coupling may go into the device.
         stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every hand and let go: with a plain
             spring and damper, or with one of the couplings that were judged, which are no stiffer than the wall asks.
+        plain_wall_n_per_m: that of a plain spring and damper, linear stability alone.
         with_friction_n_per_m: what could be felt if rest by the declared dry friction were enough; None without any.
-        helps: what would allow a stiffer wall.
+        helps: what would allow a plain spring and damper a stiffer wall.
         considered: how many couplings were judged.
         reason: one sentence: why this one, or why none.
         assumed: what is assumed.
@@ -59,6 +60,7 @@ class Recommendation(Comparable):
     trial: CouplingTrial | None
     deployable: bool
     stiffest_wall_n_per_m: float
+    plain_wall_n_per_m: float
     with_friction_n_per_m: float | None
     helps: tuple[Help, ...]
     considered: int
@@ -97,6 +99,7 @@ class Recommendation(Comparable):
                 "coupling": None if self.coupling is None else coupling_document(self.coupling),
                 "felt": self.felt(),
                 "stiffest_wall_n_per_m": self.stiffest_wall_n_per_m,
+                "plain_wall_n_per_m": self.plain_wall_n_per_m,
                 "with_friction_n_per_m": self.with_friction_n_per_m,
                 "trial": None if self.trial is None else self.trial.document(),
                 "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
@@ -132,12 +135,14 @@ def judged_as_recommended(
     tried = try_coupling(found, people_of(problem.hands, hands, seed), seed, progress)
     verdict = deployable(found, progress)
     extreme = hand_corners(problem.hands)
+    limit = float(stiffest_wall(problem.device, with_let_go(extreme)).stiffness_n_per_m)
     return Recommendation(
         problem=problem,
         coupling=found.with_trial(tried.document()),
         trial=tried,
         deployable=verdict.passed,
-        stiffest_wall_n_per_m=float(stiffest_wall(problem.device, with_let_go(extreme)).stiffness_n_per_m),
+        stiffest_wall_n_per_m=limit,
+        plain_wall_n_per_m=limit,
         with_friction_n_per_m=None,
         helps=what_would_help(problem, extreme),
         considered=1,
@@ -189,6 +194,7 @@ def recommend(
         trial=None if best is None else best.trial,
         deployable=best is not None,
         stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *(expected_n_per_m(one.coupling) for one in judged)]),
+        plain_wall_n_per_m=limit.stiffness_n_per_m,
         with_friction_n_per_m=None if leaning is None else expected_n_per_m(leaning.coupling),
         helps=what_would_help(problem, extreme),
         considered=considered,

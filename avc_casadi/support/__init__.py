@@ -28,3 +28,4 @@ from avc_casadi.support._table import counts_text as counts_text
 from avc_casadi.support._table import number as number
 from avc_casadi.support._table import sample_rows as sample_rows
 from avc_casadi.support._table import text_table as text_table
+from avc_casadi.support._workers import in_processes as in_processes

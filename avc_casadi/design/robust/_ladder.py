@@ -36,6 +36,8 @@ _FIRST, _NEXT, _BETWEEN = 0.9, 1.4, 1.18
 # The first wall is the wanted one if that is no more than so many times what spring and damper hold.
 _AT_ONCE = 1.3
 _MOST_RUNGS = 8
+# The same from the wall of a like device.
+_STEP, _MOST_STEPS = 1.4, 6
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Run
     _check(problem)
     wanted = problem.environment.stiffness_n_per_m
     device, hands = problem.device, problem.hands
-    plain = stiffest_wall(device, with_let_go(hand_corners(hands))).stiffness_n_per_m
+    plain = _plain_n_per_m(problem)
     space, loops = Space(device, hands), Loops.of(device, hands)
     start = None
     stiffness = min(_FIRST * plain, wanted) if wanted > _AT_ONCE * plain else wanted
@@ -91,6 +93,46 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Run
             if between is not None:
                 yield between
         stiffness = min(stiffness * _NEXT, wanted)
+
+
+def stiffest_robust(problem: Problem, near: Rung | None = None, progress: Progress = SILENT) -> Rung | None:
+    """Find the stiffest wall for which a law is found, whatever the wall of the problem.
+
+    Args:
+        problem: device with what is known of it, and hands.
+        near: the stiffest of a like device, from which to go up or down; None climbs from what spring and damper hold.
+        progress: told of the walls.
+
+    Raises:
+        UnsupportedError: as `robust_ladder`.
+    """
+    wall = 1e3 * _plain_n_per_m(problem)
+    stated = problem.changed(environment={"stiffness_n_per_m": wall, "damping_ns_per_m": 0.0})
+    if near is None:
+        best = None
+        for rung in robust_ladder(stated, progress):
+            best = rung
+        return best
+    _check(stated)
+    space, loops = Space(stated.device, stated.hands), Loops.of(stated.device, stated.hands)
+    same = len(space.knobs) == len(near.found.logarithms)
+    best, stiffness, start = None, near.stiffness_n_per_m, near.found.logarithms if same else None
+    for _ in range(_MOST_STEPS):
+        gains, rendering = _softened(stated, stiffness)
+        found = search(space, loops, rendering, start)
+        if found.cost.holds:
+            best, start = Rung(gains, stiffness, found), found.logarithms
+            stiffness *= _STEP
+        elif best is not None:
+            break
+        else:
+            stiffness /= _STEP
+    return best
+
+
+def _plain_n_per_m(problem: Problem) -> float:
+    people = with_let_go(hand_corners(problem.hands))
+    return float(stiffest_wall(problem.device, people).stiffness_n_per_m)
 
 
 def _as_it_is(problem: Problem, space: Space, loops: Loops, found: Found, stiffness_n_per_m: float) -> Rung | None:

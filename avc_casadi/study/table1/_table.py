@@ -10,8 +10,7 @@ from avc_casadi.design.constant import TUNED_MARGIN_SHARE
 from avc_casadi.recommendation import COUPLINGS, CandidateName
 from avc_casadi.study.table1._paper import PAPER, PEOPLE
 from avc_casadi.study.table1._wall import all_designs, rows, try_wall
-from avc_casadi.study.table1._workers import in_processes
-from avc_casadi.support import SILENT, Progress
+from avc_casadi.support import SILENT, Progress, in_processes
 from avc_casadi.trial import CONFIDENCE, WEBER, WEBER_SWEEP, Population, draw_subjects
 
 SCHEMA = "avc-table1/1"

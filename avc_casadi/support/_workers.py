@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import active_children, get_context, parent_process
 from typing import TypeVar
 
-from avc_casadi.support import starting_processes
+from avc_casadi.support._interrupt import starting_processes
 
 T = TypeVar("T")
 R = TypeVar("R")
