@@ -100,11 +100,14 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
     avc_state_t *s = &c->state;
     const avc_table_header_t *header = &table->image.header;
     const avc_gains_t goal = choose_gains(c, table);
+    const bool followed = s->mode != AVC_MODE_SAFE && s->streaming == 0u;
     const avc_couple_in_t in = {
         .position_m = x,
         .wanted_damping_ns_per_m = goal.damping_ns_per_m,
         .wanted_stiffness_n_per_m = goal.stiffness_n_per_m,
         .wanted_contact_damping_ns_per_m = goal.contact_damping_ns_per_m,
+        /* safe and streamed gains have no row of rest */
+        .rest_stiffness_n_per_m = followed ? table->image.row[0].stiffness_n_per_m : 0.0f,
         .wall_damping_ns_per_m = header->wall_damping_ns_per_m,
         .wall_stiffness_n_per_m = header->wall_stiffness_n_per_m,
         .relaxes = (header->flags & AVC_TABLE_VARIES) != 0u || s->streaming != 0u ? 1.0f : 0.0f,
@@ -133,7 +136,7 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
         s->saturated++;
         force = force > most ? most : -most;
     }
-    c->couple.held_force_n = force; /* what the actuator holds, not what was wanted */
+    c->couple.asked_force_n = force; /* what the actuator holds, not what was wanted */
     c->guard.held_force_n = force;
     return force;
 }
