@@ -17,8 +17,8 @@ row. With a fixed anchor the spring is one of constant gains; only what moves k 
 
 The tank holds what the virtual side has taken in and neither stores nor has spent, at most the given ceiling: the force
 asked for times the displacement, less the change of the stored energy. A displacement is paired with the mean of the
-forces before and after it. That is exact for a spring and positive for a damper, so that constant gains never lower it;
-what holding and delaying a force creates, with constant gains too, belongs to the loop and is not charged to their
+forces before and after it. That is exact for a spring and, in sum, positive for a damper: constant gains do not lower
+it; what holding and delaying a force creates, with constant gains too, belongs to the loop and is not charged to their
 change. The damper stores nothing, so that b and b_p may change at will.
 """
 
@@ -30,8 +30,9 @@ from dataclasses import dataclass
 from avc_casadi.runtime._step import Expr, Step, StepBuilder
 
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-
-_SOFTEST = 1e-3
+# Added where nothing may be divided by 0. So soft a spring carries no mean force; so small a gain or energy is none.
+_SOFTEST_N_PER_M = 1.0
+_TINY = 1e-30
 
 
 @dataclass(frozen=True)
@@ -108,27 +109,21 @@ def _anchored(
     anchor, mean = builder.state("anchor_m"), builder.state("mean_deflection_m")
 
     mean += (1 - math.exp(-sample_time_s / settings.mean_s)) * (deflection - mean)
-    goal = _wanted_anchor(mean, rest, k)
-    rises = k > k_before
-    stretch = deflection - anchor
-    held = ca.if_else(rises, stretch * k_before / ca.if_else(rises, k, 1), stretch)
+    # g = -mean * missing.
+    missing = ca.fmax(rest / (k + _SOFTEST_N_PER_M) - 1, 0)
+    held = (deflection - anchor) * (k_before / (ca.fmax(k_before, k) + _TINY))
     moved = deflection - held
-    carried = ca.if_else(rises, 0, goal - _wanted_anchor(mean, rest, k_before))
-    step = carried - (1 - math.exp(-sample_time_s / settings.return_s)) * (moved + carried - goal)
+    carried = -mean * ca.fmax(missing - builder.state("missing"), 0)
+    step = carried - (1 - math.exp(-sample_time_s / settings.return_s)) * (moved + carried + mean * missing)
     cost = 0.5 * k * step * (step - 2 * held)
+    there = ca.fmax(filled, 0)
     # The energy is convex in the step: a share of it costs at most that share.
-    paid = ca.if_else(cost > 0, ca.fmin(ca.fmax(filled, 0) / ca.if_else(cost > 0, cost, 1), 1), 1)
+    paid = ca.if_else(cost > there, there / (cost + _TINY), 1)
     following = ca.if_else(touching, moved + paid * step, 0)
     builder.follow("anchor_m", following)
     builder.follow("mean_deflection_m", ca.if_else(touching, mean, 0))
+    builder.follow("missing", missing)
     return following, filled, ca.if_else(touching, deflection, 0)
-
-
-def _wanted_anchor(mean: Expr, rest: Expr, k: Expr) -> Expr:
-    import casadi as ca  # noqa: PLC0415
-
-    softest = ca.fmax(k, _SOFTEST * rest)
-    return -mean * (ca.fmax(rest - k, 0) / ca.if_else(softest > 0, softest, 1))
 
 
 def _filled(builder: StepBuilder, settings: AdaptationSettings, deflection: Expr, k_before: Expr) -> Expr:

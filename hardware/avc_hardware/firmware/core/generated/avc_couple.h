@@ -19,6 +19,7 @@ typedef struct {
     float adaptation_moved_m;
     float adaptation_position_m;
     float adaptation_mean_deflection_m;
+    float adaptation_missing;
     float contact_position_before_m;
 } avc_couple_state_t;
 
