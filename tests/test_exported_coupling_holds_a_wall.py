@@ -90,6 +90,47 @@ def test_hands_rest_at_the_wall_of_the_coupling(name: str, hand: tuple[float, fl
     assert most > 1
 
 
+class RockingBench(Bench):
+    """The target goes to 12 mm and then to and fro at 8 Hz."""
+
+    @staticmethod
+    def target(time: float) -> tuple[float, float]:
+        arrival, omega = 0.022 / 0.07, 2 * math.pi * 8.0
+        if time < arrival:
+            return -0.01 + 0.07 * time, 0.07
+        phase = omega * (time - arrival)
+        return 0.012 + 0.004 * math.sin(phase), 0.004 * omega * math.cos(phase)
+
+
+def rocked(coupling: Coupling) -> float:
+    """Return the mean depth after some seconds of it, over whole periods."""
+    device = coupling.problem.device
+    bench = RockingBench(device.mass_kg, device.damping_ns_per_m, HANDS[1])
+    board = Exported(coupling)
+    step, time_s = device.encoder_resolution_m, device.sample_time_s
+    line = [0.0] * int(device.delay_samples)
+    depths = []
+    for sample in range(5000):
+        line.append(board.step(step * math.floor(bench.x / step + 0.5)))
+        force = line.pop(0)
+        bench.pass_time(sample * time_s, time_s, force)
+        if sample >= 3000:
+            assert force > 0
+            depths.append(bench.x)
+    return sum(depths) / len(depths)
+
+
+def test_gains_that_follow_a_moving_hand_do_not_sag_under_its_mean_force() -> None:
+    """The mean depth is that of the row of rest, where the row of 8 Hz alone would give way by 4 %."""
+    problem = avc.load_problem("ve3").changed(device={"delay_samples": 1})
+    made = Coupling.of(problem, avc.solve(problem, "direct"))
+    b, k, _ = made.table(8.0).tolist()
+    rest = made.table.at_rest
+    depth = rocked(with_gains(problem, rest.damping_ns_per_m, rest.stiffness_n_per_m))
+    assert rocked(with_gains(problem, b, k)) > 1.03 * depth
+    assert rocked(made) == pytest.approx(depth, rel=0.005)
+
+
 def test_a_rigid_coupling_to_a_stiff_wall_does_not_rest() -> None:
     """The bench can fail: without a coupling that gives way this wall buzzes."""
     speed, _, most = pressed(with_gains(avc.load_problem("figure5"), 1e4, 1e7), HANDS[1])

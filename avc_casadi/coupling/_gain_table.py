@@ -103,6 +103,11 @@ class GainTable(Tabular):
         """Gains of a device at rest: those of the lowest row."""
         return Gains(*self.rows[0, 1:].tolist())
 
+    @property
+    def rest_stiffness_n_per_m(self) -> float:
+        """Stiffness of the lowest row, which a mean force keeps while the gains follow another frequency."""
+        return self.at_rest.stiffness_n_per_m
+
     def __call__(self, frequency_hz: ArrayLike) -> FloatArray:
         """Return b, k and b_p at frequencies, shape (3, ...)."""
         return np.moveaxis(interpolate(self.rows, frequency_hz), -1, 0)

@@ -125,7 +125,7 @@ class _Built:
         tick = Tick(coupling.sample_time_s, start_m)
         measured = tick.position = ca.SX.sym("position_m")
         wanted = [ca.SX.sym(f"wanted_{name}") for name in GAINS]
-        looked = AnyTable(table.rest_hz, wanted)
+        looked = AnyTable(table.rest_hz, table.rest_stiffness_n_per_m, wanted)
         place: Any = looked
         environment = next(effect.environment for effect in effects if isinstance(effect, Wall))
         for effect in effects:

@@ -68,6 +68,7 @@ class ReferenceDevice:
         inputs: Columns = {f"wanted_{name}": wanted[..., index] for index, name in enumerate(GAINS)}
         inputs |= {
             "position_m": x,
+            "rest_stiffness_n_per_m": rows[0, 2],
             "wall_damping_ns_per_m": np.asarray(table.wall_damping_ns_per_m, dtype=np.float32),
             "wall_stiffness_n_per_m": np.asarray(table.wall_stiffness_n_per_m, dtype=np.float32),
             "relaxes": np.asarray(table.varies, dtype=np.float32),
@@ -79,7 +80,7 @@ class ReferenceDevice:
             force = self._run(self._guard, watched)["guarded_n"]
         most = min(_f(table.max_force_n) or _f(self._limits.max_force_n), _f(self._limits.max_force_n))
         force = np.where(force > most, most, np.where(force < -most, -most, force))
-        self._states["couple"]["held_force_n"] = force
+        self._states["couple"]["asked_force_n"] = force
         self._states["guard"]["held_force_n"] = force
         return ReferenceTick(force, frequency, seen["frequency_hz"], np.stack([made[name] for name in GAINS], axis=-1))
 

@@ -96,6 +96,7 @@ class AnyTable:
     """A gain table that is not known: the look-up is an input."""
 
     rest_hz: Any
+    rest_stiffness_n_per_m: Any
     wanted: list[Any]
     frequency: list[Any] = field(default_factory=list)
 
@@ -130,7 +131,8 @@ def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
     estimate = Tick(time, start_m)
     seen = symbols("position_m", "rest_hz")
     wanted = symbols(*(f"wanted_{name}" for name in GAINS))
-    table: Any = AnyTable(seen["rest_hz"], list(wanted.values()))
+    rest = symbols("rest_stiffness_n_per_m")
+    table: Any = AnyTable(seen["rest_hz"], rest["rest_stiffness_n_per_m"], list(wanted.values()))
     estimate.position = seen["position_m"]
     settings = EstimatorSettings.for_encoder(figures.metres_per_count, time)
     with estimate.owned_by("estimate"):
@@ -154,7 +156,7 @@ def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
     wall = symbols("wall_damping_ns_per_m", "wall_stiffness_n_per_m")
     # Gains that do not vary leave nothing to relax out of contact: their scene has no adaptation.
     relaxes = symbols("relaxes")
-    given = {"position_m": couple.position} | wanted | wall | relaxes
+    given = {"position_m": couple.position} | wanted | rest | wall | relaxes
     adapt: Any = couple.adapt
 
     def adapted(deflection: Any, one_sided: bool) -> Any:

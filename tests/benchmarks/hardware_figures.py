@@ -87,9 +87,9 @@ def bare_force(folder: Path) -> None:
             (copy / "core" / "generated" / name).write_text(text, encoding="utf-8")
     figures_c = copy / "core" / "generated" / "fused" / "avc_figures.c"
     figures_c.write_text(all_sources(figures)["avc_figures.c"], encoding="utf-8")
-    control = copy / "core" / "avc_control.c"  # a coupling without anchor has no use for the held force
+    control = copy / "core" / "avc_control.c"  # a coupling without anchor has no use for the force before
     control.write_text(
-        re.sub(r".*couple\.held_force_n = .*", "", control.read_text(encoding="utf-8")), encoding="utf-8"
+        re.sub(r".*couple\.asked_force_n = .*", "", control.read_text(encoding="utf-8")), encoding="utf-8"
     )
     kept = firmware_build.FIRMWARE, firmware_build.GENERATED
     firmware_build.FIRMWARE, firmware_build.GENERATED = copy, copy / "core" / "generated"

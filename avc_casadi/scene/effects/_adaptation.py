@@ -54,9 +54,12 @@ class Adaptation(SceneEffect):
         estimate = [0.0, 0.0] if tick.frequency_hz is None else [tick.frequency_hz, tick.frequency_valid]
         frequency, _ = insert(tick, "hold", step, estimate, (rows.rest_hz,))
         wanted = rows.expressions(frequency)
-        tick.adapt = lambda deflection, one_sided: self._change(tick, wanted, deflection, one_sided=one_sided)
+        rest = rows.rest_stiffness_n_per_m
+        tick.adapt = lambda deflection, one_sided: self._change(tick, wanted, rest, deflection, one_sided=one_sided)
 
-    def _change(self, tick: Tick, wanted: list[Expr], deflection: Expr, *, one_sided: bool) -> AdaptedGains:
+    def _change(self, tick: Tick, wanted: list[Expr], rest: Expr, deflection: Expr, *, one_sided: bool) -> AdaptedGains:
+        import casadi as ca  # noqa: PLC0415
+
         inputs = [*wanted, deflection]
         touching: Expr = 1
         with tick.owned_by(self.kind):
@@ -64,7 +67,8 @@ class Adaptation(SceneEffect):
                 environment = tick.state("environment_energy_j")
                 tick.at_end.append(lambda: tick.follow("environment_energy_j", tick.environment_energy_j))
                 touching = tick.position > 0 if one_sided else 1
-                inputs += [environment, tick.held_force(), tick.position, touching]
+                depth = ca.fmax(tick.position, 0) if one_sided else tick.position
+                inputs += [environment, tick.asked_force(), depth, touching, rest]
             step = adaptation_step(tick.sample_time_s, self.settings)
             outputs = insert(tick, "adaptation", step, inputs)
         named = dict(zip(step.outputs, outputs, strict=True))

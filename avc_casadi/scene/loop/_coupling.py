@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike
 from avc_casadi.scene.loop._tick import Expr, Rate, Tick
 from avc_casadi.support import FloatArray
 
+# N/m: far below any gain, far above the least of single precision.
+_NO_GAINS = 1e-20
 COUPLING_PARAMETERS = ("coupling_memory_s", "coupling_compliance_m_per_n", "series_stiffness_n_per_m")
 
 
@@ -113,16 +115,14 @@ def series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
 
 def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, *, one_sided: bool) -> tuple[Expr, Expr, Expr, Expr]:
     """Return b/kappa, 1/kappa, the stiffness in series and k/kappa: parameters of a run, or from the gains of now."""
-    import casadi as ca  # noqa: PLC0415
-
     if tick.adapt is None:
         memory, compliance, series = (tick.parameter(name) for name in COUPLING_PARAMETERS)
         return memory, compliance, series, None
     tick.adapted = gains = tick.adapt(stretch.before, one_sided)
     stretch.forget(gains.touching)
     kappa = gains.stiffness_n_per_m + gains.damping_ns_per_m * stretch.gain
-    some = kappa > 0
-    compliance = ca.if_else(some, 1 / ca.if_else(some, kappa, 1), 0)
+    # Without gains there is no force, whatever the compliance: it only has to be a number.
+    compliance = 1 / (kappa + _NO_GAINS)
     series = kappa * (kappa_e / (kappa + kappa_e))
     return gains.damping_ns_per_m * compliance, compliance, series, gains.stiffness_n_per_m * compliance
 

@@ -135,21 +135,29 @@ class Tick:
     def held_force(self) -> Expr:
         """Return the force that the computer has held until now, a state that is added once."""
         name = "held_force_n"
-        for slot in self.states:
-            if slot.name == name:
-                return slot.symbol
+        known = self._known(name)
+        if known is not None:
+            return known
         self.at_end.append(lambda: self.follow(name, 0.0 if self.command is None else self.command))
         return self.state(name, computed=False)
 
     def asked_force(self) -> Expr:
-        """Return the force that the computer asked for in the sample before."""
+        """Return the force that the computer asked for in the sample before, a state that is added once."""
+        name = "asked_force_n"
+        known = self._known(name)
+        if known is not None:
+            return known
 
         def settle() -> None:
             before_delay = self.command if self.asked is None else self.asked
-            self.follow("asked_force_n", 0.0 if before_delay is None else before_delay)
+            self.follow(name, 0.0 if before_delay is None else before_delay)
 
         self.at_end.append(settle)
-        return self.state("asked_force_n")
+        return self.state(name)
+
+    def _known(self, name: str) -> Expr:
+        """Return the symbol of a state that is there, or None."""
+        return next((slot.symbol for slot in self.states if slot.name == name), None)
 
     def trace(self, name: str, value: Expr) -> None:
         """Record a signal."""

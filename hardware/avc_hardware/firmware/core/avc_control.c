@@ -72,18 +72,20 @@ static bool streamed(avc_control_t *c, avc_gains_t *goal)
     return true;
 }
 
-/* The gains that are wanted: safe, streamed, or from the table. */
-static avc_gains_t choose_gains(avc_control_t *c, const avc_table_t *table)
+/* The gains that are wanted: safe, streamed, or from the table, which alone has a row of rest. */
+static avc_gains_t choose_gains(avc_control_t *c, const avc_table_t *table, float *rest_stiffness_n_per_m)
 {
     const avc_table_header_t *header = &table->image.header;
     avc_gains_t goal;
     c->state.streaming = 0u;
+    *rest_stiffness_n_per_m = 0.0f;
     if (c->state.mode == AVC_MODE_SAFE) {
         goal = (avc_gains_t){header->safe_damping_ns_per_m, header->safe_stiffness_n_per_m, 0.0f};
     } else if (streamed(c, &goal)) {
         c->state.streaming = 1u;
     } else {
         goal = avc_table_lookup(table, c->state.lookup_hz, &c->near);
+        *rest_stiffness_n_per_m = table->image.row[0].stiffness_n_per_m;
     }
     return goal;
 }
@@ -99,12 +101,14 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
 {
     avc_state_t *s = &c->state;
     const avc_table_header_t *header = &table->image.header;
-    const avc_gains_t goal = choose_gains(c, table);
+    float rest_stiffness_n_per_m;
+    const avc_gains_t goal = choose_gains(c, table, &rest_stiffness_n_per_m);
     const avc_couple_in_t in = {
         .position_m = x,
         .wanted_damping_ns_per_m = goal.damping_ns_per_m,
         .wanted_stiffness_n_per_m = goal.stiffness_n_per_m,
         .wanted_contact_damping_ns_per_m = goal.contact_damping_ns_per_m,
+        .rest_stiffness_n_per_m = rest_stiffness_n_per_m,
         .wall_damping_ns_per_m = header->wall_damping_ns_per_m,
         .wall_stiffness_n_per_m = header->wall_stiffness_n_per_m,
         .relaxes = (header->flags & AVC_TABLE_VARIES) != 0u || s->streaming != 0u ? 1.0f : 0.0f,
@@ -133,7 +137,7 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
         s->saturated++;
         force = force > most ? most : -most;
     }
-    c->couple.held_force_n = force; /* what the actuator holds, not what was wanted */
+    c->couple.asked_force_n = force; /* what the actuator holds, not what was wanted */
     c->guard.held_force_n = force;
     return force;
 }

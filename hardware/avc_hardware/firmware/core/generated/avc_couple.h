@@ -7,16 +7,19 @@ typedef struct {
     float environment_deflection_before_m;
     float coupling_deflection_before_m;
     float environment_energy_j;
-    float held_force_n;
+    float asked_force_n;
     float adaptation_started;
     float adaptation_damping_ns_per_m;
     float adaptation_stiffness_n_per_m;
     float adaptation_contact_damping_ns_per_m;
-    float adaptation_anchor_m;
     float adaptation_tank_j;
-    float adaptation_position_m;
     float adaptation_stored_j;
-    float adaptation_work_j;
+    float adaptation_anchor_m;
+    float adaptation_held_force_n;
+    float adaptation_moved_m;
+    float adaptation_position_m;
+    float adaptation_mean_deflection_m;
+    float adaptation_missing;
     float contact_position_before_m;
 } avc_couple_state_t;
 
@@ -25,6 +28,7 @@ typedef struct {
     float wanted_damping_ns_per_m;
     float wanted_stiffness_n_per_m;
     float wanted_contact_damping_ns_per_m;
+    float rest_stiffness_n_per_m;
     float wall_damping_ns_per_m;
     float wall_stiffness_n_per_m;
     float relaxes;
@@ -41,7 +45,7 @@ typedef struct {
 } avc_couple_out_t;
 
 /* What depends on sample time, encoder and settings. */
-extern const float avc_couple_constants[3];
+extern const float avc_couple_constants[4];
 
 /* The state of a device that has always rested at a position. */
 void avc_couple_start(avc_couple_state_t *state, float position_m);

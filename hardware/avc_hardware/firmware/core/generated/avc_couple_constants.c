@@ -3,8 +3,9 @@
 /* sample_time_s 0.001, metres_per_count 2e-06, estimator any, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0 */
 #include "avc_couple.h"
 
-const float avc_couple_constants[3] = {
+const float avc_couple_constants[4] = {
     0.02f,
     1000.0f,
-    (-0.019801326f),
+    6.664445e-04f,
+    0.019801326f,
 };
