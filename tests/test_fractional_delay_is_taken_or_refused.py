@@ -116,7 +116,7 @@ def test_what_knows_whole_samples_only_says_so_by_name():
         with pytest.raises(UnsupportedError, match=r"device.delay_samples is 1.5: .* whole samples only") as refused:
             call()
         assert refused.value.key == "device.delay_samples"
-    assert np.isnan(passive_limit_n_per_m(2.0, T, 1.5))
+    assert np.isnan(passive_limit_n_per_m(case.device))
 
 
 def test_a_coupling_for_a_fractional_delay_is_judged_for_deployment():

@@ -93,8 +93,8 @@ class Certificate(Tabular):
         frequency_hz: interaction frequencies of the rows, shape (n,).
         rows_without_gains: how many rows have none; each fails every level.
         levels: results by level.
-        passive_limit_n_per_m: 2 b_d/((1 + d) T): the largest DC stiffness of any passive linear rendering; not a number
-            for a fractional delay.
+        passive_limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges: the largest DC stiffness of any passive
+            linear rendering; not a number where none is known.
         dc_stiffness_n_per_m: DC stiffness k k_e/(k + k_e) of each row, shape (n,).
 
     Example:

@@ -81,9 +81,7 @@ def certify(
         frequency_hz=gains.frequency_hz,
         rows_without_gains=int(np.count_nonzero(~present)),
         levels=levels,
-        passive_limit_n_per_m=passive_limit_n_per_m(
-            passive_rows.problem.device.damping_ns_per_m, device.sample_time_s, device.delay_samples
-        ),
+        passive_limit_n_per_m=passive_limit_n_per_m(device),
         dc_stiffness_n_per_m=rows.spread(parts.integral / device.sample_time_s),
     )
 

@@ -133,7 +133,7 @@ def zwidth(problem: Problem | str | Path, progress: Progress = SILENT) -> ZWidth
         damping_ns_per_m=damping,
         curves=tuple(curves),
         encoder_limit_n_per_m=2 * friction / resolution if friction > 0 and resolution > 0 else None,
-        passive_limit_n_per_m=passive_limit_n_per_m(device.damping_ns_per_m, device.sample_time_s, delay),
+        passive_limit_n_per_m=passive_limit_n_per_m(device),
         hands=len(hands),
     )
 
