@@ -242,19 +242,33 @@ def test_own_frequency_and_band_are_the_papers_impedance_with_the_devices_respon
 def test_llewellyns_level_is_the_worst_of_all_passive_walls(device):
     """At each frequency the wall may be any impedance with a real part that is not negative."""
     device, rng = problem(**device).device, np.random.default_rng(3)
-    time = device.sample_time_s
-    b, k, contact = 10 ** rng.uniform([-1, 1, -2], [1, 3, 0.5], (6, 3)).T
-    wall = np.concatenate([1j * np.tan(np.linspace(-1.5707, 1.5707, 20001)), [0.0]]) * 10.0
+    time, edges = device.sample_time_s, 0
+    wall = np.append(1j * np.tan(np.linspace(-1.5707, 1.5707, 4001)), 0.0)
     for turns in (2e-3, 0.03, 0.2, 0.45):
-        frequency = np.array([turns / time])
-        port = handle_port(device, frequency)
-        left = CouplingSlack(b, k, contact, time)(port, np.arange(6))[0][:, 0]
-        z = np.exp(2j * np.pi * turns)
-        for row in range(6):
-            coupling = b[row] + k[row] * time / (1 - 1 / z)
-            w = (coupling * wall / (coupling + wall) + contact[row]) / z
-            sampled = np.abs(1 + w * port.centre) - np.abs(w) * port.spread
-            assert (left[row] >= 0) == (sampled.min() >= 0)
+        port, z = handle_port(device, np.array([turns / time])), np.exp(2j * np.pi * turns)
+
+        def worst(gains, port=port, z=z):
+            coupling = gains[0] + gains[1] * time / (1 - 1 / z)
+            any_wall = wall * abs(coupling)
+            w = (coupling * any_wall / (coupling + any_wall) + gains[2]) / z
+            return (np.abs(1 + w * port.centre) - np.abs(w) * port.spread).min()
+
+        def left(gains, port=port):
+            return CouplingSlack(*gains[:, None], time)(port, np.array([0]))[0][0, 0]
+
+        for gains in 10 ** rng.uniform([-1, 1, -1], [1, 3, 0.8], (6, 3)):
+            # Not every stiffer coupling is worse: the first edge.
+            steps = np.geomspace(1e-3, 1e4, 120)
+            fails = [step for step in steps if worst(step * gains) < 0]
+            if not fails or fails[0] == steps[0]:
+                continue
+            low, high = fails[0] * steps[0] / steps[1], fails[0]
+            for _ in range(30):
+                middle = (low + high) / 2
+                low, high = (middle, high) if worst(middle * gains) >= 0 else (low, middle)
+            edges += 1
+            assert left(0.998 * low * gains) >= 0 > left(1.002 * low * gains)
+    assert edges > 5
 
 
 @pytest.mark.parametrize("device", DECLARED.values(), ids=DECLARED)
