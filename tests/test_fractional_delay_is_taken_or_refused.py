@@ -6,7 +6,7 @@ from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
-from avc_casadi.certificate import certify, deployable, llewellyn_table, zwidth
+from avc_casadi.certificate import certify, deployable, llewellyn_table
 from avc_casadi.coupling import Coupling, Status, gain_schedule
 from avc_casadi.loop import Hand, loop_at
 from avc_casadi.passivity import SampledLoop, llewellyn_margin, passive_limit_n_per_m, worst_margin
@@ -108,7 +108,6 @@ def test_what_knows_whole_samples_only_says_so_by_name():
     calls = (
         lambda: worst_margin(SampledLoop.of(case), 1.0, 1e3),
         lambda: llewellyn_margin(SampledLoop.of(case), 1.0, 1e3),
-        lambda: zwidth(case),
         lambda: llewellyn_table(case),
         lambda: avc.solve(case, "static"),
         lambda: avc.solve(case.changed(stability={"scope": "all"}), "direct"),

@@ -8,6 +8,7 @@ from avc_casadi.certificate._certify import certify as certify
 from avc_casadi.certificate._deployable import Deployable as Deployable
 from avc_casadi.certificate._deployable import DeployClaim as DeployClaim
 from avc_casadi.certificate._deployable import deployable as deployable
+from avc_casadi.certificate._device_levels import ideal as ideal
 from avc_casadi.certificate._gate import certified as certified
 from avc_casadi.certificate._gate import require_deployable as require_deployable
 from avc_casadi.certificate._levels_table import levels_table as levels_table

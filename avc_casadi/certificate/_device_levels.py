@@ -46,15 +46,16 @@ def device_level(rows: Rows, level: Level, model: Model, progress: Progress = SI
         UnsupportedError: a level that has no proof on such a device.
     """
     if level == "L2" or (level == "L4" and model == "paper"):
+        what = what_is_declared(rows.problem.device)
         raise UnsupportedError(
-            f"{level} with the paper's hold has no proof on a device with {_what(rows.problem.device)}: that hold "
+            f"{level} with the paper's hold has no proof on a device with {what}: that hold "
             "gives no loop from sample to sample; L3 judges the device as declared, and L4 with stability.model = "
             '"sampled-data"'
         )
     return _own_frequency(rows, level, model) if level in {"L0", "L1"} else _all_frequencies(rows, level, progress)
 
 
-def _what(device: Device) -> str:
+def what_is_declared(device: Device) -> str:
     """Name what makes the device more than ideal."""
     found = {
         "device.amplifier_bandwidth_hz": device.amplifier_bandwidth_hz is not None,
@@ -88,7 +89,7 @@ def _all_frequencies(rows: Rows, level: Level, progress: Progress) -> LevelResul
     slack = RenderingSlack(parts, contact) if level == "L3" else CouplingSlack(b, k, contact, time)
     worst = port_worst(corners, slack, len(b), progress).pick(back)
     stiffness = (parts.integral / time)[back]
-    sound = _stable_with_one_hand(corners, parts, contact)[back]
+    sound = stable_with_one_hand(corners, parts, contact)[back]
     # Before any passive wall the DC stiffness of this one is no condition.
     sound &= (stiffness >= 0) | (level == "L4")
     faults = [_fault(level, bool(lacks), float(dc)) for lacks, dc in zip(~worst.passed, stiffness, strict=True)]
@@ -119,7 +120,7 @@ def _fault(level: Level, lacks_damping: bool, dc_n_per_m: float) -> str:
     return "a pole outside the unit circle"
 
 
-def _stable_with_one_hand(corners: list[Device], parts: Fractions, contact: FloatArray) -> BoolArray:
+def stable_with_one_hand(corners: list[Device], parts: Fractions, contact: FloatArray) -> BoolArray:
     """Whether each row is stable with one passive hand; where the port is passive, it then is with any."""
     stable = np.array(parts.stable, dtype=bool)
     for device in corners:
