@@ -52,6 +52,18 @@ def test_compare(capsys):
     assert "direct and exact agree" in text
 
 
+def test_the_stiffest_wall_tells_what_was_assumed_and_simulates_nobody(capsys):
+    text, document = both(capsys, "recommend", "reference-r1", "--stiffest")
+    assert f"{document['stiffest_wall_n_per_m']:.4g} N/m" in text
+    assert document["assumed"]
+    for gap in document["assumed"]:
+        assert f"assumed: {gap}" in text
+    for what in document["not_used"]:
+        assert f"not used: {what}" in text
+    assert main(["recommend", "reference-r1", "--stiffest", "--hands", "5"]) == 2
+    assert "--hands: goes with a recommendation" in capsys.readouterr().err
+
+
 def test_list_and_check(capsys):
     text, document = both(capsys, "list")
     names = [entry["name"] for entry in document["problems"]]

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     import argparse
 
 
+_HANDS = 100
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
@@ -25,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--stiffest", action="store_true", help="search only the stiffest wall that the device can give to every hand"
     )
-    parser.add_argument("--hands", type=positive_int, default=100, metavar="N", help="simulated hands (default 100)")
+    parser.add_argument("--hands", type=positive_int, metavar="N", help=f"simulated hands (default {_HANDS})")
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -36,14 +39,21 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     if args.stiffest and args.out is not None:
         raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--out")
+    if args.stiffest and args.hands is not None:
+        raise avc.InputError.of(
+            "goes with a recommendation: --stiffest simulates nobody, it computes with every corner of [hands] and let "
+            "go; leave one of them out",
+            key="--hands",
+        )
+    hands = _HANDS if args.hands is None else args.hands
     out = None if args.out is None else output_file(args.out, "--out", (".json",))
     problem = avc.load_problem(args.problem)
     if args.stiffest:
         with console.step("stiffest wall"):
             document = stiffest(problem)
         return Answer(document, stiffest_text(document))
-    with console.step(f"candidates with {args.hands} hands"):
-        found = recommend(problem, args.hands, versions=package_versions(), progress=console)
+    with console.step(f"candidates with {hands} hands"):
+        found = recommend(problem, hands, versions=package_versions(), progress=console)
     if out is not None and found.coupling is not None:
         write_text(out, json_text(coupling_document(found.coupling)), "--out")
     document = found.document()
@@ -135,10 +145,12 @@ def stiffest_text(document: dict[str, Any]) -> str:
     return "\n".join(
         [
             (
-                f"{document['problem']}: stiffest wall that is linearly stable with every hand of [hands] and let go: "
-                f"{number(document['stiffest_wall_n_per_m'])} N/m, with {number(low)} to {number(high)} N.s/m of wall "
-                "and contact damping together"
+                f"{document['problem']}: stiffest wall that is linearly stable with every corner of [hands] and let "
+                f"go: {number(document['stiffest_wall_n_per_m'])} N/m, with {number(low)} to {number(high)} N.s/m of "
+                "wall and contact damping together"
             ),
             table(["what would help", "stiffest wall\nN/m"], rows, left=(0,)),
+            *(f"assumed: {gap}" for gap in document["assumed"]),
+            *(f"not used: {what}" for what in document["not_used"]),
         ]
     )
