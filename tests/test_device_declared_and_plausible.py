@@ -86,3 +86,13 @@ def test_check_shows_doubts_and_what_is_declared(tmp_path, capsys):
     assert [one["key"] for one in document["warnings"]] == ["device.mass_kg"]
     assert document["declared"] == ["device.delay_samples"]
     assert document["passive_limit_n_per_m"] is None
+
+
+def test_check_and_certify_tell_the_same_passive_limit(tmp_path, capsys):
+    case = problem({"damping_ns_per_m": 3.0, "range": {"damping_ns_per_m": [1.0, 5.0], "delay_samples": [0, 1]}})
+    file = tmp_path / "vague.toml"
+    file.write_text(avc.dump_problem(case))
+    assert main(["check", str(file), "--json"]) == 0
+    checked = json.loads(capsys.readouterr().out)
+    certified = avc.certify(case, avc.solve(case, "exact"))
+    assert checked["passive_limit_n_per_m"] == certified.passive_limit_n_per_m == 1.0 / case.device.sample_time_s

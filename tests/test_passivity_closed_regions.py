@@ -15,6 +15,7 @@ from avc_casadi.passivity import (
     size_of_terms,
     worst_margin,
 )
+from avc_casadi.problem import Device
 
 T = 1e-3
 damping = st.floats(-3, 4).map(lambda x: 10**x)
@@ -71,7 +72,21 @@ def test_lead_bound_refuses_delay_and_paper_hold():
 def test_no_passive_rendering_is_stiffer_than_the_limit(delay, b_e, k_e, b, k):
     lowest = worst_margin(SampledLoop(0.0, b_e, k_e, T, delay, "sampled-data"), b, k)
     needed = -lowest.margin_ns_per_m[0]  # the least device damping that makes the rendering passive
-    assert lowest.dc_stiffness_n_per_m[0] <= passive_limit_n_per_m(needed, T, delay) * (1 + 1e-9)
+    assert lowest.dc_stiffness_n_per_m[0] <= 2 * needed / ((1 + delay) * T) * (1 + 1e-9)
+
+
+def test_the_passive_limit_is_that_of_the_worst_device_of_the_ranges():
+    device = Device(mass_kg=0.1, damping_ns_per_m=3.0, delay_samples=1, sample_time_s=T)
+    assert passive_limit_n_per_m(device) == 3.0 / T
+    ranges = {"damping_ns_per_m": (2.0, 5.0), "delay_samples": (0, 3)}
+    assert passive_limit_n_per_m(Device(**(device.model_dump() | {"range": ranges}))) == 2 * 2.0 / (4 * T)
+    for unknown in (
+        {"delay_samples": 0.5},
+        {"range": {"delay_samples": (0, 1.5)}},
+        {"amplifier_bandwidth_hz": 500.0},
+        {"resonance": {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}},
+    ):
+        assert np.isnan(passive_limit_n_per_m(Device(**(device.model_dump() | unknown))))
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2, 20])

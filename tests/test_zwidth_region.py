@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from avc_casadi import UnsupportedError, parse_problem
-from avc_casadi.certificate import _zwidth as _region
+from avc_casadi.certificate import _every_case as _region
 from avc_casadi.certificate import llewellyn_table, rendered_wall, zwidth
 from avc_casadi.coupling import Status, gain_schedule
 from avc_casadi.design import solve
@@ -112,7 +112,7 @@ def test_figure_shows_every_claim_and_the_gains():
     region = region_of(extra=FRICTION)
     figure = draw_zwidth(region, llewellyn_table(case), {"exact": rendered_wall(case, solve(case, "exact"))})
     labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert len(labels) == len(region.curves) + 2
+    assert len(labels) == len(region.curves) + 3
     assert any("rendered by exact" in label for label in labels)
     alone = draw_zwidth(region_of(b_d=0.0))
     assert len(alone.axes) == 1
@@ -129,7 +129,7 @@ def test_curve_ends_at_the_first_stretch_and_asks_no_further():
             [any(low <= k <= high for low, high in stretches[b]) for b, k in zip(damping, stiffness, strict=True)]
         )
 
-    found = _region._largest(np.array([0.0, 1.0, 2.0]), np.geomspace(0.1, 1000.0, 41), meets)
+    found = _region.largest_stiffness(np.array([0.0, 1.0, 2.0]), np.geomspace(0.1, 1000.0, 41), meets)
     assert found[:2] == pytest.approx([20.0, 300.0], rel=1e-9)
     assert np.isnan(found[2])
     assert max(k for b, k in asked if b == 0.0) < 200.0

@@ -8,6 +8,7 @@ from avc_casadi.certificate._certify import certify as certify
 from avc_casadi.certificate._deployable import Deployable as Deployable
 from avc_casadi.certificate._deployable import DeployClaim as DeployClaim
 from avc_casadi.certificate._deployable import deployable as deployable
+from avc_casadi.certificate._device_levels import ideal as ideal
 from avc_casadi.certificate._feedback_claims import feedback_radius as feedback_radius
 from avc_casadi.certificate._feedback_claims import rendering_of as rendering_of
 from avc_casadi.certificate._gate import certified as certified

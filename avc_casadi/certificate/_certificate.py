@@ -41,6 +41,7 @@ class LevelResult(Comparable):
         row_margin_ns_per_m: margin of each row.
         row_frequency_hz: where it stands.
         detail: more numbers of this level.
+        refused: why the level is not judged on this device; empty where it is.
     """
 
     level: Level
@@ -55,9 +56,15 @@ class LevelResult(Comparable):
     row_margin_ns_per_m: FloatArray
     row_frequency_hz: FloatArray
     detail: dict[str, Any] = field(default_factory=dict)
+    refused: str = ""
 
     def __repr__(self) -> str:
-        return f"LevelResult({self.level}, {'pass' if self.passed else 'fail'}: {self.claim})"
+        return f"LevelResult({self.level}, {self.word}: {self.claim})"
+
+    @property
+    def word(self) -> str:
+        """pass, fail, or refused: not judged."""
+        return "refused" if self.refused else "pass" if self.passed else "fail"
 
     @property
     def rows_failed(self) -> int:
@@ -68,6 +75,7 @@ class LevelResult(Comparable):
         """Return JSON values."""
         return {
             "pass": self.passed,
+            "refused": self.refused or None,
             "title": TITLES[self.level],
             "margin_ns_per_m": plain(self.margin_ns_per_m),
             "frequency_hz": plain(self.frequency_hz),
@@ -93,8 +101,8 @@ class Certificate(Tabular):
         frequency_hz: interaction frequencies of the rows, shape (n,).
         rows_without_gains: how many rows have none; each fails every level.
         levels: results by level.
-        passive_limit_n_per_m: 2 b_d/((1 + d) T): the largest DC stiffness of any passive linear rendering; not a number
-            for a fractional delay.
+        passive_limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges: the largest DC stiffness of any passive
+            linear rendering; not a number where none is known.
         dc_stiffness_n_per_m: DC stiffness k k_e/(k + k_e) of each row, shape (n,).
 
     Example:
@@ -126,7 +134,7 @@ class Certificate(Tabular):
         }
 
     def _summary(self) -> str:
-        marks = ", ".join(f"{level} {'pass' if found.passed else 'fail'}" for level, found in self.levels.items())
+        marks = ", ".join(f"{level} {found.word}" for level, found in self.levels.items())
         judged = "requested gains" if self.requested else "gains"
         return f"{self.problem!r}, {judged} of {len(self.frequency_hz)} rows: {marks}"
 

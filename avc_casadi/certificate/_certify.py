@@ -9,6 +9,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.certificate._certificate import Certificate, Level, LevelResult
+from avc_casadi.certificate._device_levels import device_level, ideal
 from avc_casadi.certificate._hands_level import hands_level
 from avc_casadi.certificate._levels import Rows, llewellyn_level, not_judged, passivity_level
 from avc_casadi.coupling import check_sample_time
@@ -63,14 +64,12 @@ def certify(
     present = ~(np.isnan(b) | np.isnan(k)) & np.isfinite(contact)
     rows = Rows(problem, gains.frequency_hz, present, b[present], k[present], contact[present])
     model = problem.stability.model
-    # A range of the device's damping is judged at its lower end, a range of mass and damping at all corners in L5.
-    passive_rows = replace(rows, problem=least_damped(problem))
     levels: dict[Level, LevelResult] = {
-        "L0": passivity_level(passive_rows, "L0", model, progress),
-        "L1": _if_offered(passive_rows, "L1", model, progress),
-        "L2": _if_offered(passive_rows, "L2", "paper", progress),
-        "L3": _if_offered(passive_rows, "L3", "sampled-data", progress),
-        "L4": _if_offered(passive_rows, "L4", model, progress),
+        "L0": _if_offered(rows, "L0", model, progress),
+        "L1": _if_offered(rows, "L1", model, progress),
+        "L2": _if_offered(rows, "L2", "paper", progress),
+        "L3": _if_offered(rows, "L3", "sampled-data", progress),
+        "L4": _if_offered(rows, "L4", model, progress),
         "L5": hands_level(rows, draws=draws, seed=seed, progress=progress),
     }
     device = problem.device
@@ -81,18 +80,20 @@ def certify(
         frequency_hz=gains.frequency_hz,
         rows_without_gains=int(np.count_nonzero(~present)),
         levels=levels,
-        passive_limit_n_per_m=passive_limit_n_per_m(
-            passive_rows.problem.device.damping_ns_per_m, device.sample_time_s, device.delay_samples
-        ),
+        passive_limit_n_per_m=passive_limit_n_per_m(device),
         dc_stiffness_n_per_m=rows.spread(parts.integral / device.sample_time_s),
     )
 
 
 def _if_offered(rows: Rows, level: Level, model: Model, progress: Progress) -> LevelResult:
-    """Judge L1 to L4; a device for which a level is not offered does not meet it."""
+    """Judge L0 to L4; a device for which a level is not offered does not meet it."""
     try:
+        if not ideal(rows.problem.device):
+            return device_level(rows, level, model, progress)
+        # Re Z_h grows with the device's damping, so that the lower end of its range stands for the others.
+        lean = replace(rows, problem=least_damped(rows.problem))
         if level == "L4":
-            return llewellyn_level(rows, model, progress)
-        return passivity_level(rows, level, model, progress)
+            return llewellyn_level(lean, model, progress)
+        return passivity_level(lean, level, model, progress)
     except UnsupportedError as refusal:
         return not_judged(rows, level, model, str(refusal))

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi.certificate._at_rest import radius_limit
 from avc_casadi.certificate._feedback_claims import SHARES, feedback_radius
 from avc_casadi.loop import LINEAR_KEYS, device_corners, hand_set, linear_values, no_hand
-from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, rigid, whole_stability
+from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, whole_stability
 from avc_casadi.support import SILENT, Progress, plain
 
 if TYPE_CHECKING:
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
 # Points judged between two neighbouring rows, where the device interpolates.
 _BETWEEN = 3
 _DRAWS = 24
-# A device in no touch with anything has its place twice for an eigenvalue where nothing damps it: rounding moves a
-# double one by its root, unless the matrix is triangular, as that of a rigid device is.
-_FREE_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True)
@@ -150,13 +148,9 @@ def _claim(
     parts = frozen_parts(problem, b, k)
     corners = device_corners(problem.device, LINEAR_KEYS)
     radius = np.array([whole_stability(device, parts, contact, hands, progress=progress).radius for device in corners])
-    limit = np.full(len(b), 1 - RADIUS_TOLERANCE)
-    if let_go:
-        # Without a spring to the wall nothing calls a free device back: it keeps its place, which is no instability.
-        free = 1 + (RADIUS_TOLERANCE if rigid(problem.device) else _FREE_TOLERANCE)
-        limit = np.where(parts.integral > 0, limit, free)
+    unstable = (radius >= radius_limit(problem.device, parts, hands)).any(axis=(0, 2))
     corner, row, hand = (int(index) for index in np.unravel_index(np.argmax(radius), radius.shape))
-    passed = bool((radius.max(axis=(0, 2)) < limit).all())
+    passed = not unstable.any()
     worst = float(radius[corner, row, hand])
     name, who = ("let-go", "let go") if let_go else ("hands", f"with every hand of [hands] ({len(hands)} judged)")
     if passed:
@@ -166,7 +160,7 @@ def _claim(
             float(np.ravel(value)[hand]) for value in (hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)
         )
         who = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held)
-    failing = int(np.count_nonzero(~(radius.max(axis=(0, 2)) < limit)))
+    failing = int(np.count_nonzero(unstable))
     where = "" if len(b) == 1 else f" at {frequency[row]:.4g} Hz ({failing} of {len(b)} gains judged)"
     sentence = f"linearly unstable {who}{where}: spectral radius {worst:.6g}{_of(corners[corner], corners)}"
     return DeployClaim(name, False, sentence, _ADVICE, worst)

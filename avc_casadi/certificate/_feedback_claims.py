@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.certificate._certificate import Certificate, Level, LevelResult
 from avc_casadi.certificate._levels import Rows, level_result, not_judged
-from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, hand_set, least_damped, no_hand, sampled_plant
+from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, hand_set, no_hand, sampled_plant
 from avc_casadi.passivity import passive_limit_n_per_m
 from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
@@ -106,11 +106,18 @@ def certify_feedback(coupling: Coupling) -> Certificate:
     first: tuple[Level, ...] = ("L0", "L1", "L2", "L3", "L4")
     levels: dict[Level, LevelResult] = {level: not_judged(rows, level, model, why) for level in first}
     levels["L5"] = _hands(coupling, rows)
-    device = least_damped(problem).device
+    device = problem.device
     stiffness = frozen_parts(problem, rows.b, rows.k).integral / device.sample_time_s
-    limit = passive_limit_n_per_m(device.damping_ns_per_m, device.sample_time_s, device.delay_samples)
     missing = int(np.count_nonzero(~present))
-    return Certificate(problem.name, False, gains.frequency_hz, missing, levels, limit, rows.spread(stiffness))
+    return Certificate(
+        problem=problem.name,
+        requested=False,
+        frequency_hz=gains.frequency_hz,
+        rows_without_gains=missing,
+        levels=levels,
+        passive_limit_n_per_m=passive_limit_n_per_m(device),
+        dc_stiffness_n_per_m=rows.spread(stiffness),
+    )
 
 
 def _hands(coupling: Coupling, rows: Rows) -> LevelResult:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi.certificate._at_rest import radius_limit
 from avc_casadi.certificate._levels import Rows, level_result, not_judged
 from avc_casadi.loop import LINEAR_KEYS, device_corners, hand_corners, hand_set, linear_values, no_hand
 from avc_casadi.stability import (
@@ -46,12 +47,13 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
     parts = frozen_parts(problem, rows.b, rows.k)
     found = [whole_stability(device, parts, rows.contact, hands, progress=progress) for device in devices]
     radii = np.concatenate([one.radius for one in found], axis=1)
+    limits = np.tile(radius_limit(problem.device, parts, hands), (1, len(devices)))
     worst_case = np.argmax(radii, axis=1)[:, None]
     radius = np.take_along_axis(radii, worst_case, axis=1)[:, 0]
     frequency = np.take_along_axis(np.concatenate([one.frequency_hz for one in found], axis=1), worst_case, axis=1)[
         :, 0
     ]
-    stable = np.asarray(radius < 1 - RADIUS_TOLERANCE)
+    stable = np.asarray((radii < limits).all(axis=1))
     detail = _beside(rows, parts, devices, radius, progress) | {"hands": len(hands), "hands_seed": seed}
     # Rows rank by spectral radius; the margin in N.s/m is that of the worst one.
     tolerance = np.full(len(radius), RADIUS_TOLERANCE)
@@ -88,7 +90,8 @@ def _beside(
     rows: Rows, parts: Fractions, devices: list[Device], radius: FloatArray, progress: Progress
 ) -> dict[str, Any]:
     """What stands beside the verdict: the device let go, and whether gains may switch between neighbouring rows."""
-    released = [whole_stability(device, parts, rows.contact, no_hand()) for device in devices]
+    released = [whole_stability(device, parts, rows.contact, no_hand()).radius for device in devices]
+    limit = radius_limit(rows.problem.device, parts, no_hand())
     switching = None
     if rigid(rows.problem.device):  # the proof knows no other device
         switching = switching_proof(
@@ -97,8 +100,8 @@ def _beside(
     return {
         "spectral_radius": float(np.max(radius)) if len(radius) else None,
         "row_spectral_radius": rows.spread(radius),
-        "released_spectral_radius": max(float(np.max(one.radius)) for one in released) if len(radius) else None,
-        "released_pass": bool(len(radius) and all(one.stable.all() for one in released)),
+        "released_spectral_radius": max(float(np.max(one)) for one in released) if len(radius) else None,
+        "released_pass": bool(len(radius) and all((one < limit).all() for one in released)),
         "common_lyapunov": None
         if switching is None
         else asdict(switching) | {"pass": switching.proved == switching.pairs},
@@ -110,9 +113,10 @@ def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand:
 
     Not a number where no damping up to 1e6 N.s/m stabilises the loop.
     """
+    bound = radius_limit(device, parts, hand)
 
     def stable(shift: float) -> bool:
-        return bool(whole_stability(device, parts, contact, hand, shift).stable[0])
+        return bool((whole_stability(device, parts, contact, hand, shift).radius < bound).all())
 
     starts_stable = stable(0.0)
     available = device.damping_ns_per_m + hand.values(0)["damping_ns_per_m"]

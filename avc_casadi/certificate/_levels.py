@@ -11,6 +11,7 @@ from avc_casadi.certificate._certificate import (
     Level,
     LevelResult,
 )
+from avc_casadi.loop import device_corners
 from avc_casadi.passivity import RELATIVE_TOLERANCE, SampledLoop, WorstMargin, llewellyn_margin, worst_margin
 from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress, chunks
 
@@ -55,8 +56,9 @@ def passivity_level(rows: Rows, level: Level, model: Model, progress: Progress =
     factor = rows.problem.stability.band_factor
     bands = {"L0": (own, own), "L1": (own / factor, own * factor)}
     low, high = bands.get(level, (np.zeros(len(own)), np.full(len(own), np.inf)))
-    loop = SampledLoop.of(rows.problem, model)
-    worst = worst_margin(loop, rows.b, rows.k, rows.contact, low, high, progress=progress)
+    worst = _worst_of(
+        [worst_margin(loop, rows.b, rows.k, rows.contact, low, high, progress=progress) for loop in _loops(rows, model)]
+    )
     where = {
         "L0": "at its own frequency",
         "L1": f"from 1/{factor:g} to {factor:g} times its own frequency",
@@ -83,12 +85,14 @@ def passivity_level(rows: Rows, level: Level, model: Model, progress: Progress =
 
 def llewellyn_level(rows: Rows, model: Model, progress: Progress = SILENT) -> LevelResult:
     """Judge L4: the coupling alone protects any passive environment from any passive hand."""
-    loop = SampledLoop.of(rows.problem, model)
-    found = [
-        llewellyn_margin(loop, rows.b[some], rows.k[some], rows.contact[some])
-        for some in chunks(len(rows.b), _ROWS_AT_ONCE, progress, "Llewellyn")
-    ]
-    margin, frequency = (np.concatenate(column) for column in zip(*found, strict=True))
+    margin, frequency = np.full(len(rows.b), np.inf), np.zeros(len(rows.b))
+    for loop in _loops(rows, model):
+        found = [
+            llewellyn_margin(loop, rows.b[some], rows.k[some], rows.contact[some])
+            for some in chunks(len(rows.b), _ROWS_AT_ONCE, progress, "Llewellyn")
+        ]
+        left, at = (np.concatenate(column) for column in zip(*found, strict=True))
+        frequency, margin = np.where(left < margin, at, frequency), np.minimum(left, margin)
     tolerance = RELATIVE_TOLERANCE * (rows.problem.device.damping_ns_per_m + rows.contact + np.abs(margin))
     tolerance = np.where(np.isfinite(margin), tolerance, 0.0)
     hold = "the paper's hold" if model == "paper" else "the sampled-data hold"
@@ -96,11 +100,32 @@ def llewellyn_level(rows: Rows, model: Model, progress: Progress = SILENT) -> Le
     return level_result(rows, "L4", model, claim, margin >= -tolerance, margin, frequency, tolerance)
 
 
+def _loops(rows: Rows, model: Model) -> list[SampledLoop]:
+    """Return the loop at each end of the range of the delay."""
+    delays = {corner.delay_samples for corner in device_corners(rows.problem.device, ("delay_samples",))}
+    loop = SampledLoop.of(rows.problem, model)
+    return [replace(loop, delay_samples=delay) for delay in sorted(delays)]
+
+
+def _worst_of(found: list[WorstMargin]) -> WorstMargin:
+    """Take the lowest margin of each row; poles and DC stiffness of a rendering do not depend on the delay."""
+    worst = found[0]
+    for other in found[1:]:
+        lower = other.margin_ns_per_m < worst.margin_ns_per_m
+        worst = replace(
+            worst,
+            margin_ns_per_m=np.where(lower, other.margin_ns_per_m, worst.margin_ns_per_m),
+            frequency_hz=np.where(lower, other.frequency_hz, worst.frequency_hz),
+            tolerance_ns_per_m=np.where(lower, other.tolerance_ns_per_m, worst.tolerance_ns_per_m),
+        )
+    return worst
+
+
 def not_judged(rows: Rows, level: Level, model: Model, why: str) -> LevelResult:
     """Say why no row is judged; a level that is not judged is not met."""
     nothing = np.full(len(rows.b), np.nan)
     result = level_result(rows, level, model, "", np.zeros(len(rows.b), bool), nothing, nothing, nothing)
-    return replace(result, claim=f"Not judged: {why}")
+    return replace(result, claim=f"Not judged: {why}", refused=why)
 
 
 def _faults(worst: WorstMargin) -> list[str]:

@@ -7,23 +7,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop import Hand, hand_set, no_hand
-from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m, worst_margin
-from avc_casadi.problem import as_problem, whole_delay
-from avc_casadi.stability import linear_stability
-from avc_casadi.support import SILENT, BoolArray, Columns, Comparable, FloatArray, Progress, Tabular, short
+from avc_casadi.certificate._device_levels import ideal, what_is_declared
+from avc_casadi.certificate._every_case import largest_in_every_case
+from avc_casadi.certificate._wall_claims import WallClaim, passive_declared, passive_ideal, stable
+from avc_casadi.loop import LINEAR_KEYS, device_corners, hand_set, no_hand
+from avc_casadi.passivity import passive_limit_n_per_m
+from avc_casadi.problem import as_problem, declared
+from avc_casadi.support import SILENT, Columns, Comparable, FloatArray, Progress, Tabular, short
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
-    from avc_casadi.problem import Device, Model, Problem
-
-    Condition = Callable[[FloatArray, FloatArray], BoolArray]
+    from avc_casadi.problem import Device, Problem
 
 _DAMPINGS = 61
 _SCAN = 60
-_BISECTIONS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +31,16 @@ class Curve(Comparable):
     Attributes:
         key: short name.
         claim: what holds below the curve.
-        delay_samples: delay of the loop.
+        delay_samples: nominal delay of the loop.
         stiffness_n_per_m: K, shape (n,); not a number where no stiffness meets the claim.
+        wanted: whether the problem's own wall, without coupling, meets the claim.
     """
 
     key: str
     claim: str
-    delay_samples: int
+    delay_samples: float
     stiffness_n_per_m: FloatArray
+    wanted: bool
 
     def __repr__(self) -> str:
         return f"Curve({self.key}: {short(self.stiffness_n_per_m, 'N/m')})"
@@ -48,24 +48,36 @@ class Curve(Comparable):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ZWidth(Tabular):
-    """The K-B region of a device.
+    """The K-B region of a device as declared: at all corners of its ranges.
 
     Attributes:
         problem: name of the problem.
         damping_ns_per_m: wall damping B, shape (n,); the first is 0.
         curves: one for each claim.
-        encoder_limit_n_per_m: 2 f_c/Delta: above it quantisation makes more energy than dry friction takes away; None
-            where friction or resolution is not known.
-        passive_limit_n_per_m: 2 b_d/((1 + d) T).
+        wanted_damping_ns_per_m: B of the problem's wall.
+        wanted_stiffness_n_per_m: its K.
+        encoder_limit_n_per_m: 2 f_c/Delta with the least friction and the coarsest encoder: above it quantisation makes
+            more energy than dry friction takes away; None where friction or resolution is not known.
+        passive_limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges; not a number where none is known.
         hands: how many hands the last claim was tried with.
+        corners: at how many corners of the device.
+        used: what of the declared device the region takes in, as dotted keys.
+        not_used: what it does not.
+        refused: claims that have no proof on this device, each with the reason.
     """
 
     problem: str
     damping_ns_per_m: FloatArray
     curves: tuple[Curve, ...]
+    wanted_damping_ns_per_m: float
+    wanted_stiffness_n_per_m: float
     encoder_limit_n_per_m: float | None
     passive_limit_n_per_m: float
     hands: int
+    corners: int
+    used: tuple[str, ...]
+    not_used: tuple[str, ...]
+    refused: tuple[str, ...]
 
     def to_dict(self) -> Columns:
         """Return B and the largest K of each claim as columns, each of shape (n,)."""
@@ -80,15 +92,18 @@ class ZWidth(Tabular):
 def zwidth(problem: Problem | str | Path, progress: Progress = SILENT) -> ZWidth:
     """Compute the region for the problem's device and hands; its environment and coupling do not enter.
 
-    Where the device has no delay the passive region of one sample of delay stands beside the others. Passive regions
-    are convex in (B, K); the stable ones are followed from soft walls up to the first unstable one.
+    Each claim holds at every corner of [device.range], on the device as declared: delay, amplifier, resonance, side of
+    the encoder. Where the device has no delay the passive region of one sample of delay stands beside the others. On a
+    rigid device with an ideal amplifier and whole samples of delay the passive regions are exact; on another the
+    sampled-data one comes from a scan of frequencies (as L3), and that with the paper's hold is refused. The regions
+    are followed from soft walls up to the first that does not meet the claim.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
         progress: told of the curves.
 
     Raises:
-        UnsupportedError: a fractional delay.
+        UnsupportedError: more delay than linear stability is computed for.
 
     Example:
         >>> region = avc.zwidth("figure5")
@@ -96,76 +111,83 @@ def zwidth(problem: Problem | str | Path, progress: Progress = SILENT) -> ZWidth
         4000
     """
     problem = as_problem(problem)
-    device = problem.device
-    mass = device.mass_kg + max(problem.hands.mass_kg)
-    top = 2 * max(mass / device.sample_time_s, 2 * device.damping_ns_per_m, 1e-3)
+    device, wall = problem.device, problem.environment
+    corners = device_corners(device, LINEAR_KEYS)
+    mass = max(corner.mass_kg for corner in corners) + max(problem.hands.mass_kg)
+    damped = max(corner.damping_ns_per_m for corner in corners)
+    top = 2 * max(mass / device.sample_time_s, 2 * damped, 1e-3)
     damping = np.concatenate([[0.0], np.geomspace(1e-4 * top, top, _DAMPINGS - 1)])
     scan = np.geomspace(1e-6, 1.0, _SCAN) * 64 * top / device.sample_time_s
     hands = hand_set(problem.hands)
-    delay = whole_delay(device.delay_samples, "the passive regions of zwidth")
-    late = delay or 1
-    at = "" if delay == 0 else f", {delay} samples of delay"
-
-    def passive(model: Model, samples: int) -> Condition:
-        return lambda b, k: _passive(device, model, samples, b, k)
-
-    def stable(some: Hand) -> Condition:
-        return lambda b, k: _stable(device, some, b, k)
-
-    claims = [
-        ("passive-paper", f"passive, paper's hold{at}", delay, passive("paper", delay)),
-        ("passive-sampled-data", f"passive, sampled-data{at}", delay, passive("sampled-data", delay)),
-    ]
-    if delay == 0:
-        claim = "passive, sampled-data, 1 sample of delay"
-        claims.append(("passive-delayed", claim, late, passive("sampled-data", late)))
+    claims, refused = _claims(device)
+    at = _at(device, len(corners))
     claims += [
-        ("stable-released", f"linearly stable without a hand{at}", delay, stable(no_hand())),
-        ("stable-hands", f"linearly stable with every hand{at}", delay, stable(hands)),
+        WallClaim("stable-released", f"linearly stable without a hand{at}", *stable(device, no_hand())),
+        WallClaim("stable-hands", f"linearly stable with every hand{at}", *stable(device, hands)),
     ]
     curves: list[Curve] = []
-    for key, claim, samples, met in claims:
-        progress.advance(len(curves), len(claims), claim)
-        curves.append(Curve(key, claim, samples, _largest(damping, scan, met)))
-    friction, resolution = device.coulomb_friction_n, device.encoder_resolution_m
+    for claim in claims:
+        progress.advance(len(curves), len(claims), claim.claim)
+        largest = largest_in_every_case(damping, scan, claim.cases, claim.score)
+        late = device.delay_samples + (claim.key == "passive-delayed")
+        wanted = claim.holds(wall.damping_ns_per_m, wall.stiffness_n_per_m)
+        curves.append(Curve(claim.key, claim.claim, late, largest, wanted))
+    limit = _encoder_limit(device)
+    used, not_used = _keys(problem, bounded=limit is not None)
     return ZWidth(
         problem=problem.name,
         damping_ns_per_m=damping,
         curves=tuple(curves),
-        encoder_limit_n_per_m=2 * friction / resolution if friction > 0 and resolution > 0 else None,
-        passive_limit_n_per_m=passive_limit_n_per_m(device.damping_ns_per_m, device.sample_time_s, delay),
+        wanted_damping_ns_per_m=wall.damping_ns_per_m,
+        wanted_stiffness_n_per_m=wall.stiffness_n_per_m,
+        encoder_limit_n_per_m=limit,
+        passive_limit_n_per_m=passive_limit_n_per_m(device),
         hands=len(hands),
+        corners=len(corners),
+        used=used,
+        not_used=not_used,
+        refused=refused,
     )
 
 
-def _passive(device: Device, model: Model, delay_samples: int, damping: FloatArray, stiffness: FloatArray) -> BoolArray:
-    loop = SampledLoop(device.damping_ns_per_m, damping, stiffness, device.sample_time_s, delay_samples, model)
-    return worst_margin(loop, np.inf, 1.0).passive
+def _claims(device: Device) -> tuple[list[WallClaim], tuple[str, ...]]:
+    """Return the claims of passivity, and those that have no proof on this device."""
+    at = _at(device, len(device_corners(device, LINEAR_KEYS)))
+    if not ideal(device):
+        why = (
+            f"passive with the paper's hold: no proof on a device with {what_is_declared(device)}, for which that hold "
+            "gives no loop from sample to sample"
+        )
+        claim = f"passive, sampled-data{at}"
+        return [WallClaim("passive-sampled-data", claim, *passive_declared(device))], (why,)
+    claims = [
+        WallClaim("passive-paper", f"passive, paper's hold{at}", *passive_ideal(device, "paper")),
+        WallClaim("passive-sampled-data", f"passive, sampled-data{at}", *passive_ideal(device, "sampled-data")),
+    ]
+    if max(corner.delay_samples for corner in device_corners(device, ("delay_samples",))) == 0:
+        late = passive_ideal(device, "sampled-data", more_delay=1)
+        claims.append(WallClaim("passive-delayed", f"passive, sampled-data, 1 sample of delay{at}", *late))
+    return claims, ()
 
 
-def _stable(device: Device, hands: Hand, damping: FloatArray, stiffness: FloatArray) -> BoolArray:
-    loop = SampledLoop(
-        device.damping_ns_per_m, damping, stiffness, device.sample_time_s, device.delay_samples, "sampled-data"
-    )
-    return linear_stability(device, fractions(loop, np.inf, 1.0), 0.0, hands).stable
+def _at(device: Device, corners: int) -> str:
+    """Say what beside the claim itself is meant."""
+    late = device.delay_samples
+    delay = f", {late:g} sample{'' if late == 1 else 's'} of delay" if late else ""
+    return delay + (f", at {corners} corners of the device" if corners > 1 else "")
 
 
-def _largest(damping: FloatArray, scan: FloatArray, meets: Callable[[FloatArray, FloatArray], BoolArray]) -> FloatArray:
-    """Upper end of the first stretch of stiffnesses that meet a claim, found on a scan and bisected, shape (n,)."""
-    met = np.zeros((len(damping), len(scan)), dtype=bool)
-    going_on = np.arange(len(damping))
-    for column, stiffness in enumerate(scan):
-        met[going_on, column] = meets(damping[going_on], np.full(len(going_on), stiffness))
-        going_on = np.flatnonzero(met[:, column] | ~met[:, :column].any(axis=1))
-        if not going_on.size:
-            break
-    first = np.argmax(met, axis=1)
-    after = np.arange(len(scan))[None, :] > first[:, None]
-    leaves = after & ~met
-    last = np.where(leaves.any(axis=1), np.argmax(leaves, axis=1) - 1, len(scan) - 1)
-    inside, outside = scan[last], scan[np.minimum(last + 1, len(scan) - 1)]
-    for _ in range(_BISECTIONS):
-        middle = (inside + outside) / 2
-        fits = meets(damping, middle)
-        inside, outside = np.where(fits, middle, inside), np.where(fits, outside, middle)
-    return np.asarray(np.where(met.any(axis=1), inside, np.nan))
+def _encoder_limit(device: Device) -> float | None:
+    keys = ("coulomb_friction_n", "encoder_resolution_m")
+    ends = [(one.coulomb_friction_n, one.encoder_resolution_m) for one in device_corners(device, keys)]
+    limits = [2 * friction / resolution for friction, resolution in ends if resolution > 0]
+    return min(limits) if limits and min(limits) > 0 else None
+
+
+def _keys(problem: Problem, *, bounded: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the declared keys that enter the region or the encoder's bound, and those that do not."""
+    linear = {key.partition(".")[0] for key in LINEAR_KEYS} | {"amplifier_order", "encoder_at"}
+    known = linear | ({"coulomb_friction_n", "encoder_resolution_m"} if bounded else set())
+    keys = declared(problem)
+    used = tuple(key for key in keys if key.removeprefix("device.").removeprefix("range.").partition(".")[0] in known)
+    return used, tuple(key for key in keys if key not in used)

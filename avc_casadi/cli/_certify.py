@@ -92,9 +92,9 @@ def _beside_hands(level: Mapping[str, Any]) -> str:
             "L4 what (6) leaves"
         )
     if radius is not None:
-        if level["released_pass"]:
+        if radius < 1 - RADIUS_TOLERANCE:
             word = "comes to rest"
-        elif radius <= 1 + RADIUS_TOLERANCE:
+        elif level["released_pass"] or radius <= 1 + RADIUS_TOLERANCE:
             word = "keeps its speed or place where nothing acts on it, as any free mass, and does not run away"
         else:
             word = "not stable"

@@ -41,9 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
         "highest_hz": float(frequency.max()),
         "nyquist_hz": 0.5 / device.sample_time_s,
         "environment_stiffness_n_per_m": problem.environment.stiffness_n_per_m,
-        "passive_limit_n_per_m": plain(
-            passive_limit_n_per_m(device.damping_ns_per_m, device.sample_time_s, device.delay_samples)
-        ),
+        "passive_limit_n_per_m": plain(passive_limit_n_per_m(device)),
         "declared": list(declared(problem)),
         "warnings": [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)],
     }

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 # Shares of the force limit and of the stiffness felt from which it is worth a line.
 _AT_LIMIT, _STIFFER = 0.97, 1.1
+_HANDS = 100
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="take the stiffest coupling whose hands rest with the declared dry friction, if not without it",
     )
-    parser.add_argument("--hands", type=positive_int, default=100, metavar="N", help="simulated hands (default 100)")
+    parser.add_argument("--hands", type=positive_int, metavar="N", help=f"simulated hands (default {_HANDS})")
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -46,16 +47,23 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     if args.stiffest and args.out is not None:
         raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--out")
+    if args.stiffest and args.hands is not None:
+        raise avc.InputError.of(
+            "goes with a recommendation: --stiffest simulates nobody, it computes with every corner of [hands] and let "
+            "go; leave one of them out",
+            key="--hands",
+        )
+    hands = _HANDS if args.hands is None else args.hands
     out = None if args.out is None else output_file(args.out, "--out", (".json",))
     problem = avc.load_problem(args.problem)
     if args.stiffest:
         with console.step("stiffest wall"):
             document = stiffest(problem, min(2, os.cpu_count() or 1), console)
         return Answer(document, stiffest_text(document))
-    with console.step(f"candidates with {args.hands} hands"):
+    with console.step(f"candidates with {hands} hands"):
         found = recommend(
             problem,
-            args.hands,
+            hands,
             lean_on_friction=args.lean_on_friction,
             versions=package_versions(),
             progress=console,
@@ -183,7 +191,7 @@ def stiffest_text(document: dict[str, Any]) -> str:
         [
             (
                 f"{document['problem']}: stiffest wall that was found ({document['by']}), linearly stable with every "
-                f"hand of [hands] and let go: {number(document['stiffest_wall_n_per_m'])} N/m"
+                f"corner of [hands] and let go: {number(document['stiffest_wall_n_per_m'])} N/m"
             ),
             (
                 f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m, with {number(low)} to "

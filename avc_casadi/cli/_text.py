@@ -14,9 +14,12 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def passive_limit(limit_n_per_m: float | None) -> str:
-    """Return what is known of passive renderings at DC as a clause; None stands for a fractional delay."""
+    """Return what is known of passive renderings at DC as a clause; None where no limit is known."""
     if limit_n_per_m is None or math.isnan(limit_n_per_m):
-        return "a limit of passive rendering is known for whole samples of delay only"
+        return (
+            "a limit of passive rendering is known for rigid devices with an ideal amplifier and whole samples of "
+            "delay only"
+        )
     return f"no passive linear rendering on this device exceeds {number(limit_n_per_m)} N/m at DC (sampled-data)"
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
-from avc_casadi.cli._text import number, sample_rows, table
+from avc_casadi.cli._text import number, passive_limit, sample_rows, table
 
 if TYPE_CHECKING:
     import argparse
@@ -49,20 +49,33 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         region = zwidth(problem, console)
         wall = rendered_wall(problem, gains)
     damped = problem.device.damping_ns_per_m > 0
+    known, refused = _rigid_and_ideal(problem), list(region.refused)
     with console.step("static couplings"):
-        llewellyn = llewellyn_table(problem) if damped else None
-        static = _static(problem) if damped else []
+        llewellyn = llewellyn_table(problem) if damped and known else None
+        static = _static(problem) if damped and known else []
+    if not known:
+        refused.append(
+            "constant couplings, for any passive wall and for this one: known for a rigid device with an ideal "
+            "amplifier and whole samples of delay; `avc recommend P` knows the device as declared"
+        )
     if plot is not None:
         from avc_casadi.figures import draw_zwidth, save_figure
 
         with console.step("figure"):
-            drawn = llewellyn_table(problem, np.linspace(0.0, 8.0, 81)) if damped else None
+            drawn = llewellyn_table(problem, np.linspace(0.0, 8.0, 81)) if llewellyn is not None else None
             save_figure(draw_zwidth(region, drawn, {args.method: wall}), plot)
-    document = _document(region, llewellyn, static)
+    document = _document(region, llewellyn, static) | {"refused": refused}
     document["gains"] = {"method": args.method} | _columns(
         frequency_hz=gains.frequency_hz, wall_damping_ns_per_m=wall[0], wall_stiffness_n_per_m=wall[1]
     )
     return Answer(document, _text(document, args.plot))
+
+
+def _rigid_and_ideal(problem: avc.Problem) -> bool:
+    """Whether Llewellyn's table and the constant couplings know the device."""
+    from avc_casadi.certificate import ideal
+
+    return ideal(problem.device)
 
 
 def _static(problem: avc.Problem) -> list[StaticCoupling]:
@@ -88,13 +101,20 @@ def _document(region: ZWidth, llewellyn: LlewellynTable | None, static: list[Sta
         "problem": region.problem,
         "wall_damping_ns_per_m": _columns(v=region.damping_ns_per_m)["v"],
         "curves": {
-            curve.key: {"claim": curve.claim, "delay_samples": curve.delay_samples}
+            curve.key: {"claim": curve.claim, "delay_samples": curve.delay_samples, "wanted_wall": curve.wanted}
             | _columns(stiffness_n_per_m=curve.stiffness_n_per_m)
             for curve in region.curves
         },
+        "wanted": {
+            "damping_ns_per_m": region.wanted_damping_ns_per_m,
+            "stiffness_n_per_m": region.wanted_stiffness_n_per_m,
+        },
         "hands": region.hands,
+        "device_corners": region.corners,
+        "used": list(region.used),
+        "not_used": list(region.not_used),
         "encoder_limit_n_per_m": region.encoder_limit_n_per_m,
-        "passive_limit_n_per_m": region.passive_limit_n_per_m,
+        "passive_limit_n_per_m": _columns(v=region.passive_limit_n_per_m)["v"],
         "llewellyn": None
         if llewellyn is None
         else {"delay_samples": llewellyn.delay_samples}
@@ -117,7 +137,8 @@ def _text(document: dict[str, Any], plot: str | None) -> str:
         f"{document['problem']}: largest stiffness (N/m) of a wall B + K/s without coupling",
         table(["B\nN.s/m", *(_SHORT[key] for key in curves)], rows),
         *(f"  {_SHORT[key].replace(chr(10), ' ')}: {curve['claim']}" for key, curve in curves.items()),
-        f"no passive linear rendering exceeds {number(document['passive_limit_n_per_m'])} N/m at DC (sampled-data)",
+        _wanted(document),
+        passive_limit(document["passive_limit_n_per_m"]),
     ]
     if any(None in curve["stiffness_n_per_m"] for curve in curves.values()):
         lines.append("  -: no stiffness meets the claim at this B")
@@ -148,9 +169,26 @@ def _text(document: dict[str, Any], plot: str | None) -> str:
         ]
         lines += [
             "",
-            "best constant coupling: llewellyn for any passive wall, all for this wall at all frequencies",
+            "best constant coupling: llewellyn for any passive wall, all for this wall at all frequencies"
+            + ("; nominal device, not its ranges" if document["device_corners"] > 1 else ""),
             table(head, body, left=(0, 1)),
         ]
+    lines += [""] * bool(document["used"] or document["not_used"] or document["refused"])
+    if document["used"]:
+        lines.append(f"declared and used: {', '.join(document['used'])}")
+    if document["not_used"]:
+        lines.append(f"declared and not used: {', '.join(document['not_used'])}")
+    lines += [f"refused: {why}" for why in document["refused"]]
     if plot is not None:
         lines.append(f"drawn: {plot}")
     return "\n".join(lines)
+
+
+def _wanted(document: dict[str, Any]) -> str:
+    """Say which claims the wall of the problem meets without coupling."""
+    wall = document["wanted"]
+    met = [curve["claim"] for curve in document["curves"].values() if curve["wanted_wall"]]
+    return (
+        f"the wall wanted, {number(wall['stiffness_n_per_m'])} N/m and {number(wall['damping_ns_per_m'])} N.s/m, "
+        f"without coupling: {'; '.join(met) or 'meets none of these claims'}"
+    )

@@ -93,7 +93,8 @@ def _stiffness(axes: Axes, study: Pareto, name: Study) -> None:
     _curves(axes, study, name, lambda point: point.dc_stiffness_n_per_m / 1e3, None, {})
     desired, limit = study.desired_stiffness_n_per_m / 1e3, study.passive_limit_n_per_m / 1e3
     axes.axhline(desired, color="0.6", linewidth=2.5, zorder=1, label="desired stiffness")
-    axes.axhline(limit, color="0.35", linestyle=(0, (1, 1.4)), zorder=1, label="limit of passive linear rendering")
+    if np.isfinite(limit):
+        axes.axhline(limit, color="0.35", linestyle=(0, (1, 1.4)), zorder=1, label="limit of passive linear rendering")
     axes.set_ylim(0, 1.12 * (desired or limit or 1.0))
     axes.set_ylabel(f"at {study.dc_frequency_hz:.3g} Hz (kN/m)")
 

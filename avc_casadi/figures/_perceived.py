@@ -72,9 +72,10 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
         _gain(panel, comparison, shown, key, scale)
         panel.set_ylabel(label)
     limit = 1e-3 * comparison.passive_limit_n_per_m
-    panels["d"].axhline(
-        limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label="passive limit of DC stiffness"
-    )
+    if np.isfinite(limit):
+        panels["d"].axhline(
+            limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label="passive limit of DC stiffness"
+        )
     _real_part(panels["e"], comparison, shown)
     handles, labels = panels["a"].get_legend_handles_labels()
     for letter in ("c", "d", "e"):

@@ -72,7 +72,17 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
         axes.axhline(
             limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label=r"encoder and friction, $2f_c/\Delta$"
         )
+    wanted = region.wanted_stiffness_n_per_m
     lowest, highest = [], []
+    if wanted > 0:
+        # A wall without damping has no place on a logarithmic axis: the left edge.
+        place = max(region.wanted_damping_ns_per_m, float(damping[0]))
+        axes.plot(
+            [place], [wanted], linestyle="none", marker="*", markersize=11, color="#b2182b", markeredgecolor="white",
+            markeredgewidth=0.6, label=f"wall wanted: {wanted:g} N/m, {region.wanted_damping_ns_per_m:g} N.s/m",
+            zorder=6, clip_on=False,
+        )  # fmt: skip
+        lowest, highest = [wanted], [wanted]
     for (name, (b, k)), marker in zip(rendered.items(), "o^sDv", strict=False):
         shown = (b > 0) & (k > 0)
         axes.plot(
@@ -85,11 +95,12 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
     axes.set_yscale("log")
     curves = np.concatenate([curve.stiffness_n_per_m[np.isfinite(curve.stiffness_n_per_m)] for curve in region.curves])
     stable = np.concatenate([c.stiffness_n_per_m for c in region.curves if c.key.startswith("stable")])
-    top = max(np.nanmax(stable, initial=1.0), region.passive_limit_n_per_m, *highest, 0.0)
-    bottom = min(0.3 * region.passive_limit_n_per_m if region.passive_limit_n_per_m > 0 else top, *lowest, top)
+    passive = np.nan_to_num(region.passive_limit_n_per_m)
+    top = max(np.nanmax(stable, initial=1.0), passive, *highest, 0.0)
+    bottom = min(0.3 * passive if passive > 0 else top, *lowest, top)
     bottom = max(bottom, 1e-4 * top, 0.5 * curves.min(initial=top))
     axes.set_ylim(0.7 * bottom, 2.5 * max(top, limit or 0.0))
-    axes.set_xlim(damping[0], damping[-1])
+    axes.set_xlim(damping[0], max(damping[-1], 1.2 * region.wanted_damping_ns_per_m))
     axes.set_xlabel(f"wall damping B ({IMPEDANCE_UNIT})")
     axes.set_ylabel("wall stiffness K (N/m)")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi.loop import device_corners
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
@@ -14,16 +15,23 @@ if TYPE_CHECKING:
         SampledLoop,
         Values,
     )
+    from avc_casadi.problem import Device
 
 
-def passive_limit_n_per_m(device_damping_ns_per_m: float, sample_time_s: float, delay_samples: float = 0) -> float:
+def passive_limit_n_per_m(device: Device) -> float:
     """Return 2 b_d/((1 + d) T): no passive linear time-invariant rendering has a larger DC stiffness.
 
-    Not a number for a fractional delay, for which no such limit is known here.
+    Taken with the lowest damping and the longest delay of the device's ranges. Not a number for a fractional delay, an
+    amplifier or a resonance, for which no such limit is known here. F(z) = b_d + z^-(1+d) Z(z) is positive real; the d
+    coefficients of its expansion in 1/z after b_d vanish, so that of its measure, b_d in all, z = 1 carries b_d/(1 + d)
+    at most, and that is half the residue K T.
     """
-    if delay_samples != int(delay_samples):
+    if device.amplifier_bandwidth_hz is not None or device.resonance is not None:
         return float("nan")
-    return 2 * device_damping_ns_per_m / ((1 + delay_samples) * sample_time_s)
+    corners = device_corners(device, ("damping_ns_per_m", "delay_samples"))
+    if any(corner.delay_samples != int(corner.delay_samples) for corner in corners):
+        return float("nan")
+    return min(2 * corner.damping_ns_per_m / ((1 + corner.delay_samples) * corner.sample_time_s) for corner in corners)
 
 
 def largest_lead_for_all_frequencies(

@@ -103,7 +103,7 @@ def whole_delay(delay_samples: float, what: str) -> int:
         return whole
     raise UnsupportedError(
         f"device.delay_samples is {plain(delay_samples)}: {what} takes whole samples only. Fractions are taken by the "
-        "pointwise methods (direct, exact, closed-form), by the certificate levels L0 and L5 and by scenes; or round "
-        f"the delay up to {whole + 1}",
+        "pointwise methods (direct, exact, closed-form), by the certificate levels L0, L1, L3 and L5, and by scenes; "
+        f"or round the delay up to {whole + 1}",
         key="device.delay_samples",
     )

@@ -96,7 +96,7 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     counts, closed, rows = summary["counts"], summary["closed_form"], summary["rows"]
     realisable = closed.get("solved", 0) + closed.get("active-bound", 0)
     limit = summary["passive_limit_n_per_m"]
-    limit = "known for whole samples of delay only" if limit is None else f"{limit:.4g} N/m"
+    limit = "not known" if limit is None else f"{limit:.4g} N/m"
     return [
         (
             f"{summary['problem']}: {summary['title']} (structure {summary['structure']}, "

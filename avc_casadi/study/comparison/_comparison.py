@@ -185,7 +185,6 @@ def compare(
     both = all(method in gains for method in OPTIMISERS)
     tables = dict(gains) if mine is None else {**gains, "mine": constant_pair(problem, mine)}
     judged = {name: judge_gains(problem, table) for name, table in tables.items()}
-    device = problem.device
     return Comparison(
         problem=problem.name,
         title=problem.title,
@@ -211,9 +210,7 @@ def compare(
             problem, loop, mine, gains[optimum], AGREEMENT * scale, (judged["mine"].safety, judged[optimum].safety)
         ),
         judged=judged,
-        passive_limit_n_per_m=passive_limit_n_per_m(
-            device.damping_ns_per_m, device.sample_time_s, device.delay_samples
-        ),
+        passive_limit_n_per_m=passive_limit_n_per_m(problem.device),
     )
 
 

@@ -142,7 +142,7 @@ def pareto(problem: Problem | str | Path, progress: Progress = SILENT) -> Pareto
     for variant in variants(problem):
         with progress.step(f"{variant.study} {variant.label}{', constant gains' if variant.constant else ''}"):
             points.append(_point(variant, weight / weight.sum()))
-    device, upper, lower = problem.device, problem.boundaries.upper, problem.boundaries.lower
+    upper, lower = problem.boundaries.upper, problem.boundaries.lower
     return Pareto(
         problem=problem.name,
         title=problem.title,
@@ -151,9 +151,7 @@ def pareto(problem: Problem | str | Path, progress: Progress = SILENT) -> Pareto
         dc_frequency_hz=float(frequency[0]),
         wall_stiffness_n_per_m=problem.environment.stiffness_n_per_m,
         desired_stiffness_n_per_m=(upper.stiffness_n_per_m + lower.stiffness_n_per_m) / 2,
-        passive_limit_n_per_m=passive_limit_n_per_m(
-            device.damping_ns_per_m, device.sample_time_s, device.delay_samples
-        ),
+        passive_limit_n_per_m=passive_limit_n_per_m(problem.device),
         points=tuple(points),
     )
 

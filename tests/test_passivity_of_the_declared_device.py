@@ -1,0 +1,319 @@
+"""Levels L0 to L4 with amplifier, resonance and any delay, against the impedance at the handle written out as a matrix.
+
+The hand moves at all aliases of a frequency at once; the impedance that it meets is a matrix over them, written down
+here from the equations of motion, and its Hermitian part says what is passive.
+"""
+
+import json
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.certificate import certify, levels_table
+from avc_casadi.coupling import Status, gain_schedule
+from avc_casadi.loop import Hand, device_corners
+from avc_casadi.passivity import (
+    CouplingSlack,
+    RenderingSlack,
+    SampledLoop,
+    fractions,
+    handle_port,
+    port_worst,
+    worst_margin,
+)
+from avc_casadi.problem import Device
+from avc_casadi.stability import whole_stability
+
+MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
+
+
+def random_device(rng):
+    order = int(rng.integers(0, 3))
+    device = {
+        "mass_kg": rng.uniform(0.05, 0.5),
+        "damping_ns_per_m": rng.uniform(0.2, 4.0),
+        "sample_time_s": rng.uniform(5e-4, 2e-3),
+        "delay_samples": float(rng.choice([0, 1, 2, round(rng.uniform(0, 2.5), 2)])),
+        "encoder_at": str(rng.choice(["motor", "handle"])),
+    }
+    if order:
+        device |= {"amplifier_bandwidth_hz": rng.uniform(150, 2000), "amplifier_order": order}
+    if rng.random() < 0.6:
+        mode = {"frequency_hz": rng.uniform(40, 300), "damping_ratio": rng.uniform(0.01, 0.2)}
+        device["resonance"] = mode | {"mass_ratio": rng.uniform(0.2, 0.8)}
+    return Device(**device)
+
+
+def equations(device, s):
+    """Of the device at s: impedance at the handle, motor over handle velocity, the motor's admittance, amplifier."""
+    b, one = device.damping_ns_per_m, np.ones_like(s)
+    amplifier = one
+    if device.amplifier_bandwidth_hz is not None:
+        a = 2 * np.pi * device.amplifier_bandwidth_hz
+        amplifier = a / (s + a) if device.amplifier_order == 1 else a**2 / (s**2 + 1.4 * a * s + a**2)
+    if device.resonance is None:
+        return device.mass_kg * s + b, one, one, 0 * s, amplifier
+    mode = device.resonance
+    handle, motor = mode.mass_ratio * device.mass_kg, (1 - mode.mass_ratio) * device.mass_kg
+    between = handle * motor / (handle + motor)
+    omega = 2 * np.pi * mode.frequency_hz
+    spring, own = between * (omega**2 / s + 2 * mode.damping_ratio * omega), motor * s + b
+    tau = spring / (spring + own)
+    seen, admittance = (one, 0 * s) if device.encoder_at == "handle" else (tau, 1 / (spring + own))
+    return handle * s + spring * own / (spring + own), tau, seen, admittance, amplifier
+
+
+def rendered(gains, wall, sample_time_s, z):
+    """Coupling and wall in series beside the contact damper, for backward differences."""
+    rate = (1 - 1 / z) / sample_time_s
+    coupling, wall = gains[0] + gains[1] / rate, wall[0] + wall[1] / rate
+    return coupling * wall / (coupling + wall) + gains[2]
+
+
+def lowest_eigenvalue(device, impedance, turns, aliases):
+    """Of the Hermitian part of the impedance at the handle, `impedance` the rendering's; and the least loss alone."""
+    time = device.sample_time_s
+    s = 2j * np.pi * (turns + np.arange(-aliases, aliases + 1)) / time
+    z = np.exp(2j * np.pi * turns)
+    alone, tau, seen, admittance, amplifier = equations(device, s)
+    per_position = impedance * (1 - 1 / z) / time
+    force = (1 - np.exp(-s * time)) / s * amplifier * np.exp(-s * device.delay_samples * time)
+    closed = per_position / (1 + per_position * np.sum(force * admittance / s) / time)
+    matrix = np.diag(alone) + np.outer(tau * force * closed, seen / s / time)
+    return np.linalg.eigvalsh((matrix + matrix.conj().T) / 2)[0], alone.real.min()
+
+
+def extrapolated(device, impedance, turns):
+    """What is left out of the matrix falls with the number of aliases."""
+    (few, least), (many, _) = (lowest_eigenvalue(device, impedance, turns, n) for n in (120, 240))
+    return min(2 * many - few, least)
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_the_margin_is_the_lowest_eigenvalue_of_the_impedance_at_the_handle(seed):
+    rng = np.random.default_rng(seed)
+    device = random_device(rng)
+    gains, wall = 10 ** rng.uniform([-1, 2, -2], [1, 4, 0.5]), 10 ** rng.uniform([-1, 2], [1, 4])
+    parts = fractions(
+        SampledLoop(0.0, *wall, device.sample_time_s, 0, "sampled-data"), *(np.array([v]) for v in gains[:2])
+    )
+    found = port_worst([device], RenderingSlack(parts, gains[2:]), 1)
+    slack = RenderingSlack(parts, gains[2:])
+    for turns in (1e-3, 0.03, 0.2, 0.45, found.frequency_hz[0] * device.sample_time_s):
+        if turns < 1e-4:
+            continue
+        z = np.exp(2j * np.pi * turns)
+        expected = extrapolated(device, rendered(gains, wall, device.sample_time_s, z), turns)
+        left = slack(handle_port(device, np.array([turns / device.sample_time_s])), np.array([0]))[0][0, 0]
+        if abs(expected) > 1e-2:
+            assert (left > 0) == (expected > 0)
+        if turns == found.frequency_hz[0] * device.sample_time_s:
+            assert found.margin_ns_per_m[0] == pytest.approx(expected, rel=2e-3, abs=2e-3)
+            assert found.passed[0] == (found.margin_ns_per_m[0] >= 0)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_worst_frequency_is_not_missed(seed):
+    """A scan of this many points, equally spaced, finds nothing lower than the search."""
+    rng = np.random.default_rng(100 + seed)
+    device = random_device(rng)
+    wall = 10 ** rng.uniform([-1, 2], [1, 4])
+    b, k, contact = 10 ** rng.uniform([-1, 2, -2], [1, 4, 0.5], (5, 3)).T
+    slack = RenderingSlack(fractions(SampledLoop(0.0, *wall, device.sample_time_s, 0, "sampled-data"), b, k), contact)
+    found = port_worst([device], slack, 5)
+    rows = np.arange(5)
+    least = slack(handle_port(device, np.linspace(1e-4, 0.5, 6000) / device.sample_time_s), rows)[0].min(axis=1)
+    own = slack(handle_port(device, found.frequency_hz[:, None]), rows)[0][:, 0]
+    assert (own <= least + 1e-6 * (1 + np.abs(least))).all()
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize(
+    "nearly",
+    [
+        {"amplifier_bandwidth_hz": 1e6},
+        {"resonance": {"frequency_hz": 2e5, "damping_ratio": 0.01, "mass_ratio": 0.5}},
+        {"resonance": {"frequency_hz": 2e5, "damping_ratio": 0.01, "mass_ratio": 0.5}, "encoder_at": "handle"},
+    ],
+)
+def test_a_device_that_is_almost_ideal_has_the_margin_of_the_ideal_one(delay, nearly):
+    rng = np.random.default_rng(delay)
+    wall, time = (3.0, 4e3), 1e-3
+    b, k, contact = 10 ** rng.uniform([-1, 2, -2], [1, 4, 0.5], (30, 3)).T
+    device = {"mass_kg": 0.1, "damping_ns_per_m": 3.0, "sample_time_s": time, "delay_samples": delay}
+    slack = RenderingSlack(fractions(SampledLoop(0.0, *wall, time, 0, "sampled-data"), b, k), contact)
+    closed = worst_margin(SampledLoop(3.0, *wall, time, delay, "sampled-data"), b, k, contact)
+    for more, tolerance in (({}, 1e-6), (nearly, 0.03)):
+        found = port_worst([Device(**device, **more)], slack, 30)
+        scale = 1 + np.abs(closed.margin_ns_per_m)
+        assert (np.abs(found.margin_ns_per_m - closed.margin_ns_per_m) <= tolerance * scale).all()
+
+
+def table(case, b, k, contact=0.0):
+    n = len(case.frequencies_hz())
+    gains = tuple(np.broadcast_to(np.asarray(value, dtype=float), (n,)) for value in (b, k, contact))
+    return gain_schedule(case, "file", gains, (Status.SOLVED,) * n)
+
+
+def problem(model="sampled-data", **device):
+    return avc.parse_problem(
+        "[device]\nmass_kg=0.1\ndamping_ns_per_m=3.0\n[environment]\ndamping_ns_per_m=1.0\nstiffness_n_per_m=2e4\n"
+        f"[stability]\nmodel='{model}'\n[frequency]\nstart_hz=1.0\nstop_hz=240.0\npoints=8\n"
+    ).changed(device=device)
+
+
+DECLARED = {
+    "amplifier": {"amplifier_bandwidth_hz": 300.0},
+    "current loop": {"amplifier_bandwidth_hz": 300.0, "amplifier_order": 2},
+    "resonance": {"resonance": MODE},
+    "encoder at the handle": {"resonance": MODE, "encoder_at": "handle"},
+    "fraction": {"delay_samples": 0.5},
+    "all": {"resonance": MODE, "amplifier_bandwidth_hz": 600.0, "delay_samples": 1.3},
+}
+
+
+@pytest.mark.parametrize("device", DECLARED.values(), ids=DECLARED)
+def test_what_l3_passes_every_passive_hand_holds_still(device):
+    """Hands far outside any range, and the edge of passivity is an edge."""
+    case, rng = problem(**device), np.random.default_rng(7)
+
+    def level(b, k):
+        return certify(case, table(case, b, k), draws=0).levels["L3"]
+
+    def passive(b, k):
+        parts = fractions(SampledLoop.of(case, "sampled-data"), np.array([b]), np.array([k]))
+        return port_worst([case.device], RenderingSlack(parts, np.zeros(1)), 1).passed[0]
+
+    for b in (0.3, 3.0):
+        low, high = 0.0, 4e4
+        for _ in range(12):
+            middle = (low + high) / 2
+            low, high = (middle, high) if passive(b, middle) else (low, middle)
+        assert 0 < low < high < 4e4
+        assert level(b, low).passed
+        failed = level(b, high)
+        assert not failed.passed
+        assert level(b, low).margin_ns_per_m >= -1e-9 > failed.margin_ns_per_m
+        hands = Hand(*10 ** rng.uniform([-4, -3, -1], [1, 2, 5], (60, 3)).T)
+        parts = fractions(SampledLoop.of(case), np.array([b]), np.array([low]))
+        assert whole_stability(case.device, parts, 0.0, hands).radius.max() < 1
+
+
+def test_an_amplifier_and_a_delay_cost_passivity_and_mechanics_alone_does_not():
+    found = {}
+    for name, device in ({"ideal": {}} | DECLARED).items():
+        case = problem(**device)
+        found[name] = certify(case, table(case, 0.3, 5e3), draws=0).levels["L3"]
+    assert {name for name, level in found.items() if level.passed} == {"ideal", "resonance", "encoder at the handle"}
+    # The sensor beyond the resonance from the motor is the worse one.
+    assert found["encoder at the handle"].margin_ns_per_m < found["resonance"].margin_ns_per_m
+
+
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+@pytest.mark.parametrize("device", DECLARED.values(), ids=DECLARED)
+def test_own_frequency_and_band_are_the_papers_impedance_with_the_devices_responses(device, model):
+    case = problem(model, **device)
+    b, k, contact = 2.0, 1500.0, 0.5
+    levels = certify(case, table(case, b, k, contact), draws=0).levels
+    time, wall = case.device.sample_time_s, case.environment
+
+    def real(frequency):
+        s, z = 2j * np.pi * frequency, np.exp(2j * np.pi * frequency * time)
+        rate = (1 - 1 / z) / time
+        wall_rate = 2 / time * (z - 1) / (z + 1) if model == "paper" else rate
+        hold = (z + 1) / (2 * z) if model == "paper" else 1 / z
+        alone, tau, seen, admittance, amplifier = equations(case.device, s)
+        coupling = b + k / rate
+        environment = wall.damping_ns_per_m + wall.stiffness_n_per_m / wall_rate
+        total = (coupling * environment / (coupling + environment) + contact) * hold * amplifier
+        total = total * np.exp(-s * case.device.delay_samples * time)
+        return (alone + tau * seen * total / (1 + total * admittance)).real
+
+    own = case.frequencies_hz()
+    np.testing.assert_allclose(levels["L0"].row_margin_ns_per_m, real(own), rtol=1e-9, atol=1e-9)
+    for row, frequency in enumerate(own):
+        lowest = real(np.minimum(np.geomspace(frequency / 2, frequency * 2, 20001), 0.5 / time)).min()
+        assert levels["L1"].row_margin_ns_per_m[row] == pytest.approx(lowest, rel=1e-5, abs=1e-6)
+    assert levels["L0"].passed == (levels["L0"].row_margin_ns_per_m >= 0).all()
+
+
+@pytest.mark.parametrize("device", DECLARED.values(), ids=DECLARED)
+def test_llewellyns_level_is_the_worst_of_all_passive_walls(device):
+    """At each frequency the wall may be any impedance with a real part that is not negative."""
+    device, rng = problem(**device).device, np.random.default_rng(3)
+    time, edges = device.sample_time_s, 0
+    wall = np.append(1j * np.tan(np.linspace(-1.5707, 1.5707, 4001)), 0.0)
+    for turns in (2e-3, 0.03, 0.2, 0.45):
+        port, z = handle_port(device, np.array([turns / time])), np.exp(2j * np.pi * turns)
+
+        def worst(gains, port=port, z=z):
+            coupling = gains[0] + gains[1] * time / (1 - 1 / z)
+            any_wall = wall * abs(coupling)
+            w = (coupling * any_wall / (coupling + any_wall) + gains[2]) / z
+            return (np.abs(1 + w * port.centre) - np.abs(w) * port.spread).min()
+
+        def left(gains, port=port):
+            return CouplingSlack(*gains[:, None], time)(port, np.array([0]))[0][0, 0]
+
+        for gains in 10 ** rng.uniform([-1, 1, -1], [1, 3, 0.8], (6, 3)):
+            # Not every stiffer coupling is worse: the first edge.
+            steps = np.geomspace(1e-3, 1e4, 120)
+            fails = [step for step in steps if worst(step * gains) < 0]
+            if not fails or fails[0] == steps[0]:
+                continue
+            low, high = fails[0] * steps[0] / steps[1], fails[0]
+            for _ in range(30):
+                middle = (low + high) / 2
+                low, high = (middle, high) if worst(middle * gains) >= 0 else (low, middle)
+            edges += 1
+            assert left(0.998 * low * gains) >= 0 > left(1.002 * low * gains)
+    assert edges > 5
+
+
+@pytest.mark.parametrize("device", DECLARED.values(), ids=DECLARED)
+@pytest.mark.parametrize(("model", "refused"), [("paper", {"L2", "L4"}), ("sampled-data", {"L2"})])
+def test_a_level_without_a_proof_is_refused_by_name(device, model, refused):
+    case = problem(model, **device)
+    certificate = certify(case, table(case, 0.1, 1.0), draws=0)
+    assert {name for name, level in certificate.levels.items() if level.refused} == refused
+    for name in refused:
+        level = certificate.levels[name]
+        assert level.claim.startswith(f"Not judged: {name} with the paper's hold has no proof on a device with")
+        assert not level.passed
+        assert np.isnan(level.margin_ns_per_m)
+        for key in ("amplifier_bandwidth_hz", "resonance", "delay_samples"):
+            assert (f"device.{key}" in level.refused) == (key in device)
+    assert all(certificate.levels[name].passed for name in set(certificate.levels) - refused)
+    document = json.loads(json.dumps(certificate.document(), allow_nan=False))
+    assert {name for name, level in document["levels"].items() if level["refused"]} == refused
+    words = {row[0]: row[2] for row in levels_table(document).rows}
+    assert {name for name, word in words.items() if word == "refused"} == refused
+
+
+def test_every_corner_of_the_declared_device_counts():
+    ranges = {"mass_kg": (0.05, 0.2), "amplifier_bandwidth_hz": (60.0, 900.0), "delay_samples": (0, 1.5)}
+    case = problem(amplifier_bandwidth_hz=600.0, resonance=MODE, range=ranges)
+    gains = table(case, 1.0, 1500.0)
+    levels = certify(case, gains, draws=0).levels
+    corners = [case.changed(device=corner) for corner in device_corners(case.device)]
+    assert len(corners) == 8
+    alone = [certify(corner, gains, draws=0).levels for corner in corners]
+    for name in ("L0", "L1", "L3", "L4"):
+        assert levels[name].passed == all(one[name].passed for one in alone)
+    assert levels["L0"].margin_ns_per_m == min(one["L0"].margin_ns_per_m for one in alone)
+    assert not levels["L3"].passed
+    assert any(one["L3"].passed for one in alone)
+
+
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+def test_an_ideal_device_is_judged_at_both_ends_of_its_delay(model):
+    case = problem(model, range={"delay_samples": (0, 3)})
+    gains = table(case, 1.0, 1500.0)
+    levels = certify(case, gains, draws=0).levels
+    ends = [certify(problem(model, delay_samples=delay), gains, draws=0).levels for delay in (0, 3)]
+    for name in ("L0", "L1", "L2", "L3", "L4"):
+        expected = np.minimum(*(one[name].row_margin_ns_per_m for one in ends))
+        np.testing.assert_array_equal(levels[name].row_margin_ns_per_m, expected)
+    assert ends[0]["L3"].passed
+    assert not levels["L3"].passed

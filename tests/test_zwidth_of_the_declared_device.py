@@ -1,0 +1,203 @@
+"""The K-B region of the device as declared: its edges stand at the worst corner, and what it leaves out is named."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from test_deployable_knows_the_whole_device import growth
+from test_passivity_of_the_declared_device import lowest_eigenvalue
+
+import avc_casadi as avc
+from avc_casadi import UnsupportedError
+from avc_casadi.certificate import llewellyn_table, zwidth
+from avc_casadi.certificate._every_case import largest_in_every_case
+from avc_casadi.cli import main
+from avc_casadi.figures import draw_zwidth
+from avc_casadi.loop import device_corners, hand_corners
+
+MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
+CASES = {
+    "mass": {"range": {"mass_kg": (0.05, 0.3)}},
+    "damping and delay": {"range": {"damping_ns_per_m": (1.0, 4.0), "delay_samples": (0, 2)}},
+    "amplifier": {"amplifier_bandwidth_hz": 300.0, "amplifier_order": 2, "range": {"mass_kg": (0.05, 0.3)}},
+    "resonance": {"resonance": MODE, "range": {"resonance": {"frequency_hz": (100.0, 200.0)}}},
+    "all": {
+        "resonance": MODE,
+        "encoder_at": "handle",
+        "amplifier_bandwidth_hz": 700.0,
+        "delay_samples": 0.5,
+        "range": {"mass_kg": (0.05, 0.2), "delay_samples": (0.5, 1.5)},
+    },
+}
+HANDS = {"mass_kg": (0.05, 0.3), "damping_ns_per_m": (3.0, 20.0), "stiffness_n_per_m": (200.0, 800.0)}
+
+
+@cache
+def problem(name):
+    bare = avc.parse_problem(
+        "[device]\nmass_kg=0.1\ndamping_ns_per_m=2.0\n[environment]\ndamping_ns_per_m=1.0\nstiffness_n_per_m=3e3\n",
+        name="p",
+    )
+    return bare.changed(device=CASES[name], hands=HANDS)
+
+
+@cache
+def region(name):
+    return zwidth(problem(name))
+
+
+def curve(name, key):
+    return {one.key: one.stiffness_n_per_m for one in region(name).curves}[key]
+
+
+def worst_growth(case, hands, damping, stiffness):
+    """Spectral radius of a wall behind a joint that is far stiffer, at the worst corner."""
+    return max(
+        growth(corner, hand, (0.0, 1e13, 0.0), (damping, stiffness))
+        for corner in device_corners(case.device)
+        for hand in hands
+    )
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("key", ["stable-hands", "stable-released"])
+def test_the_edge_of_the_stable_walls_is_that_of_the_worst_corner(name, key):
+    case, found = problem(name), curve(name, key)
+    corners = hand_corners(case.hands)
+    hands = [(0.0, 0.0, 0.0)]
+    if key == "stable-hands":
+        hands = [tuple(corners.values(index).values()) for index in range(len(corners))]
+    rows = np.flatnonzero(np.isfinite(found))[:: max(1, np.count_nonzero(np.isfinite(found)) // 6)]
+    assert len(rows) > 3
+    for row in rows:
+        damping = region(name).damping_ns_per_m[row]
+        for share in (0.3, 0.8, 0.999):
+            assert worst_growth(case, hands, damping, share * found[row]) < 1
+        # Hands between the corners may be worse: the edge is then below that of the corners.
+        if key == "stable-released":
+            assert worst_growth(case, hands, damping, 1.001 * found[row]) > 1
+
+
+def test_a_light_device_takes_the_walls_that_only_the_nominal_one_holds():
+    case = avc.load_problem("figure5").changed(device={"range": {"mass_kg": (0.05, 0.2)}})
+    vague = zwidth(case)
+    exact = zwidth("figure5")
+    row = int(np.nanargmax(exact.curves[-1].stiffness_n_per_m))
+    damping, stiffness = exact.damping_ns_per_m[row], exact.curves[-1].stiffness_n_per_m[row]
+    light = case.changed(device={"mass_kg": 0.05, "range": {"mass_kg": None}}).device
+    hand = (0.05, 3.0, 200.0)
+    assert growth(light, hand, (0.0, 1e13, 0.0), (damping, stiffness)) > 1.1
+    allowed = np.interp(damping, vague.damping_ns_per_m, np.nan_to_num(vague.curves[-1].stiffness_n_per_m))
+    assert allowed < 0.8 * stiffness
+    assert (vague.corners, exact.corners) == (2, 1)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_edge_of_the_passive_walls_is_where_the_handle_loses_its_damping(name):
+    case, found = problem(name), curve(name, "passive-sampled-data")
+    time = case.device.sample_time_s
+    rows = np.flatnonzero(np.isfinite(found))
+    for row in rows[[0, len(rows) // 2]]:
+        damping = region(name).damping_ns_per_m[row]
+        for factor, passive in ((0.98, True), (1.03, False)):
+            lowest = np.inf
+            for corner in device_corners(case.device):
+                for turns in np.concatenate([np.geomspace(1e-3, 0.1, 25), np.linspace(0.11, 0.5, 25)]):
+                    rate = (1 - np.exp(-2j * np.pi * turns)) / time
+                    impedance = damping + factor * found[row] / rate
+                    lowest = min(lowest, lowest_eigenvalue(corner, impedance, turns, 60)[0])
+            assert (lowest > -2e-3) == passive
+
+
+def test_every_passive_wall_is_stable():
+    for name in CASES:
+        passive = curve(name, "passive-sampled-data")
+        inside = np.isfinite(passive)
+        for key in ("stable-hands", "stable-released"):
+            assert (passive[inside] <= curve(name, key)[inside] * (1 + 1e-4)).all()
+
+
+def test_what_has_no_proof_is_refused_by_name():
+    for name in ("mass", "damping and delay"):
+        assert region(name).refused == ()
+        assert "passive-paper" in {one.key for one in region(name).curves}
+    for name, keys in (("amplifier", ["amplifier_bandwidth_hz"]), ("resonance", ["resonance"])):
+        (why,) = region(name).refused
+        assert why.startswith("passive with the paper's hold: no proof on a device with device.")
+        assert all(f"device.{key}" in why for key in keys)
+        assert "passive-paper" not in {one.key for one in region(name).curves}
+        with pytest.raises(UnsupportedError, match=f"Llewellyn's table knows no device.{keys[0]}"):
+            llewellyn_table(problem(name))
+
+
+def test_declared_keys_are_used_or_named_as_not_used():
+    case = problem("amplifier").changed(
+        device={
+            "coulomb_friction_n": 0.2,
+            "encoder_resolution_m": 2e-5,
+            "max_force_n": 8.0,
+            "backlash_m": 1e-4,
+            "position_noise_rms_m": 1e-6,
+            "range": {"coulomb_friction_n": (0.1, 0.3), "encoder_resolution_m": (1e-5, 4e-5)},
+        }
+    )
+    found = zwidth(case)
+    assert set(found.not_used) == {"device.max_force_n", "device.backlash_m", "device.position_noise_rms_m"}
+    assert {"device.amplifier_bandwidth_hz", "device.amplifier_order", "device.range.mass_kg"} <= set(found.used)
+    assert found.encoder_limit_n_per_m == pytest.approx(2 * 0.1 / 4e-5)
+    assert "device.coulomb_friction_n" in found.used
+    without = zwidth(case.changed(device={"range": {"coulomb_friction_n": (0.0, 0.3)}}))
+    assert without.encoder_limit_n_per_m is None  # there may be no friction
+    assert "device.encoder_resolution_m" in without.not_used
+
+
+def test_the_command_tells_what_it_used_and_refused(tmp_path, capsys):
+    file = tmp_path / "slow.toml"
+    file.write_text(avc.dump_problem(problem("amplifier").changed(device={"max_force_n": 8.0, "delay_samples": 1})))
+    assert main(["zwidth", str(file), "--json", "--plot", str(tmp_path / "z.png")]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["not_used"] == ["device.max_force_n"]
+    assert document["device_corners"] == 2
+    assert document["wanted"] == {"damping_ns_per_m": 1.0, "stiffness_n_per_m": 3e3}
+    assert document["llewellyn"] is None
+    assert document["static"] == []
+    assert document["passive_limit_n_per_m"] is None
+    assert [one.partition(":")[0] for one in document["refused"]] == [
+        "passive with the paper's hold",
+        "constant couplings, for any passive wall and for this one",
+    ]
+    assert main(["zwidth", str(file)]) == 0
+    text = capsys.readouterr().out
+    assert "declared and not used: device.max_force_n" in text
+    assert "declared and used: device.delay_samples, device.amplifier_bandwidth_hz" in text
+    assert "refused: passive with the paper's hold" in text
+    assert "the wall wanted, 3000 N/m and 1 N.s/m, without coupling: meets none of these claims" in text
+
+
+def test_the_figure_marks_the_wall_that_is_wanted():
+    for name in ("mass", "all"):
+        axes = draw_zwidth(region(name)).axes[0]
+        (star,) = [line for line in axes.lines if line.get_label().startswith("wall wanted")]
+        assert (star.get_xdata()[0], star.get_ydata()[0]) == (1.0, 3e3)
+        (low, high), (left, right) = axes.get_ylim(), axes.get_xlim()
+        assert low < 3e3 < high
+        assert left <= 1.0 <= right
+
+
+@pytest.mark.parametrize(("stiffness", "met"), [(1e3, True), (3e4, False)])
+def test_the_wanted_wall_meets_what_its_curve_says(stiffness, met):
+    found = zwidth(problem("mass").changed(environment={"stiffness_n_per_m": stiffness}))
+    assert [one.wanted for one in found.curves] == [met] * len(found.curves)
+
+
+def test_a_case_that_decides_nowhere_else_is_found():
+    """Forty cases, of which each bounds one damping alone."""
+    damping, bounds = np.arange(40.0), np.full((40, 40), 100.0)
+    np.fill_diagonal(bounds, np.linspace(10.0, 50.0, 40))
+
+    def score(cases, b, k):
+        return bounds[np.asarray(b, dtype=int)][:, cases] - np.asarray(k)[:, None]
+
+    found = largest_in_every_case(damping, np.geomspace(0.1, 1e3, 60), 40, score)
+    np.testing.assert_allclose(found, np.diag(bounds), rtol=1e-9)
