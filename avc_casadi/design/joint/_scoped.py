@@ -22,11 +22,13 @@ from avc_casadi.coupling import (
     gain_schedule,
 )
 from avc_casadi.design._rows import GainArrays, row_status
+from avc_casadi.design.joint._hands_direct import hands_optima
 from avc_casadi.design.joint._infeasible import Missing, missing_rows
 from avc_casadi.design.joint._program import Solution, solve_program
 from avc_casadi.design.joint._realism import realism_slack
 from avc_casadi.design.joint._refine import Outcome, refined
 from avc_casadi.design.joint._scope import Slots, worst_slack
+from avc_casadi.design.joint._states import States
 from avc_casadi.design.joint._task import Task
 from avc_casadi.design.pointwise import EDGES, edge_search_gains, solve_direct
 from avc_casadi.loop import Loop, loop_at
@@ -40,8 +42,6 @@ _WEIGHT = 1e4
 _POINTS = {2: (32, 32), 3: (16, 16, 8)}
 _FINER = 4
 """How much finer the lattice is for a frequency whose other starts have all failed."""
-_UNSTABLE = 1e6
-"""Cost of a spectral radius above 1 in the lattice: a thousandth decides, and the solver seldom finds back."""
 _SWEEPS = 3
 """How often gains are tried at other frequencies than their own."""
 _SAME = 1e-6
@@ -138,7 +138,8 @@ def scoped_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> S
     """Minimise (11) at each frequency subject to the problem's scope, met exactly, and to the gain box."""
     frequency = problem.frequencies_hz()
     # Where every hand must be stable, (12) need not hold: only then do these gains include all that meet the scope.
-    b, k, p = edge_search_gains(problem, loop, _NO_MARGIN if problem.stability.scope == "hands" else None, progress)
+    hands = problem.stability.scope == "hands"
+    b, k, p = edge_search_gains(problem, loop, _NO_MARGIN if hands else None, progress)
     found = np.isfinite(b)
     b0, k0, p0 = (np.where(found, gain, 0.0) for gain in (b, k, p))
     separate = found & worst_slack(problem, frequency, (b0, k0, p0)).met
@@ -146,16 +147,32 @@ def scoped_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> S
     rest = np.flatnonzero(~separate)
     failed, reasons = np.zeros(len(frequency), dtype=bool), [""] * len(frequency)
     if rest.size:
-        task = Task.of(_unlinked(problem), frequency[rest], objective="tied")
-        missing = missing_rows(task)
-        best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK), progress)
-        best = _from_others(task, missing, best)
+        if hands:
+            best, missing = _with_hands(problem, frequency[rest], progress)
+        else:
+            task = Task.of(_unlinked(problem), frequency[rest], objective="tied")
+            missing = missing_rows(task)
+            best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK), progress)
+            best = _from_others(task, missing, best)
         for gain, value in zip((b, k, p), best, strict=True):
             gain[rest] = value
         failed[rest] = np.isnan(best[0]) & ~missing.rows
         for row, reason in zip(rest, missing.reasons, strict=True):
             reasons[row] = reason
     return ScopedGains((b, k, p), failed, tuple(reasons), separate)
+
+
+def _with_hands(problem: Problem, frequency_hz: FloatArray, progress: Progress) -> tuple[GainArrays, Missing]:
+    """The same with every hand: gains (n,), and why there are none."""
+    best = hands_optima(problem, States.of(problem, loop_at(problem, frequency_hz)), frequency_hz, progress)
+    none = np.flatnonzero(np.isnan(best[0]))
+    missing = Missing(np.zeros(len(frequency_hz), dtype=bool), ("",) * len(frequency_hz))
+    if none.size:
+        some = missing_rows(Task.of(_unlinked(problem), frequency_hz[none], objective="tied"))
+        missing.rows[none] = some.rows
+        reasons = dict(zip(none.tolist(), some.reasons, strict=True))
+        missing = Missing(missing.rows, tuple(reasons.get(row, "") for row in range(len(frequency_hz))))
+    return best, missing
 
 
 def _unlinked(problem: Problem) -> Problem:
@@ -274,7 +291,6 @@ def _lattice_optima(task: Task, missing: Missing, finer: int = 1) -> FloatArray:
         for low, high, points in zip(data.low, data.high, _POINTS[len(data.low)], strict=True)
     ]
     nodes = np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
-    short = 0.0 if task.hands is None else np.maximum(0.0, task.tolerance - task.hands(nodes).full()[0])
-    costs = (task.lattice_cost(data, nodes, stage) + _UNSTABLE * short for stage in range(len(task.frequency_hz)))
+    costs = (task.lattice_cost(data, nodes, stage) for stage in range(len(task.frequency_hz)))
     chosen = [int(cost.argmin()) for cost in costs]
     return np.asarray(nodes[:, chosen])
