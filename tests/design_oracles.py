@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from avc_casadi.design.joint import States
 from avc_casadi.loop import device_corners, least_damped, loop_at, relative_errors
 from avc_casadi.passivity import SampledLoop, llewellyn_margin, worst_margin
 from avc_casadi.problem import Problem, load_problem
@@ -123,3 +124,61 @@ def least_error_of_constants(
         if met.any():
             return float(error[some[met]][0])
     return below
+
+
+def lattice_schedule_cost(problem: Problem, points: tuple[int, ...]) -> float:
+    """Return the cost of the best schedule among all paths of a lattice, by an exact dynamic programme.
+
+    Infinite where no path meets the scope at every row.
+    """
+    frequency = problem.frequencies_hz()
+    loop, goal = loop_at(problem, frequency), problem.realism
+    states = States.of(problem, loop)
+    axes = [np.linspace(low, high, n) for low, high, n in zip(states.low, states.high, points, strict=True)]
+    nodes = np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
+    gains = states.gains(nodes)
+    x = np.log(frequency)
+    step, span = np.diff(x), x[-1] - x[0]
+    weight = np.convolve(step, [0.5, 0.5])
+    weight /= weight.sum()
+    everywhere = None
+    if problem.stability.scope in {"hands", "all"}:
+        everywhere = _met_at_corners(problem, float(frequency[0]), gains)
+    value = np.zeros(points)
+    for row in range(len(frequency)):
+        here = loop_at(problem, frequency[row : row + 1])
+        target = here.target[0]
+        error = relative_errors(here.perceived(*gains), target, goal.objective, goal.jnd)
+        cost = error**2 + problem.schedule.contact_damping_penalty * (gains[2] / abs(target)) ** 2
+        met = _met_at_corners(problem, float(frequency[row]), gains) if everywhere is None else everywhere
+        if row:
+            for dimension, axis in enumerate(axes):
+                value = _moved(value, axis, dimension, problem.schedule.slope_penalty / span / step[row - 1])
+        value = value + np.where(met, weight[row] * cost, np.inf).reshape(points)
+    return float(value.min())
+
+
+def _met_at_corners(problem: Problem, frequency_hz: float, gains: tuple[np.ndarray, ...]) -> np.ndarray:
+    corner = least_damped(problem, problem.schedule.hand_damping_ns_per_m)
+    if problem.stability.scope in {"pointwise", "band"}:
+        # Of a band the ends decide in the sampled-data model without delay, in which bands are drawn.
+        factor, nyquist = problem.stability.band_factor, 0.5 / problem.device.sample_time_s
+        ends = {"pointwise": [frequency_hz], "band": [frequency_hz / factor, min(frequency_hz * factor, nyquist)]}
+        at = np.minimum(ends[problem.stability.scope], (1 - 1e-9) * nyquist)
+        real = [loop_at(corner, np.array([end])).perceived(*gains).real for end in at]
+        return np.asarray(np.min(real, axis=0) >= problem.stability.margin_ns_per_m)
+    corners = [corner]
+    if problem.stability.scope == "hands":
+        devices = device_corners(problem.device, ("mass_kg", "damping_ns_per_m"))
+        corners = [problem.changed(device=device) for device in devices]
+    return np.logical_and.reduce([scope_slack(each, frequency_hz, *gains).met for each in corners])
+
+
+def _moved(value: np.ndarray, axis: np.ndarray, dimension: int, penalty: float) -> np.ndarray:
+    """Least value over where one state came from."""
+    lines = np.moveaxis(value, dimension, 0)
+    best = np.full(lines.shape, np.inf)
+    trailing = (1,) * (lines.ndim - 1)
+    for at, line in zip(axis, lines, strict=True):
+        np.minimum(best, line[None] + (penalty * (axis - at) ** 2).reshape(-1, *trailing), out=best)
+    return np.moveaxis(best, 0, dimension)

@@ -30,6 +30,7 @@ from avc_casadi.design.joint._refine import Outcome, refined
 from avc_casadi.design.joint._scope import Slots, worst_slack
 from avc_casadi.design.joint._states import States
 from avc_casadi.design.joint._task import Task
+from avc_casadi.design.joint._tight import best_without_room
 from avc_casadi.design.pointwise import EDGES, edge_search_gains, solve_direct
 from avc_casadi.loop import Loop, loop_at
 from avc_casadi.problem import Problem
@@ -61,12 +62,14 @@ class ScopedGains:
         failed: rows that have admissible gains, but for which the solver found none, (n,).
         reasons: a sentence for each row without gains, else empty.
         separate: rows whose optimum is that of the pointwise problem, (n,), and so the global one.
+        tight: rows whose scope gains meet, but none with anything to spare, (n,).
     """
 
     gains: GainArrays
     failed: BoolArray
     reasons: tuple[str, ...]
     separate: BoolArray
+    tight: BoolArray
 
 
 def solve_direct_in_scope(
@@ -130,8 +133,15 @@ def solve_scoped(problem: Problem, *, solver: str | None = None, progress: Progr
         solver="edges and ipopt",
         reason=reasons,
         solve_seconds=seconds,
-        notes=(note,),
+        notes=(note, *_tight_note(found)),
     )
+
+
+def _tight_note(found: ScopedGains) -> tuple[str, ...]:
+    count = int(found.tight.sum())
+    if not count:
+        return ()
+    return (f"no interior: at {count} frequencies nothing is left to spare of the scope by any gains of the box",)
 
 
 def scoped_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> ScopedGains:
@@ -146,33 +156,37 @@ def scoped_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> S
     separate &= realism_slack(problem, loop, (b0, k0, p0)) >= 0
     rest = np.flatnonzero(~separate)
     failed, reasons = np.zeros(len(frequency), dtype=bool), [""] * len(frequency)
+    tight = np.zeros(len(frequency), dtype=bool)
     if rest.size:
         if hands:
-            best, missing = _with_hands(problem, frequency[rest], progress)
+            best, lost, why = _with_hands(problem, frequency[rest], progress)
         else:
             task = Task.of(_unlinked(problem), frequency[rest], objective="tied")
             missing = missing_rows(task)
             best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK), progress)
-            best = _from_others(task, missing, best)
+            best = _from_others(task, missing, best_without_room(task, missing, best))
+            lost, why, tight[rest] = missing.rows, list(missing.reasons), missing.tight
         for gain, value in zip((b, k, p), best, strict=True):
             gain[rest] = value
-        failed[rest] = np.isnan(best[0]) & ~missing.rows
-        for row, reason in zip(rest, missing.reasons, strict=True):
+        failed[rest] = np.isnan(best[0]) & ~lost
+        for row, reason in zip(rest, why, strict=True):
             reasons[row] = reason
-    return ScopedGains((b, k, p), failed, tuple(reasons), separate)
+    return ScopedGains((b, k, p), failed, tuple(reasons), separate, tight)
 
 
-def _with_hands(problem: Problem, frequency_hz: FloatArray, progress: Progress) -> tuple[GainArrays, Missing]:
-    """The same with every hand: gains (n,), and why there are none."""
+def _with_hands(
+    problem: Problem, frequency_hz: FloatArray, progress: Progress
+) -> tuple[GainArrays, BoolArray, list[str]]:
+    """The same with every hand: gains (n,), the rows that have none, and why."""
     best = hands_optima(problem, States.of(problem, loop_at(problem, frequency_hz)), frequency_hz, progress)
     none = np.flatnonzero(np.isnan(best[0]))
-    missing = Missing(np.zeros(len(frequency_hz), dtype=bool), ("",) * len(frequency_hz))
+    rows, reasons = np.zeros(len(frequency_hz), dtype=bool), [""] * len(frequency_hz)
     if none.size:
         some = missing_rows(Task.of(_unlinked(problem), frequency_hz[none], objective="tied"))
-        missing.rows[none] = some.rows
-        reasons = dict(zip(none.tolist(), some.reasons, strict=True))
-        missing = Missing(missing.rows, tuple(reasons.get(row, "") for row in range(len(frequency_hz))))
-    return best, missing
+        rows[none] = some.rows
+        for row, reason in zip(none, some.reasons, strict=True):
+            reasons[row] = reason
+    return best, rows, reasons
 
 
 def _unlinked(problem: Problem) -> Problem:
@@ -244,7 +258,7 @@ def _from_starts(task: Task, missing: Missing, starts: list[FloatArray]) -> Gain
         gains = task.states.gains(start)
         slots.add(task.problem, gains, worst_slack(task.problem, task.frequency_hz, gains), ~missing.rows)
     light = replace(task, weight=float(len(task.frequency_hz)))
-    data = light.data(slots, light.backoff(missing.rows))
+    data = light.data(slots, light.backoff(missing.rows, missing.tight))
     before = None
     for start in starts:
         solution = solve_program(data, light.objective, start, extra=light.hands, patient=False)
@@ -285,12 +299,12 @@ def _outcomes(light: Task, task: Task, solution: Solution, slots: Slots, missing
 
 def _lattice_optima(task: Task, missing: Missing, finer: int = 1) -> FloatArray:
     """The cheapest states (d, n) of a lattice, or of one several times finer, each frequency on its own."""
-    data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), task.backoff(missing.rows))
+    data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), task.backoff(missing.rows, missing.tight))
     axes = [
         np.linspace(low, high, finer * points)
-        for low, high, points in zip(data.low, data.high, _POINTS[len(data.low)], strict=True)
+        for low, high, points in zip(task.states.low, task.states.high, _POINTS[len(data.low)], strict=True)
     ]
     nodes = np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
-    costs = (task.lattice_cost(data, nodes, stage) for stage in range(len(task.frequency_hz)))
-    chosen = [int(cost.argmin()) for cost in costs]
+    cost = task.lattice_costs(data)(nodes)
+    chosen = [int(cost(stage).argmin()) for stage in range(len(task.frequency_hz))]
     return np.asarray(nodes[:, chosen])
