@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi.design._rows import GainArrays
-from avc_casadi.design.joint._hands_polish import polished
 from avc_casadi.design.joint._hands_radii import HandsRadii, admissible_states
+from avc_casadi.design.joint._polish import Evaluate, polished
 from avc_casadi.design.joint._realism import realism_slack
 from avc_casadi.design.joint._scope import worst_slack
 from avc_casadi.design.joint._states import States
@@ -107,14 +107,21 @@ class _Goal:
             error = np.where(slack < 0, np.copysign(np.abs(error) + _UNREAL * (1 - slack), error), error)
         return error, distance
 
-    def error(self, points: FloatArray, stage: IndexArray) -> FloatArray:
-        """Magnitude error with its sign, (m, s)."""
-        return self.errors(points, stage)[0]
-
     def value(self, points: FloatArray, stage: IndexArray) -> FloatArray:
         """What is to be small, (m, s)."""
         error, distance = self.errors(points, stage)
         return np.asarray(np.sqrt(error**2 + self.tie * distance**2) if self.tie else np.abs(error))
+
+    def window(self, centre: FloatArray, half: FloatArray, stage: IndexArray) -> tuple[Evaluate, Evaluate]:
+        """Return the value, and the magnitude error with its sign, at points of windows."""
+
+        def value(at: FloatArray) -> FloatArray:
+            return self.value(centre[:, :, None] + half[:, :, None] * at, stage)
+
+        def error(at: FloatArray) -> FloatArray:
+            return self.errors(centre[:, :, None] + half[:, :, None] * at, stage)[0]
+
+        return value, error
 
     def better(self, one: FloatArray, other: FloatArray, stage: IndexArray) -> FloatArray:
         """For each stage the states of less magnitude error, or, where that is equal, of less distance, (d, m)."""

@@ -36,6 +36,26 @@ class HandsRadii:
     problem: Problem
     states: States
 
+    most = LARGEST
+    """What no radius may exceed."""
+    held = 4
+    """How many hands a polish looks at beside those that decide."""
+
+    @property
+    def low(self) -> FloatArray:
+        """Lower ends of the states, (d,)."""
+        return self.states.low
+
+    @property
+    def high(self) -> FloatArray:
+        """Upper ends of the states, (d,)."""
+        return self.states.high
+
+    @cached_property
+    def smooth(self) -> IndexArray:
+        """Positions of all radii: each is smooth on its own."""
+        return np.arange(self.count)
+
     @cached_property
     def count(self) -> int:
         """Hands times corners of the device."""

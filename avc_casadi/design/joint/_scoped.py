@@ -146,6 +146,7 @@ def _tight_note(found: ScopedGains) -> tuple[str, ...]:
 
 def scoped_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> ScopedGains:
     """Minimise (11) at each frequency subject to the problem's scope, met exactly, and to the gain box."""
+    problem = _alone(problem)
     frequency = problem.frequencies_hz()
     # Where every hand must be stable, (12) need not hold: only then do these gains include all that meet the scope.
     hands = problem.stability.scope == "hands"
@@ -161,7 +162,7 @@ def scoped_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> S
         if hands:
             best, lost, why = _with_hands(problem, frequency[rest], progress)
         else:
-            task = Task.of(_unlinked(problem), frequency[rest], objective="tied")
+            task = Task.of(problem, frequency[rest], objective="tied")
             missing = missing_rows(task)
             best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK), progress)
             best = _from_others(task, missing, best_without_room(task, missing, best))
@@ -182,17 +183,23 @@ def _with_hands(
     none = np.flatnonzero(np.isnan(best[0]))
     rows, reasons = np.zeros(len(frequency_hz), dtype=bool), [""] * len(frequency_hz)
     if none.size:
-        some = missing_rows(Task.of(_unlinked(problem), frequency_hz[none], objective="tied"))
+        some = missing_rows(Task.of(problem, frequency_hz[none], objective="tied"))
         rows[none] = some.rows
         for row, reason in zip(none, some.reasons, strict=True):
             reasons[row] = reason
     return best, rows, reasons
 
 
-def _unlinked(problem: Problem) -> Problem:
-    """Return the problem with nothing that joins its frequencies."""
+def _alone(problem: Problem) -> Problem:
+    """Return the problem with nothing that joins its frequencies, and without the credit that `schedule` gives."""
     return problem.changed(
-        schedule={"slope_penalty": 0.0, "slope_limit": None, "interaction_hz": None, "contact_damping_penalty": 0.0}
+        schedule={
+            "slope_penalty": 0.0,
+            "slope_limit": None,
+            "interaction_hz": None,
+            "contact_damping_penalty": 0.0,
+            "hand_damping_ns_per_m": 0.0,
+        }
     )
 
 
