@@ -34,6 +34,11 @@ def test_same_optimum_as_plain_opti(band_factor, penalty):
     assert cost <= far_cost * (1 + 1e-4)
 
 
+def staged(cost):
+    """(states, stage) -> cost as states -> stage -> cost."""
+    return lambda nodes: lambda stage: cost(nodes, stage)
+
+
 @pytest.mark.parametrize("penalty", [0.05, 0.005])
 @pytest.mark.parametrize("limit", [np.inf, 3.0])
 @pytest.mark.parametrize("seed", range(4))
@@ -48,7 +53,7 @@ def test_lattice_programme_equals_all_paths(monkeypatch, seed, limit, penalty):
         at = [int(np.flatnonzero((nodes == state[:, None]).all(axis=0))[0]) for state in states.T]
         return costs[stage, at]
 
-    found = _lattice.lattice_path(cost, (low, high), x, penalty, limit).path
+    found = _lattice.lattice_path(staged(cost), (low, high), x, penalty, limit).path
     share = np.array([0.35, 0.5, 0.65, 0.5]) / 2.0
 
     def total(path):
@@ -72,6 +77,6 @@ def test_best_constant_of_the_lattice(monkeypatch):
     def cost(states, stage):
         return (states[0] - [0.0, 1.5, 3.0][stage]) ** 2 + 0 * states[1]
 
-    constant = _lattice.lattice_path(cost, (np.zeros(2), np.array([3.0, 6.0])), x, 0.0, np.inf).constant
+    constant = _lattice.lattice_path(staged(cost), (np.zeros(2), np.array([3.0, 6.0])), x, 0.0, np.inf).constant
     # Weights 1/6, 1/2, 1/3 about 0, 1.5, 3: the mean 1.75 is nearest to 1.5.
     assert constant[0, 0] == 1.5

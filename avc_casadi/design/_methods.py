@@ -28,6 +28,7 @@ class Method:
         help: one line for people.
         options: names of `solve`'s options that it takes.
         keeps_realism: whether it keeps ``realism.require``.
+        credits_hand: whether it credits ``schedule.hand_damping_ns_per_m`` to the device.
         reports: whether it takes long enough to tell of its progress.
     """
 
@@ -35,6 +36,7 @@ class Method:
     help: str
     options: tuple[str, ...] = ()
     keeps_realism: bool = False
+    credits_hand: bool = False
     reports: bool = False
 
     @property
@@ -65,6 +67,7 @@ METHODS: Mapping[MethodName, Method] = {
         "avc_casadi.design.joint:solve_schedule",
         "all frequencies as one optimal-control problem: smooth gains that meet the problem's scope",
         keeps_realism=True,
+        credits_hand=True,
         reports=True,
     ),
     "static": Method(

@@ -9,7 +9,7 @@ import numpy as np
 from avc_casadi.coupling import (
     Status,
 )
-from avc_casadi.loop import Loop
+from avc_casadi.loop import Loop, margin_over_range
 from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -40,12 +40,13 @@ def best_candidate(
     """Choose per frequency, of candidates (m, n), the first in lexicographic order.
 
     The order: inside the box and Re Z_h >= margin, strictly; smallest magnitude error; smallest distance to Z_h_ds;
-    smallest b_p, k, b. The two tie tolerances of this module apply. A margin of None is the problem's.
+    smallest b_p, k, b. The two tie tolerances of this module apply. A margin of None is the problem's,
+    kept by every device of its range.
 
     Returns:
         (b, k, b_p), each (n,); not a number where no candidate is feasible.
     """
-    margin = problem.stability.margin_ns_per_m if margin_ns_per_m is None else margin_ns_per_m
+    margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         z = loop.perceived(b, k, p)
         feasible = admissible(problem, b, k, p) & (z.real >= margin)

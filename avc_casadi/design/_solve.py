@@ -9,11 +9,18 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._errors import InputError
 from avc_casadi.design._methods import METHODS, Method, MethodName
-from avc_casadi.problem import Problem, as_problem
+from avc_casadi.loop import LINEAR_KEYS
+from avc_casadi.problem import Problem, as_problem, declared
 from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
+
+_UNUSED_RANGES = {f"device.range.{key}" for key in LINEAR_KEYS} - {
+    "device.range.mass_kg",
+    "device.range.damping_ns_per_m",
+}
+"""Ranges of what the linear loop has, of which no design knows more than the nominal value."""
 
 
 def solve(
@@ -75,10 +82,25 @@ def method_named(name: str) -> MethodName:
 
 
 def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedule:
-    """Say of a method that keeps no realism that the problem's requirement is not met by design."""
+    """Say what the problem asks for and the method does not know: realism, ranges of the device, the hand's credit."""
+    notes = []
     require = problem.realism.require
-    if require == "none" or method.keeps_realism:
-        return gains
-    keepers = ", ".join(name for name, one in METHODS.items() if one.keeps_realism)
-    note = f'{gains.method} does not know realism.require = "{require}"; methods that keep it: {keepers}'
-    return replace(gains, notes=(*gains.notes, note))
+    if require != "none" and not method.keeps_realism:
+        keepers = ", ".join(name for name, one in METHODS.items() if one.keeps_realism)
+        notes.append(f'{gains.method} does not know realism.require = "{require}"; methods that keep it: {keepers}')
+    unused = [key for key in declared(problem) if key in _UNUSED_RANGES]
+    if unused:
+        notes.append(
+            f"designed for the nominal value of {', '.join(unused)}: a design keeps its claim over the ranges of mass"
+            " and damping; certify judges every corner of the others"
+        )
+    credit = problem.schedule.hand_damping_ns_per_m
+    if credit and method.credits_hand and problem.stability.scope != "hands":
+        notes.append(f"Re Z_h counts {credit:g} N.s/m of the hand's damping (schedule.hand_damping_ns_per_m)")
+    elif credit:
+        takers = ", ".join(name for name, one in METHODS.items() if one.credits_hand)
+        notes.append(
+            "schedule.hand_damping_ns_per_m is not credited: it counts in Re Z_h of method"
+            f" {takers}, and not with scope hands"
+        )
+    return replace(gains, notes=(*gains.notes, *notes))

@@ -9,6 +9,7 @@ from avc_casadi.loop._device_corners import device_corners as device_corners
 from avc_casadi.loop._device_corners import device_with as device_with
 from avc_casadi.loop._device_corners import least_damped as least_damped
 from avc_casadi.loop._device_corners import linear_values as linear_values
+from avc_casadi.loop._device_corners import margin_over_range as margin_over_range
 from avc_casadi.loop._equations import SampleAngle as SampleAngle
 from avc_casadi.loop._equations import backward_difference as backward_difference
 from avc_casadi.loop._equations import coupling_gains as coupling_gains

@@ -90,3 +90,12 @@ def least_damped(problem: Problem, credit_ns_per_m: float = 0.0) -> Problem:
     lowest = min(device.damping_ns_per_m for device in device_corners(problem.device, ("damping_ns_per_m",)))
     known = {"damping_ns_per_m": lowest + credit_ns_per_m, "range": {"damping_ns_per_m": None}}
     return problem.changed(device=known)
+
+
+def margin_over_range(problem: Problem) -> float:
+    """Re Z_h of the device as it stands with which every device of its range keeps the margin, N.s/m.
+
+    Re Z_h does not depend on the mass and grows with the damping, so that the least damped device decides.
+    """
+    spread = problem.device.damping_ns_per_m - least_damped(problem).device.damping_ns_per_m
+    return problem.stability.margin_ns_per_m + spread

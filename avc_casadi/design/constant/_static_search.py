@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from avc_casadi.loop import loop_at, relative_errors
+from avc_casadi.design.constant._static_polish import StaticBounds, StaticGoal
+from avc_casadi.design.joint import polished
+from avc_casadi.loop import loop_at, margin_over_range, relative_errors
 from avc_casadi.passivity import SampledLoop, llewellyn_margin, worst_margin
 from avc_casadi.support import BoolArray, FloatArray
 
@@ -21,22 +23,25 @@ StaticCondition = Literal["llewellyn", "all"]
 _DECADES = 6
 _COARSE = {2: 49, 3: 21}
 _FINE = {2: 9, 3: 7}
-_STARTS = 2
+_STARTS = 10
+_APART, _REACH, _LAST = 1.5, 1.5, 0.1
 _SHRINK = 0.4
 _MOST_MOVES = 200
 _SMALLEST_STEP = 1e-10
 # Costs that differ by less are equal; a gain at its bound is then preferred.
 _FLAT = 1e-9
+# Points nearer than this to an end stand on it.
+_AT_END = 1e-9
 _EDGE_STEPS = 24
 # Slack, as a share of the damping of the device, below which a stiffness counts as the largest allowed.
 _ON_EDGE = 1e-13
 
 
 class StaticSearch:
-    """Pattern search over (b, k[, b_p]), logarithmic shares of their ranges; points have shape (m, d).
+    """Search over (b, k[, b_p]), logarithmic shares of their ranges; points have shape (m, d).
 
-    A stiffness beyond the condition is taken back to the largest one allowed with the same damping, so that the search
-    runs along the edge of the condition, where the optimum usually lies.
+    On a grid over the box a stiffness beyond the condition is taken back to the largest one allowed with the same
+    damping; from the best points, which lie apart, the search goes on in windows (`polished`).
     """
 
     def __init__(self, problem: Problem, condition: StaticCondition, loop: SampledLoop) -> None:
@@ -72,7 +77,7 @@ class StaticSearch:
             margin = llewellyn_margin(self.loop, b, k, contact, refine=self.exact)[0]
         else:
             margin = worst_margin(self.loop, b, k, contact, refine=self.exact).margin_ns_per_m
-        return np.asarray(margin - self.problem.stability.margin_ns_per_m)
+        return np.asarray(margin - margin_over_range(self.problem))
 
     def allowed(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Take stiffnesses back into the condition; return the points and whether they meet it."""
@@ -121,12 +126,16 @@ class StaticSearch:
         points, met = self.allowed(points)
         cost = np.full(len(points), np.inf)
         if met.any():
-            b, k, contact = (gain[:, None] for gain in self.gains(points[met]))
-            realism = self.problem.realism
-            perceived = self.design.perceived(b, k, contact)
-            errors = relative_errors(perceived, self.design.target[None], realism.objective, realism.jnd)
-            cost[met] = np.mean(errors**2, axis=1)
+            cost[met] = self.errors(points[met])
         return cost, points
+
+    def errors(self, points: FloatArray) -> FloatArray:
+        """Mean squared relative error, (m,)."""
+        b, k, contact = (gain[:, None] for gain in self.gains(points))
+        realism = self.problem.realism
+        perceived = self.design.perceived(b, k, contact)
+        errors = relative_errors(perceived, self.design.target[None], realism.objective, realism.jnd)
+        return np.asarray(np.mean(errors**2, axis=1))
 
     def run(self) -> tuple[FloatArray, float]:
         """Return the best point and its cost; with an infinite cost, the point that comes nearest to the condition."""
@@ -140,8 +149,12 @@ class StaticSearch:
             cost, points = self.cost(nearest[None])
             if not np.isfinite(cost).any():
                 return nearest, np.inf
-        ends = [_descend(start, self.cost, step) for start in points[np.argsort(cost)[:_STARTS]]]
-        best, _ = min(ends, key=lambda end: end[1])
+        starts = _apart(points[np.argsort(cost, kind="stable")][: np.count_nonzero(np.isfinite(cost))], _APART * step)
+        goal, none = StaticGoal(self), np.zeros(len(starts), dtype=np.intp)
+        ends = polished(StaticBounds(self), starts.T, none, goal, np.full(size, _REACH * step)).T
+        # Along the edge of the condition a smaller pattern goes on.
+        best, _ = _descend(ends[self.errors(ends).argmin()], self.cost, _LAST * step)
+        best = np.where(best < _AT_END, 0.0, np.where(best > 1 - _AT_END, 1.0, best))
         # The error may be so flat that the search stops short of a bound.
         rounded = np.repeat(best[None], 2 * size - 1, axis=0)
         for row, (gain, end) in enumerate(product([0, *range(2, size)], (0.0, 1.0)), start=1):
@@ -156,6 +169,17 @@ class StaticSearch:
 
 def _grid(axis: FloatArray, size: int) -> FloatArray:
     return np.stack(np.meshgrid(*[axis] * size, indexing="ij"), axis=-1).reshape(-1, size)
+
+
+def _apart(points: FloatArray, distance: float) -> FloatArray:
+    """The first of the points, (m, d), and the next ones that lie apart from those taken before."""
+    taken = points[:1]
+    for point in points:
+        if len(taken) == _STARTS:
+            break
+        if np.abs(taken - point).max(axis=1).min() > distance:
+            taken = np.concatenate((taken, point[None]))
+    return taken
 
 
 def _descend(

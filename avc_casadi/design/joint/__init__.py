@@ -3,6 +3,9 @@
 from avc_casadi.design.joint._assembly import schedule_nlp as schedule_nlp
 from avc_casadi.design.joint._infeasible import Missing as Missing
 from avc_casadi.design.joint._infeasible import missing_rows as missing_rows
+from avc_casadi.design.joint._polish import Evaluate as Evaluate
+from avc_casadi.design.joint._polish import fitted_quadratic as fitted_quadratic
+from avc_casadi.design.joint._polish import polished as polished
 from avc_casadi.design.joint._program import solve_program as solve_program
 from avc_casadi.design.joint._realism import realism_slack as realism_slack
 from avc_casadi.design.joint._refine import Outcome as Outcome

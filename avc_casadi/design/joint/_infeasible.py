@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from avc_casadi.design.joint._hands_radii import HandsRadii, admissible_states
 from avc_casadi.design.joint._hands_table import hands_slack
 from avc_casadi.design.joint._program import solve_program
 from avc_casadi.design.joint._scope import Slots, worst_slack
@@ -28,20 +29,26 @@ class Missing:
     Attributes:
         rows: which they are, (n,).
         reasons: a sentence for each stage, empty where there is nothing to say.
+        tight: stages that gains meet, but none with the room that the NLP keeps: their scope has no interior, (n,).
+        states: of these gains, (d, n); elsewhere without meaning.
     """
 
     rows: BoolArray
     reasons: tuple[str, ...]
+    tight: BoolArray
+    states: FloatArray
 
     @classmethod
     def none(cls, task: Task) -> Missing:
         """Every stage can be met."""
         n = len(task.frequency_hz)
-        return cls(np.zeros(n, dtype=bool), ("",) * n)
+        nowhere = np.zeros(n, dtype=bool)
+        return cls(nowhere, ("",) * n, nowhere, np.repeat(task.states.low[:, None], n, axis=1))
 
     def at(self, rows: NDArray[np.intp]) -> Missing:
         """Take some of the stages."""
-        return Missing(self.rows[rows], tuple(self.reasons[row] for row in rows))
+        reasons = tuple(self.reasons[row] for row in rows)
+        return Missing(self.rows[rows], reasons, self.tight[rows], self.states[:, rows])
 
 
 def missing_rows(task: Task) -> Missing:
@@ -53,11 +60,11 @@ def missing_rows(task: Task) -> Missing:
     rows, reasons = missing.rows.copy(), list(missing.reasons)
     for row, reason in unreal.items():
         rows[row], reasons[row] = True, reason
-    return Missing(rows, tuple(reasons))
+    return replace(missing, rows=rows, reasons=tuple(reasons), tight=missing.tight & ~rows)
 
 
 def _without_scope(task: Task) -> Missing:
-    """Find the stages at which even the best gains of the box miss the scope.
+    """Find the stages at which even the best gains of the box miss the scope, and those where none meet it with room.
 
     The best gains are those with the largest slack at the slots; while they violate the scope elsewhere and could still
     do better, that frequency is added. A grid over the box is refined about its best point, so that the miss stated is
@@ -77,23 +84,35 @@ def _without_scope(task: Task) -> Missing:
         gains = np.where(open_rows, states, gains)
         best = task.states.gains(gains)
         worst = worst_slack(task.problem, task.frequency_hz, best)
-        missing |= open_rows & (slack < needed)
+        missing |= open_rows & (slack < 0)
         open_rows &= ~missing & (worst.slack < needed)
         if not open_rows.any() or len(slots.frequency_hz) == slots.fixed:
             break
         slots.add(task.problem, best, worst, open_rows)
-    missing |= open_rows
-    if not missing.any():
+    if not (missing | open_rows).any():
         return Missing.none(task)
+    if task.hands is not None:
+        gains, missing = _with_hands(task, gains, missing)
     exact = worst_slack(task.problem, task.frequency_hz, task.states.gains(gains))
-    rows = zip(*task.states.gains(gains), exact.slack, exact.frequency_hz, needed, missing, strict=True)
-    reasons = [_reason(task, margin, *row[:6]) if row[6] else "" for row in rows]
-    return Missing(missing, tuple(reasons))
+    open_rows = ~missing & (exact.slack < needed)
+    tight = open_rows & exact.met
+    missing |= open_rows & ~tight
+    rows = zip(*task.states.gains(gains), exact.slack, exact.frequency_hz, missing, strict=True)
+    reasons = [_reason(task, margin, *row[:5]) if row[5] else "" for row in rows]
+    return Missing(missing, tuple(reasons), tight, gains)
 
 
-def _reason(
-    task: Task, margin: float, b: float, k: float, p: float, slack: float, frequency_hz: float, needed: float
-) -> str:
+def _with_hands(task: Task, gains: FloatArray, missing: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Look all over the box before it is said that no gains hold every hand; states (d, n) and the missing stages."""
+    radii = HandsRadii(task.problem, task.states)
+    pool = admissible_states(radii)
+    if not pool.shape[1]:
+        return gains, np.ones_like(missing)
+    safest = pool[:, [radii.largest(pool).argmin()]]
+    return np.repeat(safest, len(missing), axis=1), np.zeros_like(missing)
+
+
+def _reason(task: Task, margin: float, b: float, k: float, p: float, slack: float, frequency_hz: float) -> str:
     scope = task.problem.stability.scope
     at = f"b = {b:.6g} N.s/m, k = {k:.6g} N/m, b_p = {p:.6g} N.s/m"
     if scope == "hands":
@@ -101,14 +120,11 @@ def _reason(
             f"scope hands cannot be met in the gain box: at best a spectral radius of {1 - slack:.6g}, at {at};"
             " narrow [hands], widen the box of [coupling] or add device damping"
         )
-    lower = "lower the margin by that, " if margin >= needed - slack else ""
-    miss = f"missed by {-slack:.6g} N.s/m"
-    if slack >= 0:
-        miss = f"{slack:.3g} N.s/m are left where a schedule needs {needed:.3g} N.s/m to spare,"
+    lower = "lower the margin by that, " if margin >= -slack else ""
     return (
         f"Re Z_h >= {margin:g} N.s/m (stability.margin_ns_per_m) over scope {scope} cannot be met in the gain box:"
-        f" {miss} at {frequency_hz:.6g} Hz with the best gains {at}; {lower}add as much device damping, widen the box"
-        " of [coupling], or narrow the scope"
+        f" missed by {-slack:.6g} N.s/m at {frequency_hz:.6g} Hz with the best gains {at}; {lower}add as much device"
+        " damping, widen the box of [coupling], or narrow the scope"
     )
 
 
@@ -120,9 +136,10 @@ def steep_reason(task: Task, missing: Missing, message: str) -> str:
             f"ipopt stopped with {message}; move [schedule] slope_penalty towards 1e-3 or widen the box of [coupling]"
         )
     slots = Slots.of(task.problem, task.frequency_hz)
-    data = replace(task.data(slots, task.backoff(missing.rows)), slope_limit=np.inf, slope_penalty=_SMOOTHEST)
-    start = np.repeat((data.low + data.high)[:, None] / 2, len(task.frequency_hz), axis=1)
-    solution = solve_program(data, task.objective, start, extra=task.hands)
+    data = replace(
+        task.data(slots, task.backoff(missing.rows, missing.tight)), slope_limit=np.inf, slope_penalty=_SMOOTHEST
+    )
+    solution = solve_program(data, task.objective, (data.low + data.high) / 2, extra=task.hands)
     slopes = np.abs(np.diff(solution.states, axis=1)) / data.step
     steepest = np.unravel_index(int(slopes.argmax()), slopes.shape)
     name = ("b", "k", "b_p")[steepest[0]]

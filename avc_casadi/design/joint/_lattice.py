@@ -1,4 +1,4 @@
-"""A coarse dynamic programme over a lattice of states: a start that no local minimum can trap."""
+"""A dynamic programme over a lattice of states: a start that no local minimum can trap, and what it costs."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from avc_casadi.support import FloatArray
 
 _STAGES = 40
 _CONSTANTS = 4
-_POINTS = {2: (24, 24), 3: (14, 14, 7)}
+_POINTS = {2: (64, 64), 3: (22, 22, 10)}
 
-StageCost = Callable[[FloatArray, int], FloatArray]
-"""(states (d, m), stage) -> cost of each, (m,), with a penalty where it misses a constraint."""
+StageCosts = Callable[[FloatArray], Callable[[int], FloatArray]]
+"""states (d, m) -> stage -> cost of each, (m,), with a penalty where it misses a constraint."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class LatticePath:
 
 
 def lattice_path(
-    cost: StageCost,
+    costs: StageCosts,
     box: tuple[FloatArray, FloatArray],
     log_frequency: FloatArray,
     slope_penalty: float,
@@ -43,7 +43,7 @@ def lattice_path(
     The slope penalty is a sum over the states, so that the minimum over the predecessor is taken one state at a time.
 
     Args:
-        cost: cost of states at a stage.
+        costs: cost of states at a stage.
         box: ends of the states, (d,) each.
         log_frequency: ln(omega) of the stages, (n,).
         slope_penalty: weight of the mean squared slope.
@@ -52,30 +52,37 @@ def lattice_path(
     low, high = box
     n = len(log_frequency)
     chosen = np.unique(np.linspace(0, n - 1, min(n, _STAGES)).round().astype(int))
-    axes = [
-        np.linspace(a, b, points if b > a else 1) for a, b, points in zip(low, high, _POINTS[len(low)], strict=True)
-    ]
+    axes, nodes = lattice_nodes(low, high)
     shape = tuple(len(axis) for axis in axes)
-    nodes = np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
     span = max(log_frequency[-1] - log_frequency[0], 1e-12)
-    back: list[list[NDArray[np.intp]]] = []
+    values: list[FloatArray] = []
+    moves: list[FloatArray] = []
     value = np.zeros(shape)
     everywhere = np.zeros(nodes.shape[1])
+    at_stage = costs(nodes)
     for position, stage in enumerate(chosen):
-        here = cost(nodes, int(stage))
+        here = at_stage(int(stage))
         share = _share(log_frequency[chosen], position, span)
         everywhere += here * share
-        moves = []
         if position:
             step = log_frequency[stage] - log_frequency[chosen[position - 1]]
             for dimension, axis in enumerate(axes):
-                value, came = _cheapest(value, axis, dimension, slope_penalty / (span * step), slope_limit * step)
-                moves.append(came)
+                values.append(value)
+                move = _move(axis, slope_penalty / (span * step), slope_limit * step)
+                moves.append(move)
+                value = _cheapest(value, move, dimension)
         value = value + (here * share).reshape(shape)
-        back.append(moves)
-    path = _trace(value, back, axes)
+    path = _trace(value, values, moves, axes)
     along = [np.interp(log_frequency, log_frequency[chosen], row) for row in path]
     return LatticePath(np.array(along), nodes[:, _local_minima(everywhere.reshape(shape))])
+
+
+def lattice_nodes(low: FloatArray, high: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+    """Axes of the lattice between two corners of the box, and all its nodes, (d, m)."""
+    axes = [
+        np.linspace(a, b, points if b > a else 1) for a, b, points in zip(low, high, _POINTS[len(low)], strict=True)
+    ]
+    return axes, np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
 
 
 def _local_minima(value: FloatArray) -> NDArray[np.intp]:
@@ -97,26 +104,40 @@ def _share(log_frequency: FloatArray, position: int, span: float) -> float:
     return float((ends[1] - ends[0]) / 2 / span)
 
 
-def _cheapest(
-    value: FloatArray, axis: FloatArray, dimension: int, penalty: float, reach: float
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Minimise over where one state came from; returns the values and the positions it came from."""
+def _move(axis: FloatArray, penalty: float, reach: float) -> FloatArray:
+    """What a move between two places on an axis costs, (n, n): to the row from the column."""
     distance = np.abs(axis[:, None] - axis[None, :])
     spacing = axis[1] - axis[0] if len(axis) > 1 else 0.0
-    move = np.where(distance <= max(reach, 1.001 * spacing), penalty * distance**2, np.inf)
-    moved = np.moveaxis(value, dimension, -1)[..., None, :] + move
-    came = moved.argmin(axis=-1)
-    best = np.take_along_axis(moved, came[..., None], axis=-1)[..., 0]
-    return np.moveaxis(best, -1, dimension), np.moveaxis(came, -1, dimension)
+    return np.where(distance <= max(reach, 1.001 * spacing), penalty * distance**2, np.inf)
 
 
-def _trace(value: FloatArray, back: list[list[NDArray[np.intp]]], axes: list[FloatArray]) -> FloatArray:
-    """Follow the cheapest end back to the first stage; states (d, stages)."""
+def _cheapest(value: FloatArray, move: FloatArray, dimension: int) -> FloatArray:
+    """Minimise over where one state came from."""
+    lines = np.ascontiguousarray(np.moveaxis(value, dimension, 0)).reshape(len(move), -1)
+    best, tried = np.full_like(lines, np.inf), np.empty_like(lines)
+    for line, steps in zip(lines, move.T, strict=True):
+        # One place it may have come from at a time: all of it stays in the processor's cache.
+        np.add(line, steps[:, None], out=tried)
+        np.minimum(best, tried, out=best)
+    shape = np.moveaxis(value, dimension, 0).shape
+    return np.moveaxis(best.reshape(shape), 0, dimension)
+
+
+def _trace(value: FloatArray, values: list[FloatArray], moves: list[FloatArray], axes: list[FloatArray]) -> FloatArray:
+    """Follow the cheapest end back to the first stage; states (d, stages).
+
+    Args:
+        value: at the last stage.
+        values: what each state was minimised from, one state after another.
+        moves: what its moves cost.
+        axes: places of each state.
+    """
     at = list(np.unravel_index(int(value.argmin()), value.shape))
-    states = []
-    for moves in reversed(back):
-        states.append([axis[i] for axis, i in zip(axes, at, strict=True)])
-        # The states were minimised one after another, so that they are undone in the opposite order.
-        for dimension in reversed(range(len(moves))):
-            at[dimension] = moves[dimension][tuple(at)]
+    states = [[axis[i] for axis, i in zip(axes, at, strict=True)]]
+    for number in reversed(range(len(moves))):
+        dimension = number % len(axes)
+        line = values[number][tuple(slice(None) if axis == dimension else i for axis, i in enumerate(at))]
+        at[dimension] = (line + moves[number][at[dimension]]).argmin()
+        if dimension == 0:
+            states.append([axis[i] for axis, i in zip(axes, at, strict=True)])
     return np.array(states[::-1]).T

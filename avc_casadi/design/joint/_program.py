@@ -64,8 +64,8 @@ class Data:
         slope_penalty: weight of the mean squared slope.
         slope_limit: largest |d sigma/d ln(omega)|; infinite for none.
         least: lower bounds of the bounded values, (r, n); -inf drops one.
-        low: lower ends of the states, (d,).
-        high: upper ends, (d,).
+        low: lower ends of the states, (d, n).
+        high: upper ends, (d, n).
         constant: whether all stages share one state; slopes then cost and limit nothing.
         require: what of realism is required: none, jnd or bounds.
     """
@@ -146,10 +146,10 @@ def solve_program(
     steepest = np.full(d * (n - 1) if size.limited else 0, data.slope_limit)
     free = 1 if data.constant else n
     arguments = {
-        "x0": np.clip(start[:, :free], data.low[:, None], data.high[:, None]).ravel("F"),
+        "x0": np.clip(start, data.low, data.high)[:, :free].ravel("F"),
         "p": np.concatenate((data.cost.ravel("F"), data.slots.ravel("F"), data.weight, step, [data.slope_penalty])),
-        "lbx": np.tile(data.low, free),
-        "ubx": np.tile(data.high, free),
+        "lbx": data.low[:, :free].ravel("F"),
+        "ubx": data.high[:, :free].ravel("F"),
         "lbg": np.concatenate((data.least.ravel("F"), -steepest)),
         "ubg": np.concatenate((np.full(data.least.size, np.inf), steepest)),
     }

@@ -17,13 +17,20 @@ def quality_notes(task: Task, outcome: Outcome) -> tuple[str, ...]:
         return ("no row can meet its scope: no schedule",)
     notes = [f"cost {solution.cost:.6g}: mean squared {task.objective} error and slope penalty"]
     starts = "best cells of a lattice" if task.constant else "lattice programme, constant gains, separate optima"
-    if costs:
+    if outcome.plain:
+        notes.append(
+            f"{outcome.plain}: from its own starts ipopt found nothing cheaper that meets the scope at every row"
+        )
+    elif costs:
         notes.append(
             f"best of {len(costs)} starts that converged ({starts});"
             f" their costs spread by {max(costs) - min(costs):.3g}; not proved to be the global optimum"
         )
     else:
         notes.append("refined from the previous schedule; not proved to be the global optimum")
+    tight = int(outcome.missing.tight.sum())
+    if tight:
+        notes.append(f"no interior: at {tight} rows nothing is left to spare of the scope by any gains of the box")
     names = ("b", "k", "b_p")[: len(task.states.floors)]
     if len(task.frequency_hz) > 1 and not outcome.missing.rows.any():
         steepest = np.abs(np.diff(solution.states, axis=1) / np.diff(task.log_frequency)).max(axis=1)

@@ -30,6 +30,7 @@ class Outcome:
         gains: (b, k, b_p), (n,) each.
         missing: rows that no gains can satisfy.
         costs: what the starts had cost before frequencies were added; empty after a warm start.
+        plain: what stands in where the NLP found nothing or nothing better; empty where it did.
     """
 
     solution: Solution
@@ -37,6 +38,7 @@ class Outcome:
     gains: GainArrays
     missing: Missing
     costs: tuple[float, ...]
+    plain: str = ""
 
 
 def refined(
@@ -63,7 +65,7 @@ def refined(
     """
     missing = missing or Missing.none(task)
     slots = slots.copy()
-    backoff = task.backoff(missing.rows)
+    backoff = task.backoff(missing.rows, missing.tight)
     for _ in range(_ROUNDS):
         if not solved:
             warm = solve_program(task.data(slots, backoff), task.objective, solution.states, solution, task.hands)

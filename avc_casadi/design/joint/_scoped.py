@@ -22,12 +22,15 @@ from avc_casadi.coupling import (
     gain_schedule,
 )
 from avc_casadi.design._rows import GainArrays, row_status
+from avc_casadi.design.joint._hands_direct import hands_optima
 from avc_casadi.design.joint._infeasible import Missing, missing_rows
 from avc_casadi.design.joint._program import Solution, solve_program
 from avc_casadi.design.joint._realism import realism_slack
 from avc_casadi.design.joint._refine import Outcome, refined
 from avc_casadi.design.joint._scope import Slots, worst_slack
+from avc_casadi.design.joint._states import States
 from avc_casadi.design.joint._task import Task
+from avc_casadi.design.joint._tight import best_without_room
 from avc_casadi.design.pointwise import EDGES, edge_search_gains, solve_direct
 from avc_casadi.loop import Loop, loop_at
 from avc_casadi.problem import Problem
@@ -40,8 +43,6 @@ _WEIGHT = 1e4
 _POINTS = {2: (32, 32), 3: (16, 16, 8)}
 _FINER = 4
 """How much finer the lattice is for a frequency whose other starts have all failed."""
-_UNSTABLE = 1e6
-"""Cost of a spectral radius above 1 in the lattice: a thousandth decides, and the solver seldom finds back."""
 _SWEEPS = 3
 """How often gains are tried at other frequencies than their own."""
 _SAME = 1e-6
@@ -61,12 +62,14 @@ class ScopedGains:
         failed: rows that have admissible gains, but for which the solver found none, (n,).
         reasons: a sentence for each row without gains, else empty.
         separate: rows whose optimum is that of the pointwise problem, (n,), and so the global one.
+        tight: rows whose scope gains meet, but none with anything to spare, (n,).
     """
 
     gains: GainArrays
     failed: BoolArray
     reasons: tuple[str, ...]
     separate: BoolArray
+    tight: BoolArray
 
 
 def solve_direct_in_scope(
@@ -130,38 +133,73 @@ def solve_scoped(problem: Problem, *, solver: str | None = None, progress: Progr
         solver="edges and ipopt",
         reason=reasons,
         solve_seconds=seconds,
-        notes=(note,),
+        notes=(note, *_tight_note(found)),
     )
+
+
+def _tight_note(found: ScopedGains) -> tuple[str, ...]:
+    count = int(found.tight.sum())
+    if not count:
+        return ()
+    return (f"no interior: at {count} frequencies nothing is left to spare of the scope by any gains of the box",)
 
 
 def scoped_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> ScopedGains:
     """Minimise (11) at each frequency subject to the problem's scope, met exactly, and to the gain box."""
+    problem = _alone(problem)
     frequency = problem.frequencies_hz()
     # Where every hand must be stable, (12) need not hold: only then do these gains include all that meet the scope.
-    b, k, p = edge_search_gains(problem, loop, _NO_MARGIN if problem.stability.scope == "hands" else None, progress)
+    hands = problem.stability.scope == "hands"
+    b, k, p = edge_search_gains(problem, loop, _NO_MARGIN if hands else None, progress)
     found = np.isfinite(b)
     b0, k0, p0 = (np.where(found, gain, 0.0) for gain in (b, k, p))
     separate = found & worst_slack(problem, frequency, (b0, k0, p0)).met
     separate &= realism_slack(problem, loop, (b0, k0, p0)) >= 0
     rest = np.flatnonzero(~separate)
     failed, reasons = np.zeros(len(frequency), dtype=bool), [""] * len(frequency)
+    tight = np.zeros(len(frequency), dtype=bool)
     if rest.size:
-        task = Task.of(_unlinked(problem), frequency[rest], objective="tied")
-        missing = missing_rows(task)
-        best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK), progress)
-        best = _from_others(task, missing, best)
+        if hands:
+            best, lost, why = _with_hands(problem, frequency[rest], progress)
+        else:
+            task = Task.of(problem, frequency[rest], objective="tied")
+            missing = missing_rows(task)
+            best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK), progress)
+            best = _from_others(task, missing, best_without_room(task, missing, best))
+            lost, why, tight[rest] = missing.rows, list(missing.reasons), missing.tight
         for gain, value in zip((b, k, p), best, strict=True):
             gain[rest] = value
-        failed[rest] = np.isnan(best[0]) & ~missing.rows
-        for row, reason in zip(rest, missing.reasons, strict=True):
+        failed[rest] = np.isnan(best[0]) & ~lost
+        for row, reason in zip(rest, why, strict=True):
             reasons[row] = reason
-    return ScopedGains((b, k, p), failed, tuple(reasons), separate)
+    return ScopedGains((b, k, p), failed, tuple(reasons), separate, tight)
 
 
-def _unlinked(problem: Problem) -> Problem:
-    """Return the problem with nothing that joins its frequencies."""
+def _with_hands(
+    problem: Problem, frequency_hz: FloatArray, progress: Progress
+) -> tuple[GainArrays, BoolArray, list[str]]:
+    """The same with every hand: gains (n,), the rows that have none, and why."""
+    best = hands_optima(problem, States.of(problem, loop_at(problem, frequency_hz)), frequency_hz, progress)
+    none = np.flatnonzero(np.isnan(best[0]))
+    rows, reasons = np.zeros(len(frequency_hz), dtype=bool), [""] * len(frequency_hz)
+    if none.size:
+        some = missing_rows(Task.of(problem, frequency_hz[none], objective="tied"))
+        rows[none] = some.rows
+        for row, reason in zip(none, some.reasons, strict=True):
+            reasons[row] = reason
+    return best, rows, reasons
+
+
+def _alone(problem: Problem) -> Problem:
+    """Return the problem with nothing that joins its frequencies, and without the credit that `schedule` gives."""
     return problem.changed(
-        schedule={"slope_penalty": 0.0, "slope_limit": None, "interaction_hz": None, "contact_damping_penalty": 0.0}
+        schedule={
+            "slope_penalty": 0.0,
+            "slope_limit": None,
+            "interaction_hz": None,
+            "contact_damping_penalty": 0.0,
+            "hand_damping_ns_per_m": 0.0,
+        }
     )
 
 
@@ -227,7 +265,7 @@ def _from_starts(task: Task, missing: Missing, starts: list[FloatArray]) -> Gain
         gains = task.states.gains(start)
         slots.add(task.problem, gains, worst_slack(task.problem, task.frequency_hz, gains), ~missing.rows)
     light = replace(task, weight=float(len(task.frequency_hz)))
-    data = light.data(slots, light.backoff(missing.rows))
+    data = light.data(slots, light.backoff(missing.rows, missing.tight))
     before = None
     for start in starts:
         solution = solve_program(data, light.objective, start, extra=light.hands, patient=False)
@@ -268,13 +306,12 @@ def _outcomes(light: Task, task: Task, solution: Solution, slots: Slots, missing
 
 def _lattice_optima(task: Task, missing: Missing, finer: int = 1) -> FloatArray:
     """The cheapest states (d, n) of a lattice, or of one several times finer, each frequency on its own."""
-    data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), task.backoff(missing.rows))
+    data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), task.backoff(missing.rows, missing.tight))
     axes = [
         np.linspace(low, high, finer * points)
-        for low, high, points in zip(data.low, data.high, _POINTS[len(data.low)], strict=True)
+        for low, high, points in zip(task.states.low, task.states.high, _POINTS[len(data.low)], strict=True)
     ]
     nodes = np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
-    short = 0.0 if task.hands is None else np.maximum(0.0, task.tolerance - task.hands(nodes).full()[0])
-    costs = (task.lattice_cost(data, nodes, stage) + _UNSTABLE * short for stage in range(len(task.frequency_hz)))
-    chosen = [int(cost.argmin()) for cost in costs]
+    cost = task.lattice_costs(data)(nodes)
+    chosen = [int(cost(stage).argmin()) for stage in range(len(task.frequency_hz))]
     return np.asarray(nodes[:, chosen])

@@ -16,6 +16,7 @@ import numpy as np
 from avc_casadi.coupling import GainSchedule, Status, gain_schedule
 from avc_casadi.design._rows import row_status
 from avc_casadi.design.joint._infeasible import missing_rows, steep_reason
+from avc_casadi.design.joint._plain import from_constants, from_lattice
 from avc_casadi.design.joint._quality import quality_notes
 from avc_casadi.design.joint._refine import Outcome, refined
 from avc_casadi.design.joint._scope import Slots
@@ -62,7 +63,7 @@ class ScheduleSolver:
             outcome = _from_before(task, self._memory[1])
         if outcome is None:
             outcome = _from_scratch(task, progress)
-        self._memory = (kind, outcome) if outcome.solution.success and not outcome.missing.rows.any() else None
+        self._memory = (kind, outcome) if _may_be_warm(outcome) else None
         solved = time.perf_counter()
         return replace(_schedule(task, outcome), build_seconds=built - started, solve_seconds=solved - built)
 
@@ -76,6 +77,11 @@ def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progre
         progress: told of the starts.
     """
     return ScheduleSolver(constant=constant).solve(problem, progress)
+
+
+def _may_be_warm(outcome: Outcome) -> bool:
+    """Whether an outcome has multipliers to start the next problem from."""
+    return outcome.solution.success and not outcome.missing.rows.any() and not outcome.plain
 
 
 def _kind(problem: Problem, task: Task) -> tuple[object, ...]:
@@ -94,13 +100,21 @@ def _from_before(task: Task, before: Outcome) -> Outcome | None:
 
 
 def _from_scratch(task: Task, progress: Progress) -> Outcome:
-    """Solve from several starts; add what violates the scope to the cheapest solution, or else to the next."""
+    """Solve from several starts; add what violates the scope to the cheapest solution, or else to the next.
+
+    Where none of them can be solved, or costs more than the best path of the lattice, what needs no NLP stands in.
+    """
     missing = missing_rows(task)
     found = from_starts(task, missing, progress)
+    outcome = None
     for solution in found.solutions:
-        outcome = refined(task, solution, found.slots, missing, found.costs, solved=solution.success)
-        if outcome is not None:
-            return outcome
+        outcome = outcome or refined(task, solution, found.slots, missing, found.costs, solved=solution.success)
+    if outcome is None or outcome.solution.cost > found.lattice:
+        outcome = from_lattice(task, missing, found) or outcome
+    if outcome is None and not missing.rows.all():
+        outcome = from_constants(task, missing, found)
+    if outcome is not None:
+        return outcome
     best = found.solutions[0]
     message = "rows that keep violating their scope" if best.success else best.message
     failed = replace(best, success=False, message=message)

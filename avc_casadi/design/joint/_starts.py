@@ -28,11 +28,15 @@ class Found:
         solutions: of the NLP, the cheapest that converged first.
         slots: the frequencies that they bounded.
         costs: of those that converged.
+        path: states along the best path of the lattice, (d, n).
+        lattice: what that path costs.
     """
 
     solutions: tuple[Solution, ...]
     slots: Slots
     costs: tuple[float, ...]
+    path: FloatArray
+    lattice: float
 
 
 def from_starts(task: Task, missing: Missing, progress: Progress = SILENT) -> Found:
@@ -49,16 +53,18 @@ def from_starts(task: Task, missing: Missing, progress: Progress = SILENT) -> Fo
     x, y = task.log_frequency, few.log_frequency
     start = np.array([np.interp(x, y, state) for state in found.solutions[0].states])
     slots = _seeded(task, missing, [start])
-    best = solve_program(task.data(slots, task.backoff(missing.rows)), task.objective, start, extra=task.hands)
-    return Found((best,), slots, found.costs)
+    data = task.data(slots, task.backoff(missing.rows, missing.tight))
+    best = solve_program(data, task.objective, start, extra=task.hands)
+    path = np.array([np.interp(x, y, state) for state in found.path])
+    return Found((best,), slots, found.costs, path, task.cost_of(data, path))
 
 
 def _over_all_stages(task: Task, missing: Missing, progress: Progress) -> Found:
-    backoff = task.backoff(missing.rows)
+    backoff = task.backoff(missing.rows, missing.tight)
     data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), backoff)
     lattice = lattice_path(
-        lambda nodes, stage: task.lattice_cost(data, nodes, stage),
-        (data.low, data.high),
+        task.lattice_costs(data),
+        (task.states.low, task.states.high),
         task.log_frequency,
         data.slope_penalty,
         data.slope_limit,
@@ -75,7 +81,9 @@ def _over_all_stages(task: Task, missing: Missing, progress: Progress) -> Found:
     if not any(solution.success for solution in solutions):
         solutions = [solve_program(data, task.objective, start, extra=task.hands) for start in starts[:2]]
     ranked = sorted(solutions, key=lambda solution: (not solution.success, solution.cost))
-    return Found(tuple(ranked), slots, tuple(solution.cost for solution in ranked if solution.success))
+    path = starts[0]
+    costs = tuple(solution.cost for solution in ranked if solution.success)
+    return Found(tuple(ranked), slots, costs, path, task.cost_of(data, path))
 
 
 def _seeded(task: Task, missing: Missing, starts: list[FloatArray]) -> Slots:

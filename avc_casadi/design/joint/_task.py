@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,6 +40,7 @@ class Task:
         objective: what counts as error: the problem's, or tied, the magnitude with a small share of the rest.
         weight: of the whole goal; a large one makes the solver's tolerance finer.
         constant: whether the gains may not vary with frequency.
+        near: ends of the states at each stage, (d, n) each, in place of the whole box; or None.
     """
 
     problem: Problem
@@ -50,6 +52,7 @@ class Task:
     objective: str
     weight: float = 1.0
     constant: bool = False
+    near: tuple[FloatArray, FloatArray] | None = None
 
     @classmethod
     def of(
@@ -90,12 +93,17 @@ class Task:
         """How far inside its scope each stage is asked to stay, in the unit of `backoff`."""
         return _BACKOFF if self.hands is None else _HANDS_BACKOFF
 
-    def backoff(self, dropped: BoolArray) -> FloatArray:
-        """How far inside its scope and inside what is real each stage is asked to stay, (2, n); -inf drops both.
+    def backoff(self, dropped: BoolArray, tight: BoolArray) -> FloatArray:
+        """How far inside its scope and inside what is real each stage is asked to stay, (2, n).
 
         The first in the scale of Re Z, or in spectral radius for scope hands; the second in that of `realism_slack`.
+
+        Args:
+            dropped: stages of which nothing is asked, (n,): -inf for both.
+            tight: stages whose scope has no interior, (n,): not inside it at all.
         """
-        return np.where(dropped, -np.inf, np.array([[self.tolerance], [REALISM_BACKOFF]]))
+        inside = np.array([np.where(tight, 0.0, self.tolerance), np.full(len(tight), REALISM_BACKOFF)])
+        return np.where(dropped, -np.inf, inside)
 
     def data(self, slots: Slots, backoff: FloatArray) -> Data:
         """Numbers for the NLP; ``backoff`` (2, n) as in `backoff`."""
@@ -105,6 +113,8 @@ class Task:
             least, parameters = np.repeat(least[None], len(slots.frequency_hz), axis=0), slots.parameters(self.problem)
         else:
             least, parameters = backoff[:1], np.empty((0, len(self.frequency_hz)))
+        n = len(self.frequency_hz)
+        low, high = self.near or (np.repeat(end[:, None], n, axis=1) for end in (self.states.low, self.states.high))
         real = np.repeat(backoff[1:], REALISM_ROWS[self.problem.realism.require], axis=0)
         return Data(
             cost=self._cost_parameters(),
@@ -114,8 +124,8 @@ class Task:
             slope_penalty=settings.slope_penalty,
             slope_limit=np.inf if settings.slope_limit is None else settings.slope_limit,
             least=np.concatenate((least, real) if self.hands is None else (real, least)),
-            low=self.states.low,
-            high=self.states.high,
+            low=low,
+            high=high,
             constant=self.constant,
             require=self.problem.realism.require,
         )
@@ -143,16 +153,56 @@ class Task:
         rows = np.broadcast_arrays(target.real, target.imag, *constants)
         return np.concatenate((loop_parameters(self.loop), np.array(rows, dtype=np.float64)))
 
-    def lattice_cost(self, data: Data, nodes: FloatArray, stage: int) -> FloatArray:
-        """Cost of states (d, m) at a stage with a penalty for missed constraints, (m,)."""
+    def lattice_costs(self, data: Data, first_miss: float = 0.0) -> Callable[[FloatArray], Callable[[int], FloatArray]]:
+        """Return states (d, m) -> stage -> cost of each, (m,), with a penalty for missed constraints.
+
+        Args:
+            data: those of many slots (`Slots.of` with ``spread``), so that little of the scope is overlooked.
+            first_miss: cost of missing anything at all.
+        """
         size = data.size(self.objective)
-        functions = stage_functions(size.objective, size.states, size.slots, size.require)
-        cost = functions.cost(nodes, data.cost[:, stage]).full()[0]
-        margins = functions.margins(nodes, data.cost[:, stage], data.slots[:, stage]).full()
-        if self.hands is not None:
-            margins = np.concatenate((margins, self.hands(nodes).full()))
-        total: FloatArray = cost + _MISS * np.maximum(0.0, data.least[:, stage, None] - margins).sum(axis=0)
-        return total
+        functions = stage_functions(size.objective, size.states, 0, size.require)
+        margins = stage_functions(size.objective, size.states, size.slots, "none").margins
+        # These scopes are the same at all stages, but for the scale of Re Z_h.
+        common = self.problem.stability.scope in {"all", "hands"}
+
+        def at(nodes: FloatArray) -> Callable[[int], FloatArray]:
+            def scope(stage: int) -> FloatArray:
+                if self.hands is not None:
+                    return np.asarray(data.least[-1:, stage, None] - self.hands(nodes).full())
+                missed = margins(nodes, data.cost[:, stage], data.slots[:, stage]).full()
+                return np.asarray(data.least[: size.slots, stage, None] - missed)
+
+            once = np.maximum(0.0, scope(0)).sum(axis=0) if common and size.stages else None
+
+            def cost(stage: int) -> FloatArray:
+                own = functions.cost(nodes, data.cost[:, stage]).full()[0]
+                if once is None:
+                    missed = np.maximum(0.0, scope(stage)).sum(axis=0)
+                elif self.hands is not None:
+                    missed = once
+                else:
+                    missed = once * self.scale_ns_per_m[0] / self.scale_ns_per_m[stage]
+                if size.require != "none":
+                    real = functions.margins(nodes, data.cost[:, stage], data.slots[:0, stage]).full()
+                    first = 0 if self.hands is not None else size.slots
+                    least = data.least[first : first + len(real), stage, None]
+                    missed = missed + np.maximum(0.0, least - real).sum(axis=0)
+                total: FloatArray = own + _MISS * missed + np.where(missed > 0, first_miss, 0.0)
+                return total
+
+            return cost
+
+        return at
+
+    def cost_of(self, data: Data, path: FloatArray) -> float:
+        """Return what the NLP's goal is at states (d, n)."""
+        cost = stage_functions(self.objective, len(path), 0, self.problem.realism.require).cost
+        goal = float(cost(path, data.cost).full()[0] @ data.weight)
+        if self.constant or path.shape[1] == 1:
+            return goal
+        roughness = float((np.diff(path, axis=1) ** 2 / data.step).sum() / data.step.sum())
+        return goal + data.slope_penalty * roughness
 
 
 def _scale(problem: Problem, loop: Loop) -> FloatArray:

@@ -72,7 +72,8 @@ def _nearest(task: Task, slots: Slots) -> tuple[FloatArray, FloatArray]:
     Along the scope's boundary a lattice comes to rest too early, so that an NLP without the requirement goes on.
     """
     states, most = _searched(task, slots, _scope_first, enough=False)
-    data, z = task.data(slots, 1.5 * task.backoff(np.zeros(len(most), dtype=bool))), task.loop.perceived
+    nowhere = np.zeros(len(most), dtype=bool)
+    data, z = task.data(slots, 1.5 * task.backoff(nowhere, nowhere)), task.loop.perceived
     goal, objective = np.asarray(task.loop.target), "complex"
     if task.problem.realism.require == "bounds":
         low, high = bound_magnitudes(task.problem, task.loop)

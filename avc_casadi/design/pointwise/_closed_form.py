@@ -15,7 +15,7 @@ from avc_casadi.coupling import (
 )
 from avc_casadi.design._rows import pointwise_notes
 from avc_casadi.design.pointwise._realisable import FREE_SPACE, NOTHING, RIGID, ROUNDING, Quotient, placed, why_not
-from avc_casadi.loop import Loop, coupling_gains, environment_impedance, loop_at
+from avc_casadi.loop import Loop, coupling_gains, environment_impedance, loop_at, margin_over_range
 from avc_casadi.support import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def project(problem: Problem, *, as_printed: bool = False) -> Projection:
     loop = loop_at(problem, problem.frequencies_hz())
     desired, gap = _desired(problem, loop, as_printed=as_printed)
     target = loop.device + loop.hold * desired
-    delta = np.maximum(0.0, problem.stability.margin_ns_per_m - target.real)
+    delta = np.maximum(0.0, margin_over_range(problem) - target.real)
     return Projection(
         target + delta,
         desired + delta / loop.hold,

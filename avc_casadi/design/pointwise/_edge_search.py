@@ -17,7 +17,7 @@ import numpy as np
 from avc_casadi.design._rows import GainArrays, best_candidate
 from avc_casadi.design.pointwise._curves import Curves, Pieces, Points, find_roots, join
 from avc_casadi.design.pointwise._wanted import guarded_margin, wanted_points
-from avc_casadi.loop import Loop, abs2, coupling_gains
+from avc_casadi.loop import Loop, abs2, coupling_gains, margin_over_range
 from avc_casadi.support import SILENT, ComplexArray, FloatArray, Progress, chunks
 
 if TYPE_CHECKING:
@@ -39,10 +39,10 @@ def edge_search_gains(
     Args:
         problem: the problem.
         loop: its loop at n frequencies.
-        margin_ns_per_m: least Re Z_h; None is the problem's.
+        margin_ns_per_m: least Re Z_h; None is the problem's, kept by every device of its range.
         progress: told of the frequencies.
     """
-    margin = problem.stability.margin_ns_per_m if margin_ns_per_m is None else margin_ns_per_m
+    margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
     rows = np.arange(len(loop.target))
     found = [
         _searched(problem, loop.rows(rows[some]), margin)

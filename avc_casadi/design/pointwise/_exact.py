@@ -23,7 +23,7 @@ from avc_casadi.design.pointwise._arcs import Arcs
 from avc_casadi.design.pointwise._edges import Edges
 from avc_casadi.design.pointwise._infeasible import row_reasons
 from avc_casadi.design.pointwise._wanted import guarded_margin, wanted_points
-from avc_casadi.loop import Loop, abs2, coupling_gains, loop_at
+from avc_casadi.loop import Loop, abs2, coupling_gains, loop_at, margin_over_range
 from avc_casadi.support import SILENT, FloatArray, Progress, chunks
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def exact_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> tu
 
 
 def _by_arcs(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray, FloatArray]:
-    margin = problem.stability.margin_ns_per_m
+    margin = margin_over_range(problem)
     radius = np.abs(loop.target)
     contacts = problem.coupling.contact_damping_ns_per_m
     edges = Edges.of(problem, loop, contacts if contacts[1] > contacts[0] else contacts[:1])

@@ -10,7 +10,7 @@ from avc_casadi.coupling import (
     Status,
 )
 from avc_casadi.design.pointwise._edges import Edges
-from avc_casadi.loop import loop_at
+from avc_casadi.loop import least_damped, loop_at
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
@@ -23,7 +23,8 @@ def row_reasons(problem: Problem, status: tuple[Status, ...]) -> tuple[str, ...]
     reasons = [""] * len(status)
     if rows:
         margin = problem.stability.margin_ns_per_m
-        best, b, k, _ = largest_real_part(problem, problem.frequencies_hz()[rows])
+        # Told of the least damped device of the range, which decides.
+        best, b, k, _ = largest_real_part(least_damped(problem), problem.frequencies_hz()[rows])
         for row, value, damping, stiffness in zip(rows, best, b, k, strict=True):
             at = f"{value:.6g} N.s/m, at b = {damping:.6g} N.s/m, k = {stiffness:.6g} N/m"
             claim = f"Re Z_h >= {margin:g} N.s/m (stability.margin_ns_per_m)"

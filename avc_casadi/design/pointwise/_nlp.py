@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from avc_casadi.loop import ComplexExpr, Loop, SampleAngle, abs2, casadi_numbers, coupling_impedance
+from avc_casadi.loop import ComplexExpr, Loop, SampleAngle, abs2, casadi_numbers, coupling_impedance, margin_over_range
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def nlp_parameters(problem: Problem, loop: Loop) -> FloatArray:
         "environment_im": loop.environment.imag,
         "target_re": loop.target.real,
         "target_im": loop.target.imag,
-        "margin": np.full(weight.shape, problem.stability.margin_ns_per_m),
+        "margin": np.full(weight.shape, margin_over_range(problem)),
         "scale_b": weight,
         "scale_k": weight / np.abs(coupling_impedance(loop.angle, 0.0, 1.0)),
         "scale_p": weight,

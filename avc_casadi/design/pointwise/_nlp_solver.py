@@ -15,7 +15,7 @@ from avc_casadi.design.pointwise._backends import Backend, backend
 from avc_casadi.design.pointwise._nlp import coupling_nlp, nlp_parameters
 from avc_casadi.design.pointwise._silent_terminal import silent_terminal
 from avc_casadi.design.pointwise._wanted import guarded_margin
-from avc_casadi.loop import Loop, coupling_impedance
+from avc_casadi.loop import Loop, coupling_impedance, margin_over_range
 from avc_casadi.support import SILENT, BoolArray, FloatArray, HeldInterrupt, Progress
 
 if TYPE_CHECKING:
@@ -232,7 +232,7 @@ def _violates(problem: Problem, loop: Loop, found: FloatArray, tolerance: float)
     """Whether points (m, 3, n) miss (12) by more than ten times the tolerance, relative to the terms of Re Z_h."""
     rendered = loop.rendered(found[:, 0], found[:, 1]) + found[:, 2]
     terms = np.abs(loop.target) + np.abs(loop.device) + np.abs(loop.hold * rendered)
-    missing = problem.stability.margin_ns_per_m - (loop.device + loop.hold * rendered).real
+    missing = margin_over_range(problem) - (loop.device + loop.hold * rendered).real
     with np.errstate(invalid="ignore"):
         violates: BoolArray = missing > 10 * tolerance * terms
     return violates
@@ -249,7 +249,7 @@ def _pulled_inside(
         for _ in range(4):
             b, k, p = gains[:, 0], gains[:, 1], gains[:, 2]
             rendered = loop.rendered(b, k) + p
-            missing = guarded_margin(loop.device, loop.hold, rendered, problem.stability.margin_ns_per_m)
+            missing = guarded_margin(loop.device, loop.hold, rendered, margin_over_range(problem))
             missing = missing - (loop.device + loop.hold * rendered).real
             dz = loop.sensitivity(b, k)
             gradient = np.stack((dz.real, (dz * slope_k).real, loop.hold.real + 0 * b), axis=1) * scales

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.design.pointwise import exact_gains
-from avc_casadi.loop import loop_at
+from avc_casadi.loop import loop_at, margin_over_range
 from avc_casadi.passivity import SampledLoop, worst_margin
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def grid_misses(problem: Problem, points: tuple[int, ...] = POINTS) -> list[Grid
     gains = gains[:, np.isfinite(gains).all(axis=0)]
     if not gains.size:
         return []
-    margin = problem.stability.margin_ns_per_m
+    margin = margin_over_range(problem)
     truth = worst_margin(SampledLoop.of(problem), *gains)
     violating = truth.margin_ns_per_m < margin - truth.tolerance_ns_per_m
     highest = _LAST * 0.5 / problem.device.sample_time_s

@@ -13,7 +13,7 @@ import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.loop import Complex, Loop, Real, abs2, loop_at, mpmath_numbers
+from avc_casadi.loop import Complex, Loop, Real, abs2, loop_at, margin_over_range, mpmath_numbers
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -43,7 +43,7 @@ class Reference:
     def __init__(self, problem: Problem, frequency_hz: float, contact: Real = None) -> None:
         box = problem.coupling
         self.loop: Loop = loop_at(problem, MP.mpf(frequency_hz), NUMBERS)
-        self.margin = MP.mpf(problem.stability.margin_ns_per_m)
+        self.margin = MP.mpf(margin_over_range(problem))
         self.contact = MP.mpf(box.contact_damping_ns_per_m[0] if contact is None else contact)
         self.radius = abs(self.loop.target)
         (b0, b1), (k0, k1) = ([MP.mpf(end) for end in ends] for ends in (box.damping_ns_per_m, box.stiffness_n_per_m))

@@ -23,7 +23,7 @@ from avc_casadi.design.pointwise import (
     optimality,
     project,
 )
-from avc_casadi.loop import Loop, coupling_gains, loop_at
+from avc_casadi.loop import Loop, coupling_gains, loop_at, margin_over_range
 from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ def _quality(problem: Problem, loop: Loop, reference: FloatArray, gains: GainArr
     scale = np.where(radius == 0, 1.0, radius)
     with np.errstate(invalid="ignore"):
         z = loop.perceived(*gains)
-        error = np.where(z.real >= problem.stability.margin_ns_per_m, np.abs(np.abs(z) - radius), np.nan)
+        error = np.where(z.real >= margin_over_range(problem), np.abs(np.abs(z) - radius), np.nan)
         excess = np.maximum((error - reference) / scale, np.finfo(np.float64).eps)
         solved: BoolArray = optimality(problem, loop, gains).acceptable() & (excess <= EXCESS_TOLERANCE)
     return excess, solved

@@ -12,6 +12,7 @@ from avc_casadi.coupling import (
     Status,
     gain_schedule,
 )
+from avc_casadi.loop import margin_over_range
 from avc_casadi.study.comparison._safety import Safety, safer, safety_reason
 from avc_casadi.support import Comparable, ComplexArray, FloatArray
 
@@ -97,7 +98,7 @@ def judge_hand_tuned(
     impedance = np.asarray(loop.perceived(np.full(schedule.rows, b), np.full(schedule.rows, k)))
     target = np.asarray(loop.target)
     error = np.abs(np.abs(target) - np.abs(impedance))
-    meets = impedance.real >= problem.stability.margin_ns_per_m
+    meets = impedance.real >= margin_over_range(problem)
     usable = schedule.usable
     ours = np.where(usable, schedule.magnitude_error, np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
