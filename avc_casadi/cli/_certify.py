@@ -63,19 +63,21 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         f"{'met' if certificate['levels'][claimed]['pass'] else 'not met'}\n"
         f"{passive_limit(certificate['passive_limit_n_per_m'])}"
     )
-    complaint = "" if deployment["pass"] else f"avc: {deployment['sentence']}"
+    complaint = "" if deployment["pass"] else f"avc: {problem.name}: {file} is not deployable"
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
 
 
 def _judged(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, Coupling | None, list[str]]:
     """Return the problem, the gains, the coupling if a file of one was given, and notes."""
+    from avc_casadi.coupling import Coupling
+
     if args.gains is not None:
         problem = avc.load_problem(args.problem)
-        gains, notes = gains_for(problem, args.gains)
-        return problem, gains, None, notes
+        found, notes = gains_for(problem, args.gains)
+        return (problem, found.schedule, found, notes) if isinstance(found, Coupling) else (problem, found, None, notes)
     if not is_coupling(args.problem):
         raise avc.InputError.of("is missing; give a coupling or gain file, .json or .csv", key="GAINS")
-    coupling = read_subject(args.problem, None)
+    coupling = read_subject("certify", args.problem, beside=f"avc certify P {args.problem}")
     return coupling.problem, coupling.schedule, coupling, []
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.cli._arguments import add_port, positive_int
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, read_subject, unsafe_note
+from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, faults_of, read_subject, unsafe_note
 from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
@@ -34,9 +34,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.support import plain
     from avc_hardware import EMULATOR, push, tried_in_the_loop
 
-    coupling = read_subject(args.gains, args.problem)
+    coupling = read_subject("push", args.gains, args.problem)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
-    with console.step(f"push to {args.port}"):
+    with faults_of(args.gains, args), console.step(f"push to {args.port}"):
         document = plain(
             {"schema": "avc-push/2", "coupling": coupling.id, "deployable": verdict.document()}
             | push(coupling, args.port, baud=args.baud, unsafe=args.unsafe).document()
