@@ -223,10 +223,10 @@ def test_what_the_firmware_has_not_is_refused_before_a_port_is_opened(runtime: R
 @pytest.mark.parametrize(
     ("runtime", "named"),
     [
-        (Runtime(estimator="zero-crossing"), "estimator zero-crossing"),
-        (Runtime(hold_s=0.3), r"hold_s 0\.3"),
-        (Runtime(slew_per_s=None), "slew_per_s None"),
-        (Runtime(passive=False), "passive False"),
+        (Runtime(estimator="zero-crossing"), "estimator is fused, the coupling's zero-crossing"),
+        (Runtime(hold_s=0.3), r"hold_s is 0\.2, the coupling's 0\.3"),
+        (Runtime(slew_per_s=None), r"slew_per_s is 20\.0, the coupling's None"),
+        (Runtime(passive=False), "passive is True, the coupling's False"),
     ],
 )
 def test_settings_of_another_firmware_are_refused_by_name_where_they_matter(runtime: Runtime, named: str) -> None:
@@ -241,7 +241,7 @@ def test_settings_of_another_firmware_are_refused_by_name_where_they_matter(runt
 def test_guard_limit_must_be_that_of_the_device_where_there_is_a_guard() -> None:
     guard = Runtime(guard="passivity-controller")
     assert push(coupling(5, runtime=guard, damping_ns_per_m=2.0), HostLink(host_core())).readback_equal
-    with pytest.raises(UnsupportedError, match=r"guard_damping_ns_per_m 1\.5"):
+    with pytest.raises(UnsupportedError, match=r"guard_damping_ns_per_m is 2\.0, the coupling's 1\.5"):
         push(coupling(5, runtime=guard, damping_ns_per_m=1.5), HostLink(host_core()))
     assert push(coupling(5, damping_ns_per_m=1.5), HostLink(host_core())).notes == ()
 

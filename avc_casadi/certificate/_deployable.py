@@ -15,6 +15,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.certificate._feedback_claims import SHARES, feedback_radius
+from avc_casadi.coupling import require_coupling
 from avc_casadi.loop import LINEAR_KEYS, device_corners, hand_set, linear_values, no_hand
 from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, rigid, whole_stability
 from avc_casadi.support import SILENT, Progress, plain
@@ -110,11 +111,15 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
         coupling: the coupling.
         progress: told of the gains that are judged.
 
+    Raises:
+        InputError: it is no coupling.
+
     Example:
         >>> problem = avc.load_problem("figure5")
         >>> avc.deployable(avc.Coupling.of(problem, avc.solve(problem, "direct"))).passed
         False
     """
+    require_coupling(coupling)
     problem, table = coupling.problem, coupling.table
     frequency, gains = _judged(table)
     try:

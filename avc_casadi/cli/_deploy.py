@@ -16,7 +16,7 @@ def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:
 
     Returns:
         The `push` document with ``unsafe`` (empty where it is deployable) and ``in_the_loop``; or
-        ``{"skipped": why}``, or ``{"refused": why}``.
+        ``{"skipped": why}``, or ``{"refused": why}``, with ``"deployable": False`` where that is why.
     """
     from avc_casadi.certificate import require_deployable
     from avc_hardware import push, tried_in_the_loop
@@ -29,5 +29,7 @@ def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:
         return pushed | {"unsafe": note, "in_the_loop": tried_in_the_loop(coupling).document()}
     except (avc.MissingExtraError, avc.UnsupportedError) as error:
         return {"skipped": str(error)}
-    except (avc.LinkError, avc.NotDeployableError) as error:
+    except avc.NotDeployableError as error:
+        return {"refused": str(error), "deployable": False}
+    except avc.LinkError as error:
         return {"refused": str(error)}

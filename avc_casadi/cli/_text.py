@@ -6,6 +6,11 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 
+def titled(name: str, title: str) -> str:
+    """Return a name with its title, or alone where it has none."""
+    return f"{name}: {title}" if title else name
+
+
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number to so many significant digits; a dash where it is undefined."""
     from avc_casadi import support

@@ -180,6 +180,8 @@ def device_line(push: Mapping[str, Any]) -> str:
     """Return what became of the push in one line."""
     if "skipped" in push:
         return f"device: push skipped; {push['skipped']}"
+    if push.get("deployable") is False:  # why not stands in the conclusion
+        return "device: push refused, as the coupling is not deployable; --unsafe overrides"
     if "refused" in push:
         return f"device: push refused; {push['refused']}"
     equal = "equal" if push["readback_equal"] else "NOT EQUAL"
