@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from avc_casadi.coupling._schedule import GainSchedule
 
 _TABLE = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-_SAME = 1e-9
 # What a key of a scene's effect is called here.
 _RUNTIME_KEYS = {"mass_kg": "observer_mass_kg", "method": "estimator"}
 GAINS_ALONE = (
