@@ -38,6 +38,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     file = args.problem if args.gains is None else args.gains
     with console.step(f"certificate of {gains.rows} rows"):
         certificate = avc.certify(problem, gains, requested=args.requested, progress=console).document()
+    with console.step("table that runs"):
         if coupling is None and gains.usable.any():
             coupling = Coupling.of(problem, gains)
         verdict = None if coupling is None else avc.deployable(coupling, console)
