@@ -104,3 +104,21 @@ def test_what_is_no_coupling_is_answered_with_what_to_give(call, value, words):
 def test_a_coupling_is_certified_as_its_gains_are():
     made = Coupling.constant(avc.load_problem("soft"), Gains(5.0, 1e3), "mine")
     assert avc.certify("soft", made) == avc.certify("soft", made.schedule)
+
+
+def test_a_push_is_told_where_only_its_trial_cannot_be_made(capsys):
+    """The bench of the firmware knows whole samples of delay only; the firmware itself knows of no delay."""
+    problem = avc.load_problem("figure5").changed(device={"delay_samples": 1.5})
+    avc.write_coupling(Coupling.constant(problem, Gains(5.0, 1e3, 10.0), "mine"), "c.json")
+    code, text = said(capsys, "push", "c.json", "--port", "emulator")
+    assert code == 0
+    assert "1 row on emulator" in text
+    assert "read back equal" in text
+    assert "not tried; device.delay_samples is 1.5" in text
+
+
+def test_the_hand_that_lets_go_is_called_so():
+    problem = avc.load_problem("diverging").changed(hands={"let_go": True})
+    verdict = avc.deployable(Coupling.of(problem, avc.solve(problem, "exact")))
+    assert "linearly unstable let go" in verdict.sentence
+    assert "hand of 0 kg" not in verdict.sentence

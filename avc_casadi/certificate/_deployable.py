@@ -167,10 +167,10 @@ def _claim(
     if passed:
         return DeployClaim(name, True, f"linearly stable {who}, spectral radius {worst:.6g} at most", "", worst)
     if not let_go:
-        held = (
+        held = tuple(
             float(np.ravel(value)[hand]) for value in (hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)
         )
-        who = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held)
+        who = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held) if any(held) else "let go"
     failing = int(np.count_nonzero(~(radius.max(axis=(0, 2)) < limit)))
     where = "" if len(b) == 1 else f" at {frequency[row]:.4g} Hz ({failing} of {len(b)} gains judged)"
     sentence = f"linearly unstable {who}{where}: spectral radius {worst:.6g}{_of(corners[corner], corners)}"

@@ -102,7 +102,7 @@ def zwidth(problem: Problem | str | Path, progress: Progress = SILENT) -> ZWidth
     damping = np.concatenate([[0.0], np.geomspace(1e-4 * top, top, _DAMPINGS - 1)])
     scan = np.geomspace(1e-6, 1.0, _SCAN) * 64 * top / device.sample_time_s
     hands = hand_set(problem.hands)
-    delay = whole_delay(device.delay_samples, "the passive regions of zwidth")
+    delay = whole_delay(device.delay_samples, "the passive region of zwidth")
     late = delay or 1
     at = "" if delay == 0 else f", {delay} samples of delay"
 

@@ -10,7 +10,7 @@ import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._subject import is_coupling, read_subject
-from avc_casadi.cli._text import number, passive_limit
+from avc_casadi.cli._text import number, passive_limit, rows_text
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainSchedule
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     problem, gains, coupling, notes = _judged(args)
     file = args.problem if args.gains is None else args.gains
-    with console.step(f"certificate of {gains.rows} rows"):
+    with console.step(f"certificate of {rows_text(gains.rows)}"):
         certificate = avc.certify(problem, gains, requested=args.requested, progress=console).document()
     with console.step("table that runs"):
         if coupling is None and gains.usable.any():
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     beside = "".join(f"note: {note}\n" for note in notes)
     text = (
         f"{deployment['sentence']}\n"
-        f"{problem.name}: {gains.rows} rows of {file}, {certificate['judged']}\n{beside}"
+        f"{problem.name}: {rows_text(gains.rows)} of {file}, {certificate['judged']}\n{beside}"
         f"{levels_text(certificate)}\n"
         f"{claims}\n{_beside_hands(certificate['levels']['L5'])}"
         f"claimed by the problem file: {claimed} (scope {problem.stability.scope}, model {problem.stability.model}): "

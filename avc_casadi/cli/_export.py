@@ -9,6 +9,7 @@ from typing import Any
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, faults_of, read_subject, unsafe_note
+from avc_casadi.cli._text import rows_text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +49,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "lacks": list(coupling.lacks),
     }
     lines = [document["unsafe"]] if document["unsafe"] else []
-    lines.append(
-        f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {len(coupling.table)} rows: {', '.join(written)}"
-    )
+    what = f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {rows_text(len(coupling.table))}"
+    lines.append(f"{what}: {', '.join(written)}")
     return Answer(document, "\n".join([*lines, *(f"lacks: {one}" for one in coupling.lacks)]))

@@ -25,6 +25,13 @@ def passive_limit(limit_n_per_m: float | None) -> str:
     return f"no passive linear rendering on this device exceeds {number(limit_n_per_m)} N/m at DC (sampled-data)"
 
 
+def rows_text(rows: int) -> str:
+    """Return a number of rows in words: "1 row", "3 rows"."""
+    from avc_casadi import support
+
+    return support.rows_text(rows)
+
+
 def counts(found: Mapping[str, int]) -> str:
     """Return counts as "187 solved, 13 infeasible", leaving out what does not occur."""
     from avc_casadi import support

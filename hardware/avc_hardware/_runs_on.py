@@ -60,7 +60,7 @@ def check_runs_on(coupling: Coupling, device: Device | None = None) -> None:
     if lacks:
         raise FirmwareLacksError(
             f"{coupling.problem.name}: the coupling does not run on this firmware: {'; '.join(lacks)}. "
-            f"Take a coupling that it can run, or {_EXPORT}"
+            f"Take a coupling that it can run (of a method: avc solve P --method static-tuned --out FILE), or {_EXPORT}"
         )
 
 
