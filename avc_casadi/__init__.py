@@ -18,16 +18,7 @@ Results print themselves in a line, show a table in a notebook, and give their c
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from avc_casadi._errors import AvcError as AvcError
-from avc_casadi._errors import Fault as Fault
-from avc_casadi._errors import InputError as InputError
-from avc_casadi._errors import LinkError as LinkError
-from avc_casadi._errors import MissingExtraError as MissingExtraError
-from avc_casadi._errors import NotDeployableError as NotDeployableError
-from avc_casadi._errors import UnsupportedError as UnsupportedError
-from avc_casadi._errors import fault_document as fault_document
+TYPE_CHECKING = False  # typing takes long to load, and Ctrl-C meanwhile is a traceback
 
 __version__ = "0.2.0"
 
@@ -71,6 +62,14 @@ __all__ = [
 
 if TYPE_CHECKING:
     from avc_casadi import figures as figures
+    from avc_casadi._errors import AvcError as AvcError
+    from avc_casadi._errors import Fault as Fault
+    from avc_casadi._errors import InputError as InputError
+    from avc_casadi._errors import LinkError as LinkError
+    from avc_casadi._errors import MissingExtraError as MissingExtraError
+    from avc_casadi._errors import NotDeployableError as NotDeployableError
+    from avc_casadi._errors import UnsupportedError as UnsupportedError
+    from avc_casadi._errors import fault_document as fault_document
     from avc_casadi.certificate import Certificate as Certificate
     from avc_casadi.certificate import Deployable as Deployable
     from avc_casadi.certificate import certify as certify
@@ -100,6 +99,14 @@ if TYPE_CHECKING:
 else:
     # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
     _LAZY = {
+        "AvcError": "_errors",
+        "Fault": "_errors",
+        "InputError": "_errors",
+        "LinkError": "_errors",
+        "MissingExtraError": "_errors",
+        "NotDeployableError": "_errors",
+        "UnsupportedError": "_errors",
+        "fault_document": "_errors",
         "Certificate": "certificate",
         "certify": "certificate",
         "zwidth": "certificate",

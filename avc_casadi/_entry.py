@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from contextlib import suppress
-from typing import Any, NoReturn
+
+TYPE_CHECKING = False  # typing takes long to load, and Ctrl-C meanwhile is a traceback
+if TYPE_CHECKING:
+    from typing import Any, NoReturn
 
 _INTERRUPTED = 130
 
@@ -20,7 +22,14 @@ def run() -> int:
     handled = before is signal.default_int_handler  # not where the caller of the process had it ignored
     if handled:
         signal.signal(signal.SIGINT, _leave)
-    from avc_casadi.cli import main  # noqa: PLC0415 - an interrupt of this import is handled too
+    # An interrupt of these imports is handled too.
+    from contextlib import suppress  # noqa: PLC0415
+    from importlib.util import find_spec  # noqa: PLC0415
+    from pathlib import Path  # noqa: PLC0415
+
+    if find_spec("avc_hardware") is None:  # a plain checkout
+        sys.path.append(str(Path(__file__).resolve().parent.parent / "hardware"))
+    from avc_casadi.cli import main  # noqa: PLC0415
 
     try:
         if handled:

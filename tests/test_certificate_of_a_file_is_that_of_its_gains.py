@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import catalogue, certify, load_problem, solve
-from avc_casadi.coupling import gain_document, read_gains
+from avc_casadi.coupling import gain_document, read_file
 from avc_casadi.design import METHODS
 from avc_casadi.support import json_text
 
@@ -22,7 +22,7 @@ def read_back(gains):
     with TemporaryDirectory() as folder:
         path = Path(folder) / "gains.json"
         path.write_text(json_text(gain_document(gains)))
-        return read_gains(path)
+        return read_file(path)
 
 
 def few(name):
@@ -80,5 +80,5 @@ def test_a_file_that_does_not_say_which_damper_was_asked_for_is_not_judged_witho
     del document["requested_contact_damping_ns_per_m"]
     path = tmp_path / "gains.json"
     path.write_text(json_text(document))
-    certificate = certify(problem, read_gains(path), requested=True)
+    certificate = certify(problem, read_file(path), requested=True)
     assert certificate.rows_without_gains == int(np.count_nonzero(~gains.usable))

@@ -160,7 +160,8 @@ def test_certify_says_no_to_what_may_not_be_deployed_whatever_the_problem_claims
     )
     done = avc("certify", "weak.toml", "stiff.csv", cwd=tmp_path)
     assert done.returncode == 1
-    assert text_of(done).startswith("avc: not deployable: hands (L5): linearly unstable")
+    assert text_of(done) == "avc: weak: stiff.csv is not deployable\n"
+    assert done.stdout.decode().startswith("not deployable: hands (L5): linearly unstable")
     assert f"claimed by the problem file: {level}" in done.stdout.decode()
     (tmp_path / "soft.csv").write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n5.0,5.0,1e3\n50.0,5.0,1e3\n")
     done = avc("certify", "weak.toml", "soft.csv", "--json", cwd=tmp_path)
@@ -174,7 +175,8 @@ def test_the_problem_that_diverges_is_not_deployable(tmp_path):
     assert avc("solve", "diverging", "--method", "exact", "--out", "c.json", cwd=tmp_path).returncode == 0
     done = avc("certify", "c.json", cwd=tmp_path)
     assert done.returncode == 1
-    assert "let-go: linearly unstable let go" in text_of(done)
+    assert text_of(done) == "avc: diverging: c.json is not deployable\n"
+    assert "let-go: linearly unstable let go" in done.stdout.decode()
 
 
 def test_the_coupling_file_holds_the_solve_document(tmp_path):

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from avc_casadi import dump_problem, load_problem
 from avc_casadi.cli import main
 
 VERBS = [("certify", "soft", "gains.json"), ("simulate", "soft", "--gains", "gains.json")]
@@ -47,7 +48,8 @@ def test_another_sample_time_is_refused(arguments, gains, capsys):
 @pytest.mark.parametrize("arguments", VERBS, ids=lambda arguments: arguments[0])
 def test_another_problem_model_and_structure_are_noted(arguments, gains, capsys):
     other = "paper" if gains["model"] == "sampled-data" else "sampled-data"
-    rewrite(gains | {"problem": "hard", "model": other, "structure": "damped"})
+    bare = {key: value for key, value in gains.items() if key != "problem_file"}
+    rewrite(bare | {"schema": "avc-gains/1", "problem": "hard", "model": other, "structure": "damped"})
     _, out = call(capsys, *arguments, "--json")
     notes = json.loads(out.out)["notes"]
     assert [note.split(" for ")[1].split(" ")[0] for note in notes] == ["problem", "model", "structure"]
@@ -58,7 +60,22 @@ def test_another_problem_model_and_structure_are_noted(arguments, gains, capsys)
 
 def test_simulate_says_from_which_row_its_gains_are(gains, capsys):
     _, out = call(capsys, *VERBS[1])
-    assert f"the table's row of {gains['frequency_hz'][0]:g} Hz" in out.out
+    assert f"the table at {gains['frequency_hz'][0]:g} Hz" in out.out
+
+
+def test_simulate_says_at_which_frequency_the_scene_reads_the_gains(gains, capsys):
+    text = dump_problem(load_problem("soft").changed(scene={"interaction_hz": gains["frequency_hz"][7]}))
+    with open("soft7.toml", "w", encoding="utf-8") as file:  # noqa: PTH123
+        file.write(text)
+    _, out = call(capsys, "simulate", "soft7.toml", "--gains", "gains.json")
+    assert f"(b = {gains['damping_ns_per_m'][7]:.4g} N.s/m" in out.out
+    assert f"the table at {gains['frequency_hz'][7]:.4g} Hz" in out.out
+
+
+def test_constant_gains_are_read_at_no_frequency(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    _, out = call(capsys, "simulate", "scenes/stiff-wall-pressed")
+    assert "the table at" not in out.out
 
 
 def test_gains_that_are_infeasible_end_in_a_no(tmp_path, monkeypatch, capsys):

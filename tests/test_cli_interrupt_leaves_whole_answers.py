@@ -5,7 +5,10 @@ import signal
 import subprocess
 import sys
 
+import pytest
 from avc_process import ENVIRONMENT, avc, strict_json
+
+from avc_casadi.cli._files import output_folder
 
 LARGE = """
 import sys
@@ -53,6 +56,33 @@ def test_an_interrupt_of_the_first_imports_ends_with_130():
         assert done.returncode == 130, module
         assert b"Traceback" not in done.stderr
         assert done.stdout == b""
+
+
+def test_an_interrupt_that_spoils_numpy_ends_with_130_too():
+    """What writes the refusal needs numpy, which cannot be loaded a second time after an interrupt."""
+    for module in ("numpy.exceptions", "numpy.dtypes"):
+        done = interrupted_at(module)
+        assert done.returncode == 130, module
+        assert b"Traceback" not in done.stderr
+
+
+def test_a_folder_that_was_made_goes_again_where_nothing_comes_of_it(tmp_path):
+    there = tmp_path / "there"
+    there.mkdir()
+
+    def interrupted(asked):
+        with output_folder(str(tmp_path / asked), "--out") as folder:
+            (folder / "half.json").write_text("{")
+            raise KeyboardInterrupt
+
+    for asked in ("new/inner", "there/new"):
+        with pytest.raises(KeyboardInterrupt):
+            interrupted(asked)
+    assert list(tmp_path.iterdir()) == [there]
+    assert list(there.iterdir()) == []
+    with output_folder(str(tmp_path / "new" / "inner"), "--out") as folder:
+        (folder / "whole.json").write_text("{}")
+    assert [path.name for path in (tmp_path / "new" / "inner").iterdir()] == ["whole.json"]
 
 
 def test_an_interrupt_after_the_answer_changes_nothing():

@@ -13,7 +13,7 @@ TABLE = "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n"
     ("arguments", "key", "words"),
     [
         (("solve", "hard/undamped-device", "--method", "static"), "device.damping_ns_per_m", "static needs"),
-        (("export", "gains.csv", "--c", "c"), "", "Give the problem too (--problem P)"),
+        (("export", "gains.csv", "--c", "c"), "", "Give the problem that it was made for beside it: --problem P"),
         (("export", "gains.csv", "--c", "gains.csv", "--problem", "soft"), "--c", "choose another folder"),
         (("compare", "soft", "--mine", "-1,nan"), "--mine", "--mine=VALUE"),
         (("compare", "soft", "--mine=-1,nan"), "--mine", "finite and >= 0"),

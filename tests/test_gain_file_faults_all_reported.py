@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from avc_casadi import GainSchedule, InputError, load_problem, solve
 from avc_casadi.cli import main
-from avc_casadi.coupling import gain_csv, gain_document, read_gains
+from avc_casadi.coupling import gain_csv, gain_document, read_file
 
 VALID = {
     structure: gain_document(solve(load_problem(name), method))
@@ -32,7 +32,7 @@ def short(structure="series", rows=6):
 def read(document, folder):
     path = folder / "gains.json"
     path.write_text(json.dumps(document))
-    return read_gains(path)
+    return read_file(path)
 
 
 def faults(document, folder):
@@ -130,14 +130,14 @@ def test_csv_of_a_spreadsheet_begins_with_a_byte_order_mark(tmp_path):
     path = tmp_path / "gains.csv"
     gains = solve(load_problem("soft"), "exact")
     path.write_text(gain_csv(gains), encoding="utf-8-sig")
-    np.testing.assert_array_equal(read_gains(path).damping_ns_per_m, gains.damping_ns_per_m)
+    np.testing.assert_array_equal(read_file(path).damping_ns_per_m, gains.damping_ns_per_m)
 
 
 def test_faults_of_a_csv_name_their_lines(tmp_path):
     path = tmp_path / "gains.csv"
     path.write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n2,1,1\n\n2,1,1\n3,-1,inf\n4,x,1\n5,1\n")
     with pytest.raises(InputError) as found:
-        read_gains(path)
+        read_file(path)
     assert sorted(fault.line for fault in found.value.faults) == [4, 5, 5, 6, 7]
 
 
@@ -204,5 +204,5 @@ def test_a_document_edited_at_random_is_read_or_refused(tmp_path_factory, docume
 def test_a_csv_of_any_text_is_read_or_refused(tmp_path_factory, text):
     path = tmp_path_factory.getbasetemp() / "gains.csv"
     path.write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n" + text)
-    found = read_or_refused(read_gains, path)
+    found = read_or_refused(read_file, path)
     assert found is None or isinstance(found, GainSchedule)

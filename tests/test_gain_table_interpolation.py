@@ -155,6 +155,36 @@ def test_tolerance_holds_on_long_tables_too(tolerance):
     assert found.kept[-1] == 899
 
 
+def fewest_by_trying_every_pair(rows, tolerance):
+    """Number of rows of the shortest path, where each pair of rows is tried against all rows between them."""
+    x, gains = np.log(rows[:, 0]), rows[:, 1:]
+    size = np.where(gains == 0, np.maximum(gains.max(axis=0), 1.0), gains)
+    steps = np.full(len(rows), len(rows))
+    steps[0] = 0
+    for last in range(1, len(rows)):
+        for first in range(last):
+            share = ((x[first + 1 : last] - x[first]) / (x[last] - x[first]))[:, None]
+            guess = (1 - share) * gains[first] + share * gains[last]
+            if (np.abs(guess - gains[first + 1 : last]) <= tolerance * size[first + 1 : last]).all():
+                steps[last] = min(steps[last], steps[first] + 1)
+    return int(steps[-1]) + 1
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 2e-2])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_of_a_long_table_no_smaller_choice_meets_the_tolerance(seed, tolerance):
+    rng = np.random.default_rng(seed)
+    frequency = np.geomspace(1.0, 450.0, 300)
+    smooth = (
+        100 * (1.5 + np.sin(np.outer(np.log(frequency), rng.uniform(0.5, 3.0, 3)))) * rng.choice([1.0, 0.0], (1, 3))
+    )
+    smooth[rng.integers(300, size=3)] *= 1.7
+    table = GainTable(np.column_stack([frequency, smooth + 1e-4 * rng.normal(size=smooth.shape) * (smooth > 0)]))
+    found = reduce_rows(table, tolerance=tolerance)
+    assert found.error <= tolerance * (1 + 1e-9)
+    assert len(found.kept) == fewest_by_trying_every_pair(table.rows, tolerance)
+
+
 def test_without_a_problem_the_gains_are_measured():
     gains = solve(figure5(points=60), "schedule")
     found = reduce_rows(GainTable.of(gains), tolerance=0.05)

@@ -9,7 +9,7 @@ from avc_process import avc, strict_json
 
 from avc_casadi import deployable, dump_problem, load_problem, solve
 from avc_casadi.cli import main
-from avc_casadi.coupling import read_coupling, read_gains
+from avc_casadi.coupling import read_coupling, read_file
 
 FILES = {
     "coupling.json",
@@ -108,7 +108,7 @@ def test_documents_repeat_apart_from_times(results, name):
 def test_gain_files_hold_the_direct_gains(results):
     expected = solve(load_problem("figure5"), "direct")
     for name in ("gains.json", "gains.csv"):
-        gains = read_gains(results[0] / "avc-figure5" / name)
+        gains = read_file(results[0] / "avc-figure5" / name)
         np.testing.assert_array_equal(gains.frequency_hz, expected.frequency_hz)
         np.testing.assert_array_equal(gains.damping_ns_per_m, expected.damping_ns_per_m)
         np.testing.assert_array_equal(gains.stiffness_n_per_m, expected.stiffness_n_per_m)

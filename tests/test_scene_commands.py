@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from avc_casadi import load_problem, simulate
 from avc_casadi.cli import main
+from avc_casadi.coupling import NO_COUPLING
 
 KEYS = {
     "stable", "criterion", "steps", "states", "instructions", "effects", "absent", "apparent_stiffness_n_per_m",
@@ -30,7 +32,7 @@ def test_simulate_gives_the_documented_keys(capsys):
     assert document["certificate"]["L6"]["pass"]
 
 
-def test_the_limit_cycle_that_a_guard_ends_is_shown(capsys, tmp_path):
+def test_the_limit_cycle_is_shown_with_the_guard_and_without(capsys, tmp_path):
     path = tmp_path / "cycle.npz"
     document = json.loads(
         call(capsys, "simulate", "scenes/teaching-limit-cycle", "--trace", str(path), "--json")[1].out
@@ -40,8 +42,22 @@ def test_the_limit_cycle_that_a_guard_ends_is_shown(capsys, tmp_path):
     assert document["position_peak_to_peak_m"] == pytest.approx(late.max() - late.min(), rel=1e-12)
     assert json.loads(path.with_suffix(".json").read_text())["position_peak_to_peak_m"] > 0
     text = call(capsys, "simulate", "scenes/teaching-limit-cycle")[1].out
-    (line,) = (line for line in text.splitlines() if "peak to peak" in line)
-    assert float(line.removesuffix("mm peak to peak").split()[-1]) == pytest.approx(0.10, abs=0.005)
+    travel, beside = (line for line in text.splitlines() if "peak to peak" in line)
+    assert float(travel.removesuffix("mm peak to peak").split()[-1]) == pytest.approx(0.10, abs=0.005)
+    problem = load_problem("scenes/teaching-limit-cycle")
+    bare = problem.changed(scene={"effects": tuple(one for one in problem.scene.effects if one.kind != "guard")})
+    alone = float(np.ptp(simulate(bare, NO_COUPLING).position_m[-500:]))
+    assert document["without_guard"]["position_peak_to_peak_m"] == pytest.approx(alone, rel=1e-12)
+    assert f"without the guard: unstable, {1e3 * alone:.4g} mm" in beside
+
+
+def test_without_a_guard_nothing_stands_beside(capsys):
+    document = json.loads(call(capsys, "simulate", "scenes/free-motion", "--json")[1].out)
+    assert document["without_guard"] is None
+
+
+def test_what_comes_to_rest_comes_to_rest_with_one_hand(capsys):
+    assert "  with this hand the device comes to rest" in call(capsys, "simulate", "soft")[1].out
 
 
 def test_an_unstable_scene_ends_with_1(capsys):

@@ -12,7 +12,7 @@ from avc_casadi.certificate._certificate import Certificate, Level, LevelResult
 from avc_casadi.certificate._device_levels import device_level, ideal
 from avc_casadi.certificate._hands_level import hands_level
 from avc_casadi.certificate._levels import Rows, llewellyn_level, not_judged, passivity_level
-from avc_casadi.coupling import check_sample_time
+from avc_casadi.coupling import GainSchedule, check_sample_time, require_coupling
 from avc_casadi.loop import least_damped
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m
 from avc_casadi.problem import as_problem
@@ -21,13 +21,13 @@ from avc_casadi.support import SILENT, Progress
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from avc_casadi.coupling import GainSchedule
+    from avc_casadi.coupling import Coupling
     from avc_casadi.problem import Model, Problem
 
 
 def certify(
     problem: Problem | str | Path,
-    gains: GainSchedule,
+    gains: GainSchedule | Coupling,
     *,
     requested: bool = False,
     draws: int = 24,
@@ -38,7 +38,7 @@ def certify(
 
     Args:
         problem: device, environment, models and hands to judge against; or a problem file, or a name of the catalogue.
-        gains: the table; rows without gains fail every level.
+        gains: the table, or the coupling with it; rows without gains fail every level.
         requested: judge the gains that unrealisable rows asked for as well. Rows that asked for an infinite gain are
             judged as a rigid coupling.
         draws: hands drawn for L5 beside the corners of the range.
@@ -46,7 +46,7 @@ def certify(
         progress: told of the rows that are judged.
 
     Raises:
-        InputError: gains of another sample time.
+        InputError: gains of another sample time, or neither a table nor a coupling.
 
     Example:
         >>> certificate = avc.certify("soft", avc.solve("soft", "exact"))
@@ -54,6 +54,9 @@ def certify(
         True
     """
     problem = as_problem(problem)
+    if not isinstance(gains, GainSchedule):
+        require_coupling(gains)
+        gains = gains.schedule
     check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
     b, k, contact = (
         (gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m, gains.requested_contact_damping_ns_per_m)

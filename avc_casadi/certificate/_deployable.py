@@ -16,6 +16,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.certificate._at_rest import radius_limit
 from avc_casadi.certificate._feedback_claims import SHARES, feedback_radius
+from avc_casadi.coupling import require_coupling
 from avc_casadi.loop import LINEAR_KEYS, device_corners, hand_set, linear_values, no_hand
 from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, whole_stability
 from avc_casadi.support import SILENT, Progress, plain
@@ -108,11 +109,15 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
         coupling: the coupling.
         progress: told of the gains that are judged.
 
+    Raises:
+        InputError: it is no coupling.
+
     Example:
         >>> problem = avc.load_problem("figure5")
         >>> avc.deployable(avc.Coupling.of(problem, avc.solve(problem, "direct"))).passed
         False
     """
+    require_coupling(coupling)
     problem, table = coupling.problem, coupling.table
     frequency, gains = _judged(table)
     try:
@@ -156,10 +161,10 @@ def _claim(
     if passed:
         return DeployClaim(name, True, f"linearly stable {who}, spectral radius {worst:.6g} at most", "", worst)
     if not let_go:
-        held = (
+        held = tuple(
             float(np.ravel(value)[hand]) for value in (hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)
         )
-        who = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held)
+        who = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held) if any(held) else "let go"
     failing = int(np.count_nonzero(unstable))
     where = "" if len(b) == 1 else f" at {frequency[row]:.4g} Hz ({failing} of {len(b)} gains judged)"
     sentence = f"linearly unstable {who}{where}: spectral radius {worst:.6g}{_of(corners[corner], corners)}"

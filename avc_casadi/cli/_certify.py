@@ -10,7 +10,7 @@ import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._subject import is_coupling, read_subject
-from avc_casadi.cli._text import number, passive_limit
+from avc_casadi.cli._text import number, passive_limit, rows_text
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainSchedule
@@ -36,8 +36,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     problem, gains, coupling, notes = _judged(args)
     file = args.problem if args.gains is None else args.gains
-    with console.step(f"certificate of {gains.rows} rows"):
+    with console.step(f"certificate of {rows_text(gains.rows)}"):
         certificate = avc.certify(problem, gains, requested=args.requested, progress=console).document()
+    with console.step("table that runs"):
         if coupling is None and gains.usable.any():
             coupling = Coupling.of(problem, gains)
         verdict = None if coupling is None else avc.deployable(coupling, console)
@@ -56,26 +57,28 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     beside = "".join(f"note: {note}\n" for note in notes)
     text = (
         f"{deployment['sentence']}\n"
-        f"{problem.name}: {gains.rows} rows of {file}, {certificate['judged']}\n{beside}"
+        f"{problem.name}: {rows_text(gains.rows)} of {file}, {certificate['judged']}\n{beside}"
         f"{levels_text(certificate)}\n"
         f"{claims}\n{_beside_hands(certificate['levels']['L5'])}"
         f"claimed by the problem file: {claimed} (scope {problem.stability.scope}, model {problem.stability.model}): "
         f"{'met' if certificate['levels'][claimed]['pass'] else 'not met'}\n"
         f"{passive_limit(certificate['passive_limit_n_per_m'])}"
     )
-    complaint = "" if deployment["pass"] else f"avc: {deployment['sentence']}"
+    complaint = "" if deployment["pass"] else f"avc: {problem.name}: {file} is not deployable"
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
 
 
 def _judged(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, Coupling | None, list[str]]:
     """Return the problem, the gains, the coupling if a file of one was given, and notes."""
+    from avc_casadi.coupling import Coupling
+
     if args.gains is not None:
         problem = avc.load_problem(args.problem)
-        gains, notes = gains_for(problem, args.gains)
-        return problem, gains, None, notes
+        found, notes = gains_for(problem, args.gains)
+        return (problem, found.schedule, found, notes) if isinstance(found, Coupling) else (problem, found, None, notes)
     if not is_coupling(args.problem):
         raise avc.InputError.of("is missing; give a coupling or gain file, .json or .csv", key="GAINS")
-    coupling = read_subject(args.problem, None)
+    coupling = read_subject("certify", args.problem, beside=f"avc certify P {args.problem}")
     return coupling.problem, coupling.schedule, coupling, []
 
 

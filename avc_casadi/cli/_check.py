@@ -8,7 +8,7 @@ from typing import Any
 import avc_casadi as avc
 from avc_casadi.cli._check_device import check_device, is_device
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._text import number, passive_limit
+from avc_casadi.cli._text import number, passive_limit, titled
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,9 +49,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
 
 
 def _text(document: dict[str, Any]) -> str:
+    source = f"  {document['source']}\n" if document["source"] else ""
     lines = (
-        f"{document['problem']}: {document['title']}\n"
-        f"  {document['source']}\n"
+        f"{titled(document['problem'], document['title'])}\n{source}"
         f"  valid; structure {document['structure']}, model {document['model']}, scope {document['scope']}\n"
         f"  {document['frequencies']} frequencies, {number(document['lowest_hz'])} to "
         f"{number(document['highest_hz'])} Hz; Nyquist {number(document['nyquist_hz'])} Hz\n"

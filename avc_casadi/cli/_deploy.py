@@ -16,18 +16,36 @@ def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:
 
     Returns:
         The `push` document with ``unsafe`` (empty where it is deployable) and ``in_the_loop``; or
-        ``{"skipped": why}``, or ``{"refused": why}``.
+        ``{"skipped": why}``, or ``{"refused": why}``, with ``"deployable": False`` where that is why.
     """
     from avc_casadi.certificate import require_deployable
-    from avc_hardware import push, tried_in_the_loop
+    from avc_hardware import push
 
     if coupling is None:
         return {"skipped": "no coupling is deployable"}
     try:
         note = unsafe_note(require_deployable(coupling, unsafe=unsafe))
         pushed = push(coupling, "emulator", unsafe=unsafe).document()
-        return pushed | {"unsafe": note, "in_the_loop": tried_in_the_loop(coupling).document()}
+        return pushed | {"unsafe": note, "in_the_loop": tried_or_say(coupling)}
     except (avc.MissingExtraError, avc.UnsupportedError) as error:
         return {"skipped": str(error)}
-    except (avc.LinkError, avc.NotDeployableError) as error:
+    except avc.NotDeployableError as error:
+        return {"refused": str(error), "deployable": False}
+    except avc.LinkError as error:
         return {"refused": str(error)}
+
+
+def tried_or_say(coupling: Coupling) -> dict[str, Any]:
+    """Try a pushed coupling with a hand on the emulated device; a bench that cannot is no reason to lose the push.
+
+    Returns:
+        The figures of the trial; or ``{"skipped": why}``.
+    """
+    from avc_casadi.support import plain
+    from avc_hardware import tried_in_the_loop
+
+    try:
+        found: dict[str, Any] = plain(tried_in_the_loop(coupling).document())
+    except avc.UnsupportedError as error:
+        return {"skipped": str(error)}
+    return found

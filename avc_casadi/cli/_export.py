@@ -8,7 +8,8 @@ from typing import Any
 
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
-from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, read_subject, unsafe_note
+from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, faults_of, read_subject, unsafe_note
+from avc_casadi.cli._text import rows_text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,9 +30,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.certificate import require_deployable
     from avc_hardware import export_c
 
-    coupling = read_subject(args.gains, args.problem)
+    coupling = read_subject("export", args.gains, args.problem)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
-    with console.step("C"):
+    with faults_of(args.gains, args), console.step("C"):
         files = export_c(coupling, unsafe=args.unsafe)
     with output_folder(args.c, "--c") as folder:
         for name, text in files.items():
@@ -48,7 +49,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "lacks": list(coupling.lacks),
     }
     lines = [document["unsafe"]] if document["unsafe"] else []
-    lines.append(
-        f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {len(coupling.table)} rows: {', '.join(written)}"
-    )
+    what = f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {rows_text(len(coupling.table))}"
+    lines.append(f"{what}: {', '.join(written)}")
     return Answer(document, "\n".join([*lines, *(f"lacks: {one}" for one in coupling.lacks)]))

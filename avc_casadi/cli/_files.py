@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from avc_casadi import AvcError, InputError
@@ -40,7 +40,7 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
     """Gather results in a folder that is yielded; at the end all of them move into the one asked for, or none.
 
     The yielded folder lies inside the one asked for, which is made where it is missing: that it cannot be written to is
-    found before the long work.
+    found before the long work. What was made goes again where nothing comes of it.
 
     Args:
         text: the argument.
@@ -52,6 +52,7 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
     if not text or "\0" in text:
         raise InputError.of(f"{text!r} is no name; give the name of a folder", key=key)
     path = Path(text)
+    missing = [folder for folder in (path, *path.parents) if not folder.exists()]
     try:
         path.mkdir(parents=True, exist_ok=True)
         gathered = Path(tempfile.mkdtemp(prefix=".avc-", dir=path))
@@ -72,6 +73,9 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
         raise InputError.of(f"{text!r} cannot be written ({why}); choose another folder", key=key) from error
     finally:
         shutil.rmtree(gathered, ignore_errors=True)
+        with suppress(OSError):  # not empty: something came of it
+            for folder in missing:
+                folder.rmdir()
 
 
 def write_text(path: Path, text: str, key: str) -> None:

@@ -1,33 +1,46 @@
-"""Gains of a file beside a problem: refused where they mean another loop, noted where made for another problem."""
+"""A coupling or gain file beside a problem: refused where it means another loop, noted where another problem."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import GainSchedule
+    from avc_casadi.coupling import Coupling, GainSchedule
 
 
-def gains_for(problem: avc.Problem, file: str) -> tuple[GainSchedule, list[str]]:
-    """Read a gain file, and say in notes what it was designed for other than this problem.
+def gains_for(problem: avc.Problem, file: str) -> tuple[Coupling | GainSchedule, list[str]]:
+    """Read a file beside a problem, and say in notes what it was designed for other than this problem.
+
+    A coupling file is checked as everywhere and put on this problem with its table and all that runs beside it; a table
+    of gains alone stays one.
 
     Raises:
         InputError: faults of the file, or another sample time: frequencies and gains then mean another loop.
     """
-    from avc_casadi.coupling import check_sample_time, read_gains
+    from avc_casadi.coupling import Coupling, check_sample_time, read_file, same_problem
 
-    gains = read_gains(Path(file))
-    check_sample_time(gains.sample_time_s, problem, file)
-    pairs: list[tuple[str, str, str]] = [("structure", gains.structure, problem.coupling.structure)]
-    if gains.method != "file":  # a bare table names neither problem nor model
+    found = read_file(file)
+    check_sample_time(found.sample_time_s, problem, file)
+    if isinstance(found, Coupling):
+        if same_problem(problem, found.problem):
+            return found, []
+        note = f"the coupling was made for {found.problem.name} with another {_differing(problem, found.problem)}"
+        return found.on(problem), [note]
+    pairs: list[tuple[str, str, str]] = [("structure", found.structure, problem.coupling.structure)]
+    if found.method != "file":  # a bare table names neither problem nor model
         pairs = [
-            ("problem", gains.problem, problem.name),
-            ("model", gains.model, problem.stability.model),
+            ("problem", found.problem, problem.name),
+            ("model", found.model, problem.stability.model),
             *pairs,
         ]
-    return gains, [
+    return found, [
         f"the gains were designed for {what} {theirs}, not {ours}" for what, theirs, ours in pairs if theirs != ours
     ]
+
+
+def _differing(one: avc.Problem, other: avc.Problem) -> str:
+    """Name the tables in which two problems differ."""
+    mine, theirs = one.model_dump(), other.model_dump()
+    return ", ".join(f"[{key}]" for key in mine if isinstance(mine[key], dict) and mine[key] != theirs[key])

@@ -8,6 +8,7 @@ import re
 import sys
 import traceback
 from collections.abc import Container, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -141,7 +142,8 @@ def _run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _interrupted(console: Console) -> int:
-    console.refuse(_document("interrupted"), "avc: interrupted")
+    with suppress(ImportError):  # Ctrl-C fell into loading numpy, which is then lost to this process
+        console.refuse(_document("interrupted"), "avc: interrupted")
     return INTERRUPTED
 
 

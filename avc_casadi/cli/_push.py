@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.cli._arguments import add_port, positive_int
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, read_subject, unsafe_note
-from avc_casadi.cli._text import number
+from avc_casadi.cli._deploy import tried_or_say
+from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, faults_of, read_subject, unsafe_note
+from avc_casadi.cli._text import number, rows_text
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -32,11 +33,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Push; a refusal is raised."""
     from avc_casadi.certificate import require_deployable
     from avc_casadi.support import plain
-    from avc_hardware import EMULATOR, push, tried_in_the_loop
+    from avc_hardware import EMULATOR, push
 
-    coupling = read_subject(args.gains, args.problem)
+    coupling = read_subject("push", args.gains, args.problem)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
-    with console.step(f"push to {args.port}"):
+    with faults_of(args.gains, args), console.step(f"push to {args.port}"):
         document = plain(
             {"schema": "avc-push/2", "coupling": coupling.id, "deployable": verdict.document()}
             | push(coupling, args.port, baud=args.baud, unsafe=args.unsafe).document()
@@ -46,7 +47,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     document["lacks"] = list(coupling.lacks)
     if args.port == EMULATOR:
         with console.step("firmware and plant in the loop"):
-            document["in_the_loop"] = plain(tried_in_the_loop(coupling).document())
+            document["in_the_loop"] = tried_or_say(coupling)
     equal = document["readback_equal"]
     complaint = "" if equal else f"avc: {args.port}: the table read back is not the one sent; push again"
     return Answer(document, "\n".join(_lines(document, coupling)), code=0 if equal else 1, complaint=complaint)
@@ -58,7 +59,7 @@ def _lines(document: dict[str, Any], coupling: Coupling) -> list[str]:
     lines = [document["unsafe"]] if document["unsafe"] else []
     lines += [
         (
-            f"{document['rows']} rows on {document['port']} in {document['seconds']:.3g} s "
+            f"{rows_text(document['rows'])} on {document['port']} in {document['seconds']:.3g} s "
             f"({document['attempts']} attempt{'s' if document['attempts'] > 1 else ''}); table {document['table_id']}, "
             f"CRC {document['crc32']:08x}"
         ),
@@ -78,7 +79,9 @@ def _lines(document: dict[str, Any], coupling: Coupling) -> list[str]:
             f"from {low} to {high} Hz"
         )
     if "in_the_loop" in document:
-        lines.append(f"firmware and plant in the loop: {document['in_the_loop']['sentence']}")
+        tried = document["in_the_loop"]
+        what = tried["sentence"] if "sentence" in tried else f"not tried; {tried['skipped']}"
+        lines.append(f"firmware and plant in the loop: {what}")
     return [
         *lines,
         *(f"note: {note}" for note in document.get("notes", ())),

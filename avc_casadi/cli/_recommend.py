@@ -15,6 +15,12 @@ from avc_casadi.cli._versions import package_versions
 if TYPE_CHECKING:
     import argparse
 
+    from avc_casadi.recommendation import Recommendation
+
+_PHYSICAL_WALL = (
+    "the physical wall, which does not know of samples: Z = m s + b_d + b_e + k_e/s at s = j omega, relative to |Z|"
+)
+
 
 # Shares of the force limit and of the stiffness felt from which it is worth a line.
 _AT_LIMIT, _STIFFER = 0.97, 1.1
@@ -70,12 +76,20 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         )
     if out is not None and found.coupling is not None:
         write_text(out, json_text(coupling_document(found.coupling)), "--out")
-    document = found.document()
-    complaint = "" if found.deployable else f"avc: {problem.name}: {found.reason}"
+    document = recommend_document(found)
+    complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
     text = "\n".join(recommendation_lines(document))
     if out is not None and found.coupling is not None:
         text += f"\nwritten: {out}"
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
+
+
+def recommend_document(found: Recommendation) -> dict[str, Any]:
+    """Return the `recommend` document, which says what its complex error is taken from."""
+    document = found.document()
+    if "complex_error" in document["felt"]:
+        document["felt"]["complex_error_from"] = _PHYSICAL_WALL
+    return document
 
 
 def recommendation_lines(document: dict[str, Any]) -> list[str]:
@@ -96,6 +110,8 @@ def recommendation_lines(document: dict[str, Any]) -> list[str]:
         lines.append(
             f"simulated only: {', '.join(document['trial']['effects'])}; {', '.join(document['trial']['motions'])}"
         )
+    if "complex_error_from" in document["felt"]:
+        lines.append(f"complex error: distance from {document['felt']['complex_error_from']}")
     lines += [f"assumed: {gap}" for gap in document["assumed"]]
     lines += [f"not used: {what}" for what in document["not_used"]]
     return lines

@@ -15,9 +15,10 @@ from avc_casadi.cli._compare import compared, infeasible
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._deploy import push_or_say
 from avc_casadi.cli._files import output_folder, write_text
-from avc_casadi.cli._recommend import conclusion_lines
+from avc_casadi.cli._recommend import conclusion_lines, recommend_document
 from avc_casadi.cli._solve import without_gains
 from avc_casadi.cli._subject import add_unsafe
+from avc_casadi.cli._text import titled
 from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     problem = avc.load_problem(args.problem)
     asked = f"avc-{problem.name.replace('/', '-')}" if args.out is None else args.out
     with output_folder(asked, "--out") as folder:
-        console.say(f"{problem.name}: {problem.title}")
+        console.say(titled(problem.name, problem.title))
         return _worked_through(problem, args, console, folder, Path(asked))
 
 
@@ -102,9 +103,10 @@ def _worked_through(
     scoped = comparison.delivered != comparison.optimum
     complaints = [without_gains(gain_document(gains)) if scoped else infeasible(compare)]
     if not deployment["deployable"] and not push.get("unsafe"):
-        complaints.append(f"avc: {problem.name}: {deployment['reason']}")
-    if "refused" in push:
-        complaints.append(f"avc: push refused: {push['refused']}")
+        what = "no coupling is deployable" if coupling is None else "not deployable, push refused"
+        complaints.append(f"avc: {problem.name}: {what}")
+    elif "refused" in push:
+        complaints.append(f"avc: {problem.name}: push refused")
     complaint = "\n".join(filter(None, complaints))
     return Answer(document, "\n".join(lines), code=1 if complaint else 0, complaint=complaint)
 
@@ -112,7 +114,7 @@ def _worked_through(
 def _recommended(problem: avc.Problem, console: Console) -> dict[str, Any]:
     """Return the `recommend` document, and the coupling itself as ``of``."""
     found = avc.recommend(problem, versions=package_versions(), progress=console)
-    return found.document() | {"of": found.coupling}
+    return recommend_document(found) | {"of": found.coupling}
 
 
 def _by_method(problem: avc.Problem, method: MethodName, console: Console) -> dict[str, Any]:
@@ -121,7 +123,7 @@ def _by_method(problem: avc.Problem, method: MethodName, console: Console) -> di
 
     gains = avc.solve(problem, method, progress=console)
     found = judged_as_recommended(problem, gains, versions=package_versions(), progress=console)
-    return found.document() | {"of": found.coupling}
+    return recommend_document(found) | {"of": found.coupling}
 
 
 def _draw(comparison: Comparison, folder: Path) -> list[tuple[str, str]]:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._foreign import gains_for
+from avc_casadi.cli._simulate_text import outcome, simulation_text
 from avc_casadi.cli._subject import is_coupling, read_subject
-from avc_casadi.cli._text import number, table
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import Gains, GainSchedule
+    from avc_casadi.coupling import Coupling, Gains, GainSchedule
+    from avc_casadi.scene import Run
 
 # A figure holds four runs that can be told apart.
 _MOST_OTHERS = 3
@@ -52,28 +54,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate, measure the cost of each effect, write and show; 1 if the device does not come to rest."""
-    from avc_casadi.coupling import NO_COUPLING, without_start
+    from avc_casadi.coupling import NO_COUPLING, Coupling, without_start
     from avc_casadi.problem import left_out
     from avc_casadi.scene import explain
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     trace = None if args.trace is None else output_file(args.trace, "--trace", (".npz",))
-    coupling = read_subject(args.problem, None) if is_coupling(args.problem) else None
-    if coupling is not None and args.gains is not None:
-        raise avc.InputError.of("does not go with a coupling file; give the problem instead", key="--gains")
-    problem = avc.load_problem(args.problem) if coupling is None else coupling.problem
+    problem, gains, notes = _subject(args, console)
     others = _others(args.against)
-    gains, notes = (coupling.schedule, []) if coupling is not None else gains_of(args.gains, problem, console)
-    why = "" if gains is None else without_start(gains)
+    why = "" if gains is None else without_start(gains.schedule if isinstance(gains, Coupling) else gains)
     if why:
         file, key = (problem.name, "scene.coupling") if args.gains is None else (args.gains, "--gains")
         no = avc.InputError.of(why, file=file, key=key)
         return Answer(avc.fault_document(no), "", code=1, complaint=f"avc: {no}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
-        found = avc.simulate(problem, coupling or gains, seed=args.seed)
+        found = avc.simulate(problem, gains, seed=args.seed)
+        unguarded = _without_guard(problem, gains, found, args.seed)
         beside = [avc.simulate(problem, _gains_by(name, problem), seed=args.seed) for name in others]
     with console.step("cost of each effect"):
-        parts = explain(problem, coupling or (NO_COUPLING if gains is None else gains))
+        parts = explain(problem, NO_COUPLING if gains is None else gains)
     if trace is not None:
         trace = found.save(trace)
     if plot is not None:
@@ -82,13 +81,32 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         with console.step("figure"):
             save_figure(draw_scene([found, *beside]), plot)
     document = found.document(trace) | parts.document()
-    document["gains_from_hz"] = None if gains is None else float(gains.frequency_hz.min())
+    document["gains_from_hz"] = _read_at(problem, gains)
     document["notes"] = notes
     document["left_out"] = list(left_out(problem))
+    document["without_guard"] = None if unguarded is None else _figures(unguarded)
     if beside:
-        document["against"] = [{name: run.document()[name] for name in _COMPARED} for run in beside]
-    complaint = "" if found.stable else f"avc: {problem.name}: the device does not come to rest ({found.claim})"
-    return Answer(document, _text(document, args), code=1 if complaint else 0, complaint=complaint)
+        document["against"] = [_figures(run) for run in beside]
+    complaint = "" if found.stable else f"avc: {problem.name}: {outcome(document)}"
+    return Answer(
+        document,
+        simulation_text(document, plot=args.plot, explained=args.explain),
+        code=1 if complaint else 0,
+        complaint=complaint,
+    )
+
+
+def _subject(
+    args: argparse.Namespace, console: Console
+) -> tuple[avc.Problem, Coupling | GainSchedule | None, list[str]]:
+    """Return the problem, what its scene runs with, and notes; None for a scene without coupling."""
+    if not is_coupling(args.problem):
+        problem = avc.load_problem(args.problem)
+        return problem, *gains_of(args.gains, problem, console)
+    if args.gains is not None:
+        raise avc.InputError.of("does not go with a coupling file; give the problem instead", key="--gains")
+    coupling = read_subject("simulate", args.problem, beside=f"avc simulate P --gains {args.problem}")
+    return coupling.problem, coupling, []
 
 
 def _others(text: str | None) -> list[str]:
@@ -104,6 +122,36 @@ def _others(text: str | None) -> list[str]:
     return names
 
 
+def _figures(run: Run) -> dict[str, Any]:
+    document = run.document()
+    return {name: document[name] for name in _COMPARED}
+
+
+def _without_guard(problem: avc.Problem, gains: Coupling | GainSchedule | None, found: Run, seed: int) -> Run | None:
+    """Return the same run without its guard, to tell what the guard does; None where there is none."""
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.problem import GuardEffect, scene_effects
+
+    if GuardEffect().kind not in found.effects:
+        return None
+    if isinstance(gains, Coupling):
+        gains = replace(gains, runtime=replace(gains.runtime, guard=None))
+    kept = tuple(effect for effect in scene_effects(problem) if not isinstance(effect, GuardEffect))
+    return avc.simulate(problem.changed(scene={"effects": kept}), gains, seed=seed)
+
+
+def _read_at(problem: avc.Problem, gains: Coupling | GainSchedule | None) -> float | None:
+    """Return the frequency at which gains that vary are read at first; None where none vary."""
+    from avc_casadi.coupling import Coupling, GainTable
+
+    if gains is None:
+        return None
+    table = gains.table if isinstance(gains, Coupling) else GainTable.of(gains)
+    if table.constant:
+        return None
+    return table.rest_hz if problem.scene.interaction_hz is None else problem.scene.interaction_hz
+
+
 def _gains_by(name: str, problem: avc.Problem) -> Gains | GainSchedule:
     from avc_casadi.coupling import NO_COUPLING
     from avc_casadi.design import method_named
@@ -111,8 +159,10 @@ def _gains_by(name: str, problem: avc.Problem) -> Gains | GainSchedule:
     return NO_COUPLING if name == "none" else avc.solve(problem, method_named(name))
 
 
-def gains_of(file: str | None, problem: avc.Problem, console: Console) -> tuple[GainSchedule | None, list[str]]:
-    """Return the gain table of a file, or that of the scene's coupling, and notes; None for a scene without any."""
+def gains_of(
+    file: str | None, problem: avc.Problem, console: Console
+) -> tuple[Coupling | GainSchedule | None, list[str]]:
+    """Return what a file holds, or the gains of the scene's coupling, and notes; None for a scene without any."""
     if file is not None:
         return gains_for(problem, file)
     method = problem.scene.coupling
@@ -120,94 +170,3 @@ def gains_of(file: str | None, problem: avc.Problem, console: Console) -> tuple[
         return None, []
     with console.step(f"coupling: {method}"):
         return avc.solve(problem, method), []
-
-
-def _text(document: dict[str, Any], args: argparse.Namespace) -> str:
-    outcomes = {
-        "asymptotic": "comes to rest, and does not need dry friction for it",
-        "held-by-friction": "held by dry friction only: without it the device does not come to rest",
-        "unstable": "does not come to rest",
-    }
-    gains = [document[key] for key in ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")]
-    coupling = document["coupling"]
-    if coupling != "none":
-        b, k, b_p = (number(gain) if gain is not None else "rigid" for gain in gains)
-        coupling += f" (b = {b} N.s/m, k = {k} N/m" + (f", b_p = {b_p} N.s/m)" if gains[2] else ")")
-        if document["gains_from_hz"] is not None:
-            adapts = any(effect["kind"] == "adaptation" for effect in document["effects"])
-            coupling += ", at first" if adapts else ""
-            coupling += f", the table's row of {number(document['gains_from_hz'])} Hz, its lowest"
-    lines = [
-        f"{document['problem']}: {document['steps']} samples, coupling {coupling}",
-        *(f"  note: {note}" for note in document["notes"]),
-        *(
-            [f"  declared and left out, as the scene lists other effects: {', '.join(document['left_out'])}"]
-            if document["left_out"]
-            else []
-        ),
-        f"  {outcomes[document['outcome']]}{'; buzzes' if document['buzzing'] else ''}",
-        f"  largest velocity at the end   {number(_times(document['peak_velocity_m_per_s'], 1e3))} mm/s",
-        f"  position at the end           {number(_times(document['position_peak_to_peak_m'], 1e3))} mm peak to peak",
-        f"  force at the end              {number(document['mean_force_n'])} N",
-        f"  force between 20 and 500 Hz   {number(document['force_ripple_n'])} N rms",
-        f"  apparent stiffness            {number(document['apparent_stiffness_n_per_m'])} N/m",
-        f"  rate-hardness at contact      {number(document['rate_hardness_n_per_m'])} N/m",
-        f"  energy given out beyond that taken in   {number(_times(document['energy_generated_j'], 1e3))} mJ",
-        f"  {document['criterion']}",
-    ]
-    if "against" in document:
-        lines += ["", *_against(document)]
-    if args.explain:
-        lines += ["", *_explanation(document)]
-    lines += [f"written: {path}" for path in (document["trace"],) if path is not None]
-    lines += [f"drawn: {args.plot}"] if args.plot is not None else []
-    return "\n".join(lines)
-
-
-def _against(document: dict[str, Any]) -> list[str]:
-    rows = [
-        [
-            run["coupling"],
-            run["outcome"] + (", buzzes" if run["buzzing"] else ""),
-            number(_times(run["position_peak_to_peak_m"], 1e3)),
-            number(run["apparent_stiffness_n_per_m"]),
-            number(run["rate_hardness_n_per_m"]),
-            number(_times(run["energy_generated_j"], 1e3)),
-        ]
-        for run in (document, *document["against"])
-    ]
-    head = (
-        "coupling",
-        "outcome",
-        "position\npeak to peak\nmm",
-        "apparent\nstiffness\nN/m",
-        "rate-\nhardness\nN/m",
-        "energy\ngiven out\nmJ",
-    )
-    return [table(head, rows, left=(0, 1))]
-
-
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else factor * value
-
-
-def _explanation(document: dict[str, Any]) -> list[str]:
-    rows = [
-        [
-            effect["kind"],
-            effect["station"],
-            str(effect["states"]),
-            "the only mass" if effect["instructions"] is None else str(effect["instructions"]),
-            "-" if effect["ns_per_step"] is None else f"{effect['ns_per_step']:.0f}",
-        ]
-        for effect in document["effects"]
-    ]
-    rows.append(
-        ["whole sample", "", str(document["states"]), str(document["instructions"]), f"{document['ns_per_step']:.0f}"]
-    )
-    head = ("effect", "station", "adds\nstates", "adds\ninstructions", "adds\nns a sample")
-    return [
-        table(head, rows, left=(0, 1)),
-        f"states: {', '.join(document['state_names'])}",
-        f"absent, at no cost: {', '.join(document['absent'])}",
-    ]

@@ -47,7 +47,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         gains = avc.solve(
             problem, method, solver=args.solver, tolerance=args.tolerance, as_printed=args.as_printed, progress=console
         )
-    coupling = Coupling.of(problem, gains, versions=package_versions()) if gains.usable.any() else None
+    with console.step("table that runs"):
+        coupling = Coupling.of(problem, gains, versions=package_versions()) if gains.usable.any() else None
     with console.step(f"certificate of {gains.rows} rows"):
         document = solve_document(problem, gains, console)
         document["deployable"] = None if coupling is None else avc.deployable(coupling, console).document()
@@ -61,11 +62,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 def _file_text(document: dict[str, Any], coupling: Coupling | None) -> str:
     """Return the text of the coupling file; where no row has gains, of the plain document."""
-    from avc_casadi.certificate import certified
     from avc_casadi.coupling import coupling_document
     from avc_casadi.support import json_text
 
-    return json_text(document if coupling is None else document | coupling_document(certified(coupling)))
+    if coupling is None:
+        return json_text(document)
+    certificate = document["certificate"] | {"deployable": document["deployable"]}
+    return json_text(document | coupling_document(coupling.with_certificate(certificate)))
 
 
 def methods_help() -> str:

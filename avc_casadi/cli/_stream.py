@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_port, positive, positive_int
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, is_coupling, read_subject, unsafe_note
+from avc_casadi.cli._subject import (
+    add_problem_of_gains,
+    add_unsafe,
+    faults_of,
+    is_coupling,
+    read_subject,
+    unsafe_note,
+)
 from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
@@ -49,15 +56,16 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
                 f"force {number(sample.force_n):>8} N"
             )
 
-    result = stream(
-        coupling,
-        args.port,
-        rate_hz=args.rate_hz,
-        seconds=args.seconds,
-        baud=args.baud,
-        on_sample=show,
-        unsafe=args.unsafe,
-    )
+    with faults_of(args.subject, args):
+        result = stream(
+            coupling,
+            args.port,
+            rate_hz=args.rate_hz,
+            seconds=args.seconds,
+            baud=args.baud,
+            on_sample=show,
+            unsafe=args.unsafe,
+        )
     document: dict[str, Any] = plain(
         {"schema": "avc-stream/2", "problem": coupling.problem.name, "coupling": coupling.id}
         | {key: value for key, value in vars(result).items() if key not in {"samples", "push", "status"}}
@@ -77,7 +85,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 def _coupling(args: argparse.Namespace, console: Console) -> Coupling:
     """Read the coupling; or recommend one for a problem."""
     if is_coupling(args.subject):
-        return read_subject(args.subject, args.problem)
+        return read_subject("stream", args.subject, args.problem)
     problem = avc.load_problem(args.subject)
     with console.step("recommended coupling"):
         found = avc.recommend(problem, progress=console)

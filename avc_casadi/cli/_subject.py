@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,9 +36,47 @@ def add_unsafe(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def read_subject(file: str, problem: str | None) -> Coupling:
-    """Read a coupling file, or a gain file beside the problem that --problem names."""
-    return avc.read_coupling(Path(file), None if problem is None else avc.load_problem(problem))
+def read_subject(verb: str, file: str, problem: str | None = None, *, beside: str = "--problem P") -> Coupling:
+    """Read a coupling file, or a gain file beside the problem that --problem names.
+
+    Args:
+        verb: that takes it, for messages.
+        file: the argument.
+        problem: of a gain file; None where none was given.
+        beside: how the verb takes the problem of a gain file.
+
+    Raises:
+        InputError: with every fault; a problem in place of a coupling is answered with the command that makes one.
+    """
+    from avc_casadi.coupling import GAINS_ALONE, Coupling, read_file
+
+    if not is_coupling(file) and _is_problem(file):
+        make = f"avc recommend {file} --out c.json"
+        raise avc.InputError.of(f"is a problem; {verb} takes a coupling: {make}", file=file)
+    if problem is not None:
+        return avc.read_coupling(Path(file), avc.load_problem(problem))
+    found = read_file(Path(file))
+    if isinstance(found, Coupling):
+        return found
+    raise avc.InputError.of(f"{GAINS_ALONE}: {beside}", file=file)
+
+
+def _is_problem(text: str) -> bool:
+    from avc_casadi.problem import catalogue_names
+
+    return text.endswith(".toml") or text in catalogue_names()
+
+
+@contextmanager
+def faults_of(file: str, args: argparse.Namespace) -> Iterator[None]:
+    """Lay faults that belong to no file and no option to the coupling file that a verb was given."""
+    try:
+        yield
+    except avc.InputError as error:
+        options = vars(args)
+        raise avc.InputError(
+            [fault if fault.file or fault.key in options else replace(fault, file=file) for fault in error.faults]
+        ) from None
 
 
 def unsafe_note(verdict: avc.Deployable) -> str:

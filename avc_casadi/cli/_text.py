@@ -6,6 +6,11 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 
+def titled(name: str, title: str) -> str:
+    """Return a name with its title, or alone where it has none."""
+    return f"{name}: {title}" if title else name
+
+
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number to so many significant digits; a dash where it is undefined."""
     from avc_casadi import support
@@ -21,6 +26,13 @@ def passive_limit(limit_n_per_m: float | None) -> str:
             "delay only"
         )
     return f"no passive linear rendering on this device exceeds {number(limit_n_per_m)} N/m at DC (sampled-data)"
+
+
+def rows_text(rows: int) -> str:
+    """Return a number of rows in words: "1 row", "3 rows"."""
+    from avc_casadi import support
+
+    return support.rows_text(rows)
 
 
 def counts(found: Mapping[str, int]) -> str:

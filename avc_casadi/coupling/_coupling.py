@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi._errors import InputError
 from avc_casadi.coupling._gain_table import GainTable
 from avc_casadi.coupling._reduction import reduce_rows
 from avc_casadi.coupling._runtime import Runtime
@@ -25,6 +28,7 @@ THINNING = 1e-3
 """Largest relative change of a gain where rows are left out; certificate, scene and device read what is left."""
 CAPACITY_ROWS = 256
 """Rows that a device holds at most."""
+_SAME_TIME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +145,15 @@ class Coupling:
         }
         return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
 
+    def on(self, problem: Problem) -> Coupling:
+        """Return the same table and what runs beside it on another problem: not certified, not tried.
+
+        Raises:
+            InputError: the gains were made for another sample time.
+        """
+        check_sample_time(self.sample_time_s, problem, f"coupling by {self.method} for {self.problem.name}")
+        return replace(self, problem=problem, certificate=None, trial=None)
+
     def with_certificate(self, certificate: Mapping[str, Any]) -> Coupling:
         """Return the same coupling with its certificate beside it."""
         return replace(self, certificate=certificate)
@@ -164,3 +177,38 @@ def schedule_of(problem: Problem, table: GainTable, method: str) -> GainSchedule
     return gain_schedule(
         problem, method, (b, k, contact), (Status.SOLVED,) * len(table), frequency_hz=table.frequency_hz
     )
+
+
+def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None:
+    """Refuse gains of another sample time: frequencies and gains then mean another loop. Unknown (NaN) passes.
+
+    Raises:
+        InputError: says both.
+    """
+    own = problem.device.sample_time_s
+    if math.isfinite(sample_time_s) and not math.isclose(sample_time_s, own, rel_tol=_SAME_TIME):
+        raise InputError.of(
+            f"is {sample_time_s:g}, but device.sample_time_s of {problem.name} is {own:g}; give gains that were "
+            "solved for this sample time",
+            file=file,
+            key="sample_time_s",
+        )
+
+
+def require_coupling(value: object) -> None:
+    """Refuse what is not a coupling, with what makes one of it.
+
+    Raises:
+        InputError: says what was given and what to give.
+    """
+    if isinstance(value, Coupling):
+        return
+    if isinstance(value, str | PathLike):
+        hint = f"is the text {str(value)!r}; give what avc.read_coupling({str(value)!r}) returns"
+    elif hasattr(value, "coupling"):
+        hint = f"is a {type(value).__name__}; give the coupling in it: its attribute `coupling`, None where it has none"
+    elif value is None:
+        hint = "is None: nothing could be recommended or read; the reason stands beside it"
+    else:
+        hint = f"is a {type(value).__name__}; give a Coupling, for example avc.Coupling.of(problem, gains)"
+    raise InputError.of(hint, key="coupling")

@@ -2,29 +2,37 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.coupling._coupling import Coupling
+from avc_casadi.coupling._coupling import Coupling, check_sample_time, require_coupling
 from avc_casadi.coupling._gain_check import COUPLING_SCHEMA, GainCheck
-from avc_casadi.coupling._gain_file import gain_document, read_document, read_gains
+from avc_casadi.coupling._gain_file import gain_document, read_csv, read_document
 from avc_casadi.coupling._gain_table import GainTable
 from avc_casadi.coupling._runtime import Runtime
 from avc_casadi.problem import Problem, StateFeedbackEffect, as_problem, effect_of, problem_document, problem_of
 from avc_casadi.runtime import STATE_FEEDBACK_KEYS, StateFeedback
 from avc_casadi.support import json_text, plain
 
+if TYPE_CHECKING:
+    from avc_casadi.coupling._schedule import GainSchedule
+
 _TABLE = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-_SAME = 1e-9
-_RELEASE_0_1 = (
-    "the problem: wall, hands, device and force limit",
-    "what runs beside the gains: observer, estimator, adaptation, guard",
+# What a key of a scene's effect is called here.
+_RUNTIME_KEYS = {"mass_kg": "observer_mass_kg", "method": "estimator"}
+GAINS_ALONE = (
+    "is a table of gains alone; it lacks the problem (wall, hands, device, force limit), what runs beside the gains "
+    "and the certificate. Give the problem that it was made for beside it"
+)
+"""What is missing in a gain file that no problem stands beside."""
+_LACKS = (
+    "what runs beside the gains: observer, estimator, adaptation, guard; those of a coupling that names none are taken",
     "its certificate on the loop as it is",
 )
 
@@ -59,10 +67,32 @@ def coupling_document(coupling: Coupling) -> dict[str, Any]:
 def write_coupling(coupling: Coupling, path: str | Path) -> None:
     """Write a coupling file.
 
+    Raises:
+        InputError: it is no coupling.
+
     Example:
         >>> avc.write_coupling(avc.Coupling.of(avc.load_problem("soft"), avc.solve("soft")), "soft.json")
     """
+    require_coupling(coupling)
     Path(path).write_text(json_text(coupling_document(coupling)), encoding="utf-8")
+
+
+def read_file(path: str | Path) -> Coupling | GainSchedule:
+    """Read what a file holds: a coupling, checked whole; or a table of gains alone, CSV or of release 0.1.0.
+
+    Args:
+        path: .json or .csv.
+
+    Raises:
+        InputError: with every fault of the file.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".csv":
+        return read_csv(path)
+    document = read_document(path)
+    if document.get("schema") == COUPLING_SCHEMA or "problem_file" in document:
+        return _from_document(document, path)
+    return GainCheck(document, path).schedule()
 
 
 def read_coupling(path: str | Path, problem: Problem | str | Path | None = None) -> Coupling:
@@ -81,55 +111,42 @@ def read_coupling(path: str | Path, problem: Problem | str | Path | None = None)
         >>> avc.read_coupling("soft.json").method
         'direct'
     """
-    path = Path(path)
-    if path.suffix.lower() != ".csv":
-        document = read_document(path)
-        if document.get("schema") == COUPLING_SCHEMA:
-            found = _from_document(document, path)
-            if problem is not None and not _same_problem(as_problem(problem), found.problem):
-                raise InputError.of(
-                    f"carries its own problem, {found.problem.name}, and {as_problem(problem).name} is another; leave "
-                    "--problem out",
-                    file=str(path),
-                    key="--problem",
-                )
-            return found
-    schedule = read_gains(path)
+    found = read_file(path)
+    if isinstance(found, Coupling):
+        if problem is not None and not same_problem(as_problem(problem), found.problem):
+            raise InputError.of(
+                f"carries its own problem, {found.problem.name}, and {as_problem(problem).name} is another; leave it "
+                "out",
+                file=str(path),
+                key="problem",
+            )
+        return found
     if problem is None:
-        raise InputError.of(
-            f"is a table of gains alone; it lacks {'; '.join(_RELEASE_0_1)}. Give the problem too (--problem P), or "
-            "make the file again: avc solve P --out FILE",
-            file=str(path),
-        )
-    stated = as_problem(problem)
-    check_sample_time(schedule.sample_time_s, stated, str(path))
-    made = Coupling.of(stated, schedule)
-    return Coupling(stated, schedule, made.table, made.runtime, lacks=_RELEASE_0_1)
+        raise InputError.of(f"{GAINS_ALONE}: read_coupling(path, problem)", file=str(path))
+    return coupling_beside(as_problem(problem), found, str(path))
 
 
-def _same_problem(one: Problem, other: Problem) -> bool:
+def coupling_beside(problem: Problem, schedule: GainSchedule, file: str) -> Coupling:
+    """Make the coupling of a table of gains alone, beside the problem that it was made for; it says what it lacks.
+
+    Raises:
+        InputError: the table was made for another sample time, or no row has gains.
+    """
+    check_sample_time(schedule.sample_time_s, problem, file)
+    return replace(Coupling.of(problem, schedule), lacks=_LACKS)
+
+
+def same_problem(one: Problem, other: Problem) -> bool:
+    """Whether two problems mean the same: all but their names and titles."""
     words = {"name", "title", "source"}
     return one.model_dump(exclude=words) == other.model_dump(exclude=words)
 
 
-def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None:
-    """Refuse gains of another sample time: frequencies and gains then mean another loop. Unknown (NaN) passes.
-
-    Raises:
-        InputError: says both.
-    """
-    own = problem.device.sample_time_s
-    if math.isfinite(sample_time_s) and not math.isclose(sample_time_s, own, rel_tol=_SAME):
-        raise InputError.of(
-            f"is {sample_time_s:g}, but device.sample_time_s of {problem.name} is {own:g}; give gains that were "
-            "solved for this sample time",
-            file=file,
-            key="sample_time_s",
-        )
-
-
 def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
     faults: list[Fault] = []
+    if document.get("schema") != COUPLING_SCHEMA:
+        message = f"is {document.get('schema')!r}, but a problem stands in the file; allowed: {COUPLING_SCHEMA!r}"
+        faults.append(Fault(str(path), None, "schema", message))
 
     def part(read: Any, *arguments: Any) -> Any:
         try:
@@ -226,9 +243,18 @@ def _runtime(document: Mapping[str, Any], path: Path) -> Runtime:
         raise InputError(wrong)
     feedback = _state_feedback(found.get("state_feedback"), path)
     try:
-        return Runtime(**{**found, "state_feedback": feedback})
+        runtime = Runtime(**{**found, "state_feedback": feedback})
+        runtime.effects(constant=False)
     except InputError as error:
         raise InputError([Fault(str(path), None, f"runtime.{one.key}", one.message) for one in error.faults]) from None
+    except ValidationError as error:  # beyond what a scene takes
+        faults = [
+            Fault(str(path), None, f"runtime.{_RUNTIME_KEYS.get(key, key)}", one["msg"])
+            for one in error.errors(include_url=False)
+            for key in map(str, one["loc"][-1:])
+        ]
+        raise InputError(faults) from None
+    return runtime
 
 
 def _state_feedback(found: Mapping[str, Any] | None, path: Path) -> StateFeedback | None:

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.coupling._schedule import (
-    GainSchedule,
-    Status,
-)
+from avc_casadi.coupling._schedule import GainSchedule, Status
+from avc_casadi.problem import FREQUENCIES_HZ, LARGEST_DAMPING_NS_PER_M, LARGEST_STIFFNESS_N_PER_M
 from avc_casadi.support import BoolArray, ComplexArray, FloatArray
 
 if TYPE_CHECKING:
@@ -24,6 +22,13 @@ GAINS = ("damping_ns_per_m", "stiffness_n_per_m")
 CONTACT = "contact_damping_ns_per_m"
 _MODELS = ("paper", "sampled-data")
 _STRUCTURES = ("series", "damped")
+# Beyond these no device means anything and single precision ends.
+_LARGEST = {
+    "frequency_hz": (FREQUENCIES_HZ[1], "Hz"),
+    "damping_ns_per_m": (LARGEST_DAMPING_NS_PER_M, "N.s/m"),
+    "stiffness_n_per_m": (LARGEST_STIFFNESS_N_PER_M, "N/m"),
+    CONTACT: (LARGEST_DAMPING_NS_PER_M, "N.s/m"),
+}
 _LIST = "a list of finite numbers >= 0, null where a row has no gains"
 _SIGNED = "a list of finite numbers, null where there is none"
 
@@ -141,6 +146,8 @@ class GainCheck:
         for row, value in enumerate(frequency):
             if not value > 0:
                 self._fault("frequency_hz", f"is {value:g}; allowed: positive Hz", row)
+            elif value < FREQUENCIES_HZ[0]:
+                self._fault("frequency_hz", f"is {value:g} Hz; allowed: {FREQUENCIES_HZ[0]:g} Hz and above", row)
             elif turns[row] >= 0.5:
                 allowed = f"below half the sampling rate, {0.5 / sample_time:g} Hz at sample_time_s = {sample_time:g}"
                 self._fault("frequency_hz", f"is {value:g} Hz; allowed: {allowed}", row)
@@ -175,6 +182,9 @@ class GainCheck:
             number = _number(value)
             if number is None or not math.isfinite(number) or (number < 0 and not signed):
                 self._fault(key, f"is {_shown(value)}; allowed: a finite number{'' if signed else ' >= 0'}", row)
+            elif key in _LARGEST and number > _LARGEST[key][0]:
+                most, unit = _LARGEST[key]
+                self._fault(key, f"is {_shown(value)}; allowed: at most {most:g} {unit}", row)
             else:
                 column[row] = number
         return column

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from avc_casadi.support import plain
 
 _CSV_HEADER = ("frequency_hz", *GAINS)
 _MAX_BYTES = 64 * 1024 * 1024
+_NEXT_STEP = "give a coupling file: avc recommend P --out FILE writes one, and avc solve P --out FILE that of a method"
 
 
 def gain_document(gains: GainSchedule) -> dict[str, Any]:
@@ -66,62 +68,58 @@ def gain_csv(gains: GainSchedule) -> str:
     return text.getvalue()
 
 
-def read_gains(path: Path) -> GainSchedule:
-    """Read a gain file, JSON or CSV by its ending.
-
-    Raises:
-        InputError: with every fault of the file.
-    """
-    if path.suffix.lower() == ".csv":
-        return _from_csv(_text_of(path), path)
-    return GainCheck(read_document(path), path).schedule()
-
-
 def read_document(path: Path) -> dict[str, Any]:
     """Read the document of a JSON gain or coupling file; its values are not checked yet.
 
     Raises:
-        InputError: no such file, or no JSON table.
+        InputError: no such file, no JSON table, or a key that stands twice in a table.
     """
+    repeated: list[str] = []
+
+    def table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        repeated.extend(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+        return dict(pairs)
+
     try:
-        document = json.loads(_text_of(path))
+        document = json.loads(_text_of(path), object_pairs_hook=table)
     except (ValueError, RecursionError) as error:  # ValueError: also an integer of more digits than Python reads
         line = getattr(error, "lineno", None)
         if isinstance(error, InputError):
             raise
-        raise InputError(
-            [Fault(str(path), line, "", f"is not JSON ({error}); give a file that `avc solve --out` wrote")]
-        ) from error
+        raise InputError([Fault(str(path), line, "", f"is not JSON ({error}); {_NEXT_STEP}")]) from error
+    if repeated:
+        message = "stands more than once in a table; allowed: once, or the file means two things"
+        raise InputError([Fault(str(path), None, key, message) for key in dict.fromkeys(repeated)])
     if not isinstance(document, dict):
-        raise InputError.of("holds no gain document; give a file that `avc solve --out` wrote", file=str(path))
+        raise InputError.of(f"holds no gain document; {_NEXT_STEP}", file=str(path))
     return document
 
 
 def _text_of(path: Path) -> str:
     try:
         if path.stat().st_size > _MAX_BYTES:
-            raise InputError.of(
-                f"larger than {_MAX_BYTES // 2**20} MiB; a gain file is a table of rows", file=str(path)
-            )
+            message = f"is larger than {_MAX_BYTES // 2**20} MiB; a gain file is a table of rows"
+            raise InputError.of(message, file=str(path))
         text = path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
     except OSError as error:
-        raise InputError.of(
-            f"cannot be read ({error.strerror}); give a file that `avc solve --out` wrote", file=str(path)
-        ) from error
+        raise InputError.of(f"cannot be read ({error.strerror}); {_NEXT_STEP}", file=str(path)) from error
     except UnicodeDecodeError as error:
-        raise InputError.of("is not UTF-8 text; give a file that `avc solve --out` wrote", file=str(path)) from error
+        raise InputError.of(f"is not UTF-8 text; {_NEXT_STEP}", file=str(path)) from error
     return text
 
 
-def _from_csv(text: str, path: Path) -> GainSchedule:
+def read_csv(path: Path) -> GainSchedule:
+    """Read the bare table of a CSV file.
+
+    Raises:
+        InputError: with every fault of the file.
+    """
     faults: list[Fault] = []
-    reader = csv.reader(io.StringIO(text))
+    reader = csv.reader(io.StringIO(_text_of(path)))
     try:
         lines = [(reader.line_num, cells) for cells in reader]
     except csv.Error as error:
-        raise InputError.of(
-            f"is not CSV ({error}); give a file that `avc solve --out` wrote", file=str(path)
-        ) from error
+        raise InputError.of(f"is not CSV ({error}); {_NEXT_STEP}", file=str(path)) from error
     header = tuple(cell.strip() for cell in lines[0][1]) if lines else ()
     if header not in {_CSV_HEADER, (*_CSV_HEADER, CONTACT)}:
         message = f"header is {','.join(header) or 'missing'}; allowed: {','.join(_CSV_HEADER)}[,{CONTACT}]"

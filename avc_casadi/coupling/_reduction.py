@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _CANDIDATES = 256
 """Rows among which the best are sought; of longer schedules as many are taken evenly, and then those missed most."""
 _ADDED = 16
+_AT_ONCE = 64
 _ROUNDS = 20
 
 
@@ -52,9 +53,10 @@ def reduce_rows(
 ) -> ReducedRows:
     """Choose rows, first and last among them, so that interpolation between them serves for the others.
 
-    The choice is exactly the best one among all subsets of the rows (of at most 256 candidates for longer schedules), a
-    shortest path whose edges are pairs of neighbouring rows. With a problem, a pair is admitted only if Re Z_h stays at
-    or above the margin at the rows between, where the rows themselves do.
+    The choice is exactly the best one among all subsets of the rows, a shortest path whose edges are pairs of
+    neighbouring rows. Of more than 256 rows it is the best among 256 candidates and those missed most; or, with a
+    tolerance of the gains alone, the fewest rows, whichever of these are the most accurate. With a problem, a pair is
+    admitted only if Re Z_h stays at or above the margin at the rows between, where the rows themselves do.
 
     Args:
         table: the rows to choose among.
@@ -73,6 +75,8 @@ def reduce_rows(
         raise InputError.of(f"is {tolerance:g}; allowed: at least 0", key="tolerance")
     n = len(table)
     deviation = _Deviation(table.rows, problem)
+    if tolerance is not None and problem is None and n > _CANDIDATES:
+        return _result(deviation, _fewest(deviation, tolerance))
     candidates = np.unique(np.linspace(0, n - 1, min(n, _CANDIDATES)).round().astype(np.intp))
     for _ in range(_ROUNDS):
         kept = candidates[_best_path(_edges(deviation, candidates), rows, tolerance)]
@@ -103,6 +107,7 @@ class _Deviation:
 
     Attributes:
         table: all rows, (n, 4).
+        size: what a deviation of each gain is relative to, (n, 3).
     """
 
     def __init__(self, table: FloatArray, problem: Problem | None) -> None:
@@ -112,12 +117,12 @@ class _Deviation:
             self._loop = loop_at(problem, table[:, 0])
             self._own = self._loop.perceived(*table.T[1:])
             self._least = np.minimum(problem.stability.margin_ns_per_m, self._own.real)
-        self._size = np.where(table[:, 1:] == 0, np.maximum(table[:, 1:].max(axis=0), 1.0), table[:, 1:])
+        self.size = np.where(table[:, 1:] == 0, np.maximum(table[:, 1:].max(axis=0), 1.0), table[:, 1:])
 
     def of(self, row: IndexArray, gains: FloatArray) -> FloatArray:
         """Relative deviation of gains (..., 3) from those of the rows ``row`` (...,)."""
         if self._problem is None:
-            deviation = np.abs(gains - self.table[row, 1:]) / self._size[row]
+            deviation = np.abs(gains - self.table[row, 1:]) / self.size[row]
             return np.asarray(deviation.max(axis=-1))
         z, own = self._perceived(row, gains), self._own[row]
         return np.asarray(np.abs(z - own) / np.where(own == 0, 1.0, np.abs(own)))
@@ -140,6 +145,40 @@ class _Deviation:
 
     def _perceived(self, row: IndexArray, gains: FloatArray) -> NDArray[np.complex128]:
         return np.asarray(self._loop.rows(row).perceived(*np.moveaxis(gains, -1, 0)))
+
+
+def _fewest(deviation: _Deviation, tolerance: float) -> IndexArray:
+    """Positions of the fewest rows between which all others are met within a tolerance of the gains.
+
+    From one row, a line meets the rows up to another one if its slope lies in what each of them leaves, for every gain:
+    a cone that only narrows, so that the search ends where it is empty. The fewest steps from first to last are found
+    row after row.
+    """
+    ln_frequency, gains, room = np.log(deviation.table[:, 0]), deviation.table[:, 1:], tolerance * deviation.size
+    count = len(gains)
+    steps = np.full(count, count)
+    steps[0] = 0
+    came = np.zeros(count, dtype=np.intp)
+    at_once = _AT_ONCE
+    for first in range(count - 1):
+        low, high = np.full((1, gains.shape[1]), -np.inf), np.full((1, gains.shape[1]), np.inf)
+        start = first + 1
+        while start < count and bool((low <= high).all()):
+            some = slice(start, start + at_once)
+            away = (ln_frequency[some] - ln_frequency[first])[:, None]
+            lows = np.maximum.accumulate(np.vstack([low, (gains[some] - room[some] - gains[first]) / away]))
+            highs = np.minimum.accumulate(np.vstack([high, (gains[some] + room[some] - gains[first]) / away]))
+            slope = (gains[some] - gains[first]) / away
+            met = np.all((lows[:-1] <= slope) & (slope <= highs[:-1]), axis=1)
+            last = start + np.flatnonzero(met & (steps[some] > steps[first] + 1))
+            steps[last], came[last] = steps[first] + 1, first
+            low, high, start = lows[-1:], highs[-1:], start + at_once
+        # The next cone ends about where this one did.
+        at_once = max(_AT_ONCE, start - at_once - first + int(np.count_nonzero((lows <= highs).all(axis=1))))
+    path = [count - 1]
+    while path[-1]:
+        path.append(int(came[path[-1]]))
+    return np.array(path[::-1], dtype=np.intp)
 
 
 def _edges(deviation: _Deviation, candidates: IndexArray) -> FloatArray:

@@ -42,6 +42,9 @@ from avc_casadi.problem._model import Scope as Scope
 from avc_casadi.problem._model import Stability as Stability
 from avc_casadi.problem._model import Structure as Structure
 from avc_casadi.problem._plausibility import plausibility as plausibility
+from avc_casadi.problem._quantity import FREQUENCIES_HZ as FREQUENCIES_HZ
+from avc_casadi.problem._quantity import LARGEST_DAMPING_NS_PER_M as LARGEST_DAMPING_NS_PER_M
+from avc_casadi.problem._quantity import LARGEST_STIFFNESS_N_PER_M as LARGEST_STIFFNESS_N_PER_M
 from avc_casadi.problem._scene_file import AdaptationEffect as AdaptationEffect
 from avc_casadi.problem._scene_file import AmplifierEffect as AmplifierEffect
 from avc_casadi.problem._scene_file import BacklashEffect as BacklashEffect

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from pathlib import Path
 
 from avc_casadi._errors import Fault, InputError
@@ -33,8 +34,27 @@ def load_problem(source: str | Path) -> Problem:
     """
     path = _path_of(source)
     names = {file: name for name, file in catalogue_names().items()}
+    _refuse_gains(path)
     text = text_of(path)
     return parse_problem(text, file=str(source), name=names.get(path.resolve(), path.stem), folder=path.parent)
+
+
+def _refuse_gains(path: Path) -> None:
+    """Answer a coupling or gain file in place of a problem file with what takes it."""
+    try:
+        if not path.is_file():
+            return
+        with path.open("rb") as file:
+            start = file.read(200).removeprefix(codecs.BOM_UTF8).lstrip()
+    except (OSError, ValueError):  # told where it is read
+        return
+    if start.startswith((b"{", b"frequency_hz,")):
+        message = (
+            "is a coupling or gain file; allowed: a problem file (TOML). The verbs certify, simulate, push, stream and "
+            f"export take it, and beside a problem: avc certify P {path}, avc simulate P --gains {path}; in Python: "
+            "avc.read_coupling"
+        )
+        raise InputError.of(message, file=str(path))
 
 
 def as_problem(problem: Problem | str | Path) -> Problem:

@@ -145,11 +145,18 @@ def _text(value: Any) -> str:
     return value
 
 
+LARGEST_DAMPING_NS_PER_M = 1e9
+"""What a damper of a problem or of a coupling has at most."""
+LARGEST_STIFFNESS_N_PER_M = 1e12
+"""What a spring of a problem or of a coupling has at most."""
+FREQUENCIES_HZ = (1e-6, 1e7)
+"""Lowest and highest frequency of a problem or of a gain table."""
+
 Text = Annotated[str, BeforeValidator(_text)]
 
 Mass = Annotated[float, BeforeValidator(Quantity("kg", 1e-9, 1e6))]
-Damping = Annotated[float, BeforeValidator(Quantity("N.s/m", 1e-9, 1e9))]
-Stiffness = Annotated[float, BeforeValidator(Quantity("N/m", 1e-9, 1e12))]
+Damping = Annotated[float, BeforeValidator(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M))]
+Stiffness = Annotated[float, BeforeValidator(Quantity("N/m", 1e-9, LARGEST_STIFFNESS_N_PER_M))]
 Force = Annotated[float, BeforeValidator(Quantity("N", 1e-9, 1e6))]
 ForceLimit = Annotated[float, BeforeValidator(Quantity("N", 1e-6, 1e6, zero=False))]
 Length = Annotated[float, BeforeValidator(Quantity("m", 1e-12, 1))]
@@ -158,7 +165,7 @@ Speed = Annotated[float, BeforeValidator(Quantity("m/s", 1e-6, 100, zero=False))
 SampleTime = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 10, zero=False))]
 Span = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 3600, zero=False))]
 Wait = Annotated[float, BeforeValidator(Quantity("s", 1e-9, 3600))]
-Hertz = Annotated[float, BeforeValidator(Quantity("Hz", 1e-6, 1e7, zero=False))]
+Hertz = Annotated[float, BeforeValidator(Quantity("Hz", *FREQUENCIES_HZ, zero=False))]
 Rate = Annotated[float, BeforeValidator(Quantity("1/s", 1e-6, 1e9, zero=False))]
 Weight = Annotated[float, BeforeValidator(Quantity("", 1e-12, 1e12))]
 Slope = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]

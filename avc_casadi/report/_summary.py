@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi.coupling import GainSchedule
-from avc_casadi.support import FloatArray, plain
+from avc_casadi.support import FloatArray, plain, rows_text
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -180,12 +180,17 @@ def device_line(push: Mapping[str, Any]) -> str:
     """Return what became of the push in one line."""
     if "skipped" in push:
         return f"device: push skipped; {push['skipped']}"
+    if push.get("deployable") is False:  # why not stands in the conclusion
+        return "device: push refused, as the coupling is not deployable; --unsafe overrides"
     if "refused" in push:
         return f"device: push refused; {push['refused']}"
     equal = "equal" if push["readback_equal"] else "NOT EQUAL"
     tried = push.get("in_the_loop")
-    beside = "" if tried is None else f"; firmware and plant in the loop: {tried['sentence']}"
+    beside = ""
+    if tried is not None:
+        what = tried["sentence"] if "sentence" in tried else f"not tried; {tried['skipped']}"
+        beside = f"; firmware and plant in the loop: {what}"
     return (
-        f"device: coupling {push['coupling_id']}, {push['rows']} rows on {push['port']}, table {push['table_id']}, "
-        f"read back {equal}, rounding {push['rounding_max']:.1g} relative{beside}"
+        f"device: coupling {push['coupling_id']}, {rows_text(push['rows'])} on {push['port']}, "
+        f"table {push['table_id']}, read back {equal}, rounding {push['rounding_max']:.1g} relative{beside}"
     )

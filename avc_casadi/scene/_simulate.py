@@ -17,6 +17,7 @@ from avc_casadi.coupling import (
     GainTable,
     check_sample_time,
     gains_at,
+    require_coupling,
 )
 from avc_casadi.problem import scene_effects
 from avc_casadi.scene._adapting import bind
@@ -173,12 +174,13 @@ def staged(problem: Problem, gains: AnyGains) -> Problem:
     """Return the problem with the scene that gains run in: a coupling brings its own part of the control computer.
 
     Raises:
-        InputError: the gains were made for another sample time.
+        InputError: the gains were made for another sample time, or are neither gains nor a coupling.
     """
     if isinstance(gains, GainSchedule):
         check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
-    if not isinstance(gains, Coupling):
+    if isinstance(gains, Gains | GainTable | GainSchedule):
         return problem
+    require_coupling(gains)
     check_sample_time(gains.sample_time_s, problem, f"coupling by {gains.method} for {gains.problem.name}")
     kept = tuple(effect for effect in scene_effects(problem) if effect.kind not in RUNTIME_KINDS)
     return problem.changed(scene={"effects": (*kept, *gains.runtime.effects(constant=gains.table.constant))})

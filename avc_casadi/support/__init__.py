@@ -26,6 +26,7 @@ from avc_casadi.support._table import Cell as Cell
 from avc_casadi.support._table import Table as Table
 from avc_casadi.support._table import counts_text as counts_text
 from avc_casadi.support._table import number as number
+from avc_casadi.support._table import rows_text as rows_text
 from avc_casadi.support._table import sample_rows as sample_rows
 from avc_casadi.support._table import text_table as text_table
 from avc_casadi.support._workers import in_processes as in_processes

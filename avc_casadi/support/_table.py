@@ -22,6 +22,11 @@ def counts_text(found: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {name}" for name, count in found.items() if count) or "none"
 
 
+def rows_text(rows: int) -> str:
+    """Return a number of rows in words: "1 row", "3 rows"."""
+    return f"{rows} row{'' if rows == 1 else 's'}"
+
+
 def sample_rows(rows: int, most: int = ROWS_SHOWN) -> list[int]:
     """Return at most so many row numbers, evenly spread, first and last among them."""
     if rows <= most:

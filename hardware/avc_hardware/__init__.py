@@ -28,6 +28,7 @@ from avc_hardware._ports import find_port as find_port
 from avc_hardware._ports import list_ports as list_ports
 from avc_hardware._push import PushResult as PushResult
 from avc_hardware._push import push as push
+from avc_hardware._runs_on import FirmwareLacksError as FirmwareLacksError
 from avc_hardware._runs_on import check_runs_on as check_runs_on
 from avc_hardware._session import NoAnswerError as NoAnswerError
 from avc_hardware._session import RefusedError as RefusedError

@@ -97,7 +97,7 @@ def push(
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
         InputError: the table cannot be sent.
-        UnsupportedError: the coupling needs what the firmware does not have.
+        FirmwareLacksError: the coupling needs what the firmware does not have.
         LinkError: no device, refused, or lost on the way; the device then runs its old table or the new one, whole.
         MissingExtraError: ``emulator`` without its extra.
     """

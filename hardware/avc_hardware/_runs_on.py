@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi import LinkError, UnsupportedError
+from avc_casadi import LinkError, NotDeployableError, UnsupportedError
+from avc_casadi.coupling import require_coupling
 from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._host import BoardLimits
@@ -20,7 +21,18 @@ if TYPE_CHECKING:
     from avc_hardware._table import TableImage
 
 GUARD = "passivity-controller"
-_EXPORT = "export it for firmware of your own: avc export"
+_EXPORT = "export it for firmware of your own (avc export)"
+
+
+class FirmwareLacksError(NotDeployableError, UnsupportedError):
+    """A coupling needs what the firmware on the device does not have: it may not go there (command line: exit code 1).
+
+    Example:
+        >>> try:
+        ...     avc_hardware.check_runs_on(coupling)
+        ... except avc.NotDeployableError as error:
+        ...     print(error)
+    """
 
 
 def check_runs_on(coupling: Coupling, device: Device | None = None) -> None:
@@ -31,20 +43,25 @@ def check_runs_on(coupling: Coupling, device: Device | None = None) -> None:
         device: whose settings are compared too, as far as the coupling depends on them; None compares with none.
 
     Raises:
-        UnsupportedError: names everything that the firmware lacks, and what to do.
+        FirmwareLacksError: names everything that the firmware lacks, and what to do.
+        InputError: it is no coupling.
     """
+    require_coupling(coupling)
     runtime = coupling.runtime
     lacks = []
     if runtime.observer_mass_kg is not None:
-        lacks.append("an observer between encoder steps (runtime.observer_mass_kg)")
+        lacks.append("it has no observer between encoder steps (runtime.observer_mass_kg)")
     if runtime.state_feedback is not None:
-        lacks.append("an observer with state feedback (runtime.state_feedback)")
+        lacks.append("it has no observer with state feedback (runtime.state_feedback)")
     if runtime.guard not in {None, GUARD}:
-        lacks.append(f"the guard {runtime.guard} (allowed: {GUARD}, or none)")
+        lacks.append(f"it has no guard {runtime.guard} (allowed: {GUARD}, or none)")
     if device is not None:
         lacks += _other_settings(coupling, device)
     if lacks:
-        raise UnsupportedError(f"{coupling.problem.name}: the firmware has not {'; nor '.join(lacks)}; {_EXPORT}")
+        raise FirmwareLacksError(
+            f"{coupling.problem.name}: the coupling does not run on this firmware: {'; '.join(lacks)}. "
+            f"Take a coupling that it can run (of a method: avc solve P --method static-tuned --out FILE), or {_EXPORT}"
+        )
 
 
 def _other_settings(coupling: Coupling, device: Device) -> list[str]:
@@ -55,7 +72,7 @@ def _other_settings(coupling: Coupling, device: Device) -> list[str]:
     if coupling.runtime.guard is not None:
         asked.append("guard_damping_ns_per_m")
     return [
-        f"{name} {getattr(wanted, name)} (the device's is {getattr(has, name)})"
+        f"its {name} is {getattr(has, name)}, the coupling's {getattr(wanted, name)}"
         for name in asked
         if not _same(getattr(wanted, name), getattr(has, name))
     ]
@@ -153,7 +170,7 @@ def emulated_board(coupling: Coupling, **options: Any) -> EmulatedBoard:
         options: of `EmulatedBoard`.
 
     Raises:
-        UnsupportedError: the packaged image has no program for it.
+        FirmwareLacksError: the packaged image has no program for it.
         MissingExtraError: the emulator is not installed.
     """
     check_runs_on(coupling)

@@ -119,7 +119,7 @@ def stream(
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
         InputError: rate or duration out of range, or the table cannot be sent.
-        UnsupportedError: the coupling needs what the firmware does not have.
+        FirmwareLacksError: the coupling needs what the firmware does not have.
         LinkError: no device, refused, unplugged.
     """
     if not 0 < rate_hz <= MAX_RATE_HZ:

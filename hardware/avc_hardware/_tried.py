@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi import InputError
+from avc_casadi.coupling import require_coupling
 from avc_casadi.problem import HandEffect, WallEffect, scene_effects
 from avc_casadi.scene import judge
 from avc_hardware._in_the_loop import PLANT_KINDS, FirmwareInTheLoop
@@ -89,10 +90,11 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None) -> Lo
         seconds: how long; None is the duration of the scene.
 
     Raises:
-        InputError: a duration that is not a finite time above 0.
-        UnsupportedError: the coupling needs what the firmware does not have.
+        InputError: it is no coupling, or the duration is not a finite time above 0.
+        FirmwareLacksError: the coupling needs what the firmware does not have.
         MissingExtraError: the emulator is not installed.
     """
+    require_coupling(coupling)
     scene = coupling.problem.scene
     lasts = scene.duration_s if seconds is None else seconds
     if not (math.isfinite(lasts) and lasts > 0):

@@ -1,7 +1,7 @@
 """Speed and accuracy of scenes against a plain Python loop, a numba loop and scipy's solve_ivp, in one run.
 
-Run from the root of the checkout: python tests/benchmarks/bench_scene_speed.py. Overwrites RESULTS_scene_speed.md
-beside this file. numba is optional: without it its rows are left out.
+Run from the root of the checkout: python tests/benchmarks/bench_scene_speed.py. With --write it overwrites
+RESULTS_scene_speed.md beside this file. numba is optional: without it its rows are left out.
 """
 
 from __future__ import annotations
@@ -192,8 +192,8 @@ def many_hands(effects: tuple[str, ...], name: str, rows: list[str], count: int 
         )
 
 
-def main() -> None:
-    """Run everything and write the tables."""
+def main(write: Path | None) -> None:
+    """Run everything, print the tables, and write them where asked."""
     speed: list[str] = []
     one_scene("linear", (HAND, WALL), speed)
     one_scene("friction", (HAND, WALL, FRICTION), speed)
@@ -239,11 +239,10 @@ def main() -> None:
         *accuracy,
         "",
     ]
-    path = HERE / "RESULTS_scene_speed.md"
-    path.write_text("\n".join(text), encoding="utf-8")
-    print(path.read_text(encoding="utf-8"))
+    if write is not None:
+        write.write_text("\n".join(text), encoding="utf-8")
+    print("\n".join(text))
 
 
 if __name__ == "__main__":
-    script_arguments(__doc__)
-    main()
+    main(script_arguments(__doc__, results=HERE / "RESULTS_scene_speed.md").write)

@@ -1,6 +1,7 @@
 """The schedule against the same problem written plainly with casadi.Opti and IPOPT, in one run.
 
-Run from the root of the checkout: python tests/benchmarks/bench_schedule.py. Overwrites RESULTS_schedule.md beside it.
+Run from the root of the checkout: python tests/benchmarks/bench_schedule.py. With --write it overwrites
+RESULTS_schedule.md beside it.
 Times are medians; processor seconds stand beside wall seconds because others may share the machine.
 """
 
@@ -113,8 +114,8 @@ def row(name: str, stages: int, found: dict[str, float]) -> str:
     return f"| {name} | {stages} | {cells} | {found['cost']:.5g} | {found['slack']:.1e} |"
 
 
-def main() -> None:
-    """Run everything and write the results."""
+def main(write: Path | None) -> None:
+    """Run everything, print the results, and write them where asked."""
     head = [
         "| what | stages | cold, ms | cold, CPU ms | warm, ms | warm, CPU ms | cost | smallest slack, N.s/m |",
         "|---|---|---|---|---|---|---|---|",
@@ -177,10 +178,10 @@ def main() -> None:
         *scopes,
         "",
     ]
-    (HERE / "RESULTS_schedule.md").write_text("\n".join(lines), encoding="utf-8")
+    if write is not None:
+        write.write_text("\n".join(lines), encoding="utf-8")
     print("\n".join(lines))
 
 
 if __name__ == "__main__":
-    script_arguments(__doc__)
-    main()
+    main(script_arguments(__doc__, results=HERE / "RESULTS_schedule.md").write)

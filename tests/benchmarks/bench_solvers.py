@@ -22,7 +22,11 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import Bounds, NonlinearConstraint, minimize
+
+try:
+    from scipy.optimize import Bounds, NonlinearConstraint, minimize
+except ImportError:
+    sys.exit("bench_solvers compares with scipy: pip install -e '.[test]'")
 
 import avc_casadi as avc
 from avc_casadi.design.pointwise import edge_search_gains, exact_gains, nlp_gains, nlp_parameters, nlp_solvers

@@ -21,7 +21,12 @@ PRINTED = _Printed()
 
 
 def script_arguments(
-    about: str | None, *, people: int | None = None, out: Path | None = None, only: tuple[str, ...] = ()
+    about: str | None,
+    *,
+    people: int | None = None,
+    out: Path | None = None,
+    only: tuple[str, ...] = (),
+    results: Path | None = None,
 ) -> argparse.Namespace:
     """Parse the command line of a script; --help ends it before it does anything.
 
@@ -29,6 +34,7 @@ def script_arguments(
         about: the script's docstring, which names the files that it overwrites.
         people: default of the argument PEOPLE; None is a script without it.
         out: default of the argument OUT; None is a script without it.
+        results: what the option --write overwrites; None is a script without it.
         only: choices of the option --only; empty is a script without it.
     """
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -38,4 +44,7 @@ def script_arguments(
         parser.add_argument("out", metavar="OUT", nargs="?", type=Path, default=out, help=f"default {out.name}")
     if only:
         parser.add_argument("--only", metavar="AREA", choices=only, help=f"one of {', '.join(only)}")
+    if results is not None:
+        told = f"overwrites {results.name} too; without it the results are printed only"
+        parser.add_argument("--write", action="store_const", const=results, help=told)
     return parser.parse_args()

@@ -1,0 +1,121 @@
+"""A table that must not run is refused by the device itself, with the row and the reason."""
+
+import dataclasses
+import struct
+import zlib
+from typing import Any
+
+import numpy as np
+import pytest
+from hardware_bench import coupling, host_core
+
+from avc_casadi import InputError
+from avc_casadi.coupling import GainTable
+from avc_hardware import Connection, TableImage
+from avc_hardware import _messages as m
+from avc_hardware._host import HostLink
+from avc_hardware._messages import Kind, Reason, Refusal
+from avc_hardware._session import RefusedError
+
+
+def image(*arguments: Any, **options: Any) -> TableImage:
+    return TableImage.of(coupling(*arguments, **options))
+
+
+def refused(table: TableImage) -> Refusal:
+    """Send a table past the host's own checks; return the device's refusal."""
+    core = host_core()
+    connection = Connection(HostLink(core))
+    with pytest.raises(RefusedError) as caught:
+        connection.run(connection.session.push(table, connection.device))
+    assert core.image() is None
+    return caught.value.refusal
+
+
+def with_cell(row: int, column: int, value: float) -> TableImage:
+    table = image(8)
+    rows = table.rows.copy()
+    rows[row, column] = value
+    return dataclasses.replace(table, rows=rows)
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value", "reason"),
+    [
+        (3, 1, np.nan, Reason.NOT_FINITE),
+        (0, 2, np.inf, Reason.NOT_FINITE),
+        (7, 0, -np.inf, Reason.NOT_FINITE),
+        (5, 1, -1.0, Reason.LIMIT),
+        (2, 2, 2e8, Reason.LIMIT),
+        (2, 3, 2e4, Reason.LIMIT),
+        (0, 0, 0.0, Reason.LIMIT),
+        (0, 0, 1e-40, Reason.LIMIT),
+        (4, 0, 1.0, Reason.NOT_MONOTONIC),
+    ],
+)
+def test_device_names_the_bad_row(row: int, column: int, value: float, reason: Reason) -> None:
+    refusal = refused(with_cell(row, column, value))
+    assert refusal == Refusal(reason, row)
+    assert f"row {row}" in str(refusal)
+
+
+def test_repeated_frequency_is_refused_on_both_sides() -> None:
+    table = image(8)
+    rows = table.rows.copy()
+    rows[4, 0] = rows[3, 0]
+    assert refused(dataclasses.replace(table, rows=rows)) == Refusal(Reason.NOT_MONOTONIC, 4)
+    made = coupling(8)
+    wide = made.table.rows.copy()
+    wide[4, 0] = wide[3, 0] * (1 + 1e-9)
+    with pytest.raises(InputError, match="two rows have the frequency"):
+        TableImage.of(dataclasses.replace(made, table=GainTable(wide)))
+
+
+@pytest.mark.parametrize(
+    ("header", "reason"),
+    [
+        ({"wall_damping_ns_per_m": -1.0}, Reason.LIMIT),
+        ({"wall_stiffness_n_per_m": np.nan}, Reason.NOT_FINITE),
+        ({"safe_stiffness_n_per_m": 1e9}, Reason.LIMIT),
+        ({"safe_damping_ns_per_m": np.inf}, Reason.NOT_FINITE),
+        ({"wall_damping_ns_per_m": 0.0, "wall_stiffness_n_per_m": 0.0}, Reason.LIMIT),
+        ({"max_force_n": -1.0}, Reason.LIMIT),
+        ({"max_force_n": np.nan}, Reason.NOT_FINITE),
+    ],
+)
+def test_device_refuses_a_bad_header(header: dict[str, float], reason: Reason) -> None:
+    refusal = refused(dataclasses.replace(image(3), **header))
+    assert refusal == Refusal(reason, 0xFFFF)
+    assert "header" in str(refusal)
+
+
+def test_header_that_names_other_rows_is_refused() -> None:
+    core = host_core()
+    connection = Connection(HostLink(core), session=1)
+    table = image(8)
+    spoilt = struct.pack("<H", 7) + table.image[2:]
+    crc32 = zlib.crc32(spoilt)
+    ask = connection.session.ask
+    connection.run(ask(Kind.BEGIN, m.begin(1, 5, crc32, 8), m.Acknowledged))
+    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, spoilt), m.Acknowledged))
+    with pytest.raises(RefusedError, match="wrong size"):
+        connection.run(ask(Kind.COMMIT, m.commit(1, 5, crc32), m.Committed))
+    assert core.image() is None
+
+
+def test_spoilt_table_with_right_frames_is_refused_by_its_checksum() -> None:
+    core = host_core()
+    connection = Connection(HostLink(core), session=1)
+    table = image(8)
+    ask = connection.session.ask
+    connection.run(ask(Kind.BEGIN, m.begin(1, 5, table.crc32, 8), m.Acknowledged))
+    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, bytes(len(table.image))), m.Acknowledged))
+    with pytest.raises(RefusedError, match="wrong size"):
+        connection.run(ask(Kind.COMMIT, m.commit(1, 5, table.crc32), m.Committed))
+    spoilt = bytearray(table.image)
+    spoilt[40] ^= 1
+    connection.run(ask(Kind.BEGIN, m.begin(1, 6, table.crc32, 8), m.Acknowledged))
+    connection.run(ask(Kind.CHUNK, m.chunk(1, 6, 0, bytes(spoilt)), m.Acknowledged))
+    with pytest.raises(RefusedError, match="checksum of the table"):
+        connection.run(ask(Kind.COMMIT, m.commit(1, 6, table.crc32), m.Committed))
+    assert core.image() is None

@@ -1,0 +1,130 @@
+"""What does not fit the device is refused by the host before a byte of the table travels, and named."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hardware_bench import coupling, host_core, host_library, push
+
+import avc_hardware
+from avc_casadi import LinkError, NotDeployableError, UnsupportedError
+from avc_casadi.coupling import Runtime
+from avc_hardware import BoardLimits, Connection, TableImage, check_runs_on
+from avc_hardware._host import HostCore, HostLink
+from avc_hardware._messages import Reason, Refusal
+from avc_hardware._session import RefusedError
+
+
+def image(*arguments: Any, **options: Any) -> TableImage:
+    return TableImage.of(coupling(*arguments, **options))
+
+
+def refused(table: TableImage) -> Refusal:
+    """Send a table past the host's own checks; return the device's refusal."""
+    core = host_core()
+    connection = Connection(HostLink(core))
+    with pytest.raises(RefusedError) as caught:
+        connection.run(connection.session.push(table, connection.device))
+    assert core.image() is None
+    return caught.value.refusal
+
+
+def test_table_larger_than_the_device_is_refused_by_it() -> None:
+    table = image(300)
+    assert len(table.rows) == 300
+    assert refused(table) == Refusal(Reason.ROWS, 256)
+    with pytest.raises(LinkError, match="300 rows, the device holds 256; make a coupling for this capacity"):
+        push(coupling(300), HostLink(host_core()))
+
+
+def test_wrong_sample_time_is_refused_on_both_sides() -> None:
+    slow = coupling(3, sample_time_s=2e-3)
+    assert refused(TableImage.of(slow)).reason is Reason.SAMPLE_TIME
+    with pytest.raises(LinkError, match=r"sample time of 0\.002 s, the device runs at 0\.001 s"):
+        push(slow, HostLink(host_core()))
+
+
+def test_host_names_every_limit_that_is_passed() -> None:
+    core = HostCore(host_library(), BoardLimits(max_damping_ns_per_m=100.0, max_stiffness_n_per_m=1e4))
+    with pytest.raises(LinkError) as caught:
+        push(coupling(9, sample_time_s=1e-4, wall=(0.0, 2e4)), HostLink(core))
+    text = str(caught.value)
+    assert "damping b" in text
+    assert "stiffness k" in text
+    assert "sample time" in text
+    assert "wall's stiffness is 20000 N/m" in text
+    assert "contact damping" not in text
+    assert core.image() is None
+
+
+@pytest.mark.parametrize(
+    ("limit", "column", "words"),
+    [
+        ("max_damping_ns_per_m", 1, "damping b is"),
+        ("max_stiffness_n_per_m", 2, "stiffness k is"),
+        ("max_contact_damping_ns_per_m", 3, "contact damping b_p is"),
+    ],
+)
+def test_host_sends_nothing_above_any_one_limit(limit: str, column: int, words: str) -> None:
+    """The largest gain of the table passes; the limit a little lower is named before a byte of the table travels."""
+    made = coupling(9, largest=(80.0, 5e3, 60.0), wall=(1.0, 1e3))
+    largest = float(np.float32(made.table.rows[:, column].max()))
+    core = HostCore(host_library(), BoardLimits(**{limit: largest}))
+    assert push(made, HostLink(core)).rows == 9
+    core = HostCore(host_library(), BoardLimits(**{limit: 0.999 * largest}))
+    with pytest.raises(LinkError, match=f"not sent: {words}") as caught:
+        push(made, HostLink(core))
+    assert str(caught.value).count("narrow") == 1
+    assert core.image() is None
+    # Of many rows above it the worst is named.
+    core = HostCore(host_library(), BoardLimits(**{limit: 0.3 * largest}))
+    with pytest.raises(LinkError, match=f"{words} {largest:.6g} "):
+        push(made, HostLink(core))
+
+
+def test_what_no_hand_could_hold_is_refused_before_a_port_is_opened() -> None:
+    for verb in (avc_hardware.push, avc_hardware.stream):
+        with pytest.raises(NotDeployableError, match=r"hands \(L5\): linearly unstable"):
+            verb(coupling(5), "/dev/does-not-exist")
+    with pytest.raises(NotDeployableError, match=r"hands \(L5\): linearly unstable"):
+        avc_hardware.export_c(coupling(5))
+
+
+@pytest.mark.parametrize(
+    ("runtime", "named"),
+    [
+        (Runtime(observer_mass_kg=0.2), "observer"),
+        (Runtime(guard="energy-tank"), "energy-tank"),
+        (Runtime(observer_mass_kg=0.2, guard="energy-tank"), "observer.*energy-tank"),
+    ],
+)
+def test_what_the_firmware_has_not_is_refused_before_a_port_is_opened(runtime: Runtime, named: str) -> None:
+    for refuse in (check_runs_on, lambda found: push(found, "/dev/does-not-exist")):
+        with pytest.raises(UnsupportedError, match=f"{named}.*avc export"):
+            refuse(coupling(5, runtime=runtime))
+
+
+@pytest.mark.parametrize(
+    ("runtime", "named"),
+    [
+        (Runtime(estimator="zero-crossing"), "estimator is fused, the coupling's zero-crossing"),
+        (Runtime(hold_s=0.3), r"hold_s is 0\.2, the coupling's 0\.3"),
+        (Runtime(slew_per_s=None), r"slew_per_s is 20\.0, the coupling's None"),
+        (Runtime(passive=False), "passive is True, the coupling's False"),
+    ],
+)
+def test_settings_of_another_firmware_are_refused_by_name_where_they_matter(runtime: Runtime, named: str) -> None:
+    core = host_core()
+    with pytest.raises(UnsupportedError, match=named):
+        push(coupling(5, runtime=runtime), HostLink(core))
+    assert core.image() is None
+    constant = coupling(1, runtime=runtime)
+    assert push(constant, HostLink(core)).readback_equal
+
+
+def test_guard_limit_must_be_that_of_the_device_where_there_is_a_guard() -> None:
+    guard = Runtime(guard="passivity-controller")
+    assert push(coupling(5, runtime=guard, damping_ns_per_m=2.0), HostLink(host_core())).readback_equal
+    with pytest.raises(UnsupportedError, match=r"guard_damping_ns_per_m is 2\.0, the coupling's 1\.5"):
+        push(coupling(5, runtime=guard, damping_ns_per_m=1.5), HostLink(host_core()))
+    assert push(coupling(5, damping_ns_per_m=1.5), HostLink(host_core())).notes == ()

@@ -1,0 +1,103 @@
+"""What was pushed is what runs and what the device tells of itself: wall, force limit, names, mode."""
+
+import zlib
+from typing import Any
+
+import numpy as np
+import pytest
+from hardware_bench import coupling, host_core, host_library, push
+
+from avc_hardware import BoardLimits, Connection, RuntimeFigures, TableImage
+from avc_hardware import _messages as m
+from avc_hardware._host import HostCore, HostLink
+from avc_hardware._messages import Kind
+from avc_hardware._push import push_over
+
+
+def image(*arguments: Any, **options: Any) -> TableImage:
+    return TableImage.of(coupling(*arguments, **options))
+
+
+def test_heartbeat_reports_the_mode() -> None:
+    core = host_core()
+    connection = Connection(HostLink(core))
+    connection.run(connection.session.push(image(8), connection.device))
+    assert connection.heartbeat(0.05) == "table"
+    core.tick(np.zeros(40, dtype=np.int32))
+    assert connection.heartbeat(0.05) == "table"
+    core.tick(np.zeros(60, dtype=np.int32))
+    assert connection.heartbeat(0.05) != "table"
+    core.tick(np.zeros(101, dtype=np.int32))
+    assert connection.heartbeat(0.0) == "safe"
+    core.tick(np.zeros(2, dtype=np.int32))
+    assert connection.heartbeat(0.0) == "table"
+
+
+def test_what_a_board_says_in_single_precision_is_taken_as_it_was_meant() -> None:
+    device = Connection(HostLink(host_core())).device
+    assert (device.sample_time_s, device.metres_per_count) == (0.001, 2e-6)
+
+
+def test_device_tells_what_it_was_generated_for() -> None:
+    assert Connection(HostLink(host_core())).device.figures == RuntimeFigures()
+
+
+def test_unusable_rows_are_left_out_and_counted() -> None:
+    core = host_core()
+    result = push(coupling(9, unusable=4), HostLink(core))
+    assert (result.rows, result.left_out) == (5, 4)
+
+
+def test_the_same_table_twice_changes_nothing() -> None:
+    core = host_core()
+    first = push(coupling(9), HostLink(core))
+    swaps = core.state().swaps
+    again = push(coupling(9), HostLink(core))
+    assert (again.table_id, again.crc32) == (first.table_id, first.crc32)
+    assert again.readback_equal
+    assert core.state().swaps == swaps
+
+
+def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() -> None:
+    """The wall of a second coupling is its own; nothing of the first is left."""
+    core = HostCore(host_library(), BoardLimits(max_force_n=20.0))
+    connection = Connection(HostLink(core))
+    ask = connection.session.ask
+    assert connection.run(ask(Kind.STATUS, b"", m.DeviceStatus)).coupling_id == ""
+    for limit, told in ((5.0, 5.0), (20.0, 20.0), (None, 20.0), (50.0, 20.0)):
+        made = coupling(1, largest=(10.0, 1e5, 0.0), wall=(0.0, 1e5 + (limit or 0.0)), max_force_n=limit)
+        result = push_over(connection, made)
+        assert result.max_force_n == told
+        assert ("its certificate does not know" in " ".join(result.notes)) == (limit == 50.0)
+        force, _ = core.tick(np.full(50, 5000, dtype=np.int32))
+        assert force[-1] == np.float32(told)
+        assert connection.run(ask(Kind.STATUS, b"", m.DeviceStatus)).coupling_id == made.id == result.coupling_id
+
+
+def test_the_wall_is_that_of_the_coupling() -> None:
+    core = host_core()
+    for stiffness in (2e3, 5e3):
+        push(coupling(1, largest=(0.0, 1e6, 0.0), seed=4, wall=(0.0, stiffness)), HostLink(core))
+        force, _ = core.tick(np.full(400, 500, dtype=np.int32))
+        k = TableImage.of(coupling(1, largest=(0.0, 1e6, 0.0), seed=4)).rows[0, 2]
+        assert force[-1] == pytest.approx(1e-3 * k * stiffness / (k + stiffness), rel=1e-4)
+
+
+@pytest.mark.parametrize("damping", [0.0, 40.0, 100.0])
+def test_the_damper_of_the_wall_is_that_of_the_coupling(damping: float) -> None:
+    """Pressed at speed v through a spring k, the wall answers with k k_e/(k + k_e) x + b_e v (k/(k + k_e))^2."""
+    core, stiffness, speed = host_core(), 2e3, 0.01
+    made = coupling(1, largest=(0.0, 1e4, 0.0), seed=4, wall=(damping, stiffness))
+    push(made, HostLink(core))
+    # 5 counts of 2 um in each tick of 1 ms, from the surface on.
+    force, _ = core.tick(np.arange(400, dtype=np.int32) * 5)
+    (k,), depth = made.table.gains[1], 399 * speed * 1e-3
+    share = k / (k + stiffness)
+    assert force[-1] == pytest.approx(share * stiffness * depth + damping * speed * share**2, rel=1e-4)
+
+
+def test_table_id_comes_from_the_content() -> None:
+    a, b = image(9, seed=1), image(9, seed=2)
+    assert a.table_id == image(9, seed=1).table_id
+    assert a.table_id != b.table_id
+    assert a.crc32 == zlib.crc32(a.image)
