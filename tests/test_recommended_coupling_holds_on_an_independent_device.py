@@ -1,6 +1,8 @@
 """What is recommended rests on the whole declared device, simulated by its equations, and what is refused does not."""
 
+import dataclasses
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -10,6 +12,7 @@ from whole_device import REST, WholeDevice, held, leaning, people, tapping, thro
 
 import avc_casadi as avc
 import avc_hardware
+from avc_casadi.coupling import Coupling
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.stability import stiffest_wall
 
@@ -121,29 +124,25 @@ def test_let_go_the_device_rests(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_blow_without_any_friction_leaves_the_handle_at_rest(name):
-    """A limit of what is recommended, bounded here: observer and encoder may keep the motor moving against its handle.
-
-    Of 608 hands 1 taps so on R1 (13 mm/s at the motor) and 13 strike so on R2 (31 mm/s), for good; what the hand holds
-    stays below 5 mm/s. A device let go and held to the wall by a weight alone does the same, slower.
-    """
+def test_a_blow_without_any_friction_leaves_every_hand_at_rest(name):
     for motion in ("tap", "strike"):
-        found = meetings(name, motion, friction=0.0)
-        assert sum(one.motor_speed >= REST for one in found) <= 2
-        assert max(one.handle_speed for one in found) < REST
-        assert fastest(found) < 0.035
+        assert fastest(meetings(name, motion, friction=0.0)) < REST
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_lying_on_the_wall_without_hand_and_friction_it_stays_near(name):
+    """A limit of what is recommended, bounded here: nothing damps a device alone inside the dead zone."""
     for weight in (1.0, 3.0, 6.0):
-        assert fastest([bench(name).meets(leaning(weight), friction=0.0)]) < 0.01
+        assert fastest([bench(name).meets(leaning(weight), friction=0.0)]) < 0.06
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_motion_dies_out_where_the_loop_is_linear(name):
-    """What `deployable` claims: no friction, no encoder, and the gains without their observer."""
+    """What `deployable` claims of all of the innovation: no friction, no encoder, and no dead zone."""
     found = recommended(name)
-    gains = found.coupling.table.at_rest
-    coupling = with_gains(
-        found.problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
-    )
+    runtime = found.coupling.runtime
+    law = dataclasses.replace(runtime.state_feedback, dead_zone_m=0.0, face_m=0.0)
+    coupling = dataclasses.replace(found.coupling, runtime=dataclasses.replace(runtime, state_feedback=law))
     linear = WholeDevice(found.problem.device, avc_hardware.export_c(coupling))
     hands = people(found.problem.hands, 0, 0)
     deeds = [move(hand) for hand in hands for move in MOTIONS.values()] + [leaning(1.0), leaning(3.0), leaning(6.0)]
@@ -151,8 +150,22 @@ def test_every_motion_dies_out_where_the_loop_is_linear(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_a_device_that_is_not_quite_as_declared_rests_too(name):
+    """A tenth of mass and resonance, a quarter of a sample of delay: with the declared friction every hand rests."""
+    device = recommended(name).problem.device
+    for mass, mode, late in itertools.product((0.9, 1.1), (0.9, 1.1), (0.0, 0.25)):
+        other = {
+            "mass": device.mass_kg * mass,
+            "resonance": device.resonance.frequency_hz * mode,
+            "delay": device.delay_samples + late,
+        }
+        for motion in MOTIONS:
+            assert fastest(meetings(name, motion, **other)) < REST
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_the_stiffness_told_is_that_of_the_simulator(name):
-    """Median within 2 %, everybody within 5 %, at the motor; at the handle the structure gives way too."""
+    """Median within 2 %, everybody within 8 %, at the motor; at the handle the structure gives way too."""
     told = recommended(name).felt()["stiffness_n_per_m"]
     mode, mass = recommended(name).problem.device.resonance, recommended(name).problem.device.mass_kg
     structure = mode.mass_ratio * (1 - mode.mass_ratio) * mass * (2 * math.pi * mode.frequency_hz) ** 2
@@ -160,7 +173,7 @@ def test_the_stiffness_told_is_that_of_the_simulator(name):
         found = meetings(name, "press", **changed)
         felt = np.array([one.force / one.motor for one in found])
         assert np.median(felt) == pytest.approx(told, rel=0.02)
-        np.testing.assert_allclose(felt, told, rtol=0.05)
+        np.testing.assert_allclose(felt, told, rtol=0.08)
         at_handle = np.median([one.force / one.handle for one in found])
         assert at_handle == pytest.approx(told * structure / (told + structure), rel=0.02)
 
@@ -189,11 +202,12 @@ def test_what_the_declared_device_refuses_does_not_rest(name):
     stiff = refused(name, 1.5 * limit, damping)
     assert fastest([stiff.meets(held(hand, 0.07), friction=0.0) for hand in hands]) > 0.1
     assert fastest([stiff.meets(leaning(3.0))]) > 0.1
-    # What is recommended for a device that declares neither delay nor amplifier nor resonance: no hand rests
-    # without friction, and with the declared one at most a light, damped one where it happens to be caught.
-    other = recommended("figure5")
-    gains, wall = other.coupling.table.at_rest, other.coupling.wall.stiffness_n_per_m
-    series = gains.stiffness_n_per_m * wall / (gains.stiffness_n_per_m + wall)
-    foreign = refused(name, series, gains.contact_damping_ns_per_m)
-    assert min(foreign.meets(held(hand, 0.07), friction=0.0).motor_speed for hand in hands) > 0.1
-    assert sum(foreign.meets(held(hand, 0.07)).motor_speed > 0.1 for hand in hands) >= len(hands) - 2
+    # What is recommended for a device that declares neither delay nor amplifier nor resonance holds no hand here.
+    other = recommended("figure5").coupling
+    stated = problem.changed(environment={"stiffness_n_per_m": other.wall.stiffness_n_per_m})
+    foreign = Coupling(stated, other.schedule, other.table, other.runtime)
+    with pytest.raises(avc.NotDeployableError, match="hands"):
+        avc_hardware.export_c(foreign)
+    stiff = WholeDevice(problem.device, export_c(foreign))
+    for friction in ({"friction": 0.0}, {}):
+        assert min(stiff.meets(held(hand, 0.07), **friction).motor_speed for hand in hands) > 0.05
