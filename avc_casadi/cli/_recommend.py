@@ -124,6 +124,8 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         return [f"deploy nothing on {document['problem']}: {document['reason']}"]
     errors = ", ".join(f"{100 * error:.3g} % at {hz} Hz" for hz, error in felt["complex_error"].items())
     first = "deploy on" if document["deployable"] else "DO NOT deploy on"
+    if document["deployable"] and trial["at_rest"] < trial["hands"]:
+        first = f"the least bad, which {trial['hands'] - trial['at_rest']} of {trial['hands']} hands do not rest at, on"
     return [
         f"{first} {document['problem']}: {gains_line(coupling)}",
         f"felt: {_felt(felt)}; complex error against the physical wall {errors}",
@@ -140,7 +142,9 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
 def _felt(felt: dict[str, Any]) -> str:
     if felt["stiffness_n_per_m"] is None:
         return "nothing but the force limit"
-    return f"{number(felt['stiffness_n_per_m'])} N/m, {100 * (felt['share_of_wall'] or 0):.3g} % of the wall"
+    sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
+    behind = "" if handle == sensed else f" at the sensor, {number(handle)} N/m at the handle"
+    return f"{number(sensed)} N/m{behind}, {100 * (felt['share_of_wall'] or 0):.3g} % of the wall"
 
 
 def _limits(document: dict[str, Any]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +26,7 @@ from avc_casadi.trial import CouplingTrial, people_of, try_coupling
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
     from avc_casadi.loop import Hand, StylusHand
+    from avc_casadi.problem import Device
     from avc_casadi.stability import DampingRange
 
 SCHEMA = "avc-recommend/1"
@@ -77,9 +79,11 @@ class Recommendation(Comparable):
         if self.coupling is None or self.trial is None:
             return {"stiffness_n_per_m": None, "share_of_wall": None}
         tried = self.trial.document()
+        sensed = tried["stiffness_n_per_m"]["median"]
         curve = error_curve(self.problem, self.coupling)
         return {
-            "stiffness_n_per_m": tried["stiffness_n_per_m"]["median"],
+            "stiffness_n_per_m": sensed,
+            "stiffness_at_handle_n_per_m": None if sensed is None else _at_handle(self.problem.device, sensed),
             "share_of_wall": tried["share_of_wall"],
             "complex_error": {f"{hz:g}": curve.at(curve.physical, hz) for hz in ERROR_HZ},
             "tap_force_n": tried["tap_force_n"],
@@ -110,6 +114,16 @@ class Recommendation(Comparable):
             }
         )
         return found
+
+
+def _at_handle(device: Device, stiffness_n_per_m: float) -> float:
+    """Return the stiffness that the hand feels: behind an encoder at the motor, the structure's spring gives way too."""
+    mode = device.resonance
+    if mode is None or device.encoder_at == "handle":
+        return stiffness_n_per_m
+    reduced = device.mass_kg * mode.mass_ratio * (1 - mode.mass_ratio)
+    spring = reduced * (2 * math.pi * mode.frequency_hz) ** 2
+    return stiffness_n_per_m * spring / (stiffness_n_per_m + spring)
 
 
 def judged_as_recommended(
