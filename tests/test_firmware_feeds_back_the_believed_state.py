@@ -195,6 +195,7 @@ def test_observer_that_runs_away_gives_no_force_and_begins_anew() -> None:
     assert core.state().not_finite > 5
     assert np.isfinite(force).all()
     assert np.abs(force).max() <= LIMIT_N
+    assert {0.0, LIMIT_N} <= set(force[-10:].tolist())
 
 
 def instructions(feedback: StateFeedback | None) -> tuple[int, int]:
