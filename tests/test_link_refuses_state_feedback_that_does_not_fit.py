@@ -80,7 +80,10 @@ def test_device_tells_how_many_states_it_holds_and_runs() -> None:
 @pytest.mark.parametrize(
     ("refuse", "named"),
     [
-        (made(dense_believer(9)), r"it holds 8 states of an observer, the coupling has 9 .* design it with a simpler .*avc export"),
+        (
+            made(dense_believer(9)),
+            r"it holds 8 states of an observer, the coupling has 9 .* design it with a simpler .*avc export",
+        ),
         (coupling(5, runtime=Runtime(state_feedback=believer(1))), "beside constant gains alone .*avc export"),
         (coupling(5, runtime=Runtime(state_feedback=dense_believer(16))), "the coupling has 16 .*constant gains alone"),
     ],

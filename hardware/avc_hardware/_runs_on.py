@@ -71,8 +71,8 @@ def _lacks_of_feedback(coupling: Coupling, most: int) -> list[str]:
     lacks = []
     if feedback.states > most:
         lacks.append(
-            f"it holds {most} states of an observer, the coupling has {feedback.states} (runtime.state_feedback; design "
-            "it with a simpler hand or device)"
+            f"it holds {most} states of an observer, the coupling has {feedback.states} (runtime.state_feedback; "
+            "design it with a simpler hand or device)"
         )
     if not coupling.table.constant:
         lacks.append("it feeds states back beside constant gains alone (runtime.state_feedback)")
