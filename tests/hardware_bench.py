@@ -82,6 +82,24 @@ def believer(seed: int) -> StateFeedback:
     return StateFeedback(state, asked, innovation, feedback, places, 0, 1.5e-5 * (seed % 3), 1e-5 * (seed % 3))
 
 
+def dense_believer(states: int, seed: int = 0) -> StateFeedback:
+    """Any number of states that all turn into each other and die out; no number of several states is 0 or 1."""
+    rng = np.random.default_rng([states, seed])
+    turning, _ = np.linalg.qr(rng.normal(size=(states, states)))
+    feedback = rng.uniform(-0.5, 0.5, states)
+    feedback[-1] = 1.1 if states > 1 else 1.0
+    return StateFeedback(
+        state=tuple(map(tuple, (0.97 * turning).tolist())),
+        force_m_per_n=tuple(rng.uniform(-8e-6, 8e-6, states).tolist()),
+        innovation=tuple(rng.uniform(0.1, 0.4, states).tolist()),
+        feedback=tuple(feedback.tolist()),
+        positions=(*range(0, states - 1, 2), states - 1),
+        measures=states - 1,
+        dead_zone_m=float(rng.uniform(0, 1e-5)),
+        face_m=float(rng.uniform(0, 1e-5)),
+    )
+
+
 def host_core() -> HostCore:
     return HostCore(host_library())
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hardware_bench import coupling, push, require, stream
+from hardware_bench import believer, coupling, push, require, stream
 
 import avc_hardware
 from avc_casadi import InputError, LinkError, MissingExtraError, UnsupportedError
@@ -210,3 +210,12 @@ def test_diagnosis_knows_the_image() -> None:
     assert facts.image_sha256 == image_sha256() == hashlib.sha256(IMAGE.read_bytes()).hexdigest()
     assert facts.image_current
     assert facts.emulator
+
+
+def test_state_feedback_is_pushed_read_back_and_kept_while_gains_are_streamed() -> None:
+    made = coupling(1, largest=(5.0, 5e4, 5.0), runtime=Runtime(state_feedback=believer(3)))
+    result = stream(made, "emulator", rate_hz=50, seconds=0.5)
+    assert result.push.readback_equal
+    assert result.push.crc32 == result.status.table_crc32 == TableImage.of(made).crc32
+    assert (result.taken, result.fell_back, result.status.not_finite) == (25, 0, 0)
+    assert result.status.coupling_id == made.id

@@ -1,14 +1,16 @@
 """Hardware in the loop: a frictionless hand presses a stiff wall that the firmware renders on the emulated core."""
 
+import dataclasses
 import functools
 
 import numpy as np
 import pytest
+import scipy.linalg
 from hardware_bench import require, scratch, with_gains
 
 import avc_casadi as avc
 from avc_casadi import InputError, Problem, UnsupportedError
-from avc_casadi.coupling import Coupling
+from avc_casadi.coupling import Coupling, Gains, Runtime
 from avc_casadi.problem import (
     AdaptationEffect,
     CoulombFrictionEffect,
@@ -19,6 +21,7 @@ from avc_casadi.problem import (
     SaturationEffect,
     WallEffect,
 )
+from avc_casadi.runtime import StateFeedback
 from avc_hardware import FirmwareInTheLoop, LoopResult, tried_in_the_loop
 from avc_hardware import _messages as m
 from avc_hardware._messages import Kind
@@ -255,6 +258,54 @@ def test_a_lower_force_limit_is_the_board_s() -> None:
     found = tried_in_the_loop(weak)
     assert found.peak_force_n == pytest.approx(1.5)
     assert found.status.saturated > 1000
+
+
+@functools.cache
+def believed() -> Coupling:
+    """No coupling before a wall of 50 kN/m but a Kalman observer of device and hand, and the velocity fed back."""
+    effects = (HandEffect(), WallEffect(), EncoderEffect())
+    stiff = {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 5e4}
+    problem = wall().changed(scene={"effects": effects}, environment=stiff)
+    device = problem.device
+    time, mass = device.sample_time_s, device.mass_kg
+    moved, blur = time**2 / mass, device.encoder_resolution_m**2 / 12
+    state = np.array([[1.0, 1.0, 0.5], [0.0, 1 - time * device.damping_ns_per_m / mass, 1.0], [0.0, 0.0, 0.995]])
+    noise = np.diag([1e-14, (0.05 * moved) ** 2, (0.2 * moved) ** 2])
+    spread = scipy.linalg.solve_discrete_are(state.T, np.eye(3)[:, :1], noise, [[blur]])
+    innovation = spread[:, 0] / (spread[0, 0] + blur)
+    law = StateFeedback(
+        tuple(map(tuple, state.tolist())), (-moved / 2, -moved, 0.0), tuple(innovation), (1.0, 1.0, 0.0), (0,), 0
+    )
+    return Coupling.constant(problem, Gains(0.0, 1e8), "by hand", Runtime(state_feedback=law))
+
+
+def test_a_wall_that_only_state_feedback_holds_is_at_rest_in_the_firmware() -> None:
+    plain = tried_in_the_loop(dataclasses.replace(believed(), runtime=Runtime()))
+    found = tried_in_the_loop(believed())
+    assert (plain.at_rest, found.at_rest) == (False, True)
+    assert found.push.readback_equal
+    assert found.push.coupling_id == found.status.coupling_id == believed().id != plain.push.coupling_id
+    assert found.apparent_stiffness_n_per_m == pytest.approx(5e4, rel=0.01)
+    assert (found.status.overruns, found.status.not_finite, found.status.saturated) == (0, 0, 0)
+    assert found.left_out == ()
+
+
+def test_state_feedback_in_the_firmware_feels_like_the_scene() -> None:
+    loop = FirmwareInTheLoop(believed())
+    loop.push(believed())
+    trace = loop.run(2.0)
+    scene = avc.simulate(believed().problem, believed())
+    difference = np.array(trace.position_m) - scene.position_m[: len(trace.position_m)]
+    assert np.sqrt(np.mean(difference**2)) < 2e-6
+    assert np.abs(difference).max() < 1e-5
+
+
+def test_a_scene_with_the_coupling_s_own_state_feedback_is_tried_with_it() -> None:
+    listed = (*believed().problem.scene.effects, *believed().runtime.effects(constant=True))
+    problem = believed().problem.changed(scene={"effects": listed})
+    found = tried_in_the_loop(dataclasses.replace(believed(), problem=problem), seconds=1.0)
+    assert (found.at_rest, found.left_out) == (True, ())
+    assert FirmwareInTheLoop(problem).status().has_table is False
 
 
 def test_effects_that_the_bench_has_not_are_left_out_and_named() -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hardware_bench import coupling, require, scratch
+from hardware_bench import believer, coupling, dense_believer, require, scratch
 from numpy.typing import NDArray
 
 from avc_casadi import LinkError, UnsupportedError
@@ -37,7 +37,7 @@ from avc_hardware.firmware_build import TARGETS, build_host, build_image, genera
 Counts = NDArray[np.int32]
 
 TICKS = 1500
-SWAPS = (1, 600, 1100)
+SWAPS = (1, 400, 700, 950, 1200)
 # The usual board; a fast one with coarse encoder; a slow one with other settings.
 BOARDS = {
     "1 ms": (RuntimeFigures(), 50.0),
@@ -51,8 +51,8 @@ def limits(board: str) -> BoardLimits:
     return BoardLimits(figures.sample_time_s, figures.metres_per_count, force)
 
 
-def couplings(board: str) -> tuple[Coupling, Coupling, Coupling]:
-    """Two tables for their walls, one with a guard, and constant gains with a lower force limit."""
+def couplings(board: str) -> tuple[Coupling, ...]:
+    """Tables for their walls, one with a guard; state feedback with and without it; a lower force limit in the end."""
     figures, force = BOARDS[board]
     device: dict[str, float] = {
         "sample_time_s": figures.sample_time_s,
@@ -62,8 +62,12 @@ def couplings(board: str) -> tuple[Coupling, Coupling, Coupling]:
     }
     runtime = Runtime(hold_s=figures.hold_s, slew_per_s=figures.slew_per_s)
     guarded = dataclasses.replace(runtime, guard="passivity-controller")
+    sparse, dense = (Runtime(state_feedback=found) for found in (believer(5), dense_believer(8)))
+    dense = dataclasses.replace(dense, guard="passivity-controller")
     return (
         coupling(200, seed=1, largest=(300.0, 1e5, 50.0), runtime=runtime, **device),
+        coupling(1, seed=4, largest=(50.0, 5e4, 30.0), wall=(0.0, 3e4), runtime=sparse, **device),
+        coupling(1, seed=5, largest=(0.0, 1e5, 5.0), wall=(3.0, 5e4), runtime=dense, **device),
         coupling(30, seed=2, largest=(3e3, 1e6, 0.0), wall=(0.0, 3e4), runtime=guarded, **device),
         coupling(1, seed=3, largest=(200.0, 5e4, 20.0), wall=(2.0, 8e4), **(device | {"max_force_n": 6.0})),
     )

@@ -1,14 +1,17 @@
-"""Whatever the wire does: the device runs the old table or the new one, whole; the host ends with success or error."""
+"""Whatever the wire does: the device runs the old table or the new one, whole; the host ends with success or error.
+
+Whole is every byte of it: of two tables with state feedback no matrix is ever from the one and another from the other.
+"""
 
 import os
 
 import pytest
-from hardware_bench import coupling, host_core, push
+from hardware_bench import coupling, dense_believer, host_core, push
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import LinkError
-from avc_casadi.coupling import Gains, Runtime
+from avc_casadi.coupling import Coupling, Gains, Runtime
 from avc_hardware import TableImage
 from avc_hardware._faults import FaultKind, FaultyLink, LinkFault
 from avc_hardware._host import HostCore, HostLink
@@ -17,8 +20,11 @@ GUARD = Runtime(guard="passivity-controller")
 OLD = coupling(12, seed=1, wall=(5.0, 2e4), runtime=GUARD)
 NEW = coupling(70, seed=2, wall=(2.0, 5e4), runtime=GUARD)
 SAFE = Gains(1.0, 0.0)
-OLD_IMAGE = TableImage.of(OLD, safe=SAFE).image
-NEW_IMAGE = TableImage.of(NEW, safe=SAFE).image
+FED_BACK, OTHER = (
+    coupling(1, wall=(5.0, 2e4), runtime=Runtime(state_feedback=dense_believer(8, seed))) for seed in (1, 2)
+)
+# The running table and the one that is pushed: rows, matrices over matrices of the same size, rows over matrices.
+PAIRS = {"rows": (OLD, NEW), "matrices": (FED_BACK, OTHER), "both": (FED_BACK, NEW), "back": (NEW, FED_BACK)}
 # With the last wait for an answer: twice as long at most.
 DEADLINE_S = 5.0
 SCHEDULES = int(os.environ.get("AVC_FAULT_SCHEDULES", "150"))
@@ -32,16 +38,16 @@ faults = st.builds(
 )
 
 
-def device_with_old_table() -> HostCore:
+def image(of: Coupling) -> bytes:
+    return TableImage.of(of, safe=SAFE).image
+
+
+def push_through(schedule_of_faults: list[LinkFault], pair: str = "rows") -> tuple[HostCore, FaultyLink, bool]:
+    """Push the new table through the faults; return the device, the link and whether the host reported success."""
+    old, new = PAIRS[pair]
     core = host_core()
-    push(OLD, HostLink(core), safe=SAFE)
-    assert core.image() == OLD_IMAGE
-    return core
-
-
-def push_through(schedule_of_faults: list[LinkFault]) -> tuple[HostCore, FaultyLink, bool]:
-    """Push NEW through the faults; return the device, the link and whether the host reported success."""
-    core = device_with_old_table()
+    push(old, HostLink(core), safe=SAFE)
+    assert core.image() == image(old)
     link = FaultyLink(HostLink(core), schedule_of_faults, reset=core.reset)
     seen: list[bytes | None] = []
     read = link.read
@@ -52,13 +58,13 @@ def push_through(schedule_of_faults: list[LinkFault]) -> tuple[HostCore, FaultyL
 
     link.read = watched  # type: ignore[method-assign]
     try:
-        result = push(NEW, link, safe=SAFE, deadline_s=DEADLINE_S)
+        result = push(new, link, safe=SAFE, deadline_s=DEADLINE_S)
         done = True
         assert result.readback_equal
     except LinkError:
         done = False
     was_reset = any(fault.kind is FaultKind.RESET for fault in link.happened)
-    allowed = {OLD_IMAGE, NEW_IMAGE} | ({None} if was_reset else set())
+    allowed = {image(old), image(new)} | ({None} if was_reset else set())
     assert {core.image(), *seen} <= allowed
     assert link.now_s() < 2 * DEADLINE_S
     return core, link, done
@@ -66,35 +72,37 @@ def push_through(schedule_of_faults: list[LinkFault]) -> tuple[HostCore, FaultyL
 
 @pytest.mark.parametrize("kind", FaultKind)
 @pytest.mark.parametrize("to_device", [True, False], ids=["to device", "from device"])
-def test_one_fault_at_any_byte(kind: FaultKind, to_device: bool) -> None:
-    """Short messages and both ends of long ones at every byte, the middle of chunks at every seventh."""
+@pytest.mark.parametrize(("pair", "size"), [("rows", 1400), ("matrices", 600)])
+def test_one_fault_at_any_byte(kind: FaultKind, to_device: bool, pair: str, size: int) -> None:
+    """Every byte of a push with AVC_FAULT_SCHEDULES above 1000, else every thirteenth."""
     step = 1 if SCHEDULES > 1000 else 13
-    for at in range(0, 1400, step):
-        core, link, done = push_through([LinkFault(to_device, at, kind, amount=1 + at % 40)])
+    for at in range(0, size, step):
+        core, link, done = push_through([LinkFault(to_device, at, kind, amount=1 + at % 40)], pair)
         if kind is not FaultKind.UNPLUG:
             assert done, link.happened
-            assert core.image() == NEW_IMAGE
+            assert core.image() == image(PAIRS[pair][1])
         elif not link.happened:
             assert done
 
 
 @settings(max_examples=SCHEDULES)
-@given(st.lists(faults, max_size=12))
-def test_random_faults(schedule_of_faults: list[LinkFault]) -> None:
-    core, link, done = push_through(schedule_of_faults)
+@given(st.lists(faults, max_size=12), st.sampled_from(sorted(PAIRS)))
+def test_random_faults(schedule_of_faults: list[LinkFault], pair: str) -> None:
+    core, link, done = push_through(schedule_of_faults, pair)
     if done:
-        assert core.image() == NEW_IMAGE
+        assert core.image() == image(PAIRS[pair][1])
     if not link.happened:
         assert done
 
 
 @settings(max_examples=max(20, SCHEDULES // 10))
-@given(st.lists(faults, min_size=30, max_size=60))
-def test_a_terrible_line_and_then_a_good_one(schedule_of_faults: list[LinkFault]) -> None:
-    core, _, _ = push_through(schedule_of_faults)
-    result = push(NEW, HostLink(core), safe=SAFE)
+@given(st.lists(faults, min_size=30, max_size=60), st.sampled_from(sorted(PAIRS)))
+def test_a_terrible_line_and_then_a_good_one(schedule_of_faults: list[LinkFault], pair: str) -> None:
+    core, _, _ = push_through(schedule_of_faults, pair)
+    new = PAIRS[pair][1]
+    result = push(new, HostLink(core), safe=SAFE)
     assert result.readback_equal
-    assert core.image() == NEW_IMAGE
+    assert core.image() == image(new)
 
 
 def test_a_dead_line_is_reported_in_time() -> None:
@@ -117,4 +125,4 @@ def test_a_device_reset_in_mid_table_is_served_again() -> None:
     core, link, done = push_through([LinkFault(True, 700, FaultKind.RESET)])
     assert link.happened
     assert done
-    assert core.image() == NEW_IMAGE
+    assert core.image() == image(NEW)

@@ -66,5 +66,5 @@ def test_push_stream_and_monitor(port: str, board: str) -> None:
     assert last.swaps == 1
     assert last.bytes_lost == 0
     other = "fused" if estimator != "fused" else "zero-crossing"
-    with pytest.raises(UnsupportedError, match=f"estimator {other}"):
+    with pytest.raises(UnsupportedError, match=f"the coupling.s {other}"):
         push(coupling(5, runtime=Runtime(estimator=other)), port)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 PLANT_KINDS = frozenset({"hand", "stylus-hand", "viscous-friction", "resonance", "amplifier", "delay"})
 """Effects of a scene that the bench has, beside what the firmware does itself."""
-_FIRMWARE_KINDS = frozenset({"wall", "encoder", "estimator", "adaptation", "guard", "saturation"})
+_FIRMWARE_KINDS = frozenset({"wall", "encoder", "state-feedback", "estimator", "adaptation", "guard", "saturation"})
 _CODE_ZERO, _CODE_FULL = 2048, 2047
 
 

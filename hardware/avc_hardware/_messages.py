@@ -12,7 +12,7 @@ import numpy as np
 from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 from avc_hardware._frames import PROTOCOL_VERSION, Frame
 
-INTERFACE_VERSION = 2
+INTERFACE_VERSION = 3
 REPLY = 0x80
 UNITS_SI = 1  # Hz, N.s/m, N/m, N.s/m
 
@@ -51,6 +51,7 @@ class Reason(IntEnum):
     STALE = 13
     NO_TABLE = 14
     INTERFACE = 15
+    STATES = 16
 
 
 _SENTENCES = {
@@ -69,7 +70,9 @@ _SENTENCES = {
     Reason.STALE: "gains with a number not above {detail} came late",
     Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",
     Reason.NO_TABLE: "the device holds no table yet; push one first",
+    Reason.STATES: "the table feeds back too many states; allowed: at most {detail}, beside a single row of gains",
 }
+_PLACES = {0xFFFF: "the table's header", 0xFFFE: "the state feedback"}
 
 
 @dataclass(frozen=True)
@@ -82,9 +85,11 @@ class Refusal:
     def __str__(self) -> str:
         if not isinstance(self.reason, Reason):
             return f"for a reason unknown to this program (code {self.reason}, {self.detail}); update avc-casadi"
-        row = "the table's header" if self.detail == 0xFFFF else f"row {self.detail}"
         return _SENTENCES[self.reason].format(
-            detail=self.detail, row=row, own=PROTOCOL_VERSION, interface=INTERFACE_VERSION
+            detail=self.detail,
+            row=_PLACES.get(self.detail, f"row {self.detail}"),
+            own=PROTOCOL_VERSION,
+            interface=INTERFACE_VERSION,
         )
 
 
@@ -111,6 +116,8 @@ class Device:
         table_rows: of the running table.
         transfer_open: whether some host is sending a table.
         figures: what its control tick was generated for.
+        capacity_states: states that a table may feed back.
+        table_states: that the running table feeds back.
     """
 
     interface_version: int
@@ -131,6 +138,8 @@ class Device:
     table_rows: int
     transfer_open: bool
     figures: RuntimeFigures
+    capacity_states: int
+    table_states: int
 
 
 @dataclass(frozen=True)
@@ -204,10 +213,10 @@ class DeviceStatus:
 
 MODES = ("table", "ramp", "safe")
 _COUPLING_ID = 14  # place in STATUS
-_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHH")
+_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHH")
 _STATUS = struct.Struct("<II9fi14I4B")
 _GREETING = struct.Struct("<IHH")
-_BEGIN = struct.Struct("<IIIHH")
+_BEGIN = struct.Struct("<IIIHHHH")
 _CHUNK = struct.Struct("<III")
 _COMMIT = struct.Struct("<III")
 _READBACK = struct.Struct("<II")
@@ -282,9 +291,9 @@ def abort(session: int) -> bytes:
     return _ONE.pack(session)
 
 
-def begin(session: int, table_id: int, crc32: int, rows: int) -> bytes:
+def begin(session: int, table_id: int, crc32: int, rows: int, states: int = 0) -> bytes:
     """Payload of BEGIN."""
-    return _BEGIN.pack(session, table_id, crc32, rows, UNITS_SI)
+    return _BEGIN.pack(session, table_id, crc32, rows, UNITS_SI, states, 0)
 
 
 def chunk(session: int, table_id: int, offset: int, data: bytes) -> bytes:
@@ -333,7 +342,8 @@ def _device(payload: bytes) -> Device:
         passive=bool(values[21]),
         guard_damping_ns_per_m=guard,
     )
-    return Device(*[*values[:4], build, *values[5:7], *meant, *values[13:16], bool(values[16]), figures])
+    running = (*values[13:16], bool(values[16]))
+    return Device(*[*values[:4], build, *values[5:7], *meant, *running, figures, *values[22:24]])
 
 
 def _meant(value: float) -> float:

@@ -13,6 +13,7 @@ from avc_casadi.coupling import require_coupling
 from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._host import BoardLimits
+from avc_hardware._table import FEEDBACK_STATES
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -51,8 +52,7 @@ def check_runs_on(coupling: Coupling, device: Device | None = None) -> None:
     lacks = []
     if runtime.observer_mass_kg is not None:
         lacks.append("it has no observer between encoder steps (runtime.observer_mass_kg)")
-    if runtime.state_feedback is not None:
-        lacks.append("it has no observer with state feedback (runtime.state_feedback)")
+    lacks += _lacks_of_feedback(coupling, FEEDBACK_STATES if device is None else device.capacity_states)
     if runtime.guard not in {None, GUARD}:
         lacks.append(f"it has no guard {runtime.guard} (allowed: {GUARD}, or none)")
     if device is not None:
@@ -62,6 +62,21 @@ def check_runs_on(coupling: Coupling, device: Device | None = None) -> None:
             f"{coupling.problem.name}: the coupling does not run on this firmware: {'; '.join(lacks)}. "
             f"Take a coupling that it can run (of a method: avc solve P --method static-tuned --out FILE), or {_EXPORT}"
         )
+
+
+def _lacks_of_feedback(coupling: Coupling, most: int) -> list[str]:
+    feedback = coupling.runtime.state_feedback
+    if feedback is None:
+        return []
+    lacks = []
+    if feedback.states > most:
+        lacks.append(
+            f"it holds {most} states of an observer, the coupling has {feedback.states} (runtime.state_feedback; "
+            "design it with a simpler hand or device)"
+        )
+    if not coupling.table.constant:
+        lacks.append("it feeds states back beside constant gains alone (runtime.state_feedback)")
+    return lacks
 
 
 def _other_settings(coupling: Coupling, device: Device) -> list[str]:

@@ -33,6 +33,7 @@ _FINAL = {
     Reason.SAMPLE_TIME,
     Reason.NO_TABLE,
     Reason.STALE,
+    Reason.STATES,
 }
 
 
@@ -168,7 +169,8 @@ class Session:
 
     def _transfer(self, table: TableImage, device: m.Device) -> Generator[Exchange, Answer, m.Committed]:
         image, table_id, crc32 = table.image, table.table_id, table.crc32
-        begun = yield from self.ask(Kind.BEGIN, m.begin(self.number, table_id, crc32, len(table.rows)), m.Acknowledged)
+        begin = m.begin(self.number, table_id, crc32, len(table.rows), table.states)
+        begun = yield from self.ask(Kind.BEGIN, begin, m.Acknowledged)
         yield from self._chunks(image, table_id, begun.received, device)
         return (yield from self.ask(Kind.COMMIT, m.commit(self.number, table_id, crc32), m.Committed))
 

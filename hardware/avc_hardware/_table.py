@@ -14,13 +14,18 @@ from avc_casadi import InputError
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, Gains
+    from avc_casadi.runtime import StateFeedback
     from avc_casadi.support import Float32Array, FloatArray
 
 FLAG_DAMPED = 1
 FLAG_VARIES = 2
 FLAG_GUARD = 4
+STATES_BIT = 8
+FEEDBACK_STATES = 8
+"""Most states that the packaged firmware feeds back."""
 HEADER = struct.Struct("<HH6fI")
 ROW_BYTES = 16
+FEEDBACK_HEADER = struct.Struct("<HHff")
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,7 @@ class TableImage:
         damped: whether b_p is in use.
         varies: whether the gains follow the frequency.
         rounding_max: largest relative change of a gain by rounding to single precision.
+        feedback: observer and feedback, which follow the only row; None for the measured position as it is.
     """
 
     rows: Float32Array
@@ -54,6 +60,7 @@ class TableImage:
     damped: bool = False
     varies: bool = True
     rounding_max: float = 0.0
+    feedback: StateFeedback | None = None
 
     @classmethod
     def of(cls, coupling: Coupling, *, safe: Gains | None = None) -> TableImage:
@@ -66,6 +73,7 @@ class TableImage:
         Raises:
             InputError: a number that single precision cannot hold, or two rows that become one in it.
         """
+        feedback = coupling.runtime.state_feedback
         wide = coupling.table.rows
         with np.errstate(over="ignore", under="ignore"):
             rows = coupling.table.single()
@@ -76,6 +84,11 @@ class TableImage:
             raise InputError.of(
                 f"two rows have the frequency {rows[repeated[0], 0]:.7g} Hz (single precision); allowed: each once",
                 key="table.frequency_hz",
+            )
+        if feedback is not None and not np.isfinite(_single(feedback)).all():
+            raise InputError.of(
+                "holds a number that single precision cannot carry; allowed: below 3.4e38",
+                key="runtime.state_feedback",
             )
         wall = coupling.wall
         return cls(
@@ -91,12 +104,19 @@ class TableImage:
             damped=coupling.structure == "damped",
             varies=not coupling.table.constant,
             rounding_max=_rounding(wide[:, 1:], rows[:, 1:]),
+            feedback=feedback,
         )
+
+    @property
+    def states(self) -> int:
+        """Number of states that are fed back; 0 without feedback."""
+        return 0 if self.feedback is None else self.feedback.states
 
     @property
     def image(self) -> bytes:
         """The bytes that travel, that are checked, and that are read back."""
         flags = FLAG_DAMPED * self.damped | FLAG_VARIES * self.varies | FLAG_GUARD * self.guard
+        flags |= self.states << STATES_BIT
         header = HEADER.pack(
             len(self.rows),
             flags,
@@ -108,7 +128,7 @@ class TableImage:
             self.max_force_n,
             self.coupling_id,
         )
-        return header + self.rows.astype("<f4").tobytes()
+        return header + self.rows.astype("<f4").tobytes() + _feedback_image(self.feedback)
 
     @property
     def crc32(self) -> int:
@@ -119,6 +139,21 @@ class TableImage:
     def table_id(self) -> int:
         """Name of the table, from its content: the same table has the same name."""
         return int.from_bytes(hashlib.sha256(self.image).digest()[:4], "little") or 1
+
+
+def _single(feedback: StateFeedback) -> Float32Array:
+    with np.errstate(over="ignore", under="ignore"):
+        return feedback.numbers().astype("<f4")
+
+
+def _feedback_image(feedback: StateFeedback | None) -> bytes:
+    """Return what follows the rows: which states are positions, dead zone, face, then A by rows, B, L and R."""
+    if feedback is None:
+        return b""
+    *matrices, dead_zone_m, face_m = _single(feedback)
+    positions = sum(1 << place for place in set(feedback.positions))
+    head = FEEDBACK_HEADER.pack(feedback.measures, positions, dead_zone_m, face_m)
+    return head + np.array(matrices, dtype="<f4").tobytes()
 
 
 def _rounding(wide: FloatArray, narrow: Float32Array) -> float:

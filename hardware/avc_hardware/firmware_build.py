@@ -29,6 +29,7 @@ CORE = (
     "avc_crc32.c",
     "avc_frame.c",
     "avc_table.c",
+    "avc_feedback.c",
     "avc_control.c",
     "avc_answer.c",
     "avc_transfer.c",

@@ -14,11 +14,11 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-from hardware_bench import coupling, run
+from hardware_bench import coupling, dense_believer, push, run, stream
 from script_arguments import script_arguments
 
 from avc_casadi.coupling import Runtime
-from avc_hardware import Connection, DeviceStatus, EmulatedBoard, RuntimeFigures, firmware_build, push, stream
+from avc_hardware import Connection, DeviceStatus, EmulatedBoard, RuntimeFigures, TableImage, firmware_build
 from avc_hardware._messages import Kind
 from avc_hardware._profile import tick_instructions
 from avc_hardware._runtime_c import all_sources
@@ -77,6 +77,19 @@ def instructions() -> None:
         print(f"  {title:30} {statistics.median(totals[500:]):6.0f} typical {max(totals):6} at most")
 
 
+def state_feedback() -> None:
+    """Size of the table, time of its push, and instructions of the observer."""
+    for states in (3, 4, 6, 8):
+        made = coupling(1, largest=(0.0, 1e5, 0.0), runtime=Runtime(state_feedback=dense_believer(states)))
+        pushed = push(made, EmulatedBoard())
+        ticks = tick_instructions(made, counts=motion, ticks=300)
+        own = [tick.functions["avc_feedback_step"] for tick in ticks]
+        print(
+            f"state feedback with {states} states: {len(TableImage.of(made).image)} bytes, pushed in "
+            f"{pushed.seconds:.3f} s, {statistics.median(own):.0f} instructions typical, {max(own)} at most"
+        )
+
+
 def bare_force(folder: Path) -> None:
     """The same without what makes a change of gains passive: look-up, interpolation and coupling force alone."""
     copy = folder / "bare"
@@ -122,5 +135,6 @@ if __name__ == "__main__":
         for rate in (115200, 921600):
             wire(Path(name), rate)
         instructions()
+        state_feedback()
         bare_force(Path(name))
         sizes(Path(name))

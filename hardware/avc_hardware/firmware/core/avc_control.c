@@ -45,6 +45,7 @@ static void supervise(avc_control_t *c)
         if (c->scale <= 0.0f) {
             c->scale = 0.0f;
             c->state.mode = AVC_MODE_SAFE;
+            c->feedback.started = false;
         }
     } else if (c->state.contact == 0u) {
         c->scale = 1.0f;
@@ -94,6 +95,7 @@ static void rest(avc_control_t *c, float x)
 {
     avc_couple_start(&c->couple, x);
     avc_guard_start(&c->guard, x);
+    c->feedback.started = false;
 }
 
 /* The coupling's force, guarded where the table asks for it, scaled by the supervision. */
@@ -103,7 +105,7 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
     const avc_table_header_t *header = &table->image.header;
     float rest_stiffness_n_per_m;
     const avc_gains_t goal = choose_gains(c, table, &rest_stiffness_n_per_m);
-    const avc_couple_in_t in = {
+    avc_couple_in_t in = {
         .position_m = x,
         .wanted_damping_ns_per_m = goal.damping_ns_per_m,
         .wanted_stiffness_n_per_m = goal.stiffness_n_per_m,
@@ -113,13 +115,16 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
         .wall_stiffness_n_per_m = header->wall_stiffness_n_per_m,
         .relaxes = (header->flags & AVC_TABLE_VARIES) != 0u || s->streaming != 0u ? 1.0f : 0.0f,
     };
+    if (avc_states(header) != 0u && s->mode != AVC_MODE_SAFE) { /* safe gains mean the same whatever the table */
+        in.position_m = avc_feedback_step(&c->feedback, &table->image, x, c->previous_force);
+    }
     avc_couple_out_t out;
     avc_couple_step(&c->couple, &in, &out);
     s->gains = (avc_gains_t){out.damping_ns_per_m, out.stiffness_n_per_m, out.contact_damping_ns_per_m};
     s->contact = out.tool_m > 0.0f ? 1u : 0u;
     float force = out.force_n;
     if ((header->flags & AVC_TABLE_GUARD) != 0u) {
-        const avc_guard_in_t watched = {.position_m = x, .force_n = force, .stored_j = out.stored_j};
+        const avc_guard_in_t watched = {.position_m = in.position_m, .force_n = force, .stored_j = out.stored_j};
         avc_guard_out_t guarded;
         avc_guard_step(&c->guard, &watched, &guarded);
         force = guarded.guarded_n;
@@ -146,6 +151,7 @@ static void swap(avc_control_t *c)
 {
     atomic_signal_fence(memory_order_acquire);
     c->active = 1u - c->active;
+    c->feedback.started = false; /* the states of another table mean something else */
     c->state.has_table = 1u;
     c->state.swaps++;
     c->swap_wanted = 0u;

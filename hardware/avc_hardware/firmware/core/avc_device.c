@@ -61,6 +61,8 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put_float(&a, avc_figures.guard_damping_ns_per_m);
     avc_put16(&a, avc_figures.estimator);
     avc_put16(&a, avc_figures.passive);
+    avc_put16(&a, AVC_STATES_MAX);
+    avc_put16(&a, has_table ? avc_states(&table->image.header) : 0u);
     avc_send(&a);
 }
 
@@ -176,7 +178,7 @@ typedef struct {
 
 static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_HELLO, 8, 8, on_hello},
-    {AVC_MESSAGE_BEGIN, 16, 16, avc_on_begin},
+    {AVC_MESSAGE_BEGIN, 20, 20, avc_on_begin},
     {AVC_MESSAGE_CHUNK, 13, 12 + AVC_CHUNK_MAX, avc_on_chunk},
     {AVC_MESSAGE_COMMIT, 12, 12, avc_on_commit},
     {AVC_MESSAGE_READBACK, 8, 8, avc_on_readback},

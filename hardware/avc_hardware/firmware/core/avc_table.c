@@ -4,15 +4,32 @@
 
 _Static_assert(sizeof(avc_table_header_t) == 32, "the table header travels as 32 bytes");
 _Static_assert(sizeof(avc_row_t) == 16, "a row travels as 16 bytes");
+_Static_assert(offsetof(avc_image_t, feedback) == 48, "the state feedback follows the only row");
+_Static_assert(offsetof(avc_feedback_t, number) == 12, "12 bytes of the state feedback come before its matrices");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the wire format is the memory format");
 
 /* Beyond these a frequency is no interaction frequency and avc_ln would leave its range. */
 static const float frequency_min_hz = 1e-6f;
 static const float frequency_max_hz = 1e6f;
 
-uint32_t avc_image_size(uint32_t rows)
+avc_reason_t avc_size_check(uint32_t rows, uint32_t states)
 {
-    return (uint32_t)sizeof(avc_table_header_t) + rows * (uint32_t)sizeof(avc_row_t);
+    if (rows == 0u || rows > AVC_ROWS_MAX) {
+        return AVC_REFUSED_ROWS;
+    }
+    if (states > AVC_STATES_MAX || (states != 0u && rows != 1u)) {
+        return AVC_REFUSED_STATES;
+    }
+    return AVC_OK;
+}
+
+uint32_t avc_image_size(uint32_t rows, uint32_t states)
+{
+    uint32_t size = (uint32_t)sizeof(avc_table_header_t) + rows * (uint32_t)sizeof(avc_row_t);
+    if (states != 0u) {
+        size += (uint32_t)offsetof(avc_feedback_t, number) + states * (states + 3u) * (uint32_t)sizeof(float);
+    }
+    return size;
 }
 
 float avc_ln(float x)
@@ -85,15 +102,47 @@ static avc_reason_t header_check(const avc_table_header_t *header, const avc_lim
     return AVC_OK;
 }
 
+static avc_reason_t feedback_check(const avc_feedback_t *feedback, uint32_t states)
+{
+    if (!avc_is_finite(feedback->dead_zone_m) || !avc_is_finite(feedback->face_m)) {
+        return AVC_REFUSED_NOT_FINITE;
+    }
+    for (uint32_t i = 0; i < states * (states + 3u); i++) {
+        if (!avc_is_finite(feedback->number[i])) {
+            return AVC_REFUSED_NOT_FINITE;
+        }
+    }
+    if (!(feedback->dead_zone_m >= 0.0f) || !(feedback->face_m >= 0.0f)) {
+        return AVC_REFUSED_LIMIT;
+    }
+    const uint32_t positions = feedback->positions;
+    if (feedback->measures >= states || positions >> states != 0u || (positions >> feedback->measures & 1u) == 0u) {
+        return AVC_REFUSED_LIMIT;
+    }
+    return AVC_OK;
+}
+
 avc_reason_t avc_image_check(const avc_image_t *image, const avc_limits_t *limits, uint16_t *at_row)
 {
-    *at_row = 0xFFFFu;
-    if (image->header.rows == 0 || image->header.rows > AVC_ROWS_MAX) {
-        return AVC_REFUSED_ROWS;
-    }
-    avc_reason_t reason = header_check(&image->header, limits);
+    const uint32_t states = avc_states(&image->header);
+    *at_row = AVC_AT_HEADER;
+    avc_reason_t reason = avc_size_check(image->header.rows, states);
     if (reason != AVC_OK) {
         return reason;
+    }
+    reason = header_check(&image->header, limits);
+    if (reason != AVC_OK) {
+        return reason;
+    }
+    if (states != 0u) {
+        if ((image->header.flags & AVC_TABLE_VARIES) != 0u) {
+            return AVC_REFUSED_LIMIT;
+        }
+        *at_row = AVC_AT_FEEDBACK;
+        reason = feedback_check(&image->feedback, states);
+        if (reason != AVC_OK) {
+            return reason;
+        }
     }
     float previous_hz = 0.0f;
     for (uint16_t i = 0; i < image->header.rows; i++) {
@@ -115,7 +164,7 @@ avc_reason_t avc_image_check(const avc_image_t *image, const avc_limits_t *limit
         }
         previous_hz = row->frequency_hz;
     }
-    *at_row = 0xFFFFu;
+    *at_row = AVC_AT_HEADER;
     return AVC_OK;
 }
 

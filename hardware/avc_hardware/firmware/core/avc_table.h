@@ -6,12 +6,17 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { AVC_ROWS_MAX = 256 };
+enum {
+    AVC_ROWS_MAX = 256,
+    AVC_STATES_MAX = 8, /* of the observer whose state is fed back */
+    AVC_FEEDBACK_MAX = AVC_STATES_MAX * (AVC_STATES_MAX + 3)
+};
 
 enum {
     AVC_TABLE_DAMPED = 1, /* b_p acts in contact */
     AVC_TABLE_VARIES = 2, /* the gains follow the frequency */
-    AVC_TABLE_GUARD = 4   /* the guard watches the energy */
+    AVC_TABLE_GUARD = 4,  /* the guard watches the energy */
+    AVC_TABLE_STATES = 8  /* the number of the observer's states begins at this bit; 0: no observer */
 };
 
 /* The table as it travels and as it is read back: little-endian, no padding. */
@@ -34,9 +39,25 @@ typedef struct {
     float contact_damping_ns_per_m;
 } avc_row_t;
 
+/* An observer with a dead zone and state feedback; all states are lengths. Only as many numbers travel as n states have. */
+typedef struct {
+    uint16_t measures;  /* the state that stands for the measured position */
+    uint16_t positions; /* a bit for each state that starts where the device stands */
+    float dead_zone_m;
+    float face_m;
+    float number[AVC_FEEDBACK_MAX]; /* A by rows (n n), B, L, R (n each) */
+} avc_feedback_t;
+
+/* State feedback goes with constant gains: it follows the only row. */
 typedef struct {
     avc_table_header_t header;
-    avc_row_t row[AVC_ROWS_MAX];
+    union {
+        avc_row_t row[AVC_ROWS_MAX];
+        struct {
+            avc_row_t only;
+            avc_feedback_t feedback;
+        };
+    };
 } avc_image_t;
 
 typedef struct {
@@ -78,10 +99,23 @@ typedef enum {
     AVC_REFUSED_SAMPLE_TIME = 12,
     AVC_REFUSED_STALE = 13,
     AVC_REFUSED_NO_TABLE = 14,
-    AVC_REFUSED_INTERFACE = 15
+    AVC_REFUSED_INTERFACE = 15,
+    AVC_REFUSED_STATES = 16
 } avc_reason_t;
 
-uint32_t avc_image_size(uint32_t rows);
+/* What a refusal names in place of a row. */
+enum { AVC_AT_HEADER = 0xFFFF, AVC_AT_FEEDBACK = 0xFFFE };
+
+/* Number of states of a table's observer; 0 without one. */
+static inline uint32_t avc_states(const avc_table_header_t *header)
+{
+    return (uint32_t)header->flags >> AVC_TABLE_STATES;
+}
+
+/* Whether a table may have so many rows and states; avc_image_size is for those alone. */
+avc_reason_t avc_size_check(uint32_t rows, uint32_t states);
+
+uint32_t avc_image_size(uint32_t rows, uint32_t states);
 
 /* Whether x is neither infinite nor NaN. */
 static inline bool avc_is_finite(float x)

@@ -42,15 +42,17 @@ void avc_on_begin(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_MESSAGE, units);
         return;
     }
-    if (rows == 0 || rows > AVC_ROWS_MAX) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_ROWS, AVC_ROWS_MAX);
+    const uint16_t states = avc_get16(&request->payload[16]);
+    const avc_reason_t reason = avc_size_check(rows, states);
+    if (reason != AVC_OK) {
+        avc_refuse(device, request->sequence, reason, reason == AVC_REFUSED_ROWS ? AVC_ROWS_MAX : AVC_STATES_MAX);
         return;
     }
     if (transfer->committing || (transfer->open && transfer->session != session && !transfer_stale(device))) {
         avc_refuse(device, request->sequence, AVC_REFUSED_BUSY, transfer->session);
         return;
     }
-    const uint32_t size = avc_image_size(rows);
+    const uint32_t size = avc_image_size(rows, states);
     transfer->open = true;
     transfer->session = session;
     transfer->table_id = table_id;
@@ -120,7 +122,8 @@ void avc_on_commit(avc_device_t *device, const avc_request_t *request)
         return;
     }
     avc_table_t *table = shadow(device);
-    if (transfer->received != transfer->size || avc_image_size(table->image.header.rows) != transfer->size) {
+    const avc_table_header_t *header = &table->image.header;
+    if (transfer->received != transfer->size || avc_image_size(header->rows, avc_states(header)) != transfer->size) {
         avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, transfer->received);
         return;
     }
@@ -175,7 +178,7 @@ void avc_on_readback(avc_device_t *device, const avc_request_t *request)
     const avc_table_t *table = avc_running(device);
     const uint32_t offset = avc_get32(&request->payload[0]);
     const uint32_t count = avc_get32(&request->payload[4]);
-    const uint32_t size = avc_image_size(table->image.header.rows);
+    const uint32_t size = avc_image_size(table->image.header.rows, avc_states(&table->image.header));
     if (count == 0u || count > AVC_CHUNK_MAX || offset > size || count > size - offset) {
         avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, size);
         return;

@@ -43,8 +43,10 @@ static void check(void)
         const avc_table_t *table = &control->tables[control->active];
         uint16_t row;
         must(avc_image_check(&table->image, &limits, &row) == AVC_OK, "the running table is valid");
-        must(avc_crc32(0, (const uint8_t *)&table->image, avc_image_size(table->image.header.rows)) == table->crc32,
-             "the running table is whole");
+        const uint32_t states = avc_states(&table->image.header);
+        const size_t total = avc_image_size(table->image.header.rows, states);
+        must(avc_crc32(0, (const uint8_t *)&table->image, total) == table->crc32, "the running table is whole");
+        must(states <= AVC_STATES_MAX && (states == 0u || table->image.header.rows == 1u), "the states fit");
     }
 }
 
@@ -92,22 +94,31 @@ static void upload(const uint8_t *data, size_t size)
     static uint8_t payload[12 + AVC_CHUNK_MAX];
     avc_image_t image;
     memset(&image, 0, sizeof image);
-    const uint32_t rows = size > 3u ? 1u + data[3] : 1u;
+    const uint32_t states = size > 4u && (data[4] & 1u) != 0u ? data[4] / 2u % (AVC_STATES_MAX + 1u) : 0u;
+    const uint32_t rows = size > 3u && states == 0u ? 1u + data[3] : 1u;
     image.header.rows = (uint16_t)rows;
     image.header.sample_time_s = limits.sample_time_s;
-    image.header.flags = size > 0u ? data[0] & 7u : 0u;
+    image.header.flags = (uint16_t)((size > 0u ? data[0] & 7u : 0u) | states << AVC_TABLE_STATES);
     image.header.wall_stiffness_n_per_m = 1e4f;
     for (uint32_t i = 0; i < rows; i++) {
         const float value = size > 0u ? (float)data[i % size] : 1.0f;
         image.row[i] = (avc_row_t){1.0f + (float)i, value, 1000.0f * value, value};
     }
+    if (states != 0u) {
+        image.header.flags = (uint16_t)(image.header.flags & ~(uint32_t)AVC_TABLE_VARIES);
+        image.feedback.measures = (uint16_t)(data[4] / 16u % states);
+        image.feedback.positions = (uint16_t)((1u << states) - 1u);
+        for (uint32_t i = 0; i < states * (states + 3u); i++) {
+            image.feedback.number[i] = ((float)data[i % size] - 128.0f) / 64.0f;
+        }
+    }
     if (size > 2u) {
-        const size_t at = data[1] % avc_image_size(rows);
+        const size_t at = data[1] % avc_image_size(rows, states);
         ((uint8_t *)&image)[at] = (uint8_t)(((uint8_t *)&image)[at] ^ data[2]);
     }
-    const uint32_t total = avc_image_size(rows);
+    const uint32_t total = avc_image_size(rows, states);
     const uint32_t crc = avc_crc32(0, (const uint8_t *)&image, total);
-    const uint32_t begin[4] = {1u, crc, crc, rows | 1u << 16};
+    const uint32_t begin[5] = {1u, crc, crc, rows | 1u << 16, states};
     message(AVC_MESSAGE_BEGIN, (const uint8_t *)begin, sizeof begin);
     for (uint32_t sent = 0; sent < total;) {
         const uint32_t part = total - sent < AVC_CHUNK_MAX ? total - sent : AVC_CHUNK_MAX;

@@ -64,7 +64,7 @@ size_t avc_host_image(const avc_device_t *device, uint8_t *out)
         return 0;
     }
     const avc_image_t *image = &device->control.tables[device->control.active].image;
-    const size_t size = avc_image_size(image->header.rows);
+    const size_t size = avc_image_size(image->header.rows, avc_states(&image->header));
     memcpy(out, image, size);
     return size;
 }

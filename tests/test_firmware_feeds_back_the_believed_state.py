@@ -1,0 +1,215 @@
+"""State feedback in the firmware: the bits of the exported C, one start after every table, a meaning in every mode.
+
+Single precision computes some numbers of a coupling that the export has as rounded constants (1/k, k k_e/(k + k_e));
+where k and k_e are powers of 2 both are exact, and the forces are equal in every bit.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hardware_bench import believer, bench_problem, dense_believer, host_library, push, require
+from numpy.typing import NDArray
+
+from avc_casadi.coupling import Coupling, Gains, Runtime
+from avc_casadi.runtime import StateFeedback
+from avc_hardware import BoardLimits, TableImage
+from avc_hardware import _messages as m
+from avc_hardware._host import HostCore, HostLink
+from avc_hardware._messages import Kind
+from avc_hardware._profile import tick_instructions
+from avc_hardware._reference_coupling import ReferenceCoupling
+from avc_hardware._reference_device import ReferenceFeedback
+from avc_hardware._session import Session
+
+Counts = NDArray[np.int32]
+Forces = NDArray[np.float32]
+
+STEP_M = 2e-6
+LIMIT_N = 4.0
+TICKS = 1200
+FEEDBACKS = [
+    *(believer(seed) for seed in range(6)),
+    *(dense_believer(states) for states in range(1, 9)),
+]
+
+
+SPRING = Gains(0.0, 2.0**16)
+
+
+def made(feedback: StateFeedback | None, gains: Gains = SPRING, wall: tuple[float, float] = (0.0, 2.0**15)) -> Coupling:
+    problem = bench_problem(wall, encoder_resolution_m=STEP_M, max_force_n=LIMIT_N)
+    return Coupling.constant(problem, gains, "by hand", Runtime(state_feedback=feedback))
+
+
+def motions() -> Counts:
+    """A stroke through the wall's face, taps that grow faster, noise about the face, a press, rest; (5, TICKS)."""
+    time = np.arange(TICKS) * 1e-3
+    metres = [
+        6e-4 * np.sin(2 * np.pi * 2 * time),
+        3e-4 * np.sin(2 * np.pi * (2 + 25 * time) * time),
+        STEP_M * np.random.default_rng(4).integers(-3, 4, TICKS),
+        np.minimum(4e-3 * time - 1e-3, 3e-4),
+        np.zeros(TICKS),
+    ]
+    return np.rint(np.array(metres) / STEP_M).astype(np.int32)
+
+
+def core_at(coupling: Coupling, count: int = 0, *, safe: Gains | None = None) -> HostCore:
+    """A device at rest that is given a coupling."""
+    core = HostCore(host_library(), BoardLimits(max_force_n=LIMIT_N))
+    push(coupling, HostLink(core, position=lambda _: count), safe=safe)
+    return core
+
+
+def forces(coupling: Coupling, way: Counts, core: HostCore | None = None) -> Forces:
+    """The table comes into force with the first tick of the motion; a new device has been at rest there."""
+    if core is None:
+        core = HostCore(host_library(), BoardLimits(max_force_n=LIMIT_N))
+        core.tick(way[:1])
+    session, table = Session(1, timeout_s=1.0), TableImage.of(coupling)
+    name = table.table_id
+    for kind, payload in (
+        (Kind.BEGIN, m.begin(1, name, table.crc32, 1, table.states)),
+        (Kind.CHUNK, m.chunk(1, name, 0, table.image)),
+        (Kind.COMMIT, m.commit(1, name, table.crc32)),
+    ):
+        core.write(session.message(kind, payload)[1])
+    force, _ = core.tick(way)
+    assert core.image() == table.image
+    return force
+
+
+def exported(coupling: Coupling, ways: Counts) -> Forces:
+    devices = ReferenceCoupling(coupling, len(ways))
+    return np.stack([devices.step(column) for column in (ways.astype(np.float32) * np.float32(STEP_M)).T], axis=1)
+
+
+@pytest.mark.parametrize("feedback", FEEDBACKS, ids=lambda found: f"{found.states} states")
+@pytest.mark.parametrize("guard", [None, "passivity-controller"])
+def test_firmware_gives_the_bits_of_the_exported_coupling(feedback: StateFeedback, guard: str | None) -> None:
+    """The export leaves out what is 0 in the matrices, the firmware multiplies by it: no bit of a force tells.
+
+    Where the export would make one constant of two, as of a single weight and the stiffness, the last bit may differ.
+    """
+    coupling = made(feedback, Gains(0.0, 2.0**16, 20.0))
+    coupling = dataclasses.replace(coupling, runtime=dataclasses.replace(coupling.runtime, guard=guard))
+    ways = motions()
+    expected = exported(coupling, ways)
+    for way, force in zip(ways, expected, strict=True):
+        assert forces(coupling, way).tobytes() == force.tobytes()
+    assert expected.max() == LIMIT_N
+    assert np.isfinite(expected).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_firmware_feels_like_the_exported_coupling_for_any_gains(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    gains = Gains(*(float(value) for value in rng.uniform((0, 1e4, 0), (20, 1e5, 40))))
+    coupling = made(believer(seed), gains, (float(rng.uniform(0, 5)), float(rng.uniform(1e4, 1e5))))
+    ways = motions()
+    for way, force in zip(ways, exported(coupling, ways), strict=True):
+        assert np.abs(forces(coupling, way) - force).max() < 1e-4 * LIMIT_N
+
+
+def test_observer_begins_anew_with_every_table() -> None:
+    """Swapped in in mid-motion, in contact: a spring has no memory, so that the forces are those of a fresh start."""
+    way = motions()[0]
+    last = made(believer(3))
+    for before in (made(None), made(believer(1)), made(believer(5)), made(dense_believer(8))):
+        core = core_at(before, int(way[0]))
+        assert core.tick(way[:15])[0].max() > 0
+        assert forces(last, way[15:], core).tobytes() == exported(last, way[None, 15:])[0].tobytes()
+
+
+def heartbeat(core: HostCore, ticks: int) -> None:
+    core.write(Session(1, timeout_s=1.0).message(Kind.HEARTBEAT, m.heartbeat(ticks))[1])
+
+
+def test_safe_gains_mean_the_same_whatever_the_table() -> None:
+    """After a lost heartbeat the wall sees the position as it is; back at the table, the observer begins anew."""
+    safe = SPRING
+    way = motions()[0]
+    fed, plain = made(believer(3)), made(None)
+    cores = [core_at(coupling, safe=safe) for coupling in (fed, plain)]
+    for core in cores:
+        heartbeat(core, 20)
+    found = [core.tick(way)[0] for core in cores]
+    assert [core.state().mode for core in cores] == [2, 2]
+    out = np.flatnonzero(way[200:] < 0)[0] + 200  # the ramp has ended, and the device has left the wall
+    assert (found[0][out:] > 0).any()
+    assert found[0][out:].tobytes() == found[1][out:].tobytes()
+    assert found[0][:120].tobytes() != found[1][:120].tobytes()
+    outside = np.full(1, -400, dtype=np.int32)
+    cores[0].tick(outside)
+    heartbeat(cores[0], 0)
+    assert cores[0].state().mode == 2
+    back = np.concatenate([outside, way])
+    assert cores[0].tick(back)[0].tobytes() == exported(fed, back[None])[0].tobytes()
+    assert cores[0].state().mode == 0
+
+
+def test_fading_force_is_the_one_that_the_observer_knows() -> None:
+    way = np.full(200, 150, dtype=np.int32)
+    coupling = made(believer(3))
+    core = core_at(coupling, 150)
+    heartbeat(core, 20)
+    force, _ = core.tick(way)
+    assert core.state().mode == 2
+    scale = np.ones(200)
+    fades = 20 + np.arange(180)
+    scale[fades] = np.clip(1 - np.arange(180) / 100, 0, 1)
+    assert force[:15].min() > 0
+    assert force[130:].max() == 0
+    assert np.all(np.diff(force[25:125]) <= 1e-6 * LIMIT_N)
+
+
+def test_streamed_gains_keep_the_feedback_of_the_table() -> None:
+    """Every force is that of the streamed spring in series with the wall, at the position that the observer makes of
+    the measured one and of the force before."""
+    feedback, stiffness, wall = believer(3), 4e3, 2.0**15
+    way = motions()[3]
+    core = core_at(made(feedback), int(way[0]))
+    core.tick(way[:1])
+    session = Session(1, timeout_s=1.0)
+    core.write(session.message(Kind.SET_GAINS, m.set_gains(0, 10**6, 0.0, stiffness, 0.0))[1])
+    # The gains slew to those streamed within 0.2 s, all outside the wall.
+    found, _ = core.tick(way)
+    assert core.state().streaming
+    assert core.state().stiffness_n_per_m == pytest.approx(stiffness)
+    observer = ReferenceFeedback(feedback, 1)
+    before = np.zeros(1, np.float32)
+    series = stiffness * wall / (stiffness + wall)
+    for count, force in zip(way, found, strict=True):
+        seen = observer(np.array([count], np.float32) * np.float32(STEP_M), before)
+        assert force == pytest.approx(max(0.0, series * float(seen[0])), rel=1e-3, abs=1e-3)
+        before = np.array([force])
+    assert found.max() > 0.5
+
+
+def test_observer_that_runs_away_gives_no_force_and_begins_anew() -> None:
+    """Finite matrices may end beyond single precision: the force is 0 there, never infinite."""
+    doubling = StateFeedback(((3e37,),), (1.0,), (0.0,), (1.0,), (0,), 0)
+    core = core_at(made(doubling), 100)
+    force, _ = core.tick(np.full(50, 100, dtype=np.int32))
+    assert core.state().not_finite > 5
+    assert np.isfinite(force).all()
+    assert np.abs(force).max() <= LIMIT_N
+    assert {0.0, LIMIT_N} <= set(force[-10:].tolist())
+
+
+def instructions(feedback: StateFeedback | None) -> tuple[int, int]:
+    """Most instructions of the observer, and of the whole tick."""
+    coupling = made(feedback)
+    ticks = tick_instructions(coupling, counts=lambda tick: int(motions()[1][tick]), ticks=60)
+    return max(tick.functions.get("avc_feedback_step", 0) for tick in ticks), max(tick.total for tick in ticks)
+
+
+def test_observer_keeps_the_budget_of_a_tick() -> None:
+    require("unicorn")
+    counted = [instructions(found) for found in (None, believer(2), believer(3), dense_believer(8))]
+    observers = [own for own, _ in counted]
+    assert observers == sorted(observers)
+    assert observers[0] == 0
+    assert observers[-1] < 700
+    assert max(total for _, total in counted) < 3000
