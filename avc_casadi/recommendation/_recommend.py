@@ -117,7 +117,7 @@ class Recommendation(Comparable):
 
 
 def _at_handle(device: Device, stiffness_n_per_m: float) -> float:
-    """Return the stiffness that the hand feels: behind an encoder at the motor, the structure's spring gives way too."""
+    """Return the stiffness that the hand feels: behind an encoder at the motor, the structure gives way too."""
     mode = device.resonance
     if mode is None or device.encoder_at == "handle":
         return stiffness_n_per_m

@@ -168,6 +168,7 @@ def traces(
     subjects: Hand | StylusHand,
     motion: Motion,
     conditions: Conditions,
+    duration_s: float = DURATION_S,
 ) -> Iterator[Traces]:
     """Simulate everybody, some at a time.
 
@@ -177,12 +178,13 @@ def traces(
         subjects: the people.
         motion: motion of their hands' target.
         conditions: what of the device is simulated.
+        duration_s: how long.
     """
     how: dict[str, Any] = (
         {"integrator": "projected", "substeps": _FRICTION_SUBSTEPS} if conditions.friction_n > 0 else {}
     )
     listed = conditions.effects() + (() if isinstance(gains, Gains) else conditions.runtime)
-    scene = Scene(duration_s=DURATION_S, motion=motion, effects=listed, **how)
+    scene = Scene(duration_s=duration_s, motion=motion, effects=listed, **how)
     run = problem.changed(scene=scene)
     effects, chosen, _ = settled(run, held_by(run, build_effects(run), subjects), gains)
     compiled = compile_for(run, effects, chosen)
