@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from avc_casadi.coupling import GainSchedule
 from avc_casadi.design.joint import States
 from avc_casadi.loop import device_corners, least_damped, loop_at, relative_errors
 from avc_casadi.passivity import SampledLoop, llewellyn_margin, worst_margin
@@ -182,3 +183,42 @@ def _moved(value: np.ndarray, axis: np.ndarray, dimension: int, penalty: float) 
     for at, line in zip(axis, lines, strict=True):
         np.minimum(best, line[None] + (penalty * (axis - at) ** 2).reshape(-1, *trailing), out=best)
     return np.moveaxis(best, 0, dimension)
+
+
+def row_excess(problem: Problem, gains: GainSchedule, row: int, rng: np.random.Generator, count: int) -> float:
+    """By how much a row's error exceeds the least of drawn gains that hold every hand, of |Z_h_ds|."""
+    near = gain_rows(gains)[:, row] if gains.usable[row] else None
+    own = gains.magnitude_error[row] / abs(gains.target[row]) if gains.usable[row] else np.inf
+    drawn = drawn_gains(rng, problem, count, near)
+    return float(own - least_error_with_hands(problem, float(gains.frequency_hz[row]), drawn, own)) if own else 0.0
+
+
+def drawn_schedule_problem(rng: np.random.Generator, structure: str, number: int) -> Problem:
+    """Draw a problem of twenty rows for `schedule`, its scope by its number, its goal and smoothness at random."""
+    scope = ("pointwise", "band", "hands")[number % 3]
+    problem = drawn_device_problem(rng, structure=structure, scope=scope, rows=20)
+    if scope == "band":
+        problem = problem.changed(stability={"model": "sampled-data"}, device={"delay_samples": 0})
+    return problem.changed(
+        schedule={"slope_penalty": float(rng.choice([1e-4, 1e-3, 1e-2]))},
+        realism={"objective": str(rng.choice(["magnitude", "complex"]))},
+    )
+
+
+def schedule_cost(problem: Problem, gains: GainSchedule) -> float:
+    """Return what a schedule costs, written out anew; infinite where a row has no gains."""
+    if not gains.usable.all():
+        return np.inf
+    loop, goal = loop_at(problem, gains.frequency_hz), problem.realism
+    sigma = States.of(problem, loop).states(tuple(gain_rows(gains)))
+    step = np.diff(np.log(gains.frequency_hz))
+    weight = np.convolve(step, [0.5, 0.5])
+    error = relative_errors(gains.impedance, loop.target, goal.objective, goal.jnd)
+    contact = problem.schedule.contact_damping_penalty * (gains.contact_damping_ns_per_m / np.abs(loop.target)) ** 2
+    rough = problem.schedule.slope_penalty * (np.diff(sigma, axis=1) ** 2 / step).sum()
+    return float((weight / weight.sum()) @ (error**2 + contact) + rough / step.sum())
+
+
+def gain_rows(gains: GainSchedule) -> np.ndarray:
+    """B, k and b_p, (3, n)."""
+    return np.array([gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m])

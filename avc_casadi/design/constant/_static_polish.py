@@ -75,14 +75,20 @@ class StaticBounds:
 
 @dataclass(frozen=True)
 class StaticGoal:
-    """The cost of constant gains; a quadratic stands for it within a window, as for the condition."""
+    """The cost of constant gains; a quadratic stands for it within a window, as for the condition.
+
+    Attributes:
+        search: knows the cost.
+        scale: what costs are counted in, so that what is nearly free is told from what is free.
+    """
 
     search: StaticSearch
+    scale: float
 
     def value(self, points: FloatArray, stage: IndexArray) -> FloatArray:  # noqa: ARG002 - one goal for all
         """Cost (m, s) at points (d, m, s)."""
         d, m, s = points.shape
-        return self.search.errors(points.reshape(d, -1).T).reshape(m, s)
+        return self.search.errors(points.reshape(d, -1).T).reshape(m, s) / self.scale
 
     def window(self, centre: FloatArray, half: FloatArray, stage: IndexArray) -> tuple[Evaluate, Evaluate]:
         """Return the fitted cost at points of windows, twice: its valleys are its own."""

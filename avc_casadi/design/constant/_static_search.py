@@ -30,6 +30,8 @@ _MOST_MOVES = 200
 _SMALLEST_STEP = 1e-10
 # Costs that differ by less are equal; a gain at its bound is then preferred.
 _FLAT = 1e-9
+# Costs below this are nothing.
+_FREE = 1e-18
 # Points nearer than this to an end stand on it.
 _AT_END = 1e-9
 _EDGE_STEPS = 24
@@ -150,7 +152,7 @@ class StaticSearch:
             if not np.isfinite(cost).any():
                 return nearest, np.inf
         starts = _apart(points[np.argsort(cost, kind="stable")][: np.count_nonzero(np.isfinite(cost))], _APART * step)
-        goal, none = StaticGoal(self), np.zeros(len(starts), dtype=np.intp)
+        goal, none = StaticGoal(self, max(cost.min(), _FREE)), np.zeros(len(starts), dtype=np.intp)
         ends = polished(StaticBounds(self), starts.T, none, goal, np.full(size, _REACH * step)).T
         # Along the edge of the condition a smaller pattern goes on.
         best, _ = _descend(ends[self.errors(ends).argmin()], self.cost, _LAST * step)

@@ -62,7 +62,7 @@ def hands_optima(problem: Problem, states: States, frequency_hz: FloatArray, pro
     found = polished(radii, np.concatenate((first, second), axis=1), np.tile(rows, 2), goal, spacing)
     best = goal.better(found[:, :n], found[:, n:], rows)
     progress.advance(2, 4, "gains of other frequencies")
-    offered = _best_shared(best, goal)
+    offered = _on_faces(radii, _best_shared(best, goal), goal)
     own, others = (goal.value(points[:, :, None], rows)[:, 0] for points in (best, offered))
     gaining = np.flatnonzero(others < own - _GAINED)
     if gaining.size:
@@ -160,6 +160,24 @@ def _best_shared(best: FloatArray, goal: _Goal) -> FloatArray:
         for first in range(0, n, _ROWS_AT_ONCE)
     ]
     return best[:, np.concatenate(chosen)]
+
+
+def _on_faces(radii: HandsRadii, best: FloatArray, goal: _Goal) -> FloatArray:
+    """For each stage the states moved straight onto a face of the box, where that is admissible and better, (d, n).
+
+    Along a border that is all but flat the polish creeps and stops short of the face.
+    """
+    best, rows = best.copy(), np.arange(best.shape[1])
+    least = goal.value(best[:, :, None], rows)[:, 0]
+    for axis in range(len(best)):
+        for end in (radii.low[axis], radii.high[axis]):
+            moved = best.copy()
+            moved[axis] = end
+            value = goal.value(moved[:, :, None], rows)[:, 0]
+            better = np.flatnonzero(value < least - _GAINED)
+            better = better[radii.largest(moved[:, better]) <= radii.most] if better.size else better
+            best[:, better], least[better] = moved[:, better], value[better]
+    return best
 
 
 def _judged(

@@ -16,7 +16,7 @@ from avc_casadi.problem import Problem
 from avc_casadi.stability import frozen_parts, whole_stability
 from avc_casadi.support import FloatArray
 
-_POINTS = {2: (32, 32), 3: (18, 18, 12)}
+_POINTS = {2: (64, 64), 3: (24, 24, 14)}
 _CLIP = 0.1
 """Slack below which a table value says no more than "unstable": a spline would ring at the cliff behind it."""
 

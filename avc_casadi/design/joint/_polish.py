@@ -59,7 +59,7 @@ _STEPS = 30
 _TRIALS = 2
 """Points tried in a window; the second keeps what the first missed by as a reserve."""
 _RIM = 0.7
-"""A window whose best point lies beyond this share of it moves on without shrinking."""
+"""A window whose best point lies beyond this share of it grows again."""
 _LINES = {2: 15, 3: 5}
 _ZOOMS, _ZOOM = 4, 0.3
 _ALONG = 0.5
@@ -128,7 +128,8 @@ def polished(bounds: Bounds, start: FloatArray, stage: IndexArray, goal: Goal, r
             if not left.size:
                 break
         idle[rows] = np.where(gained > _GAINED, 0, idle[rows] + 1)
-        share[rows] *= np.where(moved > _RIM, 1.0, np.where(moved > 0, 0.5, 0.35))
+        share[rows] *= np.where(moved > _RIM, 2.0, np.where(moved > 0, 0.5, 0.35))
+        share = np.minimum(share, 1.0)
     return best
 
 
