@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from avc_casadi.certificate import certified, deployable
 from avc_casadi.coupling import Coupling, coupling_document
@@ -222,15 +221,21 @@ def _judged(
     problem: Problem, people: Hand | StylusHand, seed: int, limit: DampingRange, progress: Progress
 ) -> tuple[list[Judged], int]:
     """Try the simple couplings first, and the others only where a simple one is not the wall itself."""
-    every = list(plain_candidates(problem, hand_corners(problem.hands), limit))
-    judged, considered = tried(every, [], people, seed, progress), len(every)
-    for more in (robust_candidates, tuned_candidates):
+    wall = problem.environment.stiffness_n_per_m
+    robust = robust_candidates(problem, progress)
+    judged: list[Judged] = []
+    considered = 0
+    # Robust designs come last but for tuned gains, which what holds spring and damper back holds back too.
+    for more, ceiling in (
+        (plain_candidates(problem, hand_corners(problem.hands), limit), wall),
+        (islice(robust, 1), wall),
+        (robust, wall),
+        (tuned_candidates(problem, progress), min(wall, limit.stiffness_n_per_m)),
+    ):
         reached = max((expected_n_per_m(one.coupling) for one in judged if one.complete), default=0.0)
-        # Tuned gains are held back by what holds spring and damper back.
-        ceiling = limit.stiffness_n_per_m if more is tuned_candidates else np.inf
-        if reached >= (1 - AS_STIFF) * min(problem.environment.stiffness_n_per_m, ceiling):
+        if judged and reached >= (1 - AS_STIFF) * ceiling:
             break
-        every = list(more(problem, progress))
+        every = list(more)
         considered += len(every)
         judged = tried(every, judged, people, seed, progress)
     return judged, considered

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -33,8 +34,8 @@ _RIGID_N_PER_M = 1e8
 # The first wall as a share of what spring and damper hold, the next over the one before, and what lies between two, for
 # which the law of the lower one is taken as it is.
 _FIRST, _NEXT, _BETWEEN = 0.9, 1.4, 1.18
-# The first wall is the wanted one if that is no more than so many times what spring and damper hold.
-_AT_ONCE = 1.3
+# The wanted wall is tried at once if it is no more than so many times what spring and damper hold.
+_AT_ONCE = 4.0
 _MOST_RUNGS = 8
 # The same from the wall of a like device.
 _STEP, _MOST_STEPS = 1.4, 6
@@ -56,10 +57,12 @@ class Rung:
 
 
 def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Rung]:
-    """Yield walls of rising stiffness, each with a law whose loops are all damped.
+    """Yield walls with laws whose loops are all damped: the wanted one, then others of rising stiffness.
 
-    Each law is searched for from that of the wall before. A wall beyond what the device can give gets a spring before
-    it, so that both together are what is felt. The walls do not depend on the one that is wanted, but for the last.
+    The wanted one comes first, if it is not far beyond what spring and damper hold; whom its law suits need not ask
+    for more. Each law of the others is searched for from that of the wall before. A wall beyond what the device can
+    give gets a spring before it, so that both together are what is felt. The walls do not depend on the one that is
+    wanted, but for the last.
 
     Args:
         problem: device with what is known of it, hands and wall.
@@ -73,8 +76,15 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Run
     device, hands = problem.device, problem.hands
     plain = _plain_n_per_m(problem)
     space, loops = Space(device, hands), Loops.of(device, hands)
+    if wanted <= _AT_ONCE * plain:
+        gains, rendering = _softened(problem, wanted)
+        progress.advance(0, 1, f"the wall, {wanted:.4g} N/m")
+        with suppress(np.linalg.LinAlgError):
+            found = search(space, loops, rendering)
+            if found.cost.holds:
+                yield Rung(gains, wanted, found)
     start = None
-    stiffness = min(_FIRST * plain, wanted) if wanted > _AT_ONCE * plain else wanted
+    stiffness = min(_FIRST * plain, wanted)
     for rung in range(_MOST_RUNGS):
         gains, rendering = _softened(problem, stiffness)
         progress.advance(rung, rung + 2, f"walls, {stiffness:.4g} N/m")

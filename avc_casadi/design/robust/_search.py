@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _FAILED = 1e4
 _POPULATION = 10
-FROM_AFAR, FROM_NEAR = (0.35, 600), (0.2, 300)
+FROM_AFAR, FROM_NEAR = (0.35, 1000), (0.2, 300)
 """Spread of the first generation, and laws that are weighed: from the usual start, and from the law of a near wall."""
 
 

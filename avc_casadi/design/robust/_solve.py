@@ -34,6 +34,8 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
     best: Rung | None = None
     for rung in robust_ladder(problem, progress):
         best = rung
+        if rung.stiffness_n_per_m == problem.environment.stiffness_n_per_m:
+            break
     n = len(problem.frequencies_hz())
     values = (np.nan,) * 3 if best is None else tuple(vars(best.gains).values())
     reason = "no law is found that holds every hand; soften the wall, or narrow [hands] or [device.range]"
