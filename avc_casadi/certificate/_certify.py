@@ -10,9 +10,10 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.certificate._certificate import Certificate, Level, LevelResult
 from avc_casadi.certificate._device_levels import device_level, ideal
+from avc_casadi.certificate._feedback_claims import certify_feedback
 from avc_casadi.certificate._hands_level import hands_level
 from avc_casadi.certificate._levels import Rows, llewellyn_level, not_judged, passivity_level
-from avc_casadi.coupling import GainSchedule, check_sample_time, require_coupling
+from avc_casadi.coupling import Coupling, GainSchedule, check_sample_time, require_coupling
 from avc_casadi.loop import least_damped
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m
 from avc_casadi.problem import as_problem
@@ -58,6 +59,8 @@ def certify(
         require_coupling(gains)
         gains = gains.schedule
     check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
+    if gains.state_feedback is not None and gains.usable.any():
+        return certify_feedback(Coupling.of(problem, gains), draws=draws, seed=seed)
     b, k, contact = (
         (gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m, gains.requested_contact_damping_ns_per_m)
         if requested

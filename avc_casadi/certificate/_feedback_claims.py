@@ -95,7 +95,7 @@ def rendering_of(coupling: Coupling) -> Rendering:
     return fraction_rendering(frozen_parts(coupling.problem, b, k), contact, coupling.sample_time_s)
 
 
-def certify_feedback(coupling: Coupling) -> Certificate:
+def certify_feedback(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Certificate:
     """Certify a coupling with state feedback: L5 on its own loop; L0 to L4 know gains alone and are not judged."""
     gains, problem = coupling.schedule, coupling.problem
     b, k, contact = gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
@@ -105,7 +105,7 @@ def certify_feedback(coupling: Coupling) -> Certificate:
     why = "the level knows gains alone, and these run behind an observer with state feedback"
     first: tuple[Level, ...] = ("L0", "L1", "L2", "L3", "L4")
     levels: dict[Level, LevelResult] = {level: not_judged(rows, level, model, why) for level in first}
-    levels["L5"] = _hands(coupling, rows)
+    levels["L5"] = _hands(feedback_radius(coupling, draws, seed), rows)
     device = problem.device
     stiffness = frozen_parts(problem, rows.b, rows.k).integral / device.sample_time_s
     missing = int(np.count_nonzero(~present))
@@ -120,8 +120,7 @@ def certify_feedback(coupling: Coupling) -> Certificate:
     )
 
 
-def _hands(coupling: Coupling, rows: Rows) -> LevelResult:
-    found = feedback_radius(coupling)
+def _hands(found: FeedbackRadius, rows: Rows) -> LevelResult:
     share, _, hand = found.worst
     radius, one = float(found.held.max()), np.ones(len(rows.b))
     held = found.hands.values(hand)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from avc_casadi._errors import NotDeployableError
 from avc_casadi.certificate._certify import certify
 from avc_casadi.certificate._deployable import Deployable, deployable
-from avc_casadi.certificate._feedback_claims import certify_feedback
 from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
@@ -23,10 +22,7 @@ def certified(coupling: Coupling, progress: Progress = SILENT) -> Coupling:
         coupling: the coupling.
         progress: told of the rows that are judged.
     """
-    if coupling.runtime.state_feedback is not None:
-        found = certify_feedback(coupling)
-    else:
-        found = certify(coupling.problem, coupling.schedule, progress=progress)
+    found = certify(coupling.problem, coupling.schedule, progress=progress)
     return coupling.with_certificate(found.document() | {"deployable": deployable(coupling, progress).document()})
 
 

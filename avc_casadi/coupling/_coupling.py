@@ -89,7 +89,9 @@ class Coupling:
     def constant(cls, problem: Problem, gains: Gains, method: str, runtime: Runtime | None = None) -> Coupling:
         """Make a coupling of finite gains that do not vary, for example ones tuned by hand."""
         table = GainTable.constant_gains(gains, float(problem.frequencies_hz()[0]))
-        return cls(problem, schedule_of(problem, table, method), table, runtime or Runtime())
+        beside = runtime or Runtime()
+        schedule = replace(schedule_of(problem, table, method), state_feedback=beside.state_feedback)
+        return cls(problem, schedule, table, beside)
 
     def __repr__(self) -> str:
         wall = self.wall

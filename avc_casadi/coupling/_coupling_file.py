@@ -173,7 +173,7 @@ def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
         raise InputError(faults)
     found = Coupling(
         problem=problem,
-        schedule=schedule,
+        schedule=replace(schedule, state_feedback=runtime.state_feedback),
         table=table,
         runtime=runtime,
         certificate=document.get("certificate"),
