@@ -16,8 +16,8 @@ from avc_casadi.coupling._gain_check import COUPLING_SCHEMA, GainCheck
 from avc_casadi.coupling._gain_file import gain_document, read_csv, read_document
 from avc_casadi.coupling._gain_table import GainTable
 from avc_casadi.coupling._runtime import Runtime
-from avc_casadi.problem import Problem, StateFeedbackEffect, as_problem, effect_of, problem_document, problem_of
-from avc_casadi.runtime import STATE_FEEDBACK_KEYS, StateFeedback
+from avc_casadi.coupling._state_feedback_file import state_feedback_of
+from avc_casadi.problem import Problem, as_problem, problem_document, problem_of
 from avc_casadi.support import json_text, plain
 
 if TYPE_CHECKING:
@@ -45,7 +45,8 @@ def coupling_document(coupling: Coupling) -> dict[str, Any]:
     """
     wall = coupling.wall
     columns = zip(_TABLE, coupling.table.rows.T, strict=True)
-    return gain_document(coupling.schedule) | {
+    gains = {key: value for key, value in gain_document(coupling.schedule).items() if key != "state_feedback"}
+    return gains | {
         "schema": COUPLING_SCHEMA,
         "id": coupling.id,
         "title": coupling.problem.title,
@@ -241,7 +242,7 @@ def _runtime(document: Mapping[str, Any], path: Path) -> Runtime:
     ]
     if wrong:
         raise InputError(wrong)
-    feedback = _state_feedback(found.get("state_feedback"), path)
+    feedback = state_feedback_of(found.get("state_feedback"), path, "runtime.state_feedback")
     try:
         runtime = Runtime(**{**found, "state_feedback": feedback})
         runtime.effects(constant=False)
@@ -255,15 +256,3 @@ def _runtime(document: Mapping[str, Any], path: Path) -> Runtime:
         ]
         raise InputError(faults) from None
     return runtime
-
-
-def _state_feedback(found: Mapping[str, Any] | None, path: Path) -> StateFeedback | None:
-    """Read what runs between measurement and wall, by the rules of the scene's effect."""
-    if found is None:
-        return None
-    key = "runtime.state_feedback"
-    table = effect_of(StateFeedbackEffect, found, file=str(path), key=key)
-    try:
-        return StateFeedback(**{name: getattr(table, name) for name in STATE_FEEDBACK_KEYS})
-    except InputError as error:
-        raise InputError([Fault(str(path), None, f"{key}.{one.key}", one.message) for one in error.faults]) from None

@@ -9,12 +9,15 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.coupling._schedule import GainSchedule, Status
+from avc_casadi.coupling._state_feedback_file import state_feedback_of
 from avc_casadi.problem import FREQUENCIES_HZ, LARGEST_DAMPING_NS_PER_M, LARGEST_STIFFNESS_N_PER_M
 from avc_casadi.support import BoolArray, ComplexArray, FloatArray
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
+
+    from avc_casadi.runtime import StateFeedback
 
 SCHEMA = "avc-gains/1"
 COUPLING_SCHEMA = "avc-coupling/1"
@@ -74,6 +77,7 @@ class GainCheck:
         requested = [self._column(f"requested_{key}", needed=False, signed=True) for key in (*GAINS, CONTACT)]
         rigid = self._flags("requested_rigid")
         impedance, target, notes = self._complex("impedance"), self._complex("target"), self._notes()
+        feedback = self._state_feedback()
         if self.faults:
             raise InputError(self.faults)
         return GainSchedule(
@@ -92,10 +96,18 @@ class GainCheck:
             status=status,
             reason=reason,
             notes=notes,
+            state_feedback=feedback,
             requested_damping_ns_per_m=np.where(rigid, np.inf, requested[0]),
             requested_stiffness_n_per_m=np.where(rigid, np.inf, requested[1]),
             requested_contact_damping_ns_per_m=self._requested_contact(requested[2], contact, structure),
         )
+
+    def _state_feedback(self) -> StateFeedback | None:
+        try:
+            return state_feedback_of(self.document.get("state_feedback"), self.path, "state_feedback")
+        except InputError as error:
+            self.faults += error.faults
+            return None
 
     def _fault(self, key: str, message: str, row: int | None = None) -> None:
         line = None

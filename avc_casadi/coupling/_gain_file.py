@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,7 @@ def gain_document(gains: GainSchedule) -> dict[str, Any]:
         "requested_rigid": plain(gains.requested_rigid),
         "counts": gains.counts(),
         "notes": list(gains.notes),
+        "state_feedback": None if gains.state_feedback is None else asdict(gains.state_feedback),
         "seconds": {"build": gains.build_seconds, "solve": gains.solve_seconds},
     }
 
