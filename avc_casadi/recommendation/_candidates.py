@@ -27,7 +27,9 @@ _RESERVES = (1.0, 3.0)
 # Where in the interval of stable dampings the contact damper stands.
 _SHARES = (0.5, 0.25)
 # Stiffness felt before a wall that is too stiff, as a share of the stiffest that is stable with everybody.
-_OF_STIFFEST = (0.9, 0.75)
+_OF_STIFFEST = (0.9, 0.82, 0.75)
+# The same where nothing stiffer brings everybody to rest: of the wall, if that is softer.
+_SAFER = (0.6, 0.45, 0.33, 0.24, 0.15)
 
 
 def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange) -> Iterator[Coupling]:
@@ -42,7 +44,21 @@ def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
         stiffest: the stiffest wall that is stable with everybody and let go.
     """
     people = with_let_go(subjects)
-    for gains, name in (*_rigid(problem, people), *_softened(problem, people, stiffest)):
+    felt = [share * stiffest.stiffness_n_per_m for share in _OF_STIFFEST]
+    for gains, name in (*_rigid(problem, people), *_softened(problem, people, felt)):
+        yield from _with_observer(Coupling.constant(problem, gains, name))
+
+
+def safer_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange) -> Iterator[Coupling]:
+    """Yield springs before the wall that are softer still, for a device on which nothing stiffer is at rest.
+
+    Args:
+        problem: device, wall and hands.
+        subjects: the extreme hands.
+        stiffest: the stiffest wall that is stable with everybody and let go.
+    """
+    reached = min(stiffest.stiffness_n_per_m, problem.environment.stiffness_n_per_m)
+    for gains, name in _softened(problem, with_let_go(subjects), [share * reached for share in _SAFER]):
         yield from _with_observer(Coupling.constant(problem, gains, name))
 
 
@@ -88,12 +104,11 @@ def _rigid(problem: Problem, people: Hand | StylusHand) -> Iterator[tuple[Gains,
         yield Gains(0.0, RIGID_N_PER_M, max(0.0, total - wall.damping_ns_per_m)), "contact damper"
 
 
-def _softened(problem: Problem, people: Hand | StylusHand, stiffest: DampingRange) -> Iterator[tuple[Gains, str]]:
-    """Put a spring before a wall that is too stiff, so that both together are a share of the stiffest one."""
+def _softened(problem: Problem, people: Hand | StylusHand, stiffness: list[float]) -> Iterator[tuple[Gains, str]]:
+    """Put a spring before a wall that is too stiff, so that both together are as stiff as wanted, N/m."""
     wall = problem.environment.stiffness_n_per_m
-    for share in _OF_STIFFEST:
-        felt = share * stiffest.stiffness_n_per_m
-        if felt < wall:
+    for felt in stiffness:
+        if 0 < felt < wall:
             for total in _dampings(damping_range(problem.device, people, felt)):
                 yield Gains(0.0, felt * wall / (wall - felt), total), "softened wall"
 

@@ -14,7 +14,12 @@ from avc_casadi.coupling import Coupling, coupling_document
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.problem import Problem, load_problem
 from avc_casadi.recommendation._assumptions import assumed, not_used
-from avc_casadi.recommendation._candidates import plain_candidates, robust_candidates, tuned_candidates
+from avc_casadi.recommendation._candidates import (
+    plain_candidates,
+    robust_candidates,
+    safer_candidates,
+    tuned_candidates,
+)
 from avc_casadi.recommendation._choice import AS_STIFF, ERROR_HZ, Judged, best_of, expected_n_per_m, reason_of, tried
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
@@ -231,9 +236,10 @@ def _judged(
         (islice(robust, 1), wall),
         (robust, wall),
         (tuned_candidates(problem, progress), min(wall, limit.stiffness_n_per_m)),
+        (safer_candidates(problem, hand_corners(problem.hands), limit), 0.0),
     ):
         reached = max((expected_n_per_m(one.coupling) for one in judged if one.complete), default=0.0)
-        if judged and reached >= (1 - AS_STIFF) * ceiling:
+        if any(one.complete for one in judged) and reached >= (1 - AS_STIFF) * ceiling:
             break
         every = list(more)
         considered += len(every)
