@@ -1,0 +1,382 @@
+"""`recommend` on devices drawn at random: what it claims against fresh hands, and against plain springs and dampers.
+
+nice -n 10 python tests/benchmarks/random_devices.py --count 200
+
+Overwrites results/random_devices.json and RESULTS_random_devices.md after every device and goes on where it stopped.
+The first devices of a larger count are those of a smaller one; about ten seconds of processor time each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from studied import about, computed, cpu_seconds, expected_n_per_m, felt_n_per_m, made_by, rounded, table
+
+import avc_casadi as avc
+from avc_casadi.certificate import deployable
+from avc_casadi.coupling import Coupling, Gains, Runtime
+from avc_casadi.loop import hand_corners, with_let_go
+from avc_casadi.problem import Problem
+from avc_casadi.recommendation import Recommendation
+from avc_casadi.stability import damping_range, stiffest_wall
+from avc_casadi.trial import CouplingTrial, draw_hands, exact_interval, people_of, try_coupling
+
+SEED = 2026
+# Of the hands that `recommend` tries, and of those it never saw.
+OWN_SEED, FRESH_SEED = 0, 4711
+PEOPLE, FRESH = 100, 200
+OUT = Path(__file__).parent / "results" / "random_devices.json"
+PAGE = Path(__file__).parent / "RESULTS_random_devices.md"
+
+# A spring that no hand tells from a rigid joint.
+RIGID_N_PER_M = 1e8
+AS_STIFF = 0.01
+# Felt stiffness of plain walls as shares of the plain limit, and of that or the wall where it is less; and where their
+# damper stands in the stable interval: others than recommend's own.
+STIFF_SHARES, SOFT_SHARES, DAMPER_SHARES = (0.98, 0.85, 0.6), (0.5, 0.3, 0.15), (0.1, 0.4)
+
+
+def drawn(index: int) -> Problem:
+    """Draw a device and a wall; the same for an index whatever the count."""
+    random = np.random.default_rng([SEED, index])
+
+    def log(low: float, high: float) -> float:
+        return float(f"{np.exp(random.uniform(np.log(low), np.log(high))):.3g}")
+
+    device: dict[str, Any] = {
+        "sample_time_s": log(0.25e-3, 2e-3),
+        "mass_kg": log(0.05, 0.5),
+        "damping_ns_per_m": log(0.1, 5.0),
+        "encoder_resolution_m": log(1e-6, 60e-6),
+        "amplifier_bandwidth_hz": log(300.0, 3000.0),
+    }
+    whole, late = bool(random.random() < 0.5), float(random.uniform(0, 3))
+    device["delay_samples"] = int(random.integers(0, 4)) if whole else round(late, 2)
+    frictionless, friction = bool(random.random() < 0.3), float(random.uniform(0, 1))
+    device["coulomb_friction_n"] = 0.0 if frictionless else round(friction, 2)
+    rigid = bool(random.random() < 0.4)
+    mode = {"frequency_hz": log(60.0, 300.0), "damping_ratio": log(0.02, 0.1), "mass_ratio": log(0.2, 0.6)}
+    if not rigid:
+        device["resonance"] = mode
+    wall = {"damping_ns_per_m": 0.0, "stiffness_n_per_m": log(500.0, 50e3)}
+    box = avc.load_problem("reference-r1").coupling
+    stop_hz = min(450.0, 0.45 / device["sample_time_s"])  # the default grid ends above the Nyquist frequency of some
+    return Problem(
+        device=device,
+        environment=wall,
+        coupling=box,
+        stability={"model": "sampled-data", "scope": "hands"},
+        frequency={"stop_hz": stop_hz},
+    )
+
+
+def cell(index: int) -> dict[str, Any]:
+    problem = drawn(index)
+    wall, cpu = time.perf_counter(), cpu_seconds()
+    found = avc.recommend(problem, hands=PEOPLE, seed=OWN_SEED)
+    wall, cpu = time.perf_counter() - wall, cpu_seconds() - cpu
+    plain = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
+    outcome: dict[str, Any] = {
+        "device": problem.device.model_dump(exclude_unset=True),
+        "wall_n_per_m": problem.environment.stiffness_n_per_m,
+        "plain_n_per_m": plain.stiffness_n_per_m,
+        "wall_s": round(wall, 1),
+        "cpu_s": round(cpu, 1),
+        "load": round(os.getloadavg()[0], 1),
+        "reason": found.reason,
+        "method": None,
+    }
+    if found.coupling is None or found.trial is None:
+        return outcome | {"plain": _plain(problem, None, plain.stiffness_n_per_m)}
+    fresh = try_coupling(found.coupling, draw_hands(problem.hands, FRESH, FRESH_SEED), FRESH_SEED)
+    return outcome | {
+        "method": found.coupling.method,
+        "recommended_n_per_m": expected_n_per_m(found.coupling),
+        "felt_n_per_m": felt_n_per_m(found.trial),
+        "claimed": _counts(found.trial),
+        "fresh": _counts(fresh),
+        "safety": safety(found.trial),
+        "plain": _plain(problem, found, plain.stiffness_n_per_m),
+    }
+
+
+def _counts(trial: CouplingTrial) -> dict[str, int]:
+    return {
+        "people": trial.hands,
+        "at_rest": int(trial.stable.sum()),
+        "without_friction": int(trial.stable_without_friction.sum()),
+        "quiet": int(trial.quiet.sum()),
+    }
+
+
+def safety(trial: CouplingTrial) -> int:
+    """0: everybody rests without friction and with it; 1: with it; 2: not everybody."""
+    if not trial.stable.all():
+        return 2
+    return 0 if trial.stable_without_friction.all() else 1
+
+
+def _plain(problem: Problem, found: Recommendation | None, limit: float) -> dict[str, Any]:
+    """Look for a plain coupling that is stiffer and as safe, and for a softer one that is safer."""
+    people = people_of(problem.hands, PEOPLE, OWN_SEED)
+    own = 0.0 if found is None else expected_n_per_m(found.coupling)
+    level = 3 if found is None else safety(found.trial)
+    quiet = found is not None and bool(found.trial.quiet.all())
+    looked, stiffer, safer = 0, None, None
+    for one in _couplings(problem, limit):
+        felt = expected_n_per_m(one)
+        above = felt > (1 + AS_STIFF) * own
+        if (above and stiffer) or (not above and (safer or level == 0)) or not deployable(one).passed:
+            continue
+        tried = try_coupling(one, people, OWN_SEED)
+        looked += 1
+        mine = safety(tried)
+        as_safe = mine < level or (mine == level and (mine < 2 or tried.stable.sum() >= found.trial.stable.sum()))
+        told = {
+            "felt_n_per_m": felt,
+            "gains": vars(one.table.at_rest),
+            "observer": one.runtime.observer_mass_kg is not None,
+        }
+        told |= {"safety": mine} | _counts(tried)
+        if above and as_safe and (mine < level or not quiet or bool(tried.quiet.all())):
+            stiffer = told
+        if not above and mine < level:
+            safer = told
+    return {"looked": looked, "stiffer_as_safe": stiffer, "softer_safer": safer}
+
+
+def _couplings(problem: Problem, limit: float) -> Iterator[Coupling]:
+    """Yield plain walls, the stiffer first, each with the observer too where it is for."""
+    wall, device = problem.environment.stiffness_n_per_m, problem.device
+    people = with_let_go(hand_corners(problem.hands))
+    stiff, soft = (
+        {min(wall, share * limit) for share in STIFF_SHARES},
+        {share * min(wall, limit) for share in SOFT_SHARES},
+    )
+    felt = sorted(stiff | soft, reverse=True)
+    for stiffness in felt:
+        found = damping_range(device, people, stiffness)
+        if np.isnan(found.lowest_ns_per_m):
+            continue
+        spring = stiffness * wall / (wall - stiffness) if stiffness < wall else RIGID_N_PER_M
+        for share in DAMPER_SHARES:
+            damper = found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m)
+            gains = Gains(0.0, spring, damper)
+            yield Coupling.constant(problem, gains, "plain")
+            if device.encoder_resolution_m > 0 and device.delay_samples == int(device.delay_samples):
+                mass = device.mass_kg + problem.hands.mass_kg[0]
+                yield Coupling.constant(problem, gains, "plain", Runtime(observer_mass_kg=mass))
+
+
+def below(found: dict[str, Any], key: str) -> tuple[bool, bool]:
+    """Whether fresh hands refute a claim.
+
+    Returns:
+        Whether fewer of the fresh hands rest, as a share, than claimed beyond their own exact interval; and whether
+        their share is below the exact interval of the claim.
+    """
+    claim, fresh = found["claimed"], found["fresh"]
+    high = exact_interval(fresh[key], fresh["people"])[1]
+    low = exact_interval(claim[key], claim["people"])[0]
+    return high < claim[key] / claim["people"], fresh[key] / fresh["people"] < low
+
+
+TEXT = """# `recommend` on devices drawn at random
+
+{made_by}
+
+{count} devices with a wall each: T 0.25 to 2 ms, 0.05 to 0.5 kg, 0.1 to 5 N.s/m, encoder 1 to 60 um, amplifier 0.3 to
+3 kHz, walls 0.5 to 50 kN/m (logarithms uniform); delay 0 to 3 samples, whole for one half; friction none for 30 %,
+else up to 1 N; no resonance for 40 %, else 60 to 300 Hz with a damping ratio of 0.02 to 0.1 and a mass ratio of 0.2 to
+0.6. No force limit, no ranges. `recommend` tries 100 hands of its own, corners among them; what it recommends is then
+tried by 200 fresh ones of the default set. **Refuted**: the upper end of the exact 95 % interval of the fresh share
+lies below the claimed share (of a claim of 100 of 100, a single fresh hand refutes it); **beyond the claim's
+interval**: the
+fresh share lies below the lower end of the exact interval of the claim itself (96.4 % for 100 of 100).
+
+## Claims against fresh hands
+
+{claims}
+
+## Against plain springs and dampers
+
+{plain}
+
+## Time of `recommend`
+
+{seconds}
+
+## Devices that stand out
+
+Numbers: at rest / at rest without friction / quiet, of the 100 hands of `recommend` or of the fresh ones.
+
+{standing}
+
+## All devices
+
+{every}
+"""
+
+
+def write_page(document: dict[str, Any]) -> None:
+    every = document["cells"]
+    crashed = {name: one for name, one in every.items() if "error" in one}
+    cells = {name: one for name, one in every.items() if "error" not in one}
+    found = {name: one for name, one in cells.items() if one["method"] is not None}
+    rows = []
+    for key, told in (("at_rest", "with friction"), ("without_friction", "without"), ("quiet", "quiet")):
+        refuted = [below(one, key) for one in found.values()]
+        whole = [one for one in found.values() if one["claimed"][key] == PEOPLE]
+        rows.append(
+            [
+                told,
+                len(found),
+                len(whole),
+                sum(one["fresh"][key] == FRESH for one in whole),
+                sum(first for first, _ in refuted),
+                sum(second for _, second in refuted),
+                f"{sum(one['fresh'][key] for one in whole)} of {FRESH * len(whole)}",
+            ]
+        )
+    claims = table(
+        (
+            "at rest",
+            "devices",
+            "claimed for all 100",
+            "of these, all 200 fresh",
+            "refuted",
+            "beyond the claim's interval",
+            "fresh hands at rest where all was claimed",
+        ),
+        rows,
+    )
+    PAGE.write_text(
+        TEXT.format(
+            made_by=made_by(document["about"]),
+            count=len(every),
+            claims=claims,
+            plain=_plain_text(cells, found),
+            seconds=_seconds(cells),
+            standing=_standing(found, crashed),
+            every=_every(cells),
+        ),
+        encoding="utf-8",
+    )
+
+
+def _plain_text(cells: dict[str, Any], found: dict[str, Any]) -> str:
+    looked = sum(one["plain"]["looked"] for one in cells.values())
+    stiffer = [name for name, one in cells.items() if one["plain"]["stiffer_as_safe"]]
+    softer = [name for name, one in cells.items() if one["plain"]["softer_safer"]]
+    gain = [one["recommended_n_per_m"] / min(one["plain_n_per_m"], one["wall_n_per_m"]) for one in found.values()]
+    reached = sum(one["recommended_n_per_m"] >= (1 - AS_STIFF) * one["wall_n_per_m"] for one in found.values())
+    methods: dict[str, int] = {}
+    for one in cells.values():
+        methods[str(one["method"])] = methods.get(str(one["method"]), 0) + 1
+    said = ", ".join(f"{name} {count}" for name, count in sorted(methods.items(), key=lambda pair: -pair[1]))
+    names = f" ({', '.join(stiffer)})" if stiffer else ""
+    soft_names = f" ({', '.join(softer)})" if softer else ""
+    return (
+        f"Recommended: {said}. The wall itself is reached on {reached} of {len(cells)}; the recommended wall is "
+        f"{min(gain, default=np.nan):.2g} to {max(gain, default=np.nan):.2g} times what spring and damper can hold at "
+        f"most, or the wall where that is less (median {np.median(gain) if gain else np.nan:.3g}). {looked} plain walls"
+        f" other than recommend's own were tried by its 100 hands: on {len(stiffer)} devices one is stiffer and as "
+        f"safe{names}; on {len(softer)} devices one is softer and safer{soft_names}."
+    )
+
+
+def _seconds(cells: dict[str, Any]) -> str:
+    if not cells:
+        return ""
+    rows = []
+    for key, told in (("cpu_s", "processor time, compilers included"), ("wall_s", "wall time")):
+        values = [one[key] for one in cells.values()]
+        rows.append([told, f"{np.median(values):.1f}", f"{max(values):.1f}"])
+    load = [one["load"] for one in cells.values()]
+    return (
+        table(("", "median, s", "worst, s"), rows)
+        + f"\n\nThe machine was shared: load {min(load):g} to {max(load):g} on its cores, one process at low priority."
+    )
+
+
+def _standing(found: dict[str, Any], crashed: dict[str, Any]) -> str:
+    lines = [f"- {name}: {one['error']}" for name, one in crashed.items()]
+    for name, one in found.items():
+        own = f"- {name}, {one['method']} {rounded(one['recommended_n_per_m'])} N/m, {_rest(one['claimed'])}"
+        if one["claimed"]["at_rest"] < PEOPLE:
+            lines.append(f"{own}: not everybody comes to rest with what is recommended")
+        if any(any(below(one, key)) for key in ("at_rest", "without_friction", "quiet")):
+            lines.append(f"{own}: of {FRESH} fresh hands {_rest(one['fresh'])}")
+        for key, told in (("stiffer_as_safe", "stiffer and as safe"), ("softer_safer", "softer and safer")):
+            other = one["plain"][key]
+            if other:
+                lines.append(f"{own}: a plain wall of {rounded(other['felt_n_per_m'])} N/m is {told}, {_rest(other)}")
+    return "\n".join(lines) or "None."
+
+
+def _rest(counts: dict[str, int]) -> str:
+    return f"{counts['at_rest']} / {counts['without_friction']} / {counts['quiet']}"
+
+
+def _every(cells: dict[str, Any]) -> str:
+    rows = []
+    for name, one in sorted(cells.items(), key=lambda pair: int(pair[0].split()[1])):
+        device = one["device"]
+        mode = device.get("resonance")
+        claim, fresh = one.get("claimed"), one.get("fresh")
+        rows.append(
+            [
+                name.removeprefix("device "),
+                rounded(1e3 * device["sample_time_s"]),
+                rounded(device["mass_kg"]),
+                rounded(device["damping_ns_per_m"]),
+                device["delay_samples"],
+                rounded(1e6 * device["encoder_resolution_m"]),
+                rounded(device["amplifier_bandwidth_hz"]),
+                rounded(mode["frequency_hz"]) if mode else "-",
+                device["coulomb_friction_n"],
+                rounded(one["wall_n_per_m"]),
+                rounded(one["plain_n_per_m"]),
+                rounded(one.get("recommended_n_per_m")),
+                one["method"] or "none",
+                _rest(claim) if claim else "-",
+                _rest(fresh) if fresh else "-",
+            ]
+        )
+    head = (
+        "device",
+        "T, ms",
+        "kg",
+        "N.s/m",
+        "delay",
+        "encoder, um",
+        "amplifier, Hz",
+        "resonance, Hz",
+        "friction, N",
+        "wall, N/m",
+        "plain limit, N/m",
+        "recommended, N/m",
+        "by",
+        "claimed of 100: rest / without friction / quiet",
+        "fresh of 200: the same",
+    )
+    return table(head, rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=200, help="devices; default 200")
+    count = parser.parse_args().count
+    cells = {f"device {index}": partial(cell, index) for index in range(count)}
+    computed(cells, OUT, about("python tests/benchmarks/random_devices.py --count N", SEED), write_page)
+
+
+if __name__ == "__main__":
+    main()
