@@ -1,16 +1,15 @@
 """How stiff walls the reference devices hold, in a simulation that shares no code with the project.
 
-    python tests/benchmarks/robust_goals.py [--hands 200] [--out results/robust_goals.json]
+python tests/benchmarks/robust_goals.py [PEOPLE] [OUT]
 
 For each reference device two couplings are recommended: one that leans on the declared dry friction, one that does not.
 Their exported C drives `tests/whole_device.c` with fresh hands, corners of [hands] among them, in a press, taps and a
-held wall, with and without friction; then with devices that are not quite as declared: 10 % of mass and resonance, a
-quarter of a sample of delay.
+hard strike, with and without friction; then with devices that are not quite as declared: 10 % of mass and resonance, a
+quarter of a sample of delay. Overwrites OUT (default tests/benchmarks/results/robust_goals.json) after every row.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import json
 import platform
@@ -20,6 +19,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from script_arguments import script_arguments
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from whole_device import REST, WholeDevice, held, people, tapping
@@ -77,16 +77,13 @@ def measured(name, wall, lean, count):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--hands", type=int, default=200)
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    arguments = parser.parse_args()
+    arguments = script_arguments(__doc__, people=200, out=RESULTS)
     git = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()  # noqa: S603
     rows = []
     for name, walls in GOALS.items():
         for wall, lean in zip(walls, (True, False), strict=True):
-            rows.append(measured(name, wall, lean, arguments.hands))
+            rows.append(measured(name, wall, lean, arguments.people))
             print(json.dumps(rows[-1]), flush=True)
             whole = {
                 "command": "python tests/benchmarks/robust_goals.py",
