@@ -139,13 +139,13 @@ def nlp_gains(
     claims: list[BoolArray] = []
     calls = 0
     before = starts[0]
-    with HeldInterrupt() as interrupt, silent_terminal(active=solvers.backend.prints):
+    with silent_terminal(active=solvers.backend.prints):
         for values in parameters.T:
-            if interrupt.came:
-                break
             run = _Run(solvers, values, bounds)
-            for start in (*starts, before):
-                run.solve_from(start)
+            # Where a handler of somebody else takes Ctrl-C without ending anything, the next frequency follows.
+            with HeldInterrupt():
+                for start in (*starts, before):
+                    run.solve_from(start)
             before = run.best_share()
             points.append(np.array(run.points))
             claims.append(np.array(run.claims))
