@@ -25,7 +25,7 @@ RIGID_N_PER_M = 1e8
 # Damping kept in reserve, as multiples of the tuned designs' own: a coarse encoder asks for more.
 _RESERVES = (1.0, 3.0)
 # Where in the interval of stable dampings the contact damper stands.
-_SHARES = (0.5, 0.25)
+_SHARES = (0.5, 0.25, 0.1)
 # Stiffness felt before a wall that is too stiff, as a share of the stiffest that is stable with everybody.
 _OF_STIFFEST = (0.9, 0.82, 0.75)
 # The same where nothing stiffer brings everybody to rest: of the wall, if that is softer.

@@ -106,8 +106,8 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
     if safest == 2:
         most = max(int(one.trial.stable.sum()) for one in left)
         left = [one for one in left if int(one.trial.stable.sum()) == most]
-    quiet = [one for one in left if bool(one.trial.quiet.all())]
-    left = quiet or left
+    quiet = max(int(one.trial.quiet.sum()) for one in left)
+    left = [one for one in left if int(one.trial.quiet.sum()) == quiet]
     if judged[0].coupling.wall.stiffness_n_per_m == 0:  # nothing is stiff: what is felt is noise
         return min(left, key=lambda one: (round(_error(one.coupling), 3), one.order))
     stiffness = [expected_n_per_m(one.coupling) for one in left]
