@@ -23,8 +23,11 @@ def rocked(problem: avc.Problem, gains: Gains | GainTable) -> Run:
     return simulate(problem.changed(scene={"effects": listed, "duration_s": 7.0, "motion": motion}), gains)
 
 
-# A device with the delay of a real loop; a wall that ten hands in ten hold only coupled.
-CASES = {"ve3 late by a sample": ("ve3", {"delay_samples": 1}, "direct"), "ve4": ("ve4", {}, "schedule")}
+# A device with the delay of a real loop, and of a slow one.
+CASES = {
+    "ve3 late by a sample": ("ve3", {"delay_samples": 1}, "direct"),
+    "ve3 late by two": ("ve3", {"delay_samples": 2}, "direct"),
+}
 
 
 @pytest.mark.parametrize("name", CASES)
