@@ -68,4 +68,6 @@ def test_the_kept_result_is_what_is_claimed():
         for case in ("no friction, margin 6", "as declared, margin 6", "no friction, 107000 N/m at 1 ms"):
             cell = document["cells"][f"{coupling}, set A, {case}"]
             assert cell["stable"] == cell["people"] == cell["stiffness_share"]["within_8_percent"] == 10_000
-        assert document["cells"][f"{coupling}, set A, no friction, 20 um, observer"]["stable"] == 10_000
+        # One of the constant gains' hands hums between the steps of a coarse encoder.
+        coarse = document["cells"][f"{coupling}, set A, no friction, 20 um, observer"]["stable"]
+        assert coarse == (9_999 if coupling == "static-tuned" else 10_000)

@@ -76,7 +76,11 @@ def tried(
     Returns:
         What was judged before, and now.
     """
-    safe = [one for one in couplings if deployable(one).passed]
+    every, safe = list(couplings), []
+    for done, one in enumerate(every, start=1):
+        if deployable(one).passed:
+            safe.append(one)
+        progress.advance(done, len(every), "candidates judged")
     ranked = sorted(enumerate(safe, start=len(before)), key=lambda pair: (-expected_n_per_m(pair[1]), pair[0]))
     judged = list(before)
     for order, one in ranked:
