@@ -276,14 +276,19 @@ def _judged(
         (tuned_candidates(problem, progress), 0.0),
         (safer_candidates(problem, hand_corners(problem.hands), limit), 0.0),
     ):
-        reached = max((expected_n_per_m(one.coupling) for one in judged if one.complete), default=-1.0)
-        if reached >= (1 - AS_STIFF) * ceiling:
-            judged = confirmed(judged, others, seed, lean_on_friction=False)
-            if any(one.complete and expected_n_per_m(one.coupling) >= (1 - AS_STIFF) * ceiling for one in judged):
+        if _reached(judged, lean_on_friction=lean_on_friction) >= (1 - AS_STIFF) * ceiling:
+            judged = confirmed(judged, others, seed, lean_on_friction=lean_on_friction)
+            if _reached(judged, lean_on_friction=lean_on_friction) >= (1 - AS_STIFF) * ceiling:
                 break
         every = list(more)
         considered += len(every)
-        judged = tried(every, judged, people, seed, progress)
+        judged = tried(every, judged, people, seed, progress, lean_on_friction=lean_on_friction)
     if judged:
         judged = confirmed(judged, others, seed, lean_on_friction=lean_on_friction)
     return judged, considered
+
+
+def _reached(judged: list[Judged], *, lean_on_friction: bool) -> float:
+    """Return the stiffest that is felt of what is safe and quiet; below 0 where nothing is."""
+    enough = [one for one in judged if one.complete(lean_on_friction=lean_on_friction)]
+    return max((expected_n_per_m(one.coupling) for one in enough), default=-1.0)
