@@ -14,7 +14,8 @@ from avc_casadi.coupling import GainTable
 from avc_hardware import Connection, TableImage
 from avc_hardware import _messages as m
 from avc_hardware._host import HostLink
-from avc_hardware._messages import Kind, Reason, Refusal
+from avc_hardware._messages import Kind
+from avc_hardware._refusal import Reason, Refusal
 from avc_hardware._session import RefusedError
 
 

@@ -11,7 +11,7 @@ from avc_casadi import LinkError, NotDeployableError, UnsupportedError
 from avc_casadi.coupling import Runtime
 from avc_hardware import BoardLimits, Connection, TableImage, check_runs_on
 from avc_hardware._host import HostCore, HostLink
-from avc_hardware._messages import Reason, Refusal
+from avc_hardware._refusal import Reason, Refusal
 from avc_hardware._session import RefusedError
 
 
