@@ -64,10 +64,12 @@ def loop(device, hand, gains, wall):
     whole, late = int(device.delay_samples), device.delay_samples % 1
     (g, k, b_p), (b_e, k_e) = gains, wall
 
-    def moved(state, force, duration):
+    def step(duration):
         both = np.zeros((n + 1, n + 1))
         both[:n, :n], both[:n, n] = a * duration, b * duration
-        return expm(both)[:n] @ np.append(state, force)
+        return expm(both)[:n]
+
+    before_arrival, after_arrival = step(late * time), step((1 - late) * time)
 
     def tick(state):
         x, before, joint_before, line = state[:n], state[n], state[n + 1], list(state[n + 2 :])
@@ -75,8 +77,8 @@ def loop(device, hand, gains, wall):
         joint = (g * (y - before) / time + k * y + (g + b_e) * joint_before / time) / ((g + b_e) / time + k + k_e)
         force = b_e * (joint - joint_before) / time + k_e * joint + b_p * (y - before) / time
         forces = [force, *line]
-        x = moved(x, forces[whole + 1], late * time) if late else x
-        x = moved(x, forces[whole], (1 - late) * time)
+        x = before_arrival @ [*x, forces[whole + 1]] if late else x
+        x = after_arrival @ [*x, forces[whole]]
         return np.array([*x, y, joint, *forces[: len(line)]])
 
     # Rates count by the sample, so that the eigenvalues keep their digits.
