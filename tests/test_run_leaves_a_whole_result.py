@@ -43,7 +43,7 @@ def test_conclusion_first_then_the_papers_question_and_every_file(results):
         "wall ",
         "direct: 200 of 200 frequencies",
     )
-    assert len(lines) == 14
+    assert len(lines) == 15
     assert all(line.startswith(start) for line, start in zip(lines, starts, strict=False))
     assert "agree" in lines[8]
     assert lines[11].startswith("certificate of direct: passes L0")
