@@ -69,7 +69,7 @@ class GainBox(Table):
     """
 
     structure: Structure = "series"
-    contact: Contact = "gated"
+    contact: Contact = "clip-last"
     damping_ns_per_m: DampingInterval = (0.0, 1e4)
     stiffness_n_per_m: StiffnessInterval = (0.0, 1e7)
     contact_damping_ns_per_m: DampingInterval = (0.0, 0.0)
