@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +19,11 @@ import avc_hardware
 from avc_casadi import Problem, load_problem
 from avc_casadi.coupling import Coupling, Gains, GainSchedule, GainTable, Runtime, Status
 from avc_casadi.runtime import StateFeedback
+from avc_hardware import Connection, TableImage
 from avc_hardware._firmware import ARM_INSTALL
-from avc_hardware._host import HostCore
+from avc_hardware._host import HostCore, HostLink
+from avc_hardware._refusal import Refusal
+from avc_hardware._session import RefusedError
 from avc_hardware.firmware_build import HOST_INSTALL, build_host
 
 # The bench's gains are drawn at random: no hand could hold them, and none is there.
@@ -173,3 +177,17 @@ def coupling(
 def with_gains(problem: Problem, b: float, k: float, b_p: float = 0.0) -> Coupling:
     """A coupling of constant gains."""
     return Coupling.constant(problem, Gains(b, k, b_p), "by hand")
+
+
+def image(*arguments: Any, **options: Any) -> TableImage:
+    return TableImage.of(coupling(*arguments, **options))
+
+
+def refused(table: TableImage) -> Refusal:
+    """Send a table past the host's own checks; return the device's refusal, and that it holds no table."""
+    core = host_core()
+    connection = Connection(HostLink(core))
+    with pytest.raises(RefusedError) as caught:
+        connection.run(connection.session.push(table, connection.device))
+    assert core.image() is None
+    return caught.value.refusal

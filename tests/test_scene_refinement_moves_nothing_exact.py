@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scene_cases import CASES, QUICK
 from scene_reference import scene_problem
-from test_scene_agrees_with_solve_ivp import CASES, QUICK
 
 from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Gains

@@ -6,6 +6,7 @@ from avc_casadi.loop._device_corners import LINEAR_KEYS as LINEAR_KEYS
 from avc_casadi.loop._device_corners import RIGID_KEYS as RIGID_KEYS
 from avc_casadi.loop._device_corners import corner_problems as corner_problems
 from avc_casadi.loop._device_corners import device_corners as device_corners
+from avc_casadi.loop._device_corners import device_set as device_set
 from avc_casadi.loop._device_corners import device_with as device_with
 from avc_casadi.loop._device_corners import least_damped as least_damped
 from avc_casadi.loop._device_corners import linear_values as linear_values
@@ -38,6 +39,9 @@ from avc_casadi.loop._numbers import Real as Real
 from avc_casadi.loop._numbers import abs2 as abs2
 from avc_casadi.loop._numbers import casadi_numbers as casadi_numbers
 from avc_casadi.loop._numbers import mpmath_numbers as mpmath_numbers
+from avc_casadi.loop._other_hands import FINGERTIP as FINGERTIP
+from avc_casadi.loop._other_hands import STYLUS_RANGES as STYLUS_RANGES
+from avc_casadi.loop._other_hands import stylus_corners as stylus_corners
 from avc_casadi.loop._paper_errors import ASSUMPTIONS as ASSUMPTIONS
 from avc_casadi.loop._paper_errors import PAPER_ERRORS as PAPER_ERRORS
 from avc_casadi.loop._paper_errors import Assumption as Assumption

@@ -111,8 +111,8 @@ def sampled_stability(
         return LinearStability(radius, frequency)
     contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (n,))
     rendering = fraction_rendering(parts, contact, device.sample_time_s)
-    shifted = device.model_copy(update={"damping_ns_per_m": device.damping_ns_per_m + damping_shift_ns_per_m})
-    matrix, push, measured = plants_with_forces(sampled_plant(shifted, hands.pick(moved)))
+    plant = sampled_plant(device, hands.pick(moved), damping_shift_ns_per_m)
+    matrix, push, measured = plants_with_forces(plant)
     rows_at_once = max(1, _NUMBERS_AT_ONCE // (len(moved) * (len(measured) + 2) ** 2))
     for some in chunks(n, rows_at_once, progress, "spectral radius") if n else ():
         values = np.linalg.eigvals(closed_loop(matrix, push, measured, rendering.pick(some)))

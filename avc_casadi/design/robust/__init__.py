@@ -2,12 +2,15 @@
 
 from avc_casadi.design.robust._goal import Cost as Cost
 from avc_casadi.design.robust._goal import cost_of as cost_of
+from avc_casadi.design.robust._ladder import MOST_SOFTER as MOST_SOFTER
 from avc_casadi.design.robust._ladder import Rung as Rung
 from avc_casadi.design.robust._ladder import robust_ladder as robust_ladder
+from avc_casadi.design.robust._ladder import softer_robust as softer_robust
 from avc_casadi.design.robust._ladder import stiffest_robust as stiffest_robust
 from avc_casadi.design.robust._law import Space as Space
 from avc_casadi.design.robust._loops import Loops as Loops
 from avc_casadi.design.robust._loops import other_devices as other_devices
+from avc_casadi.design.robust._search import FROM_AFAR as FROM_AFAR
 from avc_casadi.design.robust._search import Found as Found
 from avc_casadi.design.robust._search import search as search
 from avc_casadi.design.robust._solve import solve_robust as solve_robust
