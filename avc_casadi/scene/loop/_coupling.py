@@ -155,7 +155,7 @@ def _surface(tick: Tick, environment: Environment) -> Rate:
         return Rate(tick, name, tick.start_m)
     if environment.clips_last is False:
         return Rate(tick, name, penetration)
-    # One state serves both laws: what the gated one has left in it is never negative.
+    # One state serves both laws: before the wall, the gated one sees a penetration of 0 in it.
     return Rate(tick, name, tick.start_m, seen=lambda before: environment.by_law(before, ca.fmax(before, 0)))
 
 
