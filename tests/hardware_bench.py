@@ -165,10 +165,11 @@ def coupling(
     largest: tuple[float, float, float] = (1e4, 1e7, 1e3),
     wall: tuple[float, float] = (10.0, 1e5),
     runtime: Runtime | None = None,
+    contact: str = "gated",
     **device: float | None,
 ) -> Coupling:
     """A coupling of random gains, every row of `schedule`, for the bench's wall and device."""
-    problem = bench_problem(wall, **device)
+    problem = bench_problem(wall, **device).changed(coupling={"contact": contact})
     gains = schedule(rows, seed=seed, unusable=unusable, sample_time_s=problem.device.sample_time_s, largest=largest)
     return Coupling(problem, gains, GainTable.of(gains), runtime or Runtime())
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import InputError
+from avc_casadi.coupling._contact import FIRST_CONTACT, contact_law
 from avc_casadi.coupling._gain_table import GainTable
 from avc_casadi.coupling._reduction import reduce_rows
 from avc_casadi.coupling._runtime import Runtime
@@ -22,7 +23,7 @@ from avc_casadi.support import columns_html
 if TYPE_CHECKING:
     from avc_casadi.coupling._gains import Gains
     from avc_casadi.coupling._schedule import GainSchedule
-    from avc_casadi.problem import Impedance, Problem
+    from avc_casadi.problem import Contact, Impedance, Problem
 
 THINNING = 1e-3
 """Largest relative change of a gain where rows are left out; certificate, scene and device read what is left."""
@@ -121,6 +122,11 @@ class Coupling:
         return "damped" if bool(np.any(self.table.rows[:, 3] > 0)) else "series"
 
     @property
+    def contact(self) -> Contact:
+        """The contact law that runs: that of the problem, or gated where wall or coupling lacks a spring."""
+        return contact_law(self.problem.coupling.contact, self.wall.stiffness_n_per_m, self.table.gains[1])
+
+    @property
     def wall(self) -> Impedance:
         """The wall behind the coupling."""
         return self.problem.environment
@@ -145,6 +151,8 @@ class Coupling:
             "wall": [wall.damping_ns_per_m, wall.stiffness_n_per_m],
             "device": self.problem.device.model_dump(mode="json"),
         }
+        if self.contact != FIRST_CONTACT:
+            runs["contact"] = self.contact
         return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
 
     def on(self, problem: Problem) -> Coupling:

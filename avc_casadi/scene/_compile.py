@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._errors import InputError, UnsupportedError
-from avc_casadi.coupling import Gains
+from avc_casadi.coupling import Gains, contact_law
 from avc_casadi.loop import DEVICE, GROUND, LinearPlant, Plant
 from avc_casadi.scene._motion import Target, target_of
 from avc_casadi.scene.advance import (
@@ -25,11 +25,13 @@ from avc_casadi.scene.advance import (
     column,
 )
 from avc_casadi.scene.effects import SceneEffect, Station, build_effects
-from avc_casadi.scene.loop import Environment, Tick, contact_damper, coupling_parameters, series_force
+from avc_casadi.scene.loop import Environment, Tick, coupling_parameters, wall_force
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Problem
+    from numpy.typing import ArrayLike
+
+    from avc_casadi.problem import Contact, Problem
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,7 @@ def compile_scene(
     *,
     coupled: bool = True,
     damped: bool = False,
+    stiffness_n_per_m: float = np.inf,
 ) -> CompiledScene:
     """Compile the scene of a problem.
 
@@ -136,6 +139,7 @@ def compile_scene(
         effects: effects in place of those of the problem file; arrays in them stand for many hands.
         coupled: with gains as parameters; otherwise device and environment are joined rigidly.
         damped: with the contact damper b_p as a parameter.
+        stiffness_n_per_m: k of the gains that will run: 0 leaves the contact law clip-last without a surface.
 
     Raises:
         InputError: an impossible scene, by name.
@@ -153,6 +157,8 @@ def compile_scene(
     coupled, damped = coupled and environment is not None, damped and environment is not None
     table = next((effect.gain_table for effect in effects if effect.gain_table is not None), None)
     adapted = table is not None and environment is not None
+    if environment is not None:
+        environment = _lawful(environment, stiffness_n_per_m if table is None else table.gains[1])
     tick = Tick(sample_time_s, target.device_start_m)
     for name in plant.names:
         with tick.owned_by(owners[name]):
@@ -209,6 +215,13 @@ def _mechanics(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[Line
     return linear, {name: owners[name.split("_", 1)[0]] for name in linear.names}
 
 
+def _lawful(environment: Environment, stiffness_n_per_m: ArrayLike) -> Environment:
+    """Return the environment with the contact law that runs beside such gains."""
+    asked: Contact = "clip-last" if environment.clips_last else "gated"
+    law = contact_law(asked, environment.stiffness_n_per_m, stiffness_n_per_m)
+    return replace(environment, clips_last=law == "clip-last")
+
+
 def _sensed(problem: Problem, effects: tuple[SceneEffect, ...], tick: Tick) -> Any:
     """Return the true position of the body that is measured: the motor, unless an effect says otherwise."""
     body = next((effect.sensed_body for effect in effects if effect.sensed_body is not None), DEVICE)
@@ -229,9 +242,7 @@ def _sample(
                 effect.sample(tick)
     if environment is not None:
         with tick.owned_by("coupling"):
-            tick.command = series_force(tick, environment, rigid=not coupled)
-            if damped:
-                tick.command = contact_damper(tick, tick.command, one_sided=environment.one_sided)
+            tick.command = wall_force(tick, environment, rigid=not coupled, damped=damped)
     for effect in effects:
         if effect.station > Station.ENVIRONMENT:
             with tick.owned_by(effect.kind):

@@ -24,7 +24,7 @@ from avc_casadi.scene.effects import (
     Wall,
     build_effects,
 )
-from avc_casadi.scene.loop import Environment, Tick, contact_damper, coupling_parameters, series_force
+from avc_casadi.scene.loop import Environment, Tick, coupling_parameters, wall_force
 from avc_hardware._float_program import FloatProgram
 from avc_hardware._runtime_program import GAINS, AnyTable
 
@@ -127,7 +127,8 @@ class _Built:
         wanted = [ca.SX.sym(f"wanted_{name}") for name in GAINS]
         looked = AnyTable(table.rest_hz, table.rest_stiffness_n_per_m, wanted)
         place: Any = looked
-        environment = next(effect.environment for effect in effects if isinstance(effect, Wall))
+        wall = next(effect.environment for effect in effects if isinstance(effect, Wall))
+        environment = replace(wall, clips_last=coupling.contact == "clip-last")
         for effect in effects:
             if isinstance(effect, Adaptation):
                 replace(effect, table=place).sample(tick)
@@ -135,9 +136,7 @@ class _Built:
                 effect.sample(tick)
         seen = tick.position
         cut = tick.position = seen if constant else ca.SX.sym("seen_m")
-        tick.command = series_force(tick, environment, rigid=False)
-        if coupling.structure == "damped":
-            tick.command = contact_damper(tick, tick.command, one_sided=True)
+        tick.command = wall_force(tick, environment, rigid=False, damped=coupling.structure == "damped")
         command = tick.command
         for effect in effects:
             if isinstance(effect, Guard | Saturation | Delay):

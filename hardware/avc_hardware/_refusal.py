@@ -8,7 +8,7 @@ from enum import IntEnum
 
 from avc_hardware._frames import PROTOCOL_VERSION
 
-INTERFACE_VERSION = 3  # of the messages' meaning
+INTERFACE_VERSION = 4  # of the messages' meaning
 _REFUSED = struct.Struct("<HHI")
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 FLAG_DAMPED = 1
 FLAG_VARIES = 2
 FLAG_GUARD = 4
+FLAG_CLIPS = 8
 STATES_BIT = 8
 FEEDBACK_STATES = 8
 """Most states that the packaged firmware feeds back."""
@@ -44,6 +45,7 @@ class TableImage:
         guard: whether the firmware's passivity controller watches the energy.
         damped: whether b_p is in use.
         varies: whether the gains follow the frequency.
+        clips_last: the contact law: clip-last; otherwise gated.
         rounding_max: largest relative change of a gain by rounding to single precision.
         feedback: observer and feedback, which follow the only row; None for the measured position as it is.
     """
@@ -59,6 +61,7 @@ class TableImage:
     guard: bool = False
     damped: bool = False
     varies: bool = True
+    clips_last: bool = False
     rounding_max: float = 0.0
     feedback: StateFeedback | None = None
 
@@ -103,6 +106,7 @@ class TableImage:
             guard=coupling.runtime.guard is not None,
             damped=coupling.structure == "damped",
             varies=not coupling.table.constant,
+            clips_last=coupling.contact == "clip-last",
             rounding_max=_rounding(wide[:, 1:], rows[:, 1:]),
             feedback=feedback,
         )
@@ -116,7 +120,7 @@ class TableImage:
     def image(self) -> bytes:
         """The bytes that travel, that are checked, and that are read back."""
         flags = FLAG_DAMPED * self.damped | FLAG_VARIES * self.varies | FLAG_GUARD * self.guard
-        flags |= self.states << STATES_BIT
+        flags |= FLAG_CLIPS * self.clips_last | self.states << STATES_BIT
         header = HEADER.pack(
             len(self.rows),
             flags,
