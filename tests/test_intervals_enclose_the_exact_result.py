@@ -130,6 +130,8 @@ def test_complex_rectangles_enclose(a, b, c, d, s, t, u, v):
         (2.0 - one, 2 - w, -x),
         (one * other, w * y - x * z, w * z + x * y),
         (one * c, w * y, x * y),
+        (c * one, w * y, x * y),
+        (c - one, y - w, -x),
         (one.conj(), w, -x),
         (one.square(), w * w - x * x, 2 * w * x),
     ):

@@ -97,12 +97,16 @@ class Interval:
         return Interval(np.asarray(least), self.magnitude)
 
     def __add__(self, other: Interval | FloatArray | float) -> Interval:
+        if isinstance(other, ComplexInterval):
+            return NotImplemented
         low, high = _ends(other)
         return _outwards(np.add, (self.low, low), (self.high, high))
 
     __radd__ = __add__
 
     def __sub__(self, other: Interval | FloatArray | float) -> Interval:
+        if isinstance(other, ComplexInterval):
+            return NotImplemented
         low, high = _ends(other)
         return _outwards(np.subtract, (self.low, high), (self.high, low))
 
@@ -110,6 +114,8 @@ class Interval:
         return -self + other
 
     def __mul__(self, other: Interval | FloatArray | float) -> Interval:
+        if isinstance(other, ComplexInterval):
+            return NotImplemented
         with np.errstate(over="ignore", invalid="ignore", under="ignore"):
             if not isinstance(other, Interval):
                 one, two = self.low * other, self.high * other
