@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from avc_casadi.design.joint._scope import deciding_corners
 from avc_casadi.design.joint._states import States
-from avc_casadi.loop import Hand, hand_corners, hand_set
+from avc_casadi.loop import Hand, hand_corners, hand_ranges, hand_set, joined
 from avc_casadi.problem import Problem
 from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, whole_stability
 from avc_casadi.support import FloatArray, IndexArray
@@ -22,6 +22,8 @@ _FINE = {2: (240,), 3: (24, 24)}
 """Nodes of each face of the box: an optimum often stands on one, and the admissible gains may be thin there."""
 _CLIMBS, _CLIMB_STEPS, _CLIMB_POINTS = 6, 24, {2: 5, 3: 3}
 _SECANTS = 6
+_ALIKE = 0.02
+"""Hands closer than this, as a share of the ranges, are one."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +33,12 @@ class HandsRadii:
     Attributes:
         problem: device, environment, hands and margin.
         states: map from states to gains.
+        found: hands from inside the ranges that broke earlier gains; None where there are none.
     """
 
     problem: Problem
     states: States
+    found: Hand | None = None
 
     most = LARGEST
     """What no radius may exceed."""
@@ -70,7 +74,19 @@ class HandsRadii:
 
     @cached_property
     def _hands(self) -> Hand:
-        return hand_set(self.problem.hands)
+        hands = hand_set(self.problem.hands)
+        return hands if self.found is None else joined(hands, self.found)
+
+    def thinned(self) -> HandsRadii:
+        """Leave out hands found that are all but the same as others."""
+        if self.found is None:
+            return self
+        ranges = hand_ranges(self.problem.hands)
+        width = np.ptp(ranges, axis=1)
+        places = np.array([np.atleast_1d(value) for value in vars(self.found).values()])
+        share = (places - ranges[:, :1]) / np.where(width > 0, width, 1.0)[:, None]
+        _, apart = np.unique(np.round(share / _ALIKE), axis=1, return_index=True)
+        return replace(self, found=self.found.pick(np.sort(apart)))
 
     def at(self, points: FloatArray, some: IndexArray | None = None) -> FloatArray:
         """Radii (m, h) at states (d, m): with all hands of every device, or with some of them."""
