@@ -66,6 +66,11 @@ class Cells:
         """Take some of the cells."""
         return Cells(self.low[:, some], self.high[:, some], self.direction[some], self.row[some])
 
+    def of_row(self, row: int) -> Cells:
+        """Take those of one row, which becomes row 0."""
+        mine = self.pick(self.row == row)
+        return replace(mine, row=np.zeros(len(mine), dtype=np.intp))
+
     @classmethod
     def boxes(cls, low: FloatArray, high: FloatArray, row: IndexArray) -> Cells:
         """Return cells that nothing is known of yet."""
