@@ -1,4 +1,4 @@
-"""Beyond the delays whose stationary points are roots a scan finds the worst margin in any band, against brute force."""
+"""Beyond the delays whose stationary points are roots, a scan finds the worst margin of a band: brute force agrees."""
 
 import numpy as np
 import pytest
