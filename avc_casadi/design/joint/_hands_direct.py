@@ -1,7 +1,7 @@
 """`direct` with scope hands: the gains that hold every hand are the same at all frequencies, and are searched once.
 
 Each frequency takes the best of them, improves it from several starts, and is offered what the others found. Hands from
-inside the ranges that break what was found are added, and the search begins again, until none does.
+inside the ranges that break what was found are added, and its frequencies searched again, until none does.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from avc_casadi.design.joint._polish import Evaluate, polished
 from avc_casadi.design.joint._realism import realism_slack
 from avc_casadi.design.joint._scope import worst_slack
 from avc_casadi.design.joint._states import States
-from avc_casadi.loop import joined, loop_at
+from avc_casadi.loop import loop_at
 from avc_casadi.problem import Problem
 from avc_casadi.support import SILENT, BoolArray, FloatArray, IndexArray, Progress
 
@@ -32,7 +32,8 @@ _UNREAL = 1e2
 _JUDGED = 60
 """Points between a start and a refused end that are judged."""
 _GAINED = 1e-7
-_CUTS = 6
+_CUTS, _RESERVE = 4, 1.2
+"""How often hands from inside the ranges are added, and what is kept in reserve at last, as a share of the miss."""
 
 
 def hands_optima(problem: Problem, states: States, frequency_hz: FloatArray, progress: Progress = SILENT) -> GainArrays:
@@ -47,48 +48,50 @@ def hands_optima(problem: Problem, states: States, frequency_hz: FloatArray, pro
     Returns:
         (b, k, b_p), each (n,); not a number where none were found.
     """
-    goal = _Goal(problem, states, frequency_hz)
-    radii = HandsRadii(problem, states)
+    goal, radii = _Goal(problem, states, frequency_hz), HandsRadii(problem, states)
+    progress.advance(0, 4, "gains that hold every hand")
+    pool = admissible_states(radii)
+    if not pool.shape[1]:
+        nothing = np.full(len(frequency_hz), np.nan)
+        return nothing, nothing.copy(), nothing.copy()
+    best, first = _search(radii, goal, pool, progress)
     for cut in range(_CUTS):
-        told = "" if not cut else f" ({len(radii.found or ())} more hands from inside the ranges)"
-        search = _search(radii, goal, progress, told)
-        if search is None:
-            nothing = np.full(len(frequency_hz), np.nan)
-            return nothing, nothing.copy(), nothing.copy()
-        best, first = search
         worst = worst_slack(problem, frequency_hz, states.gains(best))
-        if worst.met.all() or worst.hands is None:
+        again = np.flatnonzero(~worst.met)
+        if not again.size or worst.hands is None:
             break
-        broken = worst.hands.pick(np.flatnonzero(~worst.met))
-        radii = replace(radii, found=broken if radii.found is None else joined(radii.found, broken)).thinned()
+        # Each cut leaves a quarter of the miss or so; the last ones make it good with a reserve.
+        reserve = _RESERVE * float(-worst.slack.min()) if cut >= _CUTS - 2 else 0.0
+        radii = radii.with_hands(worst.hands.pick(again), worst.slack[again], reserve)
+        pool = radii.kept_by_the_latest(np.concatenate((pool, best[:, worst.met]), axis=1))
+        if not pool.shape[1]:
+            break
+        found = _search(radii, replace(goal, frequency_hz=frequency_hz[again]), pool, progress)
+        best[:, again], first[:, again] = found
     best, met = _judged(problem, states, frequency_hz, best, first, goal)
     progress.advance(4, 4, "exact check")
     b, k, contact = (np.where(met, gain, np.nan) for gain in states.gains(best))
     return b, k, contact
 
 
-def _search(radii: HandsRadii, goal: _Goal, progress: Progress, told: str) -> tuple[FloatArray, FloatArray] | None:
-    """Best states of each frequency and their starts, (d, n) each; None where nothing is admissible."""
+def _search(radii: HandsRadii, goal: _Goal, pool: FloatArray, progress: Progress) -> tuple[FloatArray, FloatArray]:
+    """Best states of each frequency and their starts from a pool of admissible ones, (d, n) each."""
     n, rows = len(goal.frequency_hz), np.arange(len(goal.frequency_hz))
-    progress.advance(0, 4, f"gains that hold every hand{told}")
-    pool = admissible_states(radii)
-    if not pool.shape[1]:
-        return None
     spacing = (radii.high - radii.low) / (_SPACINGS[len(pool)] - 1)
     spacing = np.where(spacing > 0, spacing, 1.0)
-    progress.advance(1, 4, f"best gains of each frequency{told}")
+    progress.advance(1, 4, "best gains of each frequency")
     first, second, near = _starts(pool, goal, spacing, n)
     # Where the goal's magnitude lies within reach many gains have it: those nearest in phase are looked for first.
     second[:, near] = polished(radii, second[:, near], near, replace(goal, tie=_TIE), spacing)
     found = polished(radii, np.concatenate((first, second), axis=1), np.tile(rows, 2), goal, spacing)
     best = goal.better(found[:, :n], found[:, n:], rows)
-    progress.advance(2, 4, f"gains of other frequencies{told}")
+    progress.advance(2, 4, "gains of other frequencies")
     offered = _on_faces(radii, _best_shared(best, goal), goal)
     own, others = (goal.value(points[:, :, None], rows)[:, 0] for points in (best, offered))
     gaining = np.flatnonzero(others < own - _GAINED)
     if gaining.size:
         best[:, gaining] = polished(radii, offered[:, gaining], gaining, goal, spacing / 4)
-    progress.advance(3, 4, f"exact check{told}")
+    progress.advance(3, 4, "exact check")
     return best, first
 
 

@@ -22,8 +22,8 @@ _FINE = {2: (240,), 3: (24, 24)}
 """Nodes of each face of the box: an optimum often stands on one, and the admissible gains may be thin there."""
 _CLIMBS, _CLIMB_STEPS, _CLIMB_POINTS = 6, 24, {2: 5, 3: 3}
 _SECANTS = 6
-_ALIKE = 0.02
-"""Hands closer than this, as a share of the ranges, are one."""
+_ADDED, _ALIKE = 3, 0.15
+"""Hands added at a time, and how far apart they stand, as a share of the ranges."""
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,23 @@ class HandsRadii:
         problem: device, environment, hands and margin.
         states: map from states to gains.
         found: hands from inside the ranges that broke earlier gains; None where there are none.
+        latest: how many of them were added last.
+        reserve: how far below 1 the radii stay, for hands between those that are known.
     """
 
     problem: Problem
     states: States
     found: Hand | None = None
+    latest: int = 0
+    reserve: float = 0.0
 
-    most = LARGEST
-    """What no radius may exceed."""
     held = 4
     """How many hands a polish looks at beside those that decide."""
+
+    @property
+    def most(self) -> float:
+        """What no radius may exceed."""
+        return LARGEST - self.reserve
 
     @property
     def low(self) -> FloatArray:
@@ -77,16 +84,28 @@ class HandsRadii:
         hands = hand_set(self.problem.hands)
         return hands if self.found is None else joined(hands, self.found)
 
-    def thinned(self) -> HandsRadii:
-        """Leave out hands found that are all but the same as others."""
-        if self.found is None:
-            return self
+    def with_hands(self, hands: Hand, slack: FloatArray, reserve: float) -> HandsRadii:
+        """Add the worst of some hands, the one of least slack (m,) first, and others some way apart from it."""
         ranges = hand_ranges(self.problem.hands)
-        width = np.ptp(ranges, axis=1)
-        places = np.array([np.atleast_1d(value) for value in vars(self.found).values()])
-        share = (places - ranges[:, :1]) / np.where(width > 0, width, 1.0)[:, None]
-        _, apart = np.unique(np.round(share / _ALIKE), axis=1, return_index=True)
-        return replace(self, found=self.found.pick(np.sort(apart)))
+        width = np.ptp(ranges, axis=1)[:, None]
+        share = np.array([np.atleast_1d(value) for value in vars(hands).values()]) / np.where(width > 0, width, 1.0)
+        left = slack.copy()
+        chosen: list[int] = []
+        while len(chosen) < _ADDED and np.isfinite(left).any():
+            chosen.append(int(left.argmin()))
+            left = np.where(np.abs(share - share[:, chosen[-1:]]).max(axis=0) < _ALIKE, np.inf, left)
+        new = hands.pick(np.array(chosen))
+        return replace(
+            self, found=new if self.found is None else joined(self.found, new), latest=len(chosen), reserve=reserve
+        )
+
+    def kept_by_the_latest(self, points: FloatArray) -> FloatArray:
+        """States, of some (d, m), that hold the hands added last."""
+        last = np.arange(len(self._hands) - self.latest, len(self._hands))
+        device = np.arange(len(deciding_corners(self.problem))) * len(self._hands)
+        some = None if self.reserve else np.asarray((device[:, None] + last).ravel())
+        held = self.at(points, some).max(axis=1) <= self.most
+        return np.asarray(points[:, held])
 
     def at(self, points: FloatArray, some: IndexArray | None = None) -> FloatArray:
         """Radii (m, h) at states (d, m): with all hands of every device, or with some of them."""
