@@ -19,7 +19,7 @@ from studied import about, computed, cpu_seconds, expected_n_per_m, felt_n_per_m
 import avc_casadi as avc
 from avc_casadi.certificate import deployable
 from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.loop import device_with, hand_corners, linear_values, with_let_go
+from avc_casadi.loop import FINGERTIP, device_with, hand_corners, linear_values, with_let_go
 from avc_casadi.problem import Device, DeviceFile, Problem, SdkExample, device_catalogue, load_device
 from avc_casadi.stability import damping_range, stiffest_wall
 from avc_casadi.trial import people_of, try_coupling
