@@ -80,7 +80,7 @@ def _random(loops: int) -> list[str]:
     proved = [count for count in cells if count]
     return [
         "## Random loops\n",
-        f"{total} loops (half of the delays whole; walls 0.5 to 30 kN/m), each against a lattice of {POINTS}^3 hands.\n",
+        f"{total} loops (half of the delays whole; walls 0.5 to 30 kN/m) against lattices of {POINTS}^3 hands.\n",
         "| | |",
         "|---|--:|",
         *(f"| {word} | {outcomes[word]} |" for word in ("proved", "refuted", "open")),
