@@ -29,6 +29,7 @@ from avc_casadi.loop._hands import StylusHand as StylusHand
 from avc_casadi.loop._hands import hand_corners as hand_corners
 from avc_casadi.loop._hands import hand_ranges as hand_ranges
 from avc_casadi.loop._hands import hand_set as hand_set
+from avc_casadi.loop._hands import joined as joined
 from avc_casadi.loop._hands import no_hand as no_hand
 from avc_casadi.loop._hands import with_let_go as with_let_go
 from avc_casadi.loop._numbers import NUMPY as NUMPY

@@ -171,6 +171,8 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
     if best.others is not None:
         rest, free = best.others.stable, best.others.stable_without_friction
         who += f"; of {len(rest)} others {int(rest.sum())}, without dry friction {int(free.sum())}"
+    if len(judged) == 1:
+        return f"the only deployable candidate that was tried, nothing stiffer being asked for: {who}"
     return f"the stiffest of {len(judged)} deployable candidates that are as safe: {who}"
 
 

@@ -261,16 +261,18 @@ def _judged(
     *,
     lean_on_friction: bool,
 ) -> tuple[list[Judged], int]:
-    """Try the simple couplings first, and the others only where a simple one is not the wall itself."""
+    """Try the likeliest couplings first, and the others only where none is the wall itself."""
     wall = problem.environment.stiffness_n_per_m
     others = draw_hands(problem.hands, 2 * len(people), seed, "training")
     robust = RobustCandidates(problem, progress)
     judged: list[Judged] = []
     considered = 0
-    # Tuned gains come late: what holds spring and damper back holds them back too.
+    plain = (plain_candidates(problem, hand_corners(problem.hands), limit), wall)
+    first = (islice(robust.stiff, 1), wall)
+    # A wall beyond what spring and damper hold is robust from the start. Tuned gains come late: what holds spring and
+    # damper back holds them back too.
     for more, ceiling in (
-        (plain_candidates(problem, hand_corners(problem.hands), limit), wall),
-        (islice(robust.stiff, 1), wall),
+        *((plain, first) if wall <= limit.stiffness_n_per_m else (first, plain)),
         (robust.stiff, wall),
         *((islice(robust.soft, 1), 0.0) for _ in range(MOST_SOFTER)),
         (tuned_candidates(problem, progress), 0.0),

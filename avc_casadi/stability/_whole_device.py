@@ -37,15 +37,25 @@ def closed_loop(matrix: FloatArray, push: FloatArray, measured: FloatArray, rend
     Returns:
         Shape (n, p, s + 2, s + 2). States: those of the plant, the position measured before, the rendering's own.
     """
-    n, p, s = len(rendering.force), len(matrix), len(measured)
+    every = Rendering(rendering.force[:, None], rendering.state[:, None])
+    return _closed(matrix, push, measured, every)
+
+
+def paired_loop(matrix: FloatArray, push: FloatArray, measured: FloatArray, rendering: Rendering) -> FloatArray:
+    """Do the same for n renderings, each around a plant of its own, shape (n, s + 2, s + 2)."""
+    return _closed(matrix, push, measured, rendering)
+
+
+def _closed(matrix: FloatArray, push: FloatArray, measured: FloatArray, rendering: Rendering) -> FloatArray:
+    s = len(measured)
     reads = np.zeros((3, s + 2))
     reads[0, :s] = measured
     reads[1, s] = reads[2, s + 1] = 1.0
-    loop = np.zeros((n, p, s + 2, s + 2))
-    loop[:, :, :s, :s] = matrix
-    loop[:, :, :s, :] += push[None, :, :, None] * (rendering.force @ reads)[:, None, None, :]
-    loop[:, :, s, :] = reads[0]
-    loop[:, :, s + 1, :] = (rendering.state @ reads)[:, None, :]
+    loop = np.zeros((*np.broadcast_shapes(rendering.force.shape[:-1], matrix.shape[:-2]), s + 2, s + 2))
+    loop[..., :s, :s] = matrix
+    loop[..., :s, :] += push[..., None] * (rendering.force @ reads)[..., None, :]
+    loop[..., s, :] = reads[0]
+    loop[..., s + 1, :] = rendering.state @ reads
     return loop
 
 
