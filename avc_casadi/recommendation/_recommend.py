@@ -69,7 +69,7 @@ class Recommendation(Comparable):
         not_used: what the problem declares and nothing here uses.
 
     Example:
-        >>> found = avc.recommend("figure5", hands=10)
+        >>> found = avc.recommend("spring", hands=10)
         >>> found.deployable, found.trial.hands
         (True, 10)
     """
@@ -214,8 +214,8 @@ def recommend(
         progress: told of the candidates that are tuned, judged and tried.
 
     Example:
-        >>> found = avc.recommend("figure5", hands=10)
-        >>> 90e3 < found.felt()["stiffness_n_per_m"] <= 1.01 * found.stiffest_wall_n_per_m
+        >>> found = avc.recommend("spring", hands=10)
+        >>> found.felt()["share_of_wall"] > 0.99 and found.felt()["stiffness_n_per_m"] < found.stiffest_wall_n_per_m
         True
     """
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
