@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains, spring_before
 from avc_casadi.recommendation import _choice
-from avc_casadi.recommendation._choice import Judged, best_of, confirmed, expected_n_per_m
+from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
+from avc_casadi.recommendation._choice import Judged, best_of, confirmed
 from avc_casadi.trial import CouplingTrial
 
 HANDS = 10
@@ -72,7 +73,7 @@ def test_nothing_that_is_safer_or_as_safe_and_better_is_passed_over(candidates, 
             quiet, mine = one.trial.quiet.mean() >= 0.9, best.trial.quiet.mean() >= 0.9
             assert mine or not quiet
             if mine == quiet:
-                assert expected_n_per_m(best.coupling) >= 0.99 * expected_n_per_m(one.coupling)
+                assert felt_at_rest_n_per_m(best.coupling) >= 0.99 * felt_at_rest_n_per_m(one.coupling)
 
 
 def test_hands_that_had_no_part_in_the_choice_can_refute_it(monkeypatch):
@@ -85,7 +86,7 @@ def test_hands_that_had_no_part_in_the_choice_can_refute_it(monkeypatch):
         return failing.get(coupling.id, trial(10, 10, 10))
 
     monkeypatch.setattr(_choice, "try_coupling", tried)
-    found = confirmed([lucky, honest], "others", 3, lean_on_friction=False)
+    found = confirmed([lucky, honest], range(HANDS), "others", 3, lean_on_friction=False)
     best = best_of(found)
     assert best.coupling is honest.coupling
     assert best.others is not None

@@ -30,6 +30,15 @@ _SHARES = (0.5, 0.25, 0.1, 0.03, 0.01)
 _OF_STIFFEST = (0.9, 0.82, 0.75)
 # The same where nothing stiffer brings everybody to rest: of the wall, if that is softer.
 _SAFER = (0.6, 0.45, 0.33, 0.24, 0.15)
+SOFTENED = "softened wall"
+# How much stiffer another wall is at least.
+_BARELY = 1.02
+
+
+def felt_at_rest_n_per_m(coupling: Coupling) -> float:
+    """Return the stiffness of coupling and wall in series at rest."""
+    k, wall = coupling.table.at_rest.stiffness_n_per_m, coupling.wall.stiffness_n_per_m
+    return k * wall / (k + wall) if k + wall else 0.0
 
 
 def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange) -> Iterator[Coupling]:
@@ -59,6 +68,32 @@ def safer_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
     """
     reached = min(stiffest.stiffness_n_per_m, problem.environment.stiffness_n_per_m)
     for gains, name in _softened(problem, with_let_go(subjects), [share * reached for share in _SAFER]):
+        yield from _with_observer(Coupling.constant(problem, gains, name))
+
+
+def stiffer_rung_n_per_m(problem: Problem, stiffest: DampingRange, best: Coupling) -> float | None:
+    """Return the next stiffer wall of those that were softened by a spring; None where the best is none of these.
+
+    Args:
+        problem: device, wall and hands.
+        stiffest: the stiffest wall that is stable with everybody and let go.
+        best: a coupling.
+    """
+    wall, limit, felt = problem.environment.stiffness_n_per_m, stiffest.stiffness_n_per_m, felt_at_rest_n_per_m(best)
+    ladder = [share * limit for share in _OF_STIFFEST] + [share * min(limit, wall) for share in _SAFER]
+    above = [one for one in (*ladder, wall) if _BARELY * felt < one <= wall]
+    return min(above) if best.method == SOFTENED and above else None
+
+
+def softened_to(problem: Problem, subjects: Hand | StylusHand, felt_n_per_m: float) -> Iterator[Coupling]:
+    """Yield springs with which the wall feels so stiff.
+
+    Args:
+        problem: device, wall and hands.
+        subjects: the extreme hands.
+        felt_n_per_m: of spring and wall in series.
+    """
+    for gains, name in _softened(problem, with_let_go(subjects), [felt_n_per_m]):
         yield from _with_observer(Coupling.constant(problem, gains, name))
 
 
@@ -120,7 +155,7 @@ def _softened(problem: Problem, people: Hand | StylusHand, stiffness: list[float
     for felt in stiffness:
         if 0 < felt < wall:
             for total in _dampings(damping_range(problem.device, people, felt)):
-                yield Gains(0.0, spring_before(wall, felt), total), "softened wall"
+                yield Gains(0.0, spring_before(wall, felt), total), SOFTENED
 
 
 def _dampings(found: DampingRange) -> list[float]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.certificate import deployable
+from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.support import SILENT, Progress
 from avc_casadi.trial import CouplingTrial, try_coupling
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 AS_STIFF = 0.01
 # Share of the hands for whom a quiet coupling is quiet: a stiff wall is not given up for the last of the light ones.
 QUIET_SHARE = 0.9
+# So many hands, the corners among them, try a coupling before the others do; only what these can use is for all.
+_FIRST = 16
 ERROR_HZ = (1.0, 10.0, 50.0)
 
 
@@ -69,12 +72,6 @@ class Judged:
         return self.safety <= int(lean_on_friction) and self.quiet
 
 
-def expected_n_per_m(coupling: Coupling) -> float:
-    """Stiffness of coupling and wall in series at rest."""
-    k, wall = coupling.table.at_rest.stiffness_n_per_m, coupling.wall.stiffness_n_per_m
-    return k * wall / (k + wall) if k + wall else 0.0
-
-
 def tried(
     couplings: Iterable[Coupling],
     before: list[Judged],
@@ -102,15 +99,18 @@ def tried(
         if deployable(one).passed:
             safe.append(one)
         progress.advance(done, len(every), "candidates judged")
-    ranked = sorted(enumerate(safe, start=len(before)), key=lambda pair: (-expected_n_per_m(pair[1]), pair[0]))
+    ranked = sorted(enumerate(safe, start=len(before)), key=lambda pair: (-felt_at_rest_n_per_m(pair[1]), pair[0]))
     judged = list(before)
     for order, one in ranked:
         enough = [found for found in judged if found.complete(lean_on_friction=lean_on_friction)]
-        if enough and expected_n_per_m(one) < (1 - 2 * AS_STIFF) * max(
-            expected_n_per_m(found.coupling) for found in enough
+        if enough and felt_at_rest_n_per_m(one) < (1 - 2 * AS_STIFF) * max(
+            felt_at_rest_n_per_m(found.coupling) for found in enough
         ):
             break
-        judged.append(Judged(one, try_coupling(one, people, seed), order))
+        found = Judged(one, try_coupling(one, people.pick(slice(_FIRST)), seed), order)
+        if found.safety <= int(lean_on_friction) and len(people) > _FIRST:
+            found = replace(found, trial=try_coupling(one, people, seed))
+        judged.append(found)
         progress.advance(len(judged), len(before) + len(ranked), "deployable candidates tried")
     return judged
 
@@ -134,28 +134,41 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
     left = [one for one in left if one.quiet] or left
     if judged[0].coupling.wall.stiffness_n_per_m == 0:  # nothing is stiff: what is felt is noise
         return min(left, key=lambda one: (round(_error(one.coupling), 3), one.order))
-    stiffness = [expected_n_per_m(one.coupling) for one in left]
+    stiffness = [felt_at_rest_n_per_m(one.coupling) for one in left]
     as_stiff = [one for one, felt in zip(left, stiffness, strict=True) if felt >= (1 - AS_STIFF) * max(stiffness)]
     quiet = max(int(one.trial.quiet.sum()) for one in as_stiff)
     quietest = [one for one in as_stiff if int(one.trial.quiet.sum()) == quiet]
     return min(quietest, key=lambda one: (round(_error(one.coupling), 3), one.order))
 
 
-def confirmed(judged: list[Judged], people: Hand | StylusHand, seed: int, *, lean_on_friction: bool) -> list[Judged]:
-    """Let people who had no part in the choice try what is best, until it stays the best.
+def confirmed(
+    judged: list[Judged],
+    people: Hand | StylusHand,
+    others: Hand | StylusHand,
+    seed: int,
+    *,
+    lean_on_friction: bool,
+) -> list[Judged]:
+    """Let everybody try what is best, then people who had no part in the choice, until it stays the best.
 
     Who is best of many before the same hands may owe it to these.
 
     Args:
         judged: at least one.
-        people: others than those of the trials.
-        seed: of their draw, to be told.
+        people: who tries them.
+        others: as many others as may be.
+        seed: of their draws, to be told.
         lean_on_friction: as in `best_of`.
     """
-    while (best := best_of(judged, lean_on_friction=lean_on_friction)).others is None:
-        asked = replace(best, others=try_coupling(best.coupling, people, seed))
+    while True:
+        best = best_of(judged, lean_on_friction=lean_on_friction)
+        if best.trial.hands < len(people):
+            asked = replace(best, trial=try_coupling(best.coupling, people, seed))
+        elif best.others is None:
+            asked = replace(best, others=try_coupling(best.coupling, others, seed))
+        else:
+            return judged
         judged = [asked if one is best else one for one in judged]
-    return judged
 
 
 def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str:

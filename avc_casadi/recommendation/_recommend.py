@@ -5,43 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.certificate import certified, deployable
 from avc_casadi.coupling import Coupling, coupling_document
-from avc_casadi.design.robust import MOST_SOFTER, SOFTER
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.problem import Problem, load_problem
 from avc_casadi.recommendation._assumptions import assumed, not_used
-from avc_casadi.recommendation._candidates import (
-    RobustCandidates,
-    plain_candidates,
-    safer_candidates,
-    tuned_candidates,
-)
-from avc_casadi.recommendation._choice import (
-    AS_STIFF,
-    ERROR_HZ,
-    Judged,
-    best_of,
-    confirmed,
-    expected_n_per_m,
-    reason_of,
-    tried,
-)
+from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
+from avc_casadi.recommendation._choice import ERROR_HZ, best_of, reason_of
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
+from avc_casadi.recommendation._stages import judged_candidates
 from avc_casadi.stability import stiffest_wall
 from avc_casadi.support import SILENT, Comparable, Progress, plain, short
-from avc_casadi.trial import CouplingTrial, Population, draw_hands, draw_subjects, people_of, try_coupling
+from avc_casadi.trial import CouplingTrial, Population, draw_subjects, people_of, try_coupling
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
-    from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Device
-    from avc_casadi.stability import DampingRange
 
 SCHEMA = "avc-recommend/1"
 OTHER_HANDS: dict[str, Population] = {"on a stylus": "B", "one fingertip": "fingertip"}
@@ -221,7 +204,7 @@ def recommend(
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
     limit = stiffest_wall(problem.device, with_let_go(extreme))
-    judged, considered = _judged(problem, people, seed, limit, progress, lean_on_friction=lean_on_friction)
+    judged, considered = judged_candidates(problem, people, seed, limit, progress, lean_on_friction=lean_on_friction)
     best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
     leaning = best_of(judged, lean_on_friction=True) if judged else None
     return Recommendation(
@@ -233,9 +216,9 @@ def recommend(
         confirmed=None if best is None else best.others,
         beside={} if best is None else _beside(best.coupling, hands, seed),
         deployable=best is not None,
-        stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *(expected_n_per_m(one.coupling) for one in judged)]),
+        stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *(felt_at_rest_n_per_m(one.coupling) for one in judged)]),
         plain_wall_n_per_m=limit.stiffness_n_per_m,
-        with_friction_n_per_m=None if leaning is None else expected_n_per_m(leaning.coupling),
+        with_friction_n_per_m=None if leaning is None else felt_at_rest_n_per_m(leaning.coupling),
         helps=what_would_help(problem, extreme),
         considered=considered,
         reason=reason_of(best, judged, considered),
@@ -250,48 +233,3 @@ def _beside(coupling: Coupling, hands: int, seed: int) -> dict[str, CouplingTria
         holding: try_coupling(coupling, draw_subjects(population, hands, seed), seed)
         for holding, population in OTHER_HANDS.items()
     }
-
-
-def _judged(
-    problem: Problem,
-    people: Hand | StylusHand,
-    seed: int,
-    limit: DampingRange,
-    progress: Progress,
-    *,
-    lean_on_friction: bool,
-) -> tuple[list[Judged], int]:
-    """Try the likeliest couplings first, and the others only where none is the wall itself."""
-    wall = problem.environment.stiffness_n_per_m
-    others = draw_hands(problem.hands, 2 * len(people), seed, "training")
-    robust = RobustCandidates(problem, progress)
-    judged: list[Judged] = []
-    considered = 0
-    plainly = min(wall, limit.stiffness_n_per_m)
-    plain = (plain_candidates(problem, hand_corners(problem.hands), limit), wall)
-    first = (islice(robust.stiff, 1), wall)
-    # A wall beyond what spring and damper hold is robust from the start; one that nothing holds is softened until
-    # everybody rests quietly. Tuned gains come last: what holds spring and damper back holds them back too.
-    for more, ceiling in (
-        *((plain, first) if wall <= limit.stiffness_n_per_m else (first, plain)),
-        (robust.stiff, wall),
-        (safer_candidates(problem, hand_corners(problem.hands), limit), 0.0),
-        *((islice(robust.soft, 1), SOFTER ** (1 + step) * plainly) for step in range(MOST_SOFTER)),
-        (tuned_candidates(problem, progress), 0.0),
-    ):
-        if _reached(judged, lean_on_friction=lean_on_friction) >= (1 - AS_STIFF) * ceiling:
-            judged = confirmed(judged, others, seed, lean_on_friction=lean_on_friction)
-            if _reached(judged, lean_on_friction=lean_on_friction) >= (1 - AS_STIFF) * ceiling:
-                break
-        every = list(more)
-        considered += len(every)
-        judged = tried(every, judged, people, seed, progress, lean_on_friction=lean_on_friction)
-    if judged:
-        judged = confirmed(judged, others, seed, lean_on_friction=lean_on_friction)
-    return judged, considered
-
-
-def _reached(judged: list[Judged], *, lean_on_friction: bool) -> float:
-    """Return the stiffest that is felt of what is safe and quiet; below 0 where nothing is."""
-    enough = [one for one in judged if one.complete(lean_on_friction=lean_on_friction)]
-    return max((expected_n_per_m(one.coupling) for one in enough), default=-1.0)

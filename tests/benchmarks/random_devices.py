@@ -150,7 +150,9 @@ def _plain(problem: Problem, found: Recommendation | None, limit: float) -> dict
         }
         told |= {"safety": mine} | _counts(tried)
         if above and as_safe and (mine < level or not quiet or _quiet(tried)):
-            stiffer = told
+            # As its own hands let `recommend` choose, others have a say in what would have been better.
+            others = try_coupling(one, draw_hands(problem.hands, FRESH, FRESH_SEED), FRESH_SEED)
+            stiffer = told if found is None or safety(others) <= mine else stiffer
         if not above and mine < level:
             safer = told
     return {"looked": looked, "stiffer_as_safe": stiffer, "softer_safer": safer}
