@@ -17,6 +17,7 @@ ROOMS = (
     "loop",
     "passivity",
     "stability",
+    "proof",
     "coupling",
     "certificate",
     "scene",
