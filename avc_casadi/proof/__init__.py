@@ -13,3 +13,7 @@ from avc_casadi.proof._rest import Unstable as Unstable
 from avc_casadi.proof._rest import prove_rest as prove_rest
 from avc_casadi.proof._switching import Contact as Contact
 from avc_casadi.proof._switching import SwitchingLoop as SwitchingLoop
+from avc_casadi.proof._walls import WallGap as WallGap
+from avc_casadi.proof._walls import rigid_with_damper as rigid_with_damper
+from avc_casadi.proof._walls import same_gains as same_gains
+from avc_casadi.proof._walls import wall_gap as wall_gap

@@ -155,7 +155,7 @@ def prove_rest(
     def told(outcome: Outcome, sentence: str, **more: Any) -> Rest:
         return Rest(outcome, sentence, contact, law, device, dict(hand), seconds=time.perf_counter() - began, **more)
 
-    hands = _hands(hand, seed)
+    hands = sampled_hands(hand, seed)
     if hands is not None:
         unstable = unstable_hand(law, device, hands)
         if unstable is not None:
@@ -205,6 +205,12 @@ def unstable_hand(law: ContactLaw, device: Device, hands: Hand) -> Unstable | No
     return worst
 
 
+def promising(law: ContactLaw, held: HeldDevice) -> float:
+    """Return t of the best multiplier at the corners of the box: a proof is likely where it is positive."""
+    points = _Points.of(law, held)
+    return search(points.omega, points.loop)[1] if law.stable else -np.inf
+
+
 def _proof(
     law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], most_cells: int, progress: Progress
 ) -> tuple[str, Multiplier | None, int]:
@@ -219,7 +225,7 @@ def _proof(
     points = _Points.of(law, held)
     cells = 0
     for _ in range(_SEARCHES):
-        found, margin = search(*points.flat)
+        found, margin = search(points.omega, points.loop)
         if not margin > 0 or not found.valid:
             return f"no multiplier of {len(LAGS)} taps serves all hands", None, cells
         result: Verified = verify(law, held, found, most_cells=most_cells, progress=progress)
@@ -239,10 +245,6 @@ class _Points:
     omega: FloatArray
     loop: ComplexArray
 
-    @property
-    def flat(self) -> tuple[FloatArray, ComplexArray]:
-        return self.omega, self.loop
-
     @classmethod
     def of(cls, law: ContactLaw, held: HeldDevice) -> _Points:
         omega = np.concatenate([np.geomspace(_LOW_ANGLE, 0.1, 120, endpoint=False), np.linspace(0.1, np.pi, 280)])
@@ -261,7 +263,7 @@ def _loop(law: ContactLaw, held: HeldDevice, omega: FloatArray, hands: FloatArra
     return np.tile(omega, len(hands)), loop.ravel()
 
 
-def _hands(hand: Mapping[str, tuple[float, float]], seed: int) -> Hand | None:
+def sampled_hands(hand: Mapping[str, tuple[float, float]], seed: int) -> Hand | None:
     """Corners of the box and draws within it; None for hands that are no `Hand`."""
     if tuple(hand) != HAND:
         return None

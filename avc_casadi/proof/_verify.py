@@ -74,7 +74,7 @@ def verify(
         if (middle < 0).any():
             worst = int(np.argmin(middle))
             return Verified(False, cells, 0.5 * (low[worst] + high[worst]))
-        left = ~(lower > 0)
+        left = np.asarray(~(lower > 0))
         done += float(np.prod(high[~left] - low[~left], axis=1, where=high[~left] > low[~left]).sum())
         progress.advance(round(1000 * done / whole), 1000, "verified")
         if left.any():
@@ -134,7 +134,7 @@ def _cut(low: FloatArray, high: FloatArray, across: FloatArray) -> tuple[FloatAr
     """Cut each cell in two across the number that takes most; across the widest where nothing is known."""
     width = high - low
     relative = width / np.maximum(np.abs(high), np.abs(low))
-    unknown = np.isnan(across).any(axis=1)
+    unknown = np.asarray(np.isnan(across).any(axis=1))
     number = np.argmax(np.where(unknown[:, None], relative, np.nan_to_num(across)), axis=1)
     rows = np.arange(len(low))
     middle = 0.5 * (low[rows, number] + high[rows, number])
