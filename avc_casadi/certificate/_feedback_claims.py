@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.certificate._certificate import Certificate, Level, LevelResult
 from avc_casadi.certificate._levels import Rows, level_result, not_judged
-from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, hand_set, no_hand, sampled_plant
+from avc_casadi.loop import LINEAR_KEYS, Hand, device_set, hand_set, no_hand, sampled_plant
 from avc_casadi.passivity import passive_limit_n_per_m
 from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
@@ -38,7 +38,7 @@ class FeedbackRadius:
     """Spectral radii of the loop of a coupling with state feedback.
 
     Attributes:
-        corners: the devices at the corners of the declared ranges.
+        corners: the devices at the corners of the declared ranges, then some drawn within them.
         hands: every corner of the hands and draws.
         held: radius at each share with each hand at each corner, shape (shares, corners, hands).
         free: radius at each corner, let go, all of the innovation passing, shape (corners,).
@@ -55,19 +55,14 @@ class FeedbackRadius:
         share, corner, hand = np.unravel_index(int(np.argmax(self.held)), self.held.shape)
         return int(share), int(corner), int(hand)
 
-    @property
-    def passed(self) -> bool:
-        """Whether all of the loops are damped."""
-        return bool(max(self.held.max(), self.free.max()) < 1 - RADIUS_TOLERANCE)
-
 
 def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> FeedbackRadius:
-    """Judge the loop of a coupling with state feedback at every corner of its device.
+    """Judge the loop of a coupling with state feedback at every corner of its device and at some within.
 
     Args:
         coupling: with constant gains and state feedback.
         draws: hands drawn beside the corners of their ranges.
-        seed: of the draws.
+        seed: of the draws, of hands and devices.
 
     Raises:
         UnsupportedError: gains that vary, or too long a delay.
@@ -77,7 +72,7 @@ def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Fe
         raise ValueError("the coupling has no state feedback")
     if not coupling.table.constant:
         raise UnsupportedError("state feedback is judged before constant gains only; make the gains constant")
-    corners = device_corners(problem.device, LINEAR_KEYS)
+    corners = device_set(problem.device, LINEAR_KEYS, seed=seed)
     if max(corner.delay_samples for corner in corners) > MAX_DELAY_SAMPLES:
         raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
     hands = hand_set(problem.hands, draws=draws, seed=seed)

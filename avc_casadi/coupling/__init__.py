@@ -18,9 +18,11 @@ from avc_casadi.coupling._gain_file import gain_csv as gain_csv
 from avc_casadi.coupling._gain_file import gain_document as gain_document
 from avc_casadi.coupling._gain_file import read_document as read_document
 from avc_casadi.coupling._gain_table import GainTable as GainTable
+from avc_casadi.coupling._gains import NEAR_RIGID_N_PER_M as NEAR_RIGID_N_PER_M
 from avc_casadi.coupling._gains import NO_COUPLING as NO_COUPLING
 from avc_casadi.coupling._gains import Gains as Gains
 from avc_casadi.coupling._gains import gains_at as gains_at
+from avc_casadi.coupling._gains import spring_before as spring_before
 from avc_casadi.coupling._gains import without_start as without_start
 from avc_casadi.coupling._interpolation import interpolate as interpolate
 from avc_casadi.coupling._interpolation import single_ln as single_ln

@@ -41,6 +41,20 @@ class Gains:
 
 
 NO_COUPLING = Gains(math.inf, math.inf)
+NEAR_RIGID_N_PER_M = 1e8
+"""A spring that no hand tells from a rigid joint, and that a device still holds in single precision."""
+
+
+def spring_before(wall_n_per_m: float, felt_n_per_m: float) -> float:
+    """Return the spring, N/m, with which a wall feels so stiff at rest; nearly rigid where it is no stiffer itself.
+
+    Args:
+        wall_n_per_m: stiffness of the wall.
+        felt_n_per_m: of wall and spring in series.
+    """
+    if felt_n_per_m >= wall_n_per_m:
+        return NEAR_RIGID_N_PER_M
+    return min(felt_n_per_m * wall_n_per_m / (wall_n_per_m - felt_n_per_m), NEAR_RIGID_N_PER_M)
 
 
 def without_start(schedule: GainSchedule) -> str:

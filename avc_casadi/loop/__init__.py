@@ -6,6 +6,7 @@ from avc_casadi.loop._device_corners import LINEAR_KEYS as LINEAR_KEYS
 from avc_casadi.loop._device_corners import RIGID_KEYS as RIGID_KEYS
 from avc_casadi.loop._device_corners import corner_problems as corner_problems
 from avc_casadi.loop._device_corners import device_corners as device_corners
+from avc_casadi.loop._device_corners import device_set as device_set
 from avc_casadi.loop._device_corners import device_with as device_with
 from avc_casadi.loop._device_corners import least_damped as least_damped
 from avc_casadi.loop._device_corners import linear_values as linear_values

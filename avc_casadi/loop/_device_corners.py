@@ -7,6 +7,8 @@ from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from avc_casadi.problem import Device
 
 if TYPE_CHECKING:
@@ -33,15 +35,39 @@ def device_corners(device: Device, keys: Collection[str] | None = None) -> list[
         keys: ranges that matter, such as `LINEAR_KEYS`, the others staying at their nominal value; None takes every
             range. There are two corners to each range.
     """
-    ends: dict[str, tuple[float, ...]] = {}
+    ends = {key: tuple(sorted(set(interval))) for key, interval in _intervals(device, keys).items()}
+    whole = device.model_dump(exclude={"range"})
+    return [_changed(whole, dict(zip(ends, corner, strict=True))) for corner in product(*ends.values())]
+
+
+def device_set(device: Device, keys: Collection[str] | None = None, *, draws: int = 16, seed: int = 0) -> list[Device]:
+    """Return the devices at the corners of the declared ranges, then devices drawn uniformly within them.
+
+    Args:
+        device: with its ranges; where it has none, it is the only one.
+        keys: ranges that matter, as in `device_corners`.
+        draws: number of devices beside the corners.
+        seed: of the draws.
+    """
+    corners = device_corners(device, keys)
+    if len(corners) == 1:
+        return corners
+    intervals = _intervals(device, keys)
+    low, high = np.array(list(intervals.values())).T
+    drawn = low + (high - low) * np.random.default_rng(seed).random((draws, len(low)))
+    return [*corners, *(device_with(device, dict(zip(intervals, row, strict=True))) for row in drawn.tolist())]
+
+
+def _intervals(device: Device, keys: Collection[str] | None) -> dict[str, tuple[float, float]]:
+    """Return the declared ranges by key."""
+    found: dict[str, tuple[float, float]] = {}
     for table, ranges in (("", device.range), ("resonance.", device.range.resonance)):
         for key in type(ranges).model_fields:
             interval = getattr(ranges, key)
             wanted = keys is None or f"{table}{key}" in keys
             if wanted and isinstance(interval, tuple):
-                ends[f"{table}{key}"] = tuple(sorted(set(interval)))
-    whole = device.model_dump(exclude={"range"})
-    return [_changed(whole, dict(zip(ends, corner, strict=True))) for corner in product(*ends.values())]
+                found[f"{table}{key}"] = interval
+    return found
 
 
 def device_with(device: Device, values: Mapping[str, float]) -> Device:

@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.coupling import Coupling, Gains, Runtime
+from avc_casadi.coupling import NEAR_RIGID_N_PER_M, Coupling, Gains, Runtime, spring_before
 from avc_casadi.design.constant import tuned_margin
-from avc_casadi.design.robust import robust_ladder
+from avc_casadi.design.robust import robust_ladder, softer_robust
 from avc_casadi.loop import with_let_go
 from avc_casadi.recommendation._reach import tuned
 from avc_casadi.stability import DampingRange, damping_range
 from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
+    from avc_casadi.design.robust import Rung
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
 
-# A spring that no hand tells from a rigid joint, and that a device still holds in single precision.
-RIGID_N_PER_M = 1e8
 # Damping kept in reserve, as multiples of the tuned designs' own: a coarse encoder asks for more.
 _RESERVES = (1.0, 3.0)
 # Where in the interval of stable dampings the contact damper stands.
-_SHARES = (0.5, 0.25, 0.1)
+_SHARES = (0.5, 0.25, 0.1, 0.03, 0.01)
 # Stiffness felt before a wall that is too stiff, as a share of the stiffest that is stable with everybody.
 _OF_STIFFEST = (0.9, 0.82, 0.75)
 # The same where nothing stiffer brings everybody to rest: of the wall, if that is softer.
@@ -62,18 +62,28 @@ def safer_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
         yield from _with_observer(Coupling.constant(problem, gains, name))
 
 
-def robust_candidates(problem: Problem, progress: Progress = SILENT) -> Iterator[Coupling]:
-    """Yield walls of rising stiffness behind an observer with state feedback; none for a device without a law.
+class RobustCandidates:
+    """Walls behind an observer with state feedback; none for a device without a law.
 
-    Args:
-        problem: device, wall and hands.
-        progress: told of the walls.
+    Attributes:
+        stiff: the wanted wall, then others of rising stiffness.
+        soft: walls softer than these, to be asked for after them.
     """
-    try:
-        for rung in robust_ladder(problem, progress):
-            yield Coupling.constant(problem, rung.gains, "robust", Runtime(state_feedback=rung.found.law))
-    except UnsupportedError:
-        return
+
+    def __init__(self, problem: Problem, progress: Progress = SILENT) -> None:
+        self._softest: Rung | None = None
+        self.stiff = self._coupled(problem, robust_ladder(problem, progress))
+        self.soft = self._coupled(problem, self._softer(problem, progress))
+
+    def _softer(self, problem: Problem, progress: Progress) -> Iterator[Rung]:
+        yield from softer_robust(problem, self._softest, progress)
+
+    def _coupled(self, problem: Problem, rungs: Iterator[Rung]) -> Iterator[Coupling]:
+        with suppress(UnsupportedError):
+            for rung in rungs:
+                if self._softest is None or rung.stiffness_n_per_m < self._softest.stiffness_n_per_m:
+                    self._softest = rung
+                yield Coupling.constant(problem, rung.gains, "robust", Runtime(state_feedback=rung.found.law))
 
 
 def tuned_candidates(problem: Problem, progress: Progress = SILENT) -> Iterator[Coupling]:
@@ -98,10 +108,10 @@ def _tuned(problem: Problem, share: float, progress: Progress) -> object:
 
 
 def _rigid(problem: Problem, people: Hand | StylusHand) -> Iterator[tuple[Gains, str]]:
-    yield Gains(0.0, RIGID_N_PER_M), "none"
+    yield Gains(0.0, NEAR_RIGID_N_PER_M), "none"
     wall = problem.environment
     for total in _dampings(damping_range(problem.device, people, wall.stiffness_n_per_m)):
-        yield Gains(0.0, RIGID_N_PER_M, max(0.0, total - wall.damping_ns_per_m)), "contact damper"
+        yield Gains(0.0, NEAR_RIGID_N_PER_M, max(0.0, total - wall.damping_ns_per_m)), "contact damper"
 
 
 def _softened(problem: Problem, people: Hand | StylusHand, stiffness: list[float]) -> Iterator[tuple[Gains, str]]:
@@ -110,7 +120,7 @@ def _softened(problem: Problem, people: Hand | StylusHand, stiffness: list[float
     for felt in stiffness:
         if 0 < felt < wall:
             for total in _dampings(damping_range(problem.device, people, felt)):
-                yield Gains(0.0, felt * wall / (wall - felt), total), "softened wall"
+                yield Gains(0.0, spring_before(wall, felt), total), "softened wall"
 
 
 def _dampings(found: DampingRange) -> list[float]:

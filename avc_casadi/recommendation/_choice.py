@@ -1,8 +1,8 @@
-"""Which of the candidates to deploy: the safest, of these the quiet, of these the stiffest, of these the nearest."""
+"""Which of the candidates to deploy: the safest, of these the quiet, of these the stiffest and nearest."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 # Stiffnesses closer than this share are equal: the coupling nearer to the wall in motion wins.
 AS_STIFF = 0.01
+# Share of the hands for whom a quiet coupling is quiet: a stiff wall is not given up for the last of the light ones.
+QUIET_SHARE = 0.9
 ERROR_HZ = (1.0, 10.0, 50.0)
 
 
@@ -31,24 +33,41 @@ class Judged:
         coupling: what was tried.
         trial: how they fared.
         order: place among the candidates: the simpler ones come first.
+        others: how people fared who had no part in the choice; None before they were asked.
     """
 
     coupling: Coupling
     trial: CouplingTrial
     order: int
+    others: CouplingTrial | None = None
 
     @property
     def safety(self) -> int:
         """0: everybody rests without dry friction and with it; 1: with the declared friction; 2: not everybody."""
-        everybody = bool(self.trial.stable.all())
-        if everybody and bool(self.trial.stable_without_friction.all()):
+        everybody = all(bool(trial.stable.all()) for trial in self.trials)
+        if everybody and all(bool(trial.stable_without_friction.all()) for trial in self.trials):
             return 0
         return 1 if everybody else 2
 
     @property
+    def trials(self) -> tuple[CouplingTrial, ...]:
+        """All that was seen of it."""
+        return (self.trial,) if self.others is None else (self.trial, self.others)
+
+    @property
+    def at_rest(self) -> float:
+        """Share of the hands that come to rest."""
+        return sum(int(one.stable.sum()) for one in self.trials) / sum(one.hands for one in self.trials)
+
+    @property
+    def quiet(self) -> bool:
+        """Whether next to nobody feels a vibration at rest."""
+        return float(self.trial.quiet.mean()) >= QUIET_SHARE
+
+    @property
     def complete(self) -> bool:
-        """Whether it is as safe as can be, and nobody feels a vibration."""
-        return self.safety == 0 and bool(self.trial.quiet.all())
+        """Whether it is as safe as can be, and quiet."""
+        return self.safety == 0 and self.quiet
 
 
 def expected_n_per_m(coupling: Coupling) -> float:
@@ -95,7 +114,7 @@ def tried(
 
 
 def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
-    """Take the safest, of these the quiet, of these the stiffest, of these the nearest to the wall in motion.
+    """Take the safest, of these the quiet, of these the stiffest, then the quietest and the nearest in motion.
 
     Args:
         judged: at least one.
@@ -108,15 +127,33 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
     safest = min(safety(one) for one in judged)
     left = [one for one in judged if safety(one) == safest]
     if safest == 2:
-        most = max(int(one.trial.stable.sum()) for one in left)
-        left = [one for one in left if int(one.trial.stable.sum()) == most]
-    quiet = max(int(one.trial.quiet.sum()) for one in left)
-    left = [one for one in left if int(one.trial.quiet.sum()) == quiet]
+        most = max(one.at_rest for one in left)
+        left = [one for one in left if one.at_rest == most]
+    left = [one for one in left if one.quiet] or left
     if judged[0].coupling.wall.stiffness_n_per_m == 0:  # nothing is stiff: what is felt is noise
         return min(left, key=lambda one: (round(_error(one.coupling), 3), one.order))
     stiffness = [expected_n_per_m(one.coupling) for one in left]
     as_stiff = [one for one, felt in zip(left, stiffness, strict=True) if felt >= (1 - AS_STIFF) * max(stiffness)]
-    return min(as_stiff, key=lambda one: (round(_error(one.coupling), 3), one.order))
+    quiet = max(int(one.trial.quiet.sum()) for one in as_stiff)
+    quietest = [one for one in as_stiff if int(one.trial.quiet.sum()) == quiet]
+    return min(quietest, key=lambda one: (round(_error(one.coupling), 3), one.order))
+
+
+def confirmed(judged: list[Judged], people: Hand | StylusHand, seed: int, *, lean_on_friction: bool) -> list[Judged]:
+    """Let people who had no part in the choice try what is best, until it stays the best.
+
+    Who is best of many before the same hands may owe it to these.
+
+    Args:
+        judged: at least one.
+        people: others than those of the trials.
+        seed: of their draw, to be told.
+        lean_on_friction: as in `best_of`.
+    """
+    while (best := best_of(judged, lean_on_friction=lean_on_friction)).others is None:
+        asked = replace(best, others=try_coupling(best.coupling, people, seed))
+        judged = [asked if one is best else one for one in judged]
+    return judged
 
 
 def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str:
@@ -129,6 +166,9 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
         1: f"all of {trial.hands} simulated hands come to rest, but only thanks to the declared dry friction",
         2: f"{int(trial.stable.sum())} of {trial.hands} simulated hands come to rest, as many as with any candidate",
     }[best.safety]
+    if best.others is not None:
+        rest, free = best.others.stable, best.others.stable_without_friction
+        who += f"; of {len(rest)} others {int(rest.sum())}, without dry friction {int(free.sum())}"
     return f"the stiffest of {len(judged)} deployable candidates that are as safe: {who}"
 
 

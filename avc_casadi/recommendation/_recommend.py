@@ -11,21 +11,31 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.certificate import certified, deployable
 from avc_casadi.coupling import Coupling, coupling_document
+from avc_casadi.design.robust import MOST_SOFTER
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.problem import Problem, load_problem
 from avc_casadi.recommendation._assumptions import assumed, not_used
 from avc_casadi.recommendation._candidates import (
+    RobustCandidates,
     plain_candidates,
-    robust_candidates,
     safer_candidates,
     tuned_candidates,
 )
-from avc_casadi.recommendation._choice import AS_STIFF, ERROR_HZ, Judged, best_of, expected_n_per_m, reason_of, tried
+from avc_casadi.recommendation._choice import (
+    AS_STIFF,
+    ERROR_HZ,
+    Judged,
+    best_of,
+    confirmed,
+    expected_n_per_m,
+    reason_of,
+    tried,
+)
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
 from avc_casadi.stability import stiffest_wall
 from avc_casadi.support import SILENT, Comparable, Progress, plain, short
-from avc_casadi.trial import CouplingTrial, people_of, try_coupling
+from avc_casadi.trial import CouplingTrial, draw_hands, people_of, try_coupling
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
@@ -183,7 +193,8 @@ def recommend(
 
     Only couplings are considered that are linearly stable with every hand of [hands] and let go. Of these the safest
     win: everybody at rest without dry friction, then with the declared one, then as many as possible; among equally
-    safe ones those whose rest nobody feels, then the stiffest, then those nearest to the wall in motion.
+    safe ones those whose rest nine hands in ten do not feel, then the stiffest, then the quietest and nearest to the
+    wall in motion. Twice as many hands that had no part in the choice confirm it.
 
     Args:
         problem: device with what is known of it, wall and hands; or a problem file, or a name of the catalogue.
@@ -201,7 +212,7 @@ def recommend(
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
     limit = stiffest_wall(problem.device, with_let_go(extreme))
-    judged, considered = _judged(problem, people, seed, limit, progress)
+    judged, considered = _judged(problem, people, seed, limit, progress, lean_on_friction=lean_on_friction)
     best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
     leaning = best_of(judged, lean_on_friction=True) if judged else None
     return Recommendation(
@@ -223,25 +234,37 @@ def recommend(
 
 
 def _judged(
-    problem: Problem, people: Hand | StylusHand, seed: int, limit: DampingRange, progress: Progress
+    problem: Problem,
+    people: Hand | StylusHand,
+    seed: int,
+    limit: DampingRange,
+    progress: Progress,
+    *,
+    lean_on_friction: bool,
 ) -> tuple[list[Judged], int]:
     """Try the simple couplings first, and the others only where a simple one is not the wall itself."""
     wall = problem.environment.stiffness_n_per_m
-    robust = robust_candidates(problem, progress)
+    others = draw_hands(problem.hands, 2 * len(people), seed, "training")
+    robust = RobustCandidates(problem, progress)
     judged: list[Judged] = []
     considered = 0
-    # Robust designs come last but for tuned gains, which what holds spring and damper back holds back too.
+    # Tuned gains come late: what holds spring and damper back holds them back too.
     for more, ceiling in (
         (plain_candidates(problem, hand_corners(problem.hands), limit), wall),
-        (islice(robust, 1), wall),
-        (robust, wall),
-        (tuned_candidates(problem, progress), min(wall, limit.stiffness_n_per_m)),
+        (islice(robust.stiff, 1), wall),
+        (robust.stiff, wall),
+        *((islice(robust.soft, 1), 0.0) for _ in range(MOST_SOFTER)),
+        (tuned_candidates(problem, progress), 0.0),
         (safer_candidates(problem, hand_corners(problem.hands), limit), 0.0),
     ):
-        reached = max((expected_n_per_m(one.coupling) for one in judged if one.complete), default=0.0)
-        if any(one.complete for one in judged) and reached >= (1 - AS_STIFF) * ceiling:
-            break
+        reached = max((expected_n_per_m(one.coupling) for one in judged if one.complete), default=-1.0)
+        if reached >= (1 - AS_STIFF) * ceiling:
+            judged = confirmed(judged, others, seed, lean_on_friction=False)
+            if any(one.complete and expected_n_per_m(one.coupling) >= (1 - AS_STIFF) * ceiling for one in judged):
+                break
         every = list(more)
         considered += len(every)
         judged = tried(every, judged, people, seed, progress)
+    if judged:
+        judged = confirmed(judged, others, seed, lean_on_friction=lean_on_friction)
     return judged, considered

@@ -2,8 +2,10 @@
 
 from avc_casadi.design.robust._goal import Cost as Cost
 from avc_casadi.design.robust._goal import cost_of as cost_of
+from avc_casadi.design.robust._ladder import MOST_SOFTER as MOST_SOFTER
 from avc_casadi.design.robust._ladder import Rung as Rung
 from avc_casadi.design.robust._ladder import robust_ladder as robust_ladder
+from avc_casadi.design.robust._ladder import softer_robust as softer_robust
 from avc_casadi.design.robust._ladder import stiffest_robust as stiffest_robust
 from avc_casadi.design.robust._law import Space as Space
 from avc_casadi.design.robust._loops import Loops as Loops

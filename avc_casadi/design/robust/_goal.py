@@ -1,4 +1,4 @@
-"""What a robust law is searched for: a wall that feels crisp, damped whatever share of the innovation passes."""
+"""What a robust law is searched for: a wall that feels stiff, damped whatever share of the innovation passes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from avc_casadi.stability import Rendering
 
 # Share of the innovation that passes -> decay, 1/s, that oscillations above `_SLOW_HZ` must have.
-_DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.6, 0.025: 3.4}
+_DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.6, 0.025: 3.4, 0.01: 0.0}
 _SLOW_HZ = 2.0
 # The same of slower ones, times the share.
 _SLOW_DECAY_PER_S = 5.0

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.coupling import Gains
+from avc_casadi.coupling import Gains, spring_before
 from avc_casadi.design.robust._goal import cost_of
 from avc_casadi.design.robust._law import Space
 from avc_casadi.design.robust._loops import Loops
@@ -29,14 +29,16 @@ from avc_casadi.support import SILENT, Progress
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
-# A spring that no hand tells from a rigid joint, and that a device still holds in single precision.
-_RIGID_N_PER_M = 1e8
 # The first wall as a share of what spring and damper hold, the next over the one before, and what lies between two, for
 # which the law of the lower one is taken as it is.
 _FIRST, _NEXT, _BETWEEN = 0.9, 1.4, 1.18
 # The wanted wall is tried at once if it is no more than so many times what spring and damper hold.
 _AT_ONCE = 4.0
 _MOST_RUNGS = 8
+# From the softest of these down, where it is not enough.
+_SOFTER = 0.6
+MOST_SOFTER = 4
+"""Walls that are tried below the softest of the ladder."""
 # The same from the wall of a like device.
 _STEP, _MOST_STEPS = 1.4, 6
 
@@ -77,12 +79,14 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Run
     plain = _plain_n_per_m(problem)
     space, loops = Space(device, hands), Loops.of(device, hands)
     if wanted <= _AT_ONCE * plain:
-        gains, rendering = _softened(problem, wanted)
         progress.advance(0, 1, f"the wall, {wanted:.4g} N/m")
         with suppress(np.linalg.LinAlgError):
+            gains, rendering = _softened(problem, wanted)
             found = search(space, loops, rendering)
             if found.cost.holds:
                 yield Rung(gains, wanted, found)
+        if wanted <= _FIRST * plain:
+            return
     start = None
     stiffness = min(_FIRST * plain, wanted)
     for rung in range(_MOST_RUNGS):
@@ -103,6 +107,36 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Run
             if between is not None:
                 yield between
         stiffness = min(stiffness * _NEXT, wanted)
+
+
+def softer_robust(problem: Problem, near: Rung | None, progress: Progress = SILENT) -> Iterator[Rung]:
+    """Yield walls of falling stiffness with laws whose loops are all damped.
+
+    A wall that is softer leaves more for the vibration at rest and for the hands that a law for a stiffer one loses.
+
+    Args:
+        problem: as for `robust_ladder`.
+        near: the softest wall of the ladder, from which to go down; None where it found none.
+        progress: told of the walls.
+
+    Raises:
+        UnsupportedError: as `robust_ladder`.
+    """
+    _check(problem)
+    space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+    start = None if near is None else near.found.logarithms
+    stiffness = min(_FIRST * _plain_n_per_m(problem), problem.environment.stiffness_n_per_m)
+    if near is not None:
+        stiffness = near.stiffness_n_per_m
+    for done in range(MOST_SOFTER):
+        stiffness *= _SOFTER
+        progress.advance(done, MOST_SOFTER, f"softer walls, {stiffness:.4g} N/m")
+        gains, rendering = _softened(problem, stiffness)
+        with suppress(np.linalg.LinAlgError):
+            found = search(space, loops, rendering, start)
+            if found.cost.holds:
+                start = found.logarithms
+                yield Rung(gains, stiffness, found)
 
 
 def stiffest_robust(problem: Problem, near: Rung | None = None, progress: Progress = SILENT) -> Rung | None:
@@ -155,9 +189,7 @@ def _as_it_is(problem: Problem, space: Space, loops: Loops, found: Found, stiffn
 
 def _softened(problem: Problem, stiffness_n_per_m: float) -> tuple[Gains, Rendering]:
     """Return the spring with which the wall feels so stiff, and both as they are rendered."""
-    wall = problem.environment.stiffness_n_per_m
-    spring = stiffness_n_per_m * wall / (wall - stiffness_n_per_m) if stiffness_n_per_m < wall else _RIGID_N_PER_M
-    gains = Gains(0.0, min(spring, _RIGID_N_PER_M))
+    gains = Gains(0.0, spring_before(problem.environment.stiffness_n_per_m, stiffness_n_per_m))
     parts = frozen_parts(problem, np.zeros(1), np.array([gains.stiffness_n_per_m]))
     return gains, fraction_rendering(parts, np.zeros(1), problem.device.sample_time_s)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, device_with, hand_corners, no_hand, sampled_plant
+from avc_casadi.loop import LINEAR_KEYS, Hand, device_set, device_with, hand_corners, no_hand, sampled_plant
 from avc_casadi.problem import Hands
 from avc_casadi.stability import largest_radius, plants_with_forces, state_feedback_loop
 from avc_casadi.support import ComplexArray, FloatArray
@@ -24,6 +24,8 @@ Plants = tuple[FloatArray, FloatArray, FloatArray]
 _MASS, _RESONANCE, _DELAY_SAMPLES = (0.9, 1.1), (0.9, 1.1), 0.25
 # So many loops at other devices are kept, those that are worst with the law that the search starts from.
 _KEPT = 28
+# Devices within the declared ranges, beside their corners.
+_DRAWS = 24
 # From what a hand feels as stiffness to the end of the band.
 _SLOW_HZ, _FAST_HZ, _SLOW, _FAST = 0.2, 20.0, 40, 120
 
@@ -35,7 +37,7 @@ class Loops:
     Attributes:
         nominal: the device as declared with every corner of the hands and one in the middle.
         varied: the hands with devices that are not quite as declared.
-        free: the device let go, at every corner that is declared.
+        free: the device let go, at every corner that is declared and within.
         frequency_hz: where the loop is looked at, shape (f,).
         response: position that is measured over force, nominal, shape (hands, f), m/N.
         sample_time_s: T.
@@ -60,7 +62,7 @@ class Loops:
         held = _with_middle(hands)
         nominal = plants_with_forces(sampled_plant(device, held))
         varied = plants_with_forces(sampled_plant(other_devices(device), held))
-        free = plants_with_forces(sampled_plant(device_corners(device, LINEAR_KEYS), no_hand()))
+        free = plants_with_forces(sampled_plant(_declared(device), no_hand()))
         fast = np.geomspace(1.05 * _FAST_HZ, 0.499 / t, _FAST) if 0.4 / t > _FAST_HZ else np.zeros(0)
         slow = np.geomspace(_SLOW_HZ, min(_FAST_HZ, 0.45 / t), _SLOW)
         frequency = np.concatenate([slow, fast])
@@ -81,8 +83,8 @@ class Loops:
 
 
 def other_devices(device: Device) -> list[Device]:
-    """Return the device, its declared corners, and what it may be where the file does not say how well it is known."""
-    declared = device_corners(device, LINEAR_KEYS)
+    """Return what the ranges declare, and what the device may be where the file does not say how well it is known."""
+    declared = _declared(device)
     known = device.range
     masses: tuple[float, ...] = (1.0,) if known.mass_kg is not None else _MASS
     modes: tuple[float, ...] = (1.0,)
@@ -96,6 +98,11 @@ def other_devices(device: Device) -> list[Device]:
             values["resonance.frequency_hz"] = device.resonance.frequency_hz * mode
         assumed.append(device_with(device, values))
     return [*declared, *assumed]
+
+
+def _declared(device: Device) -> list[Device]:
+    """Return devices all over the declared ranges, others within than a certificate looks at."""
+    return device_set(device, LINEAR_KEYS, draws=_DRAWS, seed=1)
 
 
 def _with_middle(hands: Hands) -> Hand:
