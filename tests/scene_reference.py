@@ -254,7 +254,7 @@ def sections_of(effects, period):
 
 
 class Computer:
-    """The force law: coupling and environment in series, found by bisection of their forces."""
+    """The force law: coupling and environment in series, found by bisection of their forces; gated or clipped last."""
 
     def __init__(self, reference, start=None):
         start = reference.start if start is None else start
@@ -266,6 +266,7 @@ class Computer:
             for key in ("stiffness_n_per_m", "damping_ns_per_m")
         )
         self.one_sided = "environment" not in effects
+        self.gated = self.one_sided and problem.coupling.contact == "gated"
         self.absent = not ("wall" in effects or "environment" in effects) or self.k_e == self.b_e == 0
         self.share = 0.0
         if "velocity-filter" in effects:
@@ -275,16 +276,16 @@ class Computer:
         self.stretch, self.surface, self.contact = [0.0, 0.0], [depth, 0.0], [start, 0.0]
 
     def depth(self, x):
-        return max(x, 0.0) if self.one_sided else x
+        return max(x, 0.0) if self.gated else x
 
     def rate(self, value, memory):
         return (1 - self.share) * (value - memory[0]) / self.T + self.share * memory[1]
 
     def wall_force(self, tool):
-        if self.one_sided and tool <= 0:
+        if self.gated and tool <= 0:
             return 0.0
         force = self.k_e * self.depth(tool) + self.b_e * self.rate(self.depth(tool), self.surface)
-        return max(force, 0.0) if self.one_sided else force
+        return max(force, 0.0) if self.gated else force
 
     def coupling_force(self, x, tool):
         return self.gains.stiffness_n_per_m * (x - tool) + self.gains.damping_ns_per_m * self.rate(
@@ -303,13 +304,13 @@ class Computer:
 
             tool = brentq(imbalance, x - 1, x + 1, xtol=1e-20, rtol=1e-15)
             command = self.coupling_force(x, tool)
-        if self.one_sided:
+        if self.gated:
             command = max(command, 0.0)
         self.stretch = [x - tool, self.rate(x - tool, self.stretch)]
         self.surface = [self.depth(tool), self.rate(self.depth(tool), self.surface)]
         if gains.contact_damping_ns_per_m:
             self.contact = [x, self.rate(x, self.contact)]
             command += gains.contact_damping_ns_per_m * self.contact[1]
-            if self.one_sided:
+            if self.gated:
                 command = max(command, 0.0) if x > 0 else 0.0
-        return command
+        return max(command, 0.0) if self.one_sided else command

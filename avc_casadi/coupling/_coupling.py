@@ -22,10 +22,12 @@ from avc_casadi.support import columns_html
 if TYPE_CHECKING:
     from avc_casadi.coupling._gains import Gains
     from avc_casadi.coupling._schedule import GainSchedule
-    from avc_casadi.problem import Impedance, Problem
+    from avc_casadi.problem import Contact, Impedance, Problem
 
 THINNING = 1e-3
 """Largest relative change of a gain where rows are left out; certificate, scene and device read what is left."""
+FIRST_CONTACT: Contact = "gated"
+"""The contact law before there were two: that of files which name none, and part of no name that was given then."""
 CAPACITY_ROWS = 256
 """Rows that a device holds at most."""
 _SAME_TIME = 1e-9
@@ -121,6 +123,11 @@ class Coupling:
         return "damped" if bool(np.any(self.table.rows[:, 3] > 0)) else "series"
 
     @property
+    def contact(self) -> Contact:
+        """The contact law of the wall, by which it was certified."""
+        return self.problem.coupling.contact
+
+    @property
     def wall(self) -> Impedance:
         """The wall behind the coupling."""
         return self.problem.environment
@@ -145,6 +152,8 @@ class Coupling:
             "wall": [wall.damping_ns_per_m, wall.stiffness_n_per_m],
             "device": self.problem.device.model_dump(mode="json"),
         }
+        if self.contact != FIRST_CONTACT:
+            runs["contact"] = self.contact
         return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
 
     def on(self, problem: Problem) -> Coupling:

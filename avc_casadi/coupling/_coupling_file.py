@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.coupling._coupling import Coupling, check_sample_time, require_coupling
+from avc_casadi.coupling._coupling import FIRST_CONTACT, Coupling, check_sample_time, require_coupling
 from avc_casadi.coupling._gain_check import COUPLING_SCHEMA, GainCheck
 from avc_casadi.coupling._gain_file import gain_document, read_csv, read_document
 from avc_casadi.coupling._gain_table import GainTable
@@ -41,7 +41,8 @@ def coupling_document(coupling: Coupling) -> dict[str, Any]:
     """Return the document of a coupling: JSON values only.
 
     Beside the `solve` document's keys: ``id``, ``problem_file`` (the whole problem), ``table`` (the rows that run),
-    ``runtime``, ``wall``, ``max_force_n``, ``certificate``, ``trial``, ``versions`` and ``lacks``.
+    ``contact`` (the law at the wall), ``runtime``, ``wall``, ``max_force_n``, ``certificate``, ``trial``, ``versions``
+    and ``lacks``.
     """
     wall = coupling.wall
     columns = zip(_TABLE, coupling.table.rows.T, strict=True)
@@ -52,6 +53,7 @@ def coupling_document(coupling: Coupling) -> dict[str, Any]:
         "title": coupling.problem.title,
         "problem_file": problem_document(coupling.problem),
         "structure": coupling.structure,
+        "contact": coupling.contact,
         "constant": coupling.table.constant,
         "table": {name: plain(column) for name, column in columns},
         "runtime": coupling.runtime.document(),
@@ -199,6 +201,8 @@ def _check_whole(found: Coupling, document: Mapping[str, Any], path: Path) -> No
     wall, limit = document.get("wall"), document.get("max_force_n")
     if wall != {"damping_ns_per_m": found.wall.damping_ns_per_m, "stiffness_n_per_m": found.wall.stiffness_n_per_m}:
         faults.append(Fault(str(path), None, "wall", f"is not the environment of problem_file; {again}"))
+    if document.get("contact", FIRST_CONTACT) != found.contact:
+        faults.append(Fault(str(path), None, "contact", f"is not coupling.contact of problem_file; {again}"))
     if limit != found.max_force_n:
         faults.append(Fault(str(path), None, "max_force_n", f"is not device.max_force_n of problem_file; {again}"))
     if faults:
@@ -209,6 +213,9 @@ def _problem(document: Mapping[str, Any], path: Path) -> Problem:
     found = document.get("problem_file")
     if not isinstance(found, Mapping):
         raise InputError.of("is missing; allowed: the tables of a problem file", file=str(path), key="problem_file")
+    box = found.get("coupling", {})
+    if isinstance(box, Mapping):
+        found = {**found, "coupling": {"contact": FIRST_CONTACT, **box}}
     return problem_of(found, file=str(path), key="problem_file")
 
 

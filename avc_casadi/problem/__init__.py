@@ -29,6 +29,7 @@ from avc_casadi.problem._load import as_problem as as_problem
 from avc_casadi.problem._load import load_problem as load_problem
 from avc_casadi.problem._load import parse_problem as parse_problem
 from avc_casadi.problem._model import Boundaries as Boundaries
+from avc_casadi.problem._model import Contact as Contact
 from avc_casadi.problem._model import Frequency as Frequency
 from avc_casadi.problem._model import GainBox as GainBox
 from avc_casadi.problem._model import Hands as Hands

@@ -40,6 +40,7 @@ from avc_casadi.support import short
 
 Model = Literal["paper", "sampled-data"]
 Structure = Literal["series", "damped"]
+Contact = Literal["clip-last", "gated"]
 Scope = Literal["pointwise", "band", "all", "hands"]
 Objective = Literal["magnitude", "complex", "perceptual"]
 Required = Literal["none", "jnd", "bounds"]
@@ -60,9 +61,14 @@ class Boundaries(Table):
 
 
 class GainBox(Table):
-    """Structure of the coupling and the box of admissible gains, each [lowest, highest]."""
+    """Structure of the coupling, its law at a one-sided wall, and the box of admissible gains, each [lowest, highest].
+
+    Contact clip-last: F = max(0, y), y the force of the coupling to an environment on both sides. Gated: the same on
+    the tool's penetration, and only where the device is in the wall.
+    """
 
     structure: Structure = "series"
+    contact: Contact = "gated"
     damping_ns_per_m: DampingInterval = (0.0, 1e4)
     stiffness_n_per_m: StiffnessInterval = (0.0, 1e7)
     contact_damping_ns_per_m: DampingInterval = (0.0, 0.0)

@@ -25,7 +25,7 @@ from avc_casadi.scene.advance import (
     column,
 )
 from avc_casadi.scene.effects import SceneEffect, Station, build_effects
-from avc_casadi.scene.loop import Environment, Tick, contact_damper, coupling_parameters, series_force
+from avc_casadi.scene.loop import Environment, Tick, coupling_parameters, require_surface, wall_force
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
@@ -107,9 +107,14 @@ class CompiledScene:
         return np.array(columns, dtype=np.float64).reshape(len(columns), self.samples)
 
     def parameter_values(self, gains: Gains) -> FloatArray:
-        """Return the parameters of every hand, shape (hands, parameters)."""
+        """Return the parameters of every hand, shape (hands, parameters).
+
+        Raises:
+            InputError: gains without a spring, which the contact law needs.
+        """
         parts = [effect.numbers for effect in self.effects if effect.station < Station.ENVIRONMENT]
         if self.coupled and self.environment is not None:
+            require_surface(self.environment, gains.stiffness_n_per_m)
             parts.append(
                 coupling_parameters(
                     gains.damping_ns_per_m, gains.stiffness_n_per_m, self.environment, self.rate_gain_per_s
@@ -153,6 +158,8 @@ def compile_scene(
     coupled, damped = coupled and environment is not None, damped and environment is not None
     table = next((effect.gain_table for effect in effects if effect.gain_table is not None), None)
     adapted = table is not None and environment is not None
+    if environment is not None:
+        require_surface(environment, np.inf if table is None else table.gains[1])
     tick = Tick(sample_time_s, target.device_start_m)
     for name in plant.names:
         with tick.owned_by(owners[name]):
@@ -229,9 +236,7 @@ def _sample(
                 effect.sample(tick)
     if environment is not None:
         with tick.owned_by("coupling"):
-            tick.command = series_force(tick, environment, rigid=not coupled)
-            if damped:
-                tick.command = contact_damper(tick, tick.command, one_sided=environment.one_sided)
+            tick.command = wall_force(tick, environment, rigid=not coupled, damped=damped)
     for effect in effects:
         if effect.station > Station.ENVIRONMENT:
             with tick.owned_by(effect.kind):

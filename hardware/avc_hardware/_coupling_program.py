@@ -24,7 +24,7 @@ from avc_casadi.scene.effects import (
     Wall,
     build_effects,
 )
-from avc_casadi.scene.loop import Environment, Tick, contact_damper, coupling_parameters, series_force
+from avc_casadi.scene.loop import Environment, Tick, coupling_parameters, require_surface, wall_force
 from avc_hardware._float_program import FloatProgram
 from avc_hardware._runtime_program import GAINS, AnyTable
 
@@ -64,7 +64,8 @@ def coupling_program(coupling: Coupling) -> CouplingProgram:
     """Build the program of a coupling at its own sample time.
 
     Raises:
-        InputError: the wall gives no force, or the observer has no encoder step to look between.
+        InputError: the wall gives no force, the contact law has no spring to act on, or the observer has no encoder
+            step to look between.
     """
     wall = coupling.wall
     if not wall.damping_ns_per_m + wall.stiffness_n_per_m > 0:
@@ -128,6 +129,7 @@ class _Built:
         looked = AnyTable(table.rest_hz, table.rest_stiffness_n_per_m, wanted)
         place: Any = looked
         environment = next(effect.environment for effect in effects if isinstance(effect, Wall))
+        require_surface(environment, table.gains[1])
         for effect in effects:
             if isinstance(effect, Adaptation):
                 replace(effect, table=place).sample(tick)
@@ -135,9 +137,7 @@ class _Built:
                 effect.sample(tick)
         seen = tick.position
         cut = tick.position = seen if constant else ca.SX.sym("seen_m")
-        tick.command = series_force(tick, environment, rigid=False)
-        if coupling.structure == "damped":
-            tick.command = contact_damper(tick, tick.command, one_sided=True)
+        tick.command = wall_force(tick, environment, rigid=False, damped=coupling.structure == "damped")
         command = tick.command
         for effect in effects:
             if isinstance(effect, Guard | Saturation | Delay):

@@ -27,7 +27,7 @@ _HEADER = """\
  *
  * Coupling {id} for {problem}: {title}
  * method {method}, structure {structure}, {rows}
- * wall: {wall_damping:.9g} N.s/m and {wall_stiffness:.9g} N/m, on one side, at position 0
+ * wall: {wall_damping:.9g} N.s/m and {wall_stiffness:.9g} N/m, on one side, at position 0; contact law {contact}
  * beside the gains: {beside}
  * force: {force}
  * {verdict}
@@ -217,6 +217,7 @@ def _header(coupling: Coupling, program: CouplingProgram, verdict: Deployable) -
         title=_comment(problem.title),
         method=_comment(coupling.method),
         structure=coupling.structure,
+        contact=coupling.contact,
         rows="constant gains" if program.before is None else f"{count} rows from {low:.6g} to {high:.6g} Hz",
         verdict=_wrapped(verdict.sentence if verdict.passed else f"UNSAFE, written by request: {verdict.sentence}"),
         wall_damping=coupling.wall.damping_ns_per_m,

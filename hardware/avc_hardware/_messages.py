@@ -12,7 +12,7 @@ import numpy as np
 from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 from avc_hardware._frames import PROTOCOL_VERSION, Frame
 
-INTERFACE_VERSION = 3
+INTERFACE_VERSION = 4
 REPLY = 0x80
 UNITS_SI = 1  # Hz, N.s/m, N/m, N.s/m
 

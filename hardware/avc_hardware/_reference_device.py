@@ -104,6 +104,7 @@ class ReferenceDevice:
             "wall_damping_ns_per_m": np.asarray(table.wall_damping_ns_per_m, dtype=np.float32),
             "wall_stiffness_n_per_m": np.asarray(table.wall_stiffness_n_per_m, dtype=np.float32),
             "relaxes": np.asarray(table.varies, dtype=np.float32),
+            "clips_last": np.asarray(table.clips_last, dtype=np.float32),
         }
         made = self._run(self._couple, inputs)
         force = made["force_n"]

@@ -12,7 +12,7 @@ from typing import Any
 
 from avc_casadi.runtime import AdaptationSettings, EstimatorSettings, GuardSettings, HoldSettings
 from avc_casadi.scene.effects import Adaptation, Estimator, Guard
-from avc_casadi.scene.loop import Environment, Tick, contact_damper, series_force
+from avc_casadi.scene.loop import Environment, Tick, wall_force
 from avc_casadi.support import Float32Array
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._float_program import FloatProgram
@@ -80,7 +80,7 @@ def states_at_rest(
 
 @dataclass(frozen=True)
 class _AnyWall(Environment):
-    """A wall whose numbers are symbols: it may have a damper."""
+    """A wall whose numbers, and whose contact law, are symbols: it may have a damper."""
 
     @property
     def present(self) -> bool:
@@ -156,7 +156,8 @@ def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
     wall = symbols("wall_damping_ns_per_m", "wall_stiffness_n_per_m")
     # Gains that do not vary leave nothing to relax out of contact: their scene has no adaptation.
     relaxes = symbols("relaxes")
-    given = {"position_m": couple.position} | wanted | rest | wall | relaxes
+    laws = symbols("clips_last")
+    given = {"position_m": couple.position} | wanted | rest | wall | relaxes | laws
     adapt: Any = couple.adapt
 
     def adapted(deflection: Any, one_sided: bool) -> Any:
@@ -164,9 +165,10 @@ def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
         return replace(found, touching=ca.if_else(relaxes["relaxes"], found.touching, 1))
 
     couple.adapt = adapted
-    environment = _AnyWall(wall["wall_stiffness_n_per_m"], wall["wall_damping_ns_per_m"], one_sided=True)
-    series = series_force(couple, environment, rigid=False)
-    couple.command = contact_damper(couple, series, one_sided=True)
+    environment = _AnyWall(
+        wall["wall_stiffness_n_per_m"], wall["wall_damping_ns_per_m"], one_sided=True, clips_last=laws["clips_last"]
+    )
+    couple.command = wall_force(couple, environment, rigid=False, damped=True)
     for settle in couple.at_end:
         settle()
     made = {"force_n": couple.command, "tool_m": couple.traces["tool_m"]}

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi import InputError
+from avc_casadi.scene.loop import Environment, require_surface
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, Gains
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 FLAG_DAMPED = 1
 FLAG_VARIES = 2
 FLAG_GUARD = 4
+FLAG_CLIPS = 8
 STATES_BIT = 8
 FEEDBACK_STATES = 8
 """Most states that the packaged firmware feeds back."""
@@ -44,6 +46,7 @@ class TableImage:
         guard: whether the firmware's passivity controller watches the energy.
         damped: whether b_p is in use.
         varies: whether the gains follow the frequency.
+        clips_last: the contact law: clip-last; otherwise gated.
         rounding_max: largest relative change of a gain by rounding to single precision.
         feedback: observer and feedback, which follow the only row; None for the measured position as it is.
     """
@@ -59,6 +62,7 @@ class TableImage:
     guard: bool = False
     damped: bool = False
     varies: bool = True
+    clips_last: bool = False
     rounding_max: float = 0.0
     feedback: StateFeedback | None = None
 
@@ -71,7 +75,8 @@ class TableImage:
             safe: gains after a lost heartbeat; None is no force.
 
         Raises:
-            InputError: a number that single precision cannot hold, or two rows that become one in it.
+            InputError: a number that single precision cannot hold, two rows that become one in it, or gains without a
+                spring, which the contact law needs.
         """
         feedback = coupling.runtime.state_feedback
         wide = coupling.table.rows
@@ -90,7 +95,9 @@ class TableImage:
                 "holds a number that single precision cannot carry; allowed: below 3.4e38",
                 key="runtime.state_feedback",
             )
-        wall = coupling.wall
+        wall, clips_last = coupling.wall, coupling.contact == "clip-last"
+        environment = Environment(wall.stiffness_n_per_m, wall.damping_ns_per_m, one_sided=True, clips_last=clips_last)
+        require_surface(environment, wide[:, 2])
         return cls(
             rows=rows,
             sample_time_s=coupling.sample_time_s,
@@ -103,6 +110,7 @@ class TableImage:
             guard=coupling.runtime.guard is not None,
             damped=coupling.structure == "damped",
             varies=not coupling.table.constant,
+            clips_last=clips_last,
             rounding_max=_rounding(wide[:, 1:], rows[:, 1:]),
             feedback=feedback,
         )
@@ -116,7 +124,7 @@ class TableImage:
     def image(self) -> bytes:
         """The bytes that travel, that are checked, and that are read back."""
         flags = FLAG_DAMPED * self.damped | FLAG_VARIES * self.varies | FLAG_GUARD * self.guard
-        flags |= self.states << STATES_BIT
+        flags |= FLAG_CLIPS * self.clips_last | self.states << STATES_BIT
         header = HEADER.pack(
             len(self.rows),
             flags,

@@ -1,11 +1,11 @@
-"""A wall: the environment on one side only."""
+"""A wall: the environment on one side only, by one of two contact laws."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
-from avc_casadi.problem import Problem
+from avc_casadi.problem import Contact, Problem
 from avc_casadi.scene.effects._base import SceneEffect, Station
 from avc_casadi.scene.loop import Environment
 
@@ -17,6 +17,7 @@ class Wall(SceneEffect):
     Attributes:
         damping_ns_per_m: b_e.
         stiffness_n_per_m: k_e.
+        contact: the contact law.
     """
 
     kind: ClassVar[str] = "wall"
@@ -24,6 +25,7 @@ class Wall(SceneEffect):
 
     damping_ns_per_m: float
     stiffness_n_per_m: float
+    contact: Contact
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
@@ -32,9 +34,11 @@ class Wall(SceneEffect):
         return cls(
             given.damping_ns_per_m if table.damping_ns_per_m is None else table.damping_ns_per_m,
             given.stiffness_n_per_m if table.stiffness_n_per_m is None else table.stiffness_n_per_m,
+            problem.coupling.contact,
         )
 
     @property
     def environment(self) -> Environment:
         """The environment on one side."""
-        return Environment(self.stiffness_n_per_m, self.damping_ns_per_m, one_sided=True)
+        clips_last = self.contact == "clip-last"
+        return Environment(self.stiffness_n_per_m, self.damping_ns_per_m, one_sided=True, clips_last=clips_last)

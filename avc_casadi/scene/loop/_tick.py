@@ -194,10 +194,20 @@ class Rate:
         offset: value unit per second, from the past alone.
     """
 
-    def __init__(self, tick: Tick, name: str, initial: float = 0.0) -> None:
+    def __init__(
+        self, tick: Tick, name: str, initial: float = 0.0, *, seen: Callable[[Expr], Expr] = lambda before: before
+    ) -> None:
+        """Add the states.
+
+        Args:
+            tick: the loop so far.
+            name: of the value.
+            initial: value at the beginning.
+            seen: what is made of the value kept before it is used.
+        """
         self._tick = tick
         self._name = name
-        before = tick.state(f"{name}_before_m", initial)
+        before = seen(tick.state(f"{name}_before_m", initial))
         self.before = before
         self.gain = (1.0 - tick.filter_share) / tick.sample_time_s
         self.offset: Expr = self.gain * before

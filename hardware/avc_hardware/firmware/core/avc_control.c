@@ -105,6 +105,8 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
     const avc_table_header_t *header = &table->image.header;
     float rest_stiffness_n_per_m;
     const avc_gains_t goal = choose_gains(c, table, &rest_stiffness_n_per_m);
+    /* Safe gains mean the same whatever the table, and may be a damper alone, which clip-last would feel everywhere. */
+    const bool clips = (header->flags & AVC_TABLE_CLIPS) != 0u && s->mode != AVC_MODE_SAFE;
     avc_couple_in_t in = {
         .position_m = x,
         .wanted_damping_ns_per_m = goal.damping_ns_per_m,
@@ -114,6 +116,7 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
         .wall_damping_ns_per_m = header->wall_damping_ns_per_m,
         .wall_stiffness_n_per_m = header->wall_stiffness_n_per_m,
         .relaxes = (header->flags & AVC_TABLE_VARIES) != 0u || s->streaming != 0u ? 1.0f : 0.0f,
+        .clips_last = clips ? 1.0f : 0.0f,
     };
     if (avc_states(header) != 0u && s->mode != AVC_MODE_SAFE) { /* safe gains mean the same whatever the table */
         in.position_m = avc_feedback_step(&c->feedback, &table->image, x, c->previous_force);
@@ -121,7 +124,7 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
     avc_couple_out_t out;
     avc_couple_step(&c->couple, &in, &out);
     s->gains = (avc_gains_t){out.damping_ns_per_m, out.stiffness_n_per_m, out.contact_damping_ns_per_m};
-    s->contact = out.tool_m > 0.0f ? 1u : 0u;
+    s->contact = out.tool_m > 0.0f || out.force_n > 0.0f ? 1u : 0u; /* clip-last pushes before the surface */
     float force = out.force_n;
     if ((header->flags & AVC_TABLE_GUARD) != 0u) {
         const avc_guard_in_t watched = {.position_m = in.position_m, .force_n = force, .stored_j = out.stored_j};

@@ -98,7 +98,7 @@ static void upload(const uint8_t *data, size_t size)
     const uint32_t rows = size > 3u && states == 0u ? 1u + data[3] : 1u;
     image.header.rows = (uint16_t)rows;
     image.header.sample_time_s = limits.sample_time_s;
-    image.header.flags = (uint16_t)((size > 0u ? data[0] & 7u : 0u) | states << AVC_TABLE_STATES);
+    image.header.flags = (uint16_t)((size > 0u ? data[0] & 15u : 0u) | states << AVC_TABLE_STATES);
     image.header.wall_stiffness_n_per_m = 1e4f;
     for (uint32_t i = 0; i < rows; i++) {
         const float value = size > 0u ? (float)data[i % size] : 1.0f;

@@ -32,6 +32,7 @@ typedef struct {
     float wall_damping_ns_per_m;
     float wall_stiffness_n_per_m;
     float relaxes;
+    float clips_last;
 } avc_couple_in_t;
 
 typedef struct {
