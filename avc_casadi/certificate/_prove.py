@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.certificate._certificate import TITLES, LevelResult
-from avc_casadi.proof import ContactLaw, HeldDevice, Rest, prove_rest, same_gains, wall_gap
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.certificate._certificate import LevelResult
+from avc_casadi.proof import HAND, ContactLaw, Rest, WallGap, prove_rest, same_gains, wall_gap
 from avc_casadi.support import SILENT, Progress, plain, rows_text
 
 if TYPE_CHECKING:
@@ -37,14 +38,79 @@ def prove(coupling: Coupling, *, seed: int = 0, progress: Progress = SILENT) -> 
         'open'
     """
     rows = coupling.table.rows
-    contact = coupling.problem.coupling.contact
     found: list[Rest] = []
     for done, row in enumerate(rows):
         with progress.step(f"proof of rest, {done + 1} of {rows_text(len(rows))}"):
-            found.append(_of_row(coupling, contact, row, seed, progress))
-    return {"L7": _result(coupling, found)}
+            found.append(_of_row(coupling, row.tolist(), seed, progress))
+    return {"L7": _result(coupling, found, progress)}
 
 
 def with_proofs(certificate: Certificate, proofs: dict[Level, LevelResult]) -> Certificate:
     """Return a certificate with further levels."""
     return replace(certificate, levels=certificate.levels | proofs)
+
+
+def _of_row(coupling: Coupling, row: list[float], seed: int, progress: Progress) -> Rest:
+    problem, runtime = coupling.problem, coupling.runtime
+    _, b, k, contact_damping = row
+    law = ContactLaw.of(problem, b, k, contact_damping, runtime.state_feedback)
+    box = {name: getattr(problem.hands, name) for name in HAND}
+    found = prove_rest(law, coupling.contact, problem.device, box, seed=seed, progress=progress)
+    beside = {
+        "the observer between encoder steps is not linear": runtime.observer_mass_kg is not None,
+        f"the guard {runtime.guard} changes the force by what it has seen": runtime.guard is not None,
+    }
+    lacking = [reason for reason, there in beside.items() if there]
+    if not lacking:
+        return found
+    without = found.sentence if found.outcome != "open" else f"open, {found.sentence}"
+    return replace(found, outcome="open", sentence=f"{'; '.join(lacking)}; without it: {without}")
+
+
+def _result(coupling: Coupling, found: list[Rest], progress: Progress) -> LevelResult:
+    outcomes = [one.outcome for one in found]
+    worst = min(range(len(found)), key=lambda row: _WORST_FIRST.index(outcomes[row]))
+    rows = coupling.table.rows
+    passed = np.array([outcome == "proved" for outcome in outcomes])
+    counts = ", ".join(f"{outcomes.count(one)} {one}" for one in _WORST_FIRST if one in outcomes)
+    claim = found[worst].sentence
+    if len(found) > 1:
+        claim = f"{counts} of {rows_text(len(found))}, each held; the row of {rows[worst, 0]:.5g} Hz: {claim}"
+        claim += "; this says nothing of gains that change"
+    detail: dict[str, Any] = {"proofs": [one.document() for one in found]}
+    if len(found) == 1 and outcomes[0] == "open" and found[0].multiplier is None:
+        gap = _gap(coupling, found[0], progress)
+        if gap is not None:
+            detail["gap"] = plain(vars(gap))
+            claim += (
+                f"; with these gains the stiffest wall that is proved has {gap.proved_n_per_m:.4g} N/m, the stiffest "
+                f"that is linearly stable {gap.linear_n_per_m:.4g} N/m"
+            )
+    nothing = np.full(len(rows), np.nan)
+    return LevelResult(
+        level="L7",
+        passed=bool(passed.all()),
+        margin_ns_per_m=math.nan,
+        frequency_hz=math.nan,
+        model="sampled-data",
+        claim=claim,
+        tolerance_ns_per_m=0.0,
+        row=worst,
+        row_passed=passed,
+        row_margin_ns_per_m=nothing,
+        row_frequency_hz=nothing,
+        detail=detail,
+        outcome=outcomes[worst],
+    )
+
+
+def _gap(coupling: Coupling, found: Rest, progress: Progress) -> WallGap | None:
+    """Say what a proof would cost in stiffness; None where the loop is of no kind that is proved."""
+    problem = coupling.problem
+    with progress.step("stiffest wall that is proved"):
+        try:
+            return wall_gap(
+                same_gains(found.law), problem.device, found.hand, 2 * problem.environment.stiffness_n_per_m
+            )
+        except UnsupportedError:
+            return None

@@ -27,20 +27,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--requested", action="store_true", help="judge what unrealisable rows asked for in place of missing gains"
     )
+    parser.add_argument(
+        "--prove", action="store_true", help="prove rest too, or refute it: L7, seconds for each row of the table"
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Certify; 1 if the coupling is not deployable."""
-    from avc_casadi.certificate import levels_table
+    from avc_casadi.certificate import levels_table, prove, with_proofs
     from avc_casadi.coupling import Coupling
 
     problem, gains, coupling, notes = _judged(args)
     file = args.problem if args.gains is None else args.gains
     with console.step(f"certificate of {rows_text(gains.rows)}"):
-        certificate = avc.certify(problem, gains, requested=args.requested, progress=console).document()
+        found = avc.certify(problem, gains, requested=args.requested, progress=console)
+    if coupling is None and gains.usable.any():
+        coupling = Coupling.of(problem, gains)
+    if args.prove and coupling is not None:
+        found = with_proofs(found, prove(coupling, progress=console))
+    certificate = found.document()
     with console.step("table that runs"):
-        if coupling is None and gains.usable.any():
-            coupling = Coupling.of(problem, gains)
         verdict = None if coupling is None else avc.deployable(coupling, console)
     claimed = claimed_level(problem)
     deployment = (

@@ -47,6 +47,8 @@ class Disc:
         return cls(np.asarray(value, dtype=np.complex128), np.asarray(_ROUNDING * abs(value) + _TINY))
 
     def __add__(self, other: Disc | Number) -> Disc:
+        if isinstance(other, Moving):
+            return NotImplemented
         if isinstance(other, Disc):
             centre = self.centre + other.centre
             return Disc(centre, (self.radius + other.radius + _ROUNDING * np.abs(centre)) * _UP)
@@ -59,12 +61,16 @@ class Disc:
         return Disc(-self.centre, self.radius)
 
     def __sub__(self, other: Disc | Number) -> Disc:
+        if isinstance(other, Moving):
+            return NotImplemented
         return self + (-other)
 
     def __rsub__(self, other: Number) -> Disc:
         return -self + other
 
     def __mul__(self, other: Disc | Number) -> Disc:
+        if isinstance(other, Moving):
+            return NotImplemented
         if isinstance(other, Disc):
             one, two = np.abs(self.centre), np.abs(other.centre)
             spread = one * (other.radius + _ROUNDING * two) + self.radius * (two + other.radius)

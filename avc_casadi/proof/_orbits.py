@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi.loop import Hand
-from avc_casadi.proof._switching import Contact, SwitchingLoop
+from avc_casadi.proof._switching import SwitchingLoop
 from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress, plain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from avc_casadi.problem import Device
+    from avc_casadi.problem import Contact, Device
     from avc_casadi.proof._law import ContactLaw
 
 PERIODS = tuple(range(3, 33))

@@ -20,12 +20,14 @@ from avc_casadi.proof._held_device import HAND, HeldDevice
 from avc_casadi.proof._law import ContactLaw
 from avc_casadi.proof._multiplier import LAGS, Multiplier, search
 from avc_casadi.proof._orbits import Orbit, find_orbit
-from avc_casadi.proof._switching import Contact, SwitchingLoop
+from avc_casadi.proof._switching import SwitchingLoop
 from avc_casadi.proof._verify import MOST_CELLS, Verified, verify
 from avc_casadi.support import SILENT, ComplexArray, FloatArray, Progress, plain
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from avc_casadi.problem import Contact
 
 Outcome = Literal["proved", "refuted", "open"]
 

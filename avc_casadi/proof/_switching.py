@@ -8,7 +8,7 @@ are one thing.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,10 +19,8 @@ from avc_casadi.support import FloatArray
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from avc_casadi.problem import Device
+    from avc_casadi.problem import Contact, Device
     from avc_casadi.proof._law import ContactLaw
-
-Contact = Literal["clip-last", "gated"]
 
 
 @dataclass(frozen=True)

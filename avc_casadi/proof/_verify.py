@@ -101,7 +101,13 @@ def _bounds(
         # Only the real part counts.
         across[:, number] = (np.abs(slope.centre.real) + slope.radius) * half[:, number] * (1 + 1e-12)
     lower = at.value.real_low - across.sum(axis=1) * (1 + 1e-12) - off
-    across[~finite(over.value) | ~np.isfinite(across).all(axis=1)] = np.nan
+    unknown = ~(finite(over.value) & np.isfinite(across).all(axis=1))
+    if unknown.any():
+        # What moves it at the middle tells where to cut.
+        point = middle[unknown]
+        some = [Moving.variable(number, point[:, number], point[:, number]) for number in numbers]
+        for number, slope in _real(coefficients, device, multiplier, some)[0].slopes.items():
+            across[unknown, number] = np.abs(slope.centre) * half[unknown, number]
     return at.value.centre.real + at.value.radius + off, np.where(np.isfinite(lower), lower, -np.inf), across
 
 
@@ -112,7 +118,7 @@ def _real(
     omega = cell[0]
     # z - 1 without cancellation.
     step = held(-omega) * (omega * 1j)
-    from_position, from_force, poles = (_horner(part, step) for part in coefficients)
+    from_position, from_force, poles = (_value(part, step) for part in coefficients)
     weight = multiplier.over(omega) * (1 / poles)
     through = weight * from_position
     return through * device.over(omega, tuple(cell[1:])) + weight * (poles - from_force), through.value
@@ -122,20 +128,30 @@ def _rounded(polynomial: Polynomial) -> list[Disc]:
     return [Disc.rounded(float(coefficient)) for coefficient in polynomial]
 
 
-def _horner(coefficients: list[Disc], at: Moving) -> Moving:
-    ones = np.ones_like(at.value.radius)
-    found = Moving(Disc.around(ones, 0 * ones) * coefficients[0], {})
-    for coefficient in coefficients[1:]:
-        found = found * at + coefficient
-    return found
+def _value(coefficients: list[Disc], at: Moving) -> Moving:
+    """Enclose a polynomial and its rate by its Taylor series about the middle, which keeps what cancels."""
+    middle = Disc(at.value.centre, np.zeros_like(at.value.radius))
+    ones = Disc.around(np.ones_like(middle.radius), middle.radius)
+    left = [ones * coefficient for coefficient in coefficients]
+    series: list[Disc] = []
+    while left:
+        for place in range(1, len(left)):
+            left[place] = left[place - 1] * middle + left[place]
+        series.append(left.pop())
+    spread = at.value.radius
+    powers = [(term.largest, power) for power, term in enumerate(series)]
+    off = sum((size * spread**power for size, power in powers[1:]), np.zeros_like(spread))
+    value = Disc(series[0].centre, (series[0].radius + off) * (1 + 1e-12))
+    if len(series) == 1:
+        return Moving(value, {})
+    bend = sum((power * size * spread ** (power - 1) for size, power in powers[2:]), np.zeros_like(spread))
+    rate = Disc(series[1].centre, (series[1].radius + bend) * (1 + 1e-12))
+    return Moving(value, {number: slope * rate for number, slope in at.slopes.items()})
 
 
 def _cut(low: FloatArray, high: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Cut each cell in two across the number that takes most; across the widest where nothing is known."""
-    width = high - low
-    relative = width / np.maximum(np.abs(high), np.abs(low))
-    unknown = np.asarray(np.isnan(across).any(axis=1))
-    number = np.argmax(np.where(unknown[:, None], relative, np.nan_to_num(across)), axis=1)
+    """Cut each cell in two across the number that takes most."""
+    number = np.argmax(np.nan_to_num(across), axis=1)
     rows = np.arange(len(low))
     middle = 0.5 * (low[rows, number] + high[rows, number])
     upper, lower = low.copy(), high.copy()
