@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--requested", action="store_true", help="judge what unrealisable rows asked for in place of missing gains"
     )
     parser.add_argument(
-        "--prove", action="store_true", help="prove rest too, or refute it: L7, seconds for each row of the table"
+        "--prove", action="store_true", help="prove more, or refute it: rest (L7) and ripple (L9); takes seconds a row"
     )
 
 

@@ -11,6 +11,9 @@ from avc_casadi.proof._rest import Outcome as Outcome
 from avc_casadi.proof._rest import Rest as Rest
 from avc_casadi.proof._rest import Unstable as Unstable
 from avc_casadi.proof._rest import prove_rest as prove_rest
+from avc_casadi.proof._ripple import NOISE_BOUND as NOISE_BOUND
+from avc_casadi.proof._ripple import Ripple as Ripple
+from avc_casadi.proof._ripple import bound_ripple as bound_ripple
 from avc_casadi.proof._switching import SwitchingLoop as SwitchingLoop
 from avc_casadi.proof._walls import WallGap as WallGap
 from avc_casadi.proof._walls import rigid_with_damper as rigid_with_damper

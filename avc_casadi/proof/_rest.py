@@ -192,7 +192,7 @@ def prove_rest(
             f"{orbit.period} samples and {size:.3g} m/s"
         )
         return told("refuted", sentence, orbit=orbit, multiplier=found, cells=cells)
-    beside = "; clipped last and without dead zone it is proved" if found is not None else f"; {why}" if why else ""
+    beside = "; without that it is proved" if found is not None else f"; {why}" if why else ""
     return told("open", ("; ".join(open_for) + beside).removeprefix("; "), multiplier=found, cells=cells)
 
 
