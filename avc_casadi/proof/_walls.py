@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi.proof._held_device import HeldDevice
 from avc_casadi.proof._rest import promising, prove_rest, sampled_hands, unstable_hand
+from avc_casadi.proof._verify import MOST_CELLS
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Device
@@ -30,15 +31,23 @@ class WallGap:
 
     Attributes:
         proved_n_per_m: with which rest is proved; 0 where none was.
+        promised_n_per_m: with which a multiplier serves the corners of the box: what is proved is no stiffer.
         linear_n_per_m: with which the loop is stable in contact with the corners of the hands and draws.
     """
 
     proved_n_per_m: float
+    promised_n_per_m: float
     linear_n_per_m: float
 
 
 def wall_gap(
-    laws: Laws, device: Device, hand: Mapping[str, tuple[float, float]], highest_n_per_m: float, *, steps: int = _STEPS
+    laws: Laws,
+    device: Device,
+    hand: Mapping[str, tuple[float, float]],
+    highest_n_per_m: float,
+    *,
+    steps: int = _STEPS,
+    most_cells: int = MOST_CELLS,
 ) -> WallGap:
     """Find the stiffest wall that is proved and the stiffest that is linearly stable, by bisection.
 
@@ -48,6 +57,7 @@ def wall_gap(
         hand: the box of hands.
         highest_n_per_m: a stiffness above both.
         steps: of the bisection.
+        most_cells: where a verification gives up.
     """
     held = HeldDevice(device, hand)
     hands = sampled_hands(hand, 0)
@@ -59,15 +69,18 @@ def wall_gap(
         return any(promising(law, held) > 0 for law in laws(stiffness))
 
     linear = _last(stable, highest_n_per_m, steps)
-    wall = _last(promises, linear, steps)
+    wall = promised = _last(promises, linear, steps)
     for _ in range(_TRIES):
         best = max(laws(wall), key=lambda law: promising(law, held), default=None) if wall > 0 else None
-        if best is None or prove_rest(best, "clip-last", device, hand, orbits=False).outcome == "proved":
+        if best is None:
+            break
+        proof = prove_rest(best, "clip-last", device, hand, most_cells=most_cells, orbits=False)
+        if proof.outcome == "proved":
             break
         wall *= _BACK
     else:
         wall = 0.0
-    return WallGap(wall, linear)
+    return WallGap(wall, promised, linear)
 
 
 def same_gains(law: ContactLaw) -> Laws:
