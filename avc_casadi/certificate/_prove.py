@@ -142,9 +142,9 @@ def _ripple(coupling: Coupling, found: list[Rest], progress: Progress) -> LevelR
         return told("open", str(refusal), {})
     low, high = bound.press_n
     claim = (
-        f"in kept contact errors of {1e6 * bound.error_m:.3g} um and friction of {bound.friction_n:.3g} N move every hand "
-        f"by at most {1e6 * bound.position_m:.3g} um and the force by at most {bound.force_n:.3g} N (worst corner: "
-        f"{1e6 * bound.corners_position_m:.3g} um, {bound.corners_force_n:.3g} N)"
+        f"in kept contact errors of {1e6 * bound.error_m:.3g} um and friction of {bound.friction_n:.3g} N move every "
+        f"hand by at most {1e6 * bound.position_m:.3g} um and the force by at most {bound.force_n:.3g} N (worst "
+        f"corner: {1e6 * bound.corners_position_m:.3g} um, {bound.corners_force_n:.3g} N)"
     )
     detail = {"ripple": plain(vars(bound))}
     if high is not None and high <= low:
