@@ -1,7 +1,8 @@
 """A loop that clips its force last, simulated by its equations: nothing of the project is imported.
 
-Device (rigid, or motor and handle), amplifier of first order, delay whole or not, hands of mass, spring and damper that
-move with it, or on a stylus; coupling, contact damper and wall by their differences, solved for the tool at each sample.
+Device (rigid, or motor and handle), amplifier of first order, delay whole or not, hands of mass, spring and damper
+that move with it, or on a stylus; coupling, contact damper and wall by their differences, solved for the tool at each
+sample.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from scipy.linalg import expm
 class Simulator:
     """h hands at once.
 
-    `device`: mass_kg, damping_ns_per_m, sample_time_s, delay_samples, amplifier_bandwidth_hz, resonance (frequency_hz,
-    damping_ratio, mass_ratio), max_force_n. `gains`: b, k, b_p, b_e, k_e; b or k infinite for a rigid coupling. `hands`:
-    by name, arrays of shape (h,).
+    `device`: mass_kg, damping_ns_per_m, sample_time_s, delay_samples, amplifier_bandwidth_hz, resonance
+    (frequency_hz, damping_ratio, mass_ratio), max_force_n. `gains`: b, k, b_p, b_e, k_e; b or k infinite for a rigid
+    coupling. `hands`: by name, arrays of shape (h,).
     """
 
     def __init__(self, device, gains, hands, target_m):

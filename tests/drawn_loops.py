@@ -137,7 +137,7 @@ def _runs_away(loop: DrawnLoop) -> bool:
 
 
 def replayed(loop: DrawnLoop) -> float:
-    """Run one period of the orbit from its first sample; by how much it misses its beginning, as a share of its size."""
+    """Run one period of the orbit from its first sample; by how much it misses it, as a share of its size."""
     orbit = loop.proof.orbit
     first = dict(zip(orbit.state_names, orbit.states[0], strict=True))
     t = loop.law.sample_time_s
@@ -147,8 +147,6 @@ def replayed(loop: DrawnLoop) -> float:
     before = first["position_before_m"]
     late = [value for name, value in first.items() if name.startswith("force_")]
     simulator.before, simulator.tool = np.array([before]), np.array([before - first["deflection_m"]])
-    plant = [value for name, value in first.items() if name not in ("position_before_m", "deflection_m")]
-    plant = plant[: simulator.n]
     for place, name in enumerate(orbit.state_names[: simulator.n]):
         value = first[name]
         if name.endswith("position_m"):

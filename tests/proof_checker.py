@@ -21,7 +21,9 @@ GRID = np.concatenate([np.geomspace(1e-4, 0.1, 150), np.linspace(0.1, math.pi, 4
 def accepts(document, hands=8, seed=0):
     """Whether the multiplier proves rest with every corner of the box and some hands within it, at every frequency."""
     law, device = document["law"], document["device"]
-    assert law["state_feedback"] is None and device["resonance"] is None and device["amplifier_bandwidth_hz"] is None
+    assert law["state_feedback"] is None
+    assert device["resonance"] is None
+    assert device["amplifier_bandwidth_hz"] is None
     if document["outcome"] != "proved" or document["contact"] != "clip-last":
         return False
     taps = {int(lag): float(tap) for lag, tap in document["multiplier"].items()}

@@ -108,7 +108,7 @@ def test_levels_stand_in_table_and_document_and_survive_json():
 
 def test_rows_of_a_table_are_proved_one_by_one_and_switching_is_not():
     problem = avc.load_problem("figure5").changed(
-        coupling={"contact": "clip-last"}, frequency={"values_hz": (1.0, 30.0)}
+        coupling={"contact": "clip-last"}, frequency={"start_hz": 1.0, "stop_hz": 30.0, "points": 2}
     )
     schedule = avc.solve(problem, "exact")
     found = prove(Coupling.of(problem, schedule))
@@ -138,7 +138,7 @@ def test_ripple_is_a_bound_that_the_worst_noise_comes_near_to():
     hands = problem.hands
     ends = np.array([getattr(hands, name) for name in HAND])
     random = np.random.default_rng(0)
-    drawn = np.concatenate([np.array([[0.05, 3.0, 200.0]]), random.uniform(ends[:, 0], ends[:, 1], (20, 3))])
+    drawn = np.concatenate([np.array([[0.05, 3.0, 800.0]]), random.uniform(ends[:, 0], ends[:, 1], (20, 3))])
     held = dict(zip(HAND, drawn.T, strict=True))
     samples, size = 1500, 1e-6
 

@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 # Gaussian noise is taken for bounded at so many times its rms.
 NOISE_BOUND = 4.0
 _SAMPLES = 40_000
-_DIES_TO = 0.1
+_DIES_TO = 1e-7
 _BOXES_AT_ONCE = 64
-_MOST_BOXES = 2048
+_MOST_BOXES = 4096
 # A box is cut until its enclosure is within this factor of its middle.
-_LOOSE = 1.2
+_LOOSE = 1.3
 _UP = 1 + 1e-9
 
 
@@ -287,8 +287,7 @@ def _enclosed(
     # What comes after the samples that were summed: at most the same again, times |A^J|, |A^J|^2, ...
     again = np.linalg.inv(eye - np.where(dies[:, None, None], later, 0.0))
     passing, carried = passing @ again * _UP, carried @ again * _UP
-    tail = (carried - np.abs(outputs)) @ later @ np.abs(inputs)
-    column = (column + np.maximum(tail, 0) + carried @ later @ np.abs(inputs)) * _UP
+    column = (column + carried @ later @ np.abs(inputs)) * _UP
     response = passing @ (np.abs(inputs) + inputs_off)
     loop = passing @ off
     small = np.abs(np.linalg.eigvals(np.where(np.isfinite(loop), loop, 2.0))).max(axis=1) < 0.9

@@ -159,12 +159,12 @@ unstable in contact, or an orbit that never ends.
 ## The stiffest walls
 
 Figure 5's device (0.1 kg, 2 N.s/m), rigid coupling, wall without damper, best of 16 contact dampers (set B: 6) from
-0.6 to 3 K T.
-**Proved**: for the whole box, 0 where verification gave up. **Promised**: a multiplier serves the corners of the box,
-which is no proof. **Linear**: stable in contact with the corners and 24 draws; not computed for hands on a
+0.6 to 3 K T. **Proved**: for the whole box, 0 where verification gave up. **Promised**: a multiplier serves the corners
+of the box, which is no proof. **Linear**: stable in contact with the corners and 24 draws; not computed for hands on a
 stylus. **Simulated**: the corners and 40 draws, each from a random state to a random target, at rest in a simulator of
-its own (bisection in 9 steps: to 0.2% of where it begins). s: time of both searches and of the verification. Set A: 0.05 to 0.3 kg, 3 to 20 N.s/m, 200 to 800 N/m. Set B:
-hands on a stylus, five numbers. A fourth of a sample time allows four times the wall.
+its own (bisection in 9 steps: to 0.2% of where it begins). s: time of both searches and of the verification. Set A:
+0.05 to 0.3 kg, 3 to 20 N.s/m, 200 to 800 N/m. Set B: hands on a stylus, five numbers. A quarter of the sample time
+allows about sixteen times the wall.
 
 {walls}
 
@@ -180,10 +180,10 @@ What is said of the first row:
 
 ## Random loops
 
-{loops} random loops: rigid, resonant and with an amplifier, delays of 0 to 2 samples whole and not, sample times of 0.25
-to 2 ms, boxes of hands of random size, gains about the edge of what is stable: {outcomes}. Each proved one was simulated
-from random states by code that shares nothing with the project; each witness of a refuted one was replayed there (those
-of hands on their way to instability, and orbits). **Contradictions: {contradictions}.**
+{loops} random loops: rigid, resonant and with an amplifier, delays of 0 to 2 samples whole and not, sample times of
+0.25 to 2 ms, boxes of hands of random size, gains about the edge of what is stable: {outcomes}. Each proved one was
+simulated from random states by code that shares nothing with the project; each witness of a refuted one was replayed
+there (those of hands on their way to instability, and orbits). **Contradictions: {contradictions}.**
 """
 
 
