@@ -1,4 +1,14 @@
+import pytest
 from hypothesis import settings
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=100)
 settings.load_profile("repeatable")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Keep the tests of a file on one worker, so that what they share is worked out once."""
+    from xdist.scheduler import LoadFileScheduling  # noqa: PLC0415 - pytest-xdist may be switched off
+
+    config.option.loadscopereorder = False
+    return LoadFileScheduling(config, log)

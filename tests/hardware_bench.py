@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +19,11 @@ import avc_hardware
 from avc_casadi import Problem, load_problem
 from avc_casadi.coupling import Coupling, Gains, GainSchedule, GainTable, Runtime, Status
 from avc_casadi.runtime import StateFeedback
+from avc_hardware import Connection, TableImage
 from avc_hardware._firmware import ARM_INSTALL
-from avc_hardware._host import HostCore
+from avc_hardware._host import HostCore, HostLink
+from avc_hardware._refusal import Refusal
+from avc_hardware._session import RefusedError
 from avc_hardware.firmware_build import HOST_INSTALL, build_host
 
 # The bench's gains are drawn at random: no hand could hold them, and none is there.
@@ -161,10 +165,11 @@ def coupling(
     largest: tuple[float, float, float] = (1e4, 1e7, 1e3),
     wall: tuple[float, float] = (10.0, 1e5),
     runtime: Runtime | None = None,
+    contact: str = "gated",
     **device: float | None,
 ) -> Coupling:
     """A coupling of random gains, every row of `schedule`, for the bench's wall and device."""
-    problem = bench_problem(wall, **device)
+    problem = bench_problem(wall, **device).changed(coupling={"contact": contact})
     gains = schedule(rows, seed=seed, unusable=unusable, sample_time_s=problem.device.sample_time_s, largest=largest)
     return Coupling(problem, gains, GainTable.of(gains), runtime or Runtime())
 
@@ -172,3 +177,17 @@ def coupling(
 def with_gains(problem: Problem, b: float, k: float, b_p: float = 0.0) -> Coupling:
     """A coupling of constant gains."""
     return Coupling.constant(problem, Gains(b, k, b_p), "by hand")
+
+
+def image(*arguments: Any, **options: Any) -> TableImage:
+    return TableImage.of(coupling(*arguments, **options))
+
+
+def refused(table: TableImage) -> Refusal:
+    """Send a table past the host's own checks; return the device's refusal, and that it holds no table."""
+    core = host_core()
+    connection = Connection(HostLink(core))
+    with pytest.raises(RefusedError) as caught:
+        connection.run(connection.session.push(table, connection.device))
+    assert core.image() is None
+    return caught.value.refusal

@@ -3,6 +3,8 @@
 import pytest
 from avc_process import avc, strict_json
 
+from avc_casadi.cli._recommend import stiffest_text
+
 SOLVE_KEYS = {
     "schema",
     "problem",
@@ -117,7 +119,11 @@ def test_recommend(tmp_path):
     only = strict_json(avc("recommend", "ve3", "--stiffest", "--json").stdout)
     assert only["plain_wall_n_per_m"] == document["plain_wall_n_per_m"]
     assert only["stiffest_wall_n_per_m"] >= document["stiffest_wall_n_per_m"]
+    assert only["by"] == "robust"
     assert only["what_would_help"][0]["change"] == "half the sample time"
+    text = stiffest_text(only)
+    for one in (only, *only["what_would_help"]):
+        assert f"{one['stiffest_wall_n_per_m']:.4g}" in text
 
 
 NOISE = """

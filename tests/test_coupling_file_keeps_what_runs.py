@@ -64,8 +64,47 @@ def test_the_name_of_a_coupling_follows_what_runs():
         Coupling.constant(problem.changed(environment={"stiffness_n_per_m": 4000.0}), Gains(5.0, 1e4), "mine"),
         Coupling.constant(problem.changed(device={"sample_time_s": 5e-4}), Gains(5.0, 1e4), "mine"),
         Coupling.constant(problem.changed(device={"max_force_n": 3.0}), Gains(5.0, 1e4), "mine"),
+        Coupling.constant(problem.changed(coupling={"contact": other_law(problem)}), Gains(5.0, 1e4), "mine"),
     ]
-    assert len({made.id, *(one.id for one in others)}) == 6
+    assert len({made.id, *(one.id for one in others)}) == 7
+
+
+def other_law(problem):
+    return "gated" if problem.coupling.contact == "clip-last" else "clip-last"
+
+
+@pytest.mark.parametrize("contact", ["gated", "clip-last"])
+def test_the_contact_law_travels_with_the_coupling(contact, tmp_path):
+    problem = avc.load_problem("ve3").changed(coupling={"contact": contact})
+    made = Coupling.constant(problem, Gains(5.0, 1e4), "mine")
+    avc.write_coupling(made, tmp_path / "c.json")
+    document = json.loads((tmp_path / "c.json").read_text())
+    assert document["contact"] == document["problem_file"]["coupling"]["contact"] == contact
+    again = avc.read_coupling(tmp_path / "c.json")
+    assert again == made
+    assert again.contact == contact
+    for change in ({"contact": other_law(problem)}, {"contact": None}):
+        (tmp_path / "c.json").write_text(json.dumps(document | change))
+        with pytest.raises(InputError, match="contact: is not the law"):
+            avc.read_coupling(tmp_path / "c.json")
+
+
+def test_a_file_from_before_there_were_two_laws_is_gated(tmp_path):
+    """It was certified with that law, and keeps the name that it was given then."""
+    problem = avc.load_problem("ve3").changed(coupling={"contact": "gated"})
+    made = Coupling.constant(problem, Gains(5.0, 1e4), "mine")
+    avc.write_coupling(made, tmp_path / "c.json")
+    document = json.loads((tmp_path / "c.json").read_text())
+    del document["contact"], document["problem_file"]["coupling"]["contact"]
+    (tmp_path / "c.json").write_text(json.dumps(document))
+    found = avc.read_coupling(tmp_path / "c.json")
+    assert found == made
+    assert found.contact == "gated"
+    assert found.id == "96c3b62b"
+    document["contact"] = "clip-last"
+    (tmp_path / "c.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match="contact"):
+        avc.read_coupling(tmp_path / "c.json")
 
 
 def test_a_gain_file_of_the_first_release_loads_beside_its_problem(tmp_path):

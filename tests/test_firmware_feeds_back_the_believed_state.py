@@ -86,14 +86,22 @@ def exported(coupling: Coupling, ways: Counts) -> Forces:
 
 
 @pytest.mark.parametrize("feedback", FEEDBACKS, ids=lambda found: f"{found.states} states")
-@pytest.mark.parametrize("guard", [None, "passivity-controller"])
-def test_firmware_gives_the_bits_of_the_exported_coupling(feedback: StateFeedback, guard: str | None) -> None:
+@pytest.mark.parametrize(
+    ("guard", "contact"), [(None, "gated"), (None, "clip-last"), ("passivity-controller", "gated")]
+)
+def test_firmware_gives_the_bits_of_the_exported_coupling(
+    feedback: StateFeedback, guard: str | None, contact: str
+) -> None:
     """The export leaves out what is 0 in the matrices, the firmware multiplies by it: no bit of a force tells.
 
     Where the export would make one constant of two, as of a single weight and the stiffness, the last bit may differ.
     """
     coupling = made(feedback, Gains(0.0, 2.0**16, 20.0))
-    coupling = dataclasses.replace(coupling, runtime=dataclasses.replace(coupling.runtime, guard=guard))
+    coupling = dataclasses.replace(
+        coupling,
+        problem=coupling.problem.changed(coupling={"contact": contact}),
+        runtime=dataclasses.replace(coupling.runtime, guard=guard),
+    )
     ways = motions()
     expected = exported(coupling, ways)
     for way, force in zip(ways, expected, strict=True):

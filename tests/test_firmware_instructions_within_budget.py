@@ -20,7 +20,7 @@ from avc_hardware.firmware_build import build_image
 MADE = coupling(200, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
 TICKS = 60
 # Look-up, interpolation and coupling force; then everything but the estimator; then everything.
-FORCE_BUDGET, REST_BUDGET, TICK_BUDGET = 450, 680, 2400
+FORCE_BUDGET, REST_BUDGET, TICK_BUDGET = 490, 720, 2400
 
 
 def motion(tick: int) -> int:

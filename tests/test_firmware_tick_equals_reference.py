@@ -52,7 +52,10 @@ def limits(board: str) -> BoardLimits:
 
 
 def couplings(board: str) -> tuple[Coupling, ...]:
-    """Tables for their walls, one with a guard; state feedback with and without it; a lower force limit in the end."""
+    """Tables for their walls, one with a guard; state feedback with and without it; a lower force limit in the end.
+
+    Both contact laws, so that tables of each follow those of the other.
+    """
     figures, force = BOARDS[board]
     device: dict[str, float] = {
         "sample_time_s": figures.sample_time_s,
@@ -63,13 +66,13 @@ def couplings(board: str) -> tuple[Coupling, ...]:
     runtime = Runtime(hold_s=figures.hold_s, slew_per_s=figures.slew_per_s)
     guarded = dataclasses.replace(runtime, guard="passivity-controller")
     sparse, dense = (Runtime(state_feedback=found) for found in (believer(5), dense_believer(8)))
-    dense = dataclasses.replace(dense, guard="passivity-controller")
+    dense, limited = dataclasses.replace(dense, guard="passivity-controller"), device | {"max_force_n": 6.0}
     return (
         coupling(200, seed=1, largest=(300.0, 1e5, 50.0), runtime=runtime, **device),
-        coupling(1, seed=4, largest=(50.0, 5e4, 30.0), wall=(0.0, 3e4), runtime=sparse, **device),
+        coupling(1, seed=4, largest=(50.0, 5e4, 30.0), wall=(0.0, 3e4), runtime=sparse, contact="clip-last", **device),
         coupling(1, seed=5, largest=(0.0, 1e5, 5.0), wall=(3.0, 5e4), runtime=dense, **device),
-        coupling(30, seed=2, largest=(3e3, 1e6, 0.0), wall=(0.0, 3e4), runtime=guarded, **device),
-        coupling(1, seed=3, largest=(200.0, 5e4, 20.0), wall=(2.0, 8e4), **(device | {"max_force_n": 6.0})),
+        coupling(30, seed=2, largest=(3e3, 1e6, 9.0), wall=(2.0, 3e4), runtime=guarded, contact="clip-last", **device),
+        coupling(1, seed=3, largest=(200.0, 5e4, 20.0), wall=(2.0, 8e4), contact="clip-last", **limited),
     )
 
 

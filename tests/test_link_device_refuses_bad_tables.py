@@ -3,33 +3,19 @@
 import dataclasses
 import struct
 import zlib
-from typing import Any
 
 import numpy as np
 import pytest
-from hardware_bench import coupling, host_core
+from hardware_bench import coupling, host_core, image, refused
 
 from avc_casadi import InputError
 from avc_casadi.coupling import GainTable
 from avc_hardware import Connection, TableImage
 from avc_hardware import _messages as m
 from avc_hardware._host import HostLink
-from avc_hardware._messages import Kind, Reason, Refusal
+from avc_hardware._messages import Kind
+from avc_hardware._refusal import Reason, Refusal
 from avc_hardware._session import RefusedError
-
-
-def image(*arguments: Any, **options: Any) -> TableImage:
-    return TableImage.of(coupling(*arguments, **options))
-
-
-def refused(table: TableImage) -> Refusal:
-    """Send a table past the host's own checks; return the device's refusal."""
-    core = host_core()
-    connection = Connection(HostLink(core))
-    with pytest.raises(RefusedError) as caught:
-        connection.run(connection.session.push(table, connection.device))
-    assert core.image() is None
-    return caught.value.refusal
 
 
 def with_cell(row: int, column: int, value: float) -> TableImage:

@@ -12,7 +12,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from avc_hardware._frames import MAX_ENCODED, MAX_PAYLOAD, Decoder, Frame, cobs_decode, cobs_encode, decode, encode
-from avc_hardware._messages import Kind, Reason, Refusal, parse
+from avc_hardware._messages import Kind, parse
+from avc_hardware._refusal import Reason, Refusal
 
 VECTORS = json.loads((Path(__file__).parent / "hardware_frames.json").read_text(encoding="utf-8"))
 

@@ -1,32 +1,15 @@
 """What does not fit the device is refused by the host before a byte of the table travels, and named."""
 
-from typing import Any
-
 import numpy as np
 import pytest
-from hardware_bench import coupling, host_core, host_library, push
+from hardware_bench import coupling, host_core, host_library, image, push, refused
 
 import avc_hardware
 from avc_casadi import LinkError, NotDeployableError, UnsupportedError
 from avc_casadi.coupling import Runtime
-from avc_hardware import BoardLimits, Connection, TableImage, check_runs_on
+from avc_hardware import BoardLimits, TableImage, check_runs_on
 from avc_hardware._host import HostCore, HostLink
-from avc_hardware._messages import Reason, Refusal
-from avc_hardware._session import RefusedError
-
-
-def image(*arguments: Any, **options: Any) -> TableImage:
-    return TableImage.of(coupling(*arguments, **options))
-
-
-def refused(table: TableImage) -> Refusal:
-    """Send a table past the host's own checks; return the device's refusal."""
-    core = host_core()
-    connection = Connection(HostLink(core))
-    with pytest.raises(RefusedError) as caught:
-        connection.run(connection.session.push(table, connection.device))
-    assert core.image() is None
-    return caught.value.refusal
+from avc_hardware._refusal import Reason, Refusal
 
 
 def test_table_larger_than_the_device_is_refused_by_it() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hardware_bench import coupling, host_core, host_library, push
 
 from avc_hardware import BoardLimits, Connection, RuntimeFigures, TableImage
-from avc_hardware import _messages as m
+from avc_hardware._device import DeviceStatus
 from avc_hardware._host import HostCore, HostLink
 from avc_hardware._messages import Kind
 from avc_hardware._push import push_over
@@ -63,7 +63,7 @@ def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() 
     core = HostCore(host_library(), BoardLimits(max_force_n=20.0))
     connection = Connection(HostLink(core))
     ask = connection.session.ask
-    assert connection.run(ask(Kind.STATUS, b"", m.DeviceStatus)).coupling_id == ""
+    assert connection.run(ask(Kind.STATUS, b"", DeviceStatus)).coupling_id == ""
     for limit, told in ((5.0, 5.0), (20.0, 20.0), (None, 20.0), (50.0, 20.0)):
         made = coupling(1, largest=(10.0, 1e5, 0.0), wall=(0.0, 1e5 + (limit or 0.0)), max_force_n=limit)
         result = push_over(connection, made)
@@ -71,7 +71,7 @@ def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() 
         assert ("its certificate does not know" in " ".join(result.notes)) == (limit == 50.0)
         force, _ = core.tick(np.full(50, 5000, dtype=np.int32))
         assert force[-1] == np.float32(told)
-        assert connection.run(ask(Kind.STATUS, b"", m.DeviceStatus)).coupling_id == made.id == result.coupling_id
+        assert connection.run(ask(Kind.STATUS, b"", DeviceStatus)).coupling_id == made.id == result.coupling_id
 
 
 def test_the_wall_is_that_of_the_coupling() -> None:

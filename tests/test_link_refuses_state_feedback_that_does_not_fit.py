@@ -16,7 +16,8 @@ from avc_casadi.runtime import StateFeedback
 from avc_hardware import Connection, TableImage, check_runs_on
 from avc_hardware import _messages as m
 from avc_hardware._host import HostLink
-from avc_hardware._messages import Kind, Reason, Refusal
+from avc_hardware._messages import Kind
+from avc_hardware._refusal import Reason, Refusal
 from avc_hardware._session import Exchange, RefusedError
 from avc_hardware._table import FEEDBACK_STATES
 

@@ -14,7 +14,8 @@ from avc_hardware import Connection, TableImage
 from avc_hardware import _messages as m
 from avc_hardware._frames import Decoder, Frame, cobs_decode, encode
 from avc_hardware._host import HostLink
-from avc_hardware._messages import Kind, Reason, Refusal
+from avc_hardware._messages import Kind
+from avc_hardware._refusal import INTERFACE_VERSION, Reason, Refusal
 from avc_hardware._session import Exchange, RefusedError, Session
 
 
@@ -97,7 +98,7 @@ def _content(data: bytes) -> bytes:
     return content
 
 
-@pytest.mark.parametrize(("interface", "who"), [(2, "the firmware"), (4, "avc-casadi")])
+@pytest.mark.parametrize(("interface", "who"), [(3, "the firmware"), (5, "avc-casadi")])
 def test_firmware_of_another_interface_is_refused_with_advice(interface: int, who: str) -> None:
     core = host_core()
     device = dataclasses.replace(Connection(HostLink(core)).device, interface_version=interface)
@@ -120,7 +121,7 @@ def test_host_of_another_interface_is_refused_by_the_device() -> None:
     core.write(encode(Frame(Kind.HELLO, 5, m.hello(1, interface_version=9))))
     (answer,) = Decoder().feed(core.read())
     refusal = m.parse(answer)
-    assert refusal == Refusal(Reason.INTERFACE, m.INTERFACE_VERSION)
+    assert refusal == Refusal(Reason.INTERFACE, INTERFACE_VERSION)
     assert "one release" in str(refusal)
 
 

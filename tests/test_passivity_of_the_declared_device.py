@@ -8,6 +8,7 @@ import json
 
 import numpy as np
 import pytest
+from declared_device import MODE, lowest_eigenvalue, port_equations, random_device, rendered
 
 import avc_casadi as avc
 from avc_casadi.certificate import certify, levels_table
@@ -25,64 +26,6 @@ from avc_casadi.passivity import (
 from avc_casadi.problem import Device
 from avc_casadi.stability import whole_stability
 
-MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
-
-
-def random_device(rng):
-    order = int(rng.integers(0, 3))
-    device = {
-        "mass_kg": rng.uniform(0.05, 0.5),
-        "damping_ns_per_m": rng.uniform(0.2, 4.0),
-        "sample_time_s": rng.uniform(5e-4, 2e-3),
-        "delay_samples": float(rng.choice([0, 1, 2, round(rng.uniform(0, 2.5), 2)])),
-        "encoder_at": str(rng.choice(["motor", "handle"])),
-    }
-    if order:
-        device |= {"amplifier_bandwidth_hz": rng.uniform(150, 2000), "amplifier_order": order}
-    if rng.random() < 0.6:
-        mode = {"frequency_hz": rng.uniform(40, 300), "damping_ratio": rng.uniform(0.01, 0.2)}
-        device["resonance"] = mode | {"mass_ratio": rng.uniform(0.2, 0.8)}
-    return Device(**device)
-
-
-def equations(device, s):
-    """Of the device at s: impedance at the handle, motor over handle velocity, the motor's admittance, amplifier."""
-    b, one = device.damping_ns_per_m, np.ones_like(s)
-    amplifier = one
-    if device.amplifier_bandwidth_hz is not None:
-        a = 2 * np.pi * device.amplifier_bandwidth_hz
-        amplifier = a / (s + a) if device.amplifier_order == 1 else a**2 / (s**2 + 1.4 * a * s + a**2)
-    if device.resonance is None:
-        return device.mass_kg * s + b, one, one, 0 * s, amplifier
-    mode = device.resonance
-    handle, motor = mode.mass_ratio * device.mass_kg, (1 - mode.mass_ratio) * device.mass_kg
-    between = handle * motor / (handle + motor)
-    omega = 2 * np.pi * mode.frequency_hz
-    spring, own = between * (omega**2 / s + 2 * mode.damping_ratio * omega), motor * s + b
-    tau = spring / (spring + own)
-    seen, admittance = (one, 0 * s) if device.encoder_at == "handle" else (tau, 1 / (spring + own))
-    return handle * s + spring * own / (spring + own), tau, seen, admittance, amplifier
-
-
-def rendered(gains, wall, sample_time_s, z):
-    """Coupling and wall in series beside the contact damper, for backward differences."""
-    rate = (1 - 1 / z) / sample_time_s
-    coupling, wall = gains[0] + gains[1] / rate, wall[0] + wall[1] / rate
-    return coupling * wall / (coupling + wall) + gains[2]
-
-
-def lowest_eigenvalue(device, impedance, turns, aliases):
-    """Of the Hermitian part of the impedance at the handle, `impedance` the rendering's; and the least loss alone."""
-    time = device.sample_time_s
-    s = 2j * np.pi * (turns + np.arange(-aliases, aliases + 1)) / time
-    z = np.exp(2j * np.pi * turns)
-    alone, tau, seen, admittance, amplifier = equations(device, s)
-    per_position = impedance * (1 - 1 / z) / time
-    force = (1 - np.exp(-s * time)) / s * amplifier * np.exp(-s * device.delay_samples * time)
-    closed = per_position / (1 + per_position * np.sum(force * admittance / s) / time)
-    matrix = np.diag(alone) + np.outer(tau * force * closed, seen / s / time)
-    return np.linalg.eigvalsh((matrix + matrix.conj().T) / 2)[0], alone.real.min()
-
 
 def extrapolated(device, impedance, turns):
     """What is left out of the matrix falls with the number of aliases."""
@@ -93,7 +36,7 @@ def extrapolated(device, impedance, turns):
 @pytest.mark.parametrize("seed", range(24))
 def test_the_margin_is_the_lowest_eigenvalue_of_the_impedance_at_the_handle(seed):
     rng = np.random.default_rng(seed)
-    device = random_device(rng)
+    device = Device(**random_device(rng))
     gains, wall = 10 ** rng.uniform([-1, 2, -2], [1, 4, 0.5]), 10 ** rng.uniform([-1, 2], [1, 4])
     parts = fractions(
         SampledLoop(0.0, *wall, device.sample_time_s, 0, "sampled-data"), *(np.array([v]) for v in gains[:2])
@@ -117,7 +60,7 @@ def test_the_margin_is_the_lowest_eigenvalue_of_the_impedance_at_the_handle(seed
 def test_the_worst_frequency_is_not_missed(seed):
     """A scan of this many points, equally spaced, finds nothing lower than the search."""
     rng = np.random.default_rng(100 + seed)
-    device = random_device(rng)
+    device = Device(**random_device(rng))
     wall = 10 ** rng.uniform([-1, 2], [1, 4])
     b, k, contact = 10 ** rng.uniform([-1, 2, -2], [1, 4, 0.5], (5, 3)).T
     slack = RenderingSlack(fractions(SampledLoop(0.0, *wall, device.sample_time_s, 0, "sampled-data"), b, k), contact)
@@ -223,7 +166,7 @@ def test_own_frequency_and_band_are_the_papers_impedance_with_the_devices_respon
         rate = (1 - 1 / z) / time
         wall_rate = 2 / time * (z - 1) / (z + 1) if model == "paper" else rate
         hold = (z + 1) / (2 * z) if model == "paper" else 1 / z
-        alone, tau, seen, admittance, amplifier = equations(case.device, s)
+        alone, tau, seen, admittance, amplifier = port_equations(case.device, s)
         coupling = b + k / rate
         environment = wall.damping_ns_per_m + wall.stiffness_n_per_m / wall_rate
         total = (coupling * environment / (coupling + environment) + contact) * hold * amplifier

@@ -44,7 +44,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def contents():
-    problem = avc.load_problem("figure5").model_copy(update={"title": HOSTILE, "source": HOSTILE})
+    problem = avc.load_problem("figure5").changed(title=HOSTILE, source=HOSTILE)
     comparison = avc.compare(problem)
     certificate = certify(problem, comparison.methods["direct"]).document()
     push = {"refused": "the <b>device</b> & its limits"}

@@ -39,17 +39,18 @@ def test_conclusion_first_then_the_papers_question_and_every_file(results):
         "deploy on figure5: ",
         "felt: ",
         "trial: ",
+        "other hands, ",
         "why: ",
         "wall ",
         "direct: 200 of 200 frequencies",
     )
-    assert len(lines) == 14
+    assert len(lines) == 15
     assert all(line.startswith(start) for line, start in zip(lines, starts, strict=False))
-    assert "agree" in lines[8]
-    assert lines[11].startswith("certificate of direct: passes L0")
-    assert "read back equal" in lines[12]
-    assert "it came to rest" in lines[12]
-    assert "avc-figure5" in lines[13]
+    assert "agree" in lines[9]
+    assert lines[12].startswith("certificate of direct: passes L0")
+    assert "read back equal" in lines[13]
+    assert "it came to rest" in lines[13]
+    assert "avc-figure5" in lines[14]
     assert {path.name for path in (folder / "avc-figure5").iterdir()} == FILES
 
 

@@ -83,12 +83,13 @@ def test_adapting_between_equal_rows_is_no_adaptation(passive):
 JUMPING = GainTable(np.array([[1.0, 5, 1e3, 0], [3.9, 5, 1e3, 0], [3.901, 5, 1e7, 0], [50.0, 5, 1e7, 0]]))
 
 
-def test_gain_switch_at_full_deflection_creates_energy_only_without_the_anchor():
+@pytest.mark.parametrize("contact", ["gated", "clip-last"])
+def test_gain_switch_at_full_deflection_creates_energy_only_without_the_anchor(contact):
     # The device goes in with a soft coupling, which stiffens at full deflection and softens on the way out.
     least = {}
     for passive in ("true", "false"):
         problem = scene(('kind = "estimator"', f'kind = "adaptation"\npassive = {passive}'))
-        found, ledger = with_table(problem, JUMPING)
+        found, ledger = with_table(problem.changed(coupling={"contact": contact}), JUMPING)
         rises = np.diff(found["stiffness_n_per_m"]) > 1e6
         assert (rises & (found["force_n"][:-1] > 1)).sum() >= 3
         # What sampling itself creates: the steps of a spring that is held for T, at most the wall's.
@@ -106,14 +107,16 @@ def test_a_table_that_jumps_by_ten_thousand_stays_at_rest_when_nobody_moves():
     assert np.all(found["stiffness_n_per_m"][-500:] == 1e3)
 
 
-def test_anchor_is_forgotten_outside_the_wall_and_the_wall_does_not_melt():
-    found, _ = with_table(scene(ADAPTIVE, SOFT.replace("amplitude_m = 0.004", "amplitude_m = 0.015")), JUMPING)
+@pytest.mark.parametrize("contact", ["gated", "clip-last"])
+def test_anchor_is_forgotten_outside_the_wall_and_the_wall_does_not_melt(contact):
+    far = scene(ADAPTIVE, SOFT.replace("amplitude_m = 0.004", "amplitude_m = 0.015"))
+    found, _ = with_table(far.changed(coupling={"contact": contact}), JUMPING)
+    outside = found["position_m"] <= 0
     assert np.abs(found["anchor_m"]).max() > 1e-6
-    assert np.all(found["anchor_m"][found["position_m"] <= 0] == 0)
-    # Nothing acts there, so that the coupling is slack: the tool stands where the device is.
-    np.testing.assert_array_equal(
-        found["tool_m"][found["position_m"] <= 0], found["position_m"][found["position_m"] <= 0]
-    )
+    assert np.all(found["anchor_m"][outside] == 0)
+    if contact == "gated":
+        # Nothing acts there, so that the coupling is slack: the tool stands where the device is.
+        np.testing.assert_array_equal(found["tool_m"][outside], found["position_m"][outside])
     stiff = (found["force_n"] > 1) & (found["stiffness_n_per_m"] > 1e6)
     # The wall of 2000 N/m behind a coupling of 1e7 N/m, to the last stroke.
     strokes = found["force_n"][stiff] / found["position_m"][stiff]
@@ -169,10 +172,8 @@ def test_twenty_micrometre_encoder_without_friction_needs_the_observer():
     assert found.stable.all()
     assert not found.buzzing.any()
     assert np.median(found.apparent_stiffness_n_per_m) > 0.9e5
-    blind = problem.scene.model_copy(
-        update={"effects": tuple(effect for effect in problem.scene.effects if effect.kind != "observer")}
-    )
-    assert simulate_batch(problem.model_copy(update={"scene": blind}), hands, gains).stable.sum() < 6
+    effects = tuple(effect for effect in problem.scene.effects if effect.kind != "observer")
+    assert simulate_batch(problem.changed(scene={"effects": effects}), hands, gains).stable.sum() < 6
 
 
 def test_dropped_ticks_and_a_desk_lost_by_noise_leave_numbers_finite():
@@ -209,5 +210,5 @@ def test_a_guard_reckons_with_all_that_the_springs_hold(adaptive):
     reserve = [0.0]
     for step in change:
         reserve.append(max(min(reserve[-1] + step, 0.0), -0.01))
-    assert min(reserve) < -1e-6
+    assert min(reserve) < -5e-7
     np.testing.assert_allclose(found["guard_reserve_j"], reserve, rtol=0, atol=1e-12)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from scene_cases import CASES, FRICTION, HAND, QUICK, WALL
 from scene_reference import scene_problem
-from test_scene_agrees_with_solve_ivp import CASES, FRICTION, HAND, QUICK, WALL
 
 import avc_casadi as avc
 from avc_casadi.coupling import Gains

@@ -128,7 +128,9 @@ def test_projection_splits_the_sample_where_the_force_changes(share):
 
     def run(integrator, substeps):
         scene = f'duration_s = 0.3\nintegrator = "{integrator}"\nsubsteps = {substeps}\n'
-        return simulate(scene_problem(effects, scene=scene, motion=QUICK, **SOFT), gains).position_m
+        # A moment of sticking that falls on a substep makes one error small by chance: not under this law.
+        problem = scene_problem(effects, scene=scene, motion=QUICK, **SOFT).changed(coupling={"contact": "gated"})
+        return simulate(problem, gains).position_m
 
     exact = run("exact", 1)
     coarse, fine = (np.abs(run("projected", n) - exact).max() for n in (1, 16))

@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scene_cases import CASES, QUICK
 from scene_reference import scene_problem
-from test_scene_agrees_with_solve_ivp import CASES, QUICK
 
 from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Gains
@@ -15,9 +15,9 @@ from avc_casadi.scene import integrator_accuracy
 FRICTION = ('kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"')
 
 
-def run(effects, gains, integrator="exact", substeps=1, duration=0.12):
+def run(effects, gains, integrator="exact", substeps=1, duration=0.12, **coupling):
     scene = f'duration_s = {duration}\nintegrator = "{integrator}"\nsubsteps = {substeps}\n'
-    return simulate(scene_problem(effects, motion=QUICK, scene=scene), gains)
+    return simulate(scene_problem(effects, motion=QUICK, scene=scene).changed(coupling=coupling), gains)
 
 
 @pytest.mark.parametrize("substeps", [2, 4, 8])
@@ -30,13 +30,14 @@ def test_exact_scenes_do_not_move(case, substeps):
     np.testing.assert_allclose(fine.force_n, coarse.force_n, rtol=0, atol=1e-9)
 
 
-def errors(integrator, effects, gains, substeps):
-    exact = run(effects, gains).position_m
-    return [np.abs(run(effects, gains, integrator, n).position_m - exact).max() for n in substeps]
+def errors(integrator, effects, gains, substeps, **coupling):
+    exact = run(effects, gains, **coupling).position_m
+    return [np.abs(run(effects, gains, integrator, n, **coupling).position_m - exact).max() for n in substeps]
 
 
 def test_projected_friction_converges_to_the_located_events():
-    found = errors("projected", FRICTION, Gains(10.0, 7e3), (1, 4, 16, 64))
+    # A moment of sticking that falls on a substep makes one error small by chance: not in this motion under this law.
+    found = errors("projected", FRICTION, Gains(10.0, 7e3), (1, 4, 16, 64), contact="gated")
     assert found[0] > 1e-9
     assert all(fine < coarse / 3 for coarse, fine in pairwise(found))
 

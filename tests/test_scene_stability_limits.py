@@ -9,7 +9,7 @@ from scene_reference import scene_problem
 
 from avc_casadi.coupling import NO_COUPLING, Gains
 from avc_casadi.design import simulate
-from avc_casadi.loop import Hand
+from avc_casadi.loop import Hand, device_with
 from avc_casadi.scene import compile_scene
 from avc_casadi.stability import frozen_parts, linear_stability
 
@@ -45,7 +45,7 @@ def two_sided(k_e, b_e=0.0, delay=0, hand=None):
 def test_the_jacobian_of_a_sample_has_the_independent_spectral_radius(gains, delay):
     hand = (0.17, 9.0, 450.0)
     problem = two_sided(1e5, 10.0, delay, hand)
-    device = problem.device.model_copy(update={"delay_samples": delay})
+    device = device_with(problem.device, {"delay_samples": delay})
     parts = frozen_parts(problem, np.array([gains.damping_ns_per_m]), np.array([gains.stiffness_n_per_m]))
     hands = Hand(*hand)
     independent = linear_stability(device, parts, gains.contact_damping_ns_per_m, hands).radius[0, 0]

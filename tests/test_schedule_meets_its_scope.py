@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from declared_device import growth
 from schedule_problems import changed, figure5
 
 from avc_casadi import solve
 from avc_casadi.certificate import certify
 from avc_casadi.design.joint import States
-from avc_casadi.loop import loop_at
+from avc_casadi.design.joint._hands_table import hands_slack
+from avc_casadi.loop import device_corners, hand_corners, loop_at
 from avc_casadi.problem import DeviceRange
 from avc_casadi.stability import scope_slack
 
@@ -84,6 +86,28 @@ def test_every_corner_of_the_device():
             for damping in (1.2, 2.0, 3.0):
                 corner = changed(problem, device={"mass_kg": mass, "damping_ns_per_m": damping})
                 assert (scope_slack(corner, gains.frequency_hz, *rows).slack >= 0).all()
+
+
+def test_the_slack_of_the_hands_is_that_of_the_worst_corner_of_the_device():
+    """Against the loop written out, where corners differ: the table behind the schedule asks for no less."""
+    known = DeviceRange(mass_kg=(0.05, 0.2), damping_ns_per_m=(1.2, 3.0))
+    problem = figure5(device={"range": known}, stability={"model": "sampled-data", "scope": "hands"})
+    states = States.of(problem, loop_at(problem, problem.frequencies_hz()))
+    at = states.low[:, None] + (states.high - states.low)[:, None] * np.random.default_rng(2).uniform(size=(2, 12))
+    hands = hand_corners(problem.hands)
+    wall = problem.environment.damping_ns_per_m, problem.environment.stiffness_n_per_m
+    slack = 1 - np.array(
+        [
+            [
+                max(growth(corner, tuple(hands.values(one).values()), gains, wall) for one in range(len(hands)))
+                for corner in device_corners(problem.device)
+            ]
+            for gains in zip(*states.gains(at), strict=True)
+        ]
+    )
+    found = hands_slack(problem, states, at)
+    np.testing.assert_allclose(found, np.clip(slack.min(axis=1), -0.1, 0.1), atol=1e-8)
+    assert np.ptp(np.clip(slack, -0.1, 0.1), axis=1).max() > 1e-3
 
 
 def test_damping_of_the_hand_is_credited():

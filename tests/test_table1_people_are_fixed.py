@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.trial import STYLUS_RANGES, draw_hands, draw_subjects
+from avc_casadi.loop import STYLUS_RANGES
+from avc_casadi.trial import draw_hands, draw_subjects
 
 
 def numbers(subjects):

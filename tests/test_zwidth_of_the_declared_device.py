@@ -5,8 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from test_deployable_knows_the_whole_device import growth
-from test_passivity_of_the_declared_device import lowest_eigenvalue
+from declared_device import MODE, growth, lowest_eigenvalue
 
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
@@ -16,7 +15,6 @@ from avc_casadi.cli import main
 from avc_casadi.figures import draw_zwidth
 from avc_casadi.loop import device_corners, hand_corners
 
-MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
 CASES = {
     "mass": {"range": {"mass_kg": (0.05, 0.3)}},
     "damping and delay": {"range": {"damping_ns_per_m": (1.0, 4.0), "delay_samples": (0, 2)}},

@@ -15,16 +15,17 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.certificate._at_rest import radius_limit
+from avc_casadi.certificate._every_hand import every_hand, looked_at
 from avc_casadi.certificate._feedback_claims import SHARES, feedback_radius
 from avc_casadi.coupling import require_coupling
-from avc_casadi.loop import LINEAR_KEYS, device_corners, hand_set, linear_values, no_hand
+from avc_casadi.loop import LINEAR_KEYS, device_corners, linear_values, no_hand
 from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, whole_stability
 from avc_casadi.support import SILENT, Progress, plain
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainTable
     from avc_casadi.problem import Device, Problem
-    from avc_casadi.support import FloatArray
+    from avc_casadi.support import BoolArray, FloatArray
 
 # Points judged between two neighbouring rows, where the device interpolates.
 _BETWEEN = 3
@@ -123,7 +124,7 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
     try:
         if coupling.runtime.state_feedback is not None:
             return Deployable(_feedback_claims(coupling))
-        claims = tuple(_claim(problem, frequency, gains, let_go=let_go, progress=progress) for let_go in (False, True))
+        claims = tuple(one(problem, frequency, gains, progress) for one in (_hands_claim, _let_go_claim))
     except UnsupportedError as refusal:
         why = f"not judged: {refusal}"
         advice = "shorten the delay, or judge the loop by other means"
@@ -145,30 +146,47 @@ def _judged(table: GainTable) -> tuple[FloatArray, FloatArray]:
     return frequency, table(frequency)
 
 
-def _claim(
-    problem: Problem, frequency: FloatArray, gains: FloatArray, *, let_go: bool, progress: Progress
-) -> DeployClaim:
+def _hands_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress) -> DeployClaim:
     b, k, contact = gains
-    hands = no_hand() if let_go else hand_set(problem.hands, draws=_DRAWS)
+    found = every_hand(problem, frozen_parts(problem, b, k), contact, draws=_DRAWS, seed=0, progress=progress)
+    row = int(np.argmax(found.radius))
+    who = f"with every hand of [hands] (worst by {looked_at(problem, _DRAWS, 0)})"
+    held = tuple(found.hands.values(row).values())
+    worst = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held) if any(held) else "let go"
+    at = _Worst(float(found.radius[row]), frequency[row], found.devices[found.corner[row]], found.devices)
+    return at.claim("hands", found.stable, who, worst)
+
+
+def _let_go_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress) -> DeployClaim:
+    b, k, contact = gains
     parts = frozen_parts(problem, b, k)
     corners = device_corners(problem.device, LINEAR_KEYS)
-    radius = np.array([whole_stability(device, parts, contact, hands, progress=progress).radius for device in corners])
-    unstable = (radius >= radius_limit(problem.device, parts, hands)).any(axis=(0, 2))
-    corner, row, hand = (int(index) for index in np.unravel_index(np.argmax(radius), radius.shape))
-    passed = not unstable.any()
-    worst = float(radius[corner, row, hand])
-    name, who = ("let-go", "let go") if let_go else ("hands", f"with every hand of [hands] ({len(hands)} judged)")
-    if passed:
-        return DeployClaim(name, True, f"linearly stable {who}, spectral radius {worst:.6g} at most", "", worst)
-    if not let_go:
-        held = tuple(
-            float(np.ravel(value)[hand]) for value in (hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m)
-        )
-        who = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held) if any(held) else "let go"
-    failing = int(np.count_nonzero(unstable))
-    where = "" if len(b) == 1 else f" at {frequency[row]:.4g} Hz ({failing} of {len(b)} gains judged)"
-    sentence = f"linearly unstable {who}{where}: spectral radius {worst:.6g}{_of(corners[corner], corners)}"
-    return DeployClaim(name, False, sentence, _ADVICE, worst)
+    radius = np.array(
+        [whole_stability(device, parts, contact, no_hand(), progress=progress).radius[:, 0] for device in corners]
+    )
+    stable = np.asarray((radius < radius_limit(problem.device, parts, no_hand())[:, 0]).all(axis=0))
+    corner, row = (int(index) for index in np.unravel_index(np.argmax(radius), radius.shape))
+    at = _Worst(float(radius[corner, row]), frequency[row], corners[corner], corners)
+    return at.claim("let-go", stable, "let go", "let go")
+
+
+@dataclass(frozen=True)
+class _Worst:
+    """Where the largest spectral radius stands."""
+
+    radius: float
+    frequency_hz: float
+    device: Device
+    corners: list[Device]
+
+    def claim(self, name: str, stable: BoolArray, passing: str, failing: str) -> DeployClaim:
+        if stable.all():
+            sentence = f"linearly stable {passing}, spectral radius {self.radius:.6g} at most"
+            return DeployClaim(name, True, sentence, "", self.radius)
+        count = f"({np.count_nonzero(~stable)} of {len(stable)} gains judged)"
+        where = "" if len(stable) == 1 else f" at {self.frequency_hz:.4g} Hz {count}"
+        sentence = f"linearly unstable {failing}{where}: spectral radius {self.radius:.6g}"
+        return DeployClaim(name, False, sentence + _of(self.device, self.corners), _ADVICE, self.radius)
 
 
 def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:

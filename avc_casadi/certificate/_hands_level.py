@@ -1,4 +1,4 @@
-"""Level L5: each frozen row linearly stable with every hand of a set, without friction."""
+"""Level L5: each frozen row linearly stable with the worst hand of the ranges that is found, without friction."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi.certificate._at_rest import radius_limit
+from avc_casadi.certificate._every_hand import every_hand, looked_at
 from avc_casadi.certificate._levels import Rows, level_result, not_judged
-from avc_casadi.loop import LINEAR_KEYS, device_corners, hand_corners, hand_set, linear_values, no_hand
+from avc_casadi.loop import device_corners, hand_corners, linear_values, no_hand
 from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
     RADIUS_TOLERANCE,
@@ -38,42 +39,38 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
     of stability (negative: that it lacks); it is found for the worst row alone.
     """
     problem = rows.problem
-    hands = hand_set(problem.hands, draws=draws, seed=seed)
-    name = f"{len(hand_corners(problem.hands))} corners and {draws} draws (seed {seed}) of the hands"
-    claim = f"each frozen row is linearly stable, with no friction, with {name}; this says nothing of switching"
-    devices = device_corners(problem.device, LINEAR_KEYS)
-    if max(device.delay_samples for device in devices) > MAX_DELAY_SAMPLES:
+    seen = looked_at(problem, draws, seed)
+    claim = f"each frozen row is linearly stable, with no friction, with {seen}; this says nothing of switching"
+    slowest = max(device.delay_samples for device in device_corners(problem.device, ("delay_samples",)))
+    if slowest > MAX_DELAY_SAMPLES:
         return not_judged(rows, "L5", "sampled-data", f"more than {MAX_DELAY_SAMPLES} samples of delay")
     parts = frozen_parts(problem, rows.b, rows.k)
-    found = [whole_stability(device, parts, rows.contact, hands, progress=progress) for device in devices]
-    radii = np.concatenate([one.radius for one in found], axis=1)
-    limits = np.tile(radius_limit(problem.device, parts, hands), (1, len(devices)))
-    worst_case = np.argmax(radii, axis=1)[:, None]
-    radius = np.take_along_axis(radii, worst_case, axis=1)[:, 0]
-    frequency = np.take_along_axis(np.concatenate([one.frequency_hz for one in found], axis=1), worst_case, axis=1)[
-        :, 0
-    ]
-    stable = np.asarray((radii < limits).all(axis=1))
-    detail = _beside(rows, parts, devices, radius, progress) | {"hands": len(hands), "hands_seed": seed}
+    found = every_hand(problem, parts, rows.contact, draws=draws, seed=seed, progress=progress)
+    radius = found.radius
+    detail = _beside(rows, parts, found.devices, radius, progress) | {
+        "hands": found.looked_at,
+        "hands_seed": seed,
+        "row_worst_hand": {name: rows.spread(np.asarray(value)) for name, value in vars(found.hands).items()},
+    }
     # Rows rank by spectral radius; the margin in N.s/m is that of the worst one.
     tolerance = np.full(len(radius), RADIUS_TOLERANCE)
-    result = level_result(rows, "L5", "sampled-data", claim, stable, 1.0 - radius, frequency, tolerance)
+    result = level_result(rows, "L5", "sampled-data", claim, found.stable, 1.0 - radius, found.frequency_hz, tolerance)
     if result.row is None:
         return replace(result, detail=detail)
     worst = int(np.count_nonzero(rows.present[: result.row]))
-    corner, index = divmod(int(worst_case[worst, 0]), len(hands))
-    hand, device = hands.pick(slice(index, index + 1)), devices[corner]
     only = slice(worst, worst + 1)
+    hand, device = found.hands.pick(only), found.devices[found.corner[worst]]
     margin = damping_reserve(device, parts.pick(only), rows.contact[only], hand)
     held = hand.values(0)
+    detail["verdict"] = "checked" if result.passed else "refuted"
     detail["worst_hand"] = held
     detail["worst_device"] = linear_values(device)
-    if not stable[worst]:
+    if not found.stable[worst]:
         missing = len(rows.present) - len(radius)
         claim = (
-            f"Not met by {np.count_nonzero(~stable)} of {len(radius)} rows: the row of "
+            f"Not met by {np.count_nonzero(~found.stable)} of {len(radius)} rows: the row of "
             f"{rows.frequency_hz[result.row]:.5g} Hz has a spectral radius of {radius[worst]:.6g} (at "
-            f"{frequency[worst]:.4g} Hz) with a hand of {held['mass_kg']:.4g} kg, "
+            f"{found.frequency_hz[worst]:.4g} Hz) with a hand of {held['mass_kg']:.4g} kg, "
             f"{held['damping_ns_per_m']:.4g} N.s/m, {held['stiffness_n_per_m']:.4g} N/m"
             + (f"; {missing} rows have no gains" if missing else "")
         )

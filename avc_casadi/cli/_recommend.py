@@ -135,6 +135,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
             f"{number(trial['tap_force_n'], 3)} N and {number(1e3 * trial['tap_depth_m'], 3)} mm"
         ),
         *_limits(document),
+        f"other hands, to whom nothing is promised: {_other_hands(document['other_hands'])}",
         f"why: {document['reason']}",
     ]
 
@@ -145,6 +146,13 @@ def _felt(felt: dict[str, Any]) -> str:
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
     behind = "" if handle == sensed else f" at the sensor, {number(handle)} N/m at the handle"
     return f"{number(sensed)} N/m{behind}, {100 * (felt['share_of_wall'] or 0):.3g} % of the wall"
+
+
+def _other_hands(tried: dict[str, Any]) -> str:
+    return "; ".join(
+        f"{holding} {of['at_rest']} of {of['hands']} at rest, {of['at_rest_without_friction']} without friction"
+        for holding, of in tried.items()
+    )
 
 
 def _limits(document: dict[str, Any]) -> list[str]:

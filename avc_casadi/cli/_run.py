@@ -59,19 +59,22 @@ def _worked_through(
     from avc_casadi.coupling import coupling_document, gain_csv, gain_document
     from avc_casadi.report import ReportContents, report_html, summarise, summary_lines
     from avc_casadi.study.comparison import comparison_document, with_delivered
-    from avc_casadi.support import json_text
+    from avc_casadi.support import json_text, meanwhile
 
     comparison = compared(problem, None, console)
     if comparison.scope != "pointwise":
         with console.step(f"direct, scope {comparison.scope}"):
             comparison = with_delivered(comparison, problem, avc.solve(problem, progress=console))
     gains = comparison.methods[comparison.delivered]
-    with console.step("certificate"):
-        certificate = avc.certify(problem, gains, progress=console).document()
-    with console.step(f"coupling to deploy: {args.method or 'recommended'}"):
-        deployment = (
-            _recommended(problem, console) if args.method is None else _by_method(problem, args.method, console)
-        )
+    with meanwhile(_drawn, comparison) as drawn:
+        with console.step("certificate"):
+            certificate = avc.certify(problem, gains, progress=console).document()
+        with console.step(f"coupling to deploy: {args.method or 'recommended'}"):
+            deployment = (
+                _recommended(problem, console) if args.method is None else _by_method(problem, args.method, console)
+            )
+        with console.step("figures"):
+            figures = _written(drawn(), folder)
     compare = comparison_document(comparison)
     files = {
         "gains.json": json_text(gain_document(gains) | {"certificate": certificate}),
@@ -81,8 +84,6 @@ def _worked_through(
     coupling: Coupling | None = deployment.pop("of")
     if coupling is not None:
         files["coupling.json"] = json_text(coupling_document(coupling))
-    with console.step("figures"):
-        figures = _draw(comparison, folder)
     with console.step("device"):
         push = push_or_say(coupling, unsafe=args.unsafe)
     summary = summarise(problem, comparison, gains, certificate, push)
@@ -126,19 +127,21 @@ def _by_method(problem: avc.Problem, method: MethodName, console: Console) -> di
     return recommend_document(found) | {"of": found.coupling}
 
 
-def _draw(comparison: Comparison, folder: Path) -> list[tuple[str, str]]:
-    """Write each figure as PNG and SVG; return captions with SVG texts for the report."""
-    from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, figure_svg, save_figure
+def _drawn(comparison: Comparison) -> dict[str, tuple[bytes, str]]:
+    """Return each figure as PNG and SVG."""
+    from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, figure_png, figure_svg
 
     drawn = {
         "boundaries": draw_boundaries(comparison),
         "perceived": draw_perceived(comparison),
         "comparison": draw_comparison(comparison),
     }
-    texts = []
-    for name, figure in drawn.items():
-        svg = figure_svg(figure)
-        save_figure(figure, folder / f"{name}.png")
+    return {name: (figure_png(figure), figure_svg(figure)) for name, figure in drawn.items()}
+
+
+def _written(drawn: dict[str, tuple[bytes, str]], folder: Path) -> list[tuple[str, str]]:
+    """Write each figure; return captions with SVG texts for the report."""
+    for name, (png, svg) in drawn.items():
+        (folder / f"{name}.png").write_bytes(png)
         write_text(folder / f"{name}.svg", svg, "--out")
-        texts.append((_CAPTIONS[name], svg))
-    return texts
+    return [(_CAPTIONS[name], svg) for name, (_, svg) in drawn.items()]

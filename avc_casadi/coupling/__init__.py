@@ -1,5 +1,6 @@
 """The coupling: gains against frequency, what runs beside them, their look-up, thinning and files."""
 
+from avc_casadi.coupling._contact import contact_law as contact_law
 from avc_casadi.coupling._coupling import CAPACITY_ROWS as CAPACITY_ROWS
 from avc_casadi.coupling._coupling import THINNING as THINNING
 from avc_casadi.coupling._coupling import Coupling as Coupling

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import InputError
+from avc_casadi.coupling._contact import FIRST_CONTACT, contact_law
 from avc_casadi.coupling._gain_table import GainTable
 from avc_casadi.coupling._reduction import reduce_rows
 from avc_casadi.coupling._runtime import Runtime
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
 
 THINNING = 1e-3
 """Largest relative change of a gain where rows are left out; certificate, scene and device read what is left."""
-FIRST_CONTACT: Contact = "gated"
-"""The contact law before there were two: that of files which name none, and part of no name that was given then."""
 CAPACITY_ROWS = 256
 """Rows that a device holds at most."""
 _SAME_TIME = 1e-9
@@ -124,8 +123,8 @@ class Coupling:
 
     @property
     def contact(self) -> Contact:
-        """The contact law of the wall, by which it was certified."""
-        return self.problem.coupling.contact
+        """The contact law that runs: that of the problem, or gated where wall or coupling lacks a spring."""
+        return contact_law(self.problem.coupling.contact, self.wall.stiffness_n_per_m, self.table.gains[1])
 
     @property
     def wall(self) -> Impedance:

@@ -11,7 +11,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.coupling._coupling import FIRST_CONTACT, Coupling, check_sample_time, require_coupling
+from avc_casadi.coupling._contact import FIRST_CONTACT
+from avc_casadi.coupling._coupling import Coupling, check_sample_time, require_coupling
 from avc_casadi.coupling._gain_check import COUPLING_SCHEMA, GainCheck
 from avc_casadi.coupling._gain_file import gain_document, read_csv, read_document
 from avc_casadi.coupling._gain_table import GainTable
@@ -202,7 +203,7 @@ def _check_whole(found: Coupling, document: Mapping[str, Any], path: Path) -> No
     if wall != {"damping_ns_per_m": found.wall.damping_ns_per_m, "stiffness_n_per_m": found.wall.stiffness_n_per_m}:
         faults.append(Fault(str(path), None, "wall", f"is not the environment of problem_file; {again}"))
     if document.get("contact", FIRST_CONTACT) != found.contact:
-        faults.append(Fault(str(path), None, "contact", f"is not coupling.contact of problem_file; {again}"))
+        faults.append(Fault(str(path), None, "contact", f"is not the law of problem_file and gains; {again}"))
     if limit != found.max_force_n:
         faults.append(Fault(str(path), None, "max_force_n", f"is not device.max_force_n of problem_file; {again}"))
     if faults:

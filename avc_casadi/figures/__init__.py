@@ -14,6 +14,7 @@ from avc_casadi.figures._estimators import draw_estimators as draw_estimators
 from avc_casadi.figures._frontier import draw_frontier as draw_frontier
 from avc_casadi.figures._pareto import draw_pareto as draw_pareto
 from avc_casadi.figures._perceived import draw_perceived as draw_perceived
+from avc_casadi.figures._save import figure_png as figure_png
 from avc_casadi.figures._save import figure_svg as figure_svg
 from avc_casadi.figures._save import save_figure as save_figure
 from avc_casadi.figures._scene import draw_scene as draw_scene

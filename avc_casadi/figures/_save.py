@@ -25,6 +25,14 @@ def save_figure(figure: Figure, path: Path) -> None:
         figure.savefig(path, format=ending[1:], metadata=_METADATA[ending])
 
 
+def figure_png(figure: Figure) -> bytes:
+    """Return a figure as the content of a PNG file."""
+    content = io.BytesIO()
+    with in_style():
+        figure.savefig(content, format="png", metadata=_METADATA[".png"])
+    return content.getvalue()
+
+
 def figure_svg(figure: Figure) -> str:
     """Return a figure as an SVG element that can stand inside an HTML page."""
     text = io.StringIO()

@@ -29,6 +29,7 @@ from avc_casadi.loop._hands import StylusHand as StylusHand
 from avc_casadi.loop._hands import hand_corners as hand_corners
 from avc_casadi.loop._hands import hand_ranges as hand_ranges
 from avc_casadi.loop._hands import hand_set as hand_set
+from avc_casadi.loop._hands import joined as joined
 from avc_casadi.loop._hands import no_hand as no_hand
 from avc_casadi.loop._hands import with_let_go as with_let_go
 from avc_casadi.loop._numbers import NUMPY as NUMPY
@@ -39,6 +40,9 @@ from avc_casadi.loop._numbers import Real as Real
 from avc_casadi.loop._numbers import abs2 as abs2
 from avc_casadi.loop._numbers import casadi_numbers as casadi_numbers
 from avc_casadi.loop._numbers import mpmath_numbers as mpmath_numbers
+from avc_casadi.loop._other_hands import FINGERTIP as FINGERTIP
+from avc_casadi.loop._other_hands import STYLUS_RANGES as STYLUS_RANGES
+from avc_casadi.loop._other_hands import stylus_corners as stylus_corners
 from avc_casadi.loop._paper_errors import ASSUMPTIONS as ASSUMPTIONS
 from avc_casadi.loop._paper_errors import PAPER_ERRORS as PAPER_ERRORS
 from avc_casadi.loop._paper_errors import Assumption as Assumption

@@ -112,6 +112,16 @@ def hand_set(hands: Hands, *, draws: int = 24, seed: int = 0) -> Hand:
     return Hand(*np.concatenate([corners, drawn]).T)
 
 
+def joined(hands: Hand, more: Hand) -> Hand:
+    """Put two sets of hands together."""
+    return Hand(
+        *(
+            np.concatenate([np.atleast_1d(one), np.atleast_1d(other)])
+            for one, other in zip(vars(hands).values(), vars(more).values(), strict=True)
+        )
+    )
+
+
 def with_let_go(hands: Hand | StylusHand) -> Hand | StylusHand:
     """Add the device without any hand."""
     return type(hands)(**{name: np.append(np.atleast_1d(value), 0.0) for name, value in vars(hands).items()})

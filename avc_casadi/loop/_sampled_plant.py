@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Device
 
 
-def device_plant(device: Device, hand: Mechanics | None = None) -> Plant:
+def device_plant(device: Device, hand: Mechanics | None = None, damping_shift_ns_per_m: float = 0.0) -> Plant:
     """Return motor, handle and amplifier of a device, and the hand that holds it, as a continuous plant.
 
     Dry friction, backlash, encoder, noise and force limit are no part of it: they are not linear.
@@ -25,10 +25,11 @@ def device_plant(device: Device, hand: Mechanics | None = None) -> Plant:
     Args:
         device: the device at its nominal values, with a mass.
         hand: what holds it, whose numbers may be arrays over hands; None leaves the device alone.
+        damping_shift_ns_per_m: added to the damping of the device; the sum may be negative.
     """
     plant = Plant()
     plant.add_mass(DEVICE, device.mass_kg)
-    plant.join(DEVICE, GROUND, 0.0, device.damping_ns_per_m)
+    plant.join(DEVICE, GROUND, 0.0, device.damping_ns_per_m + damping_shift_ns_per_m)
     mode = device.resonance
     if mode is not None:
         plant.split(mode.frequency_hz, mode.damping_ratio, mode.mass_ratio)
@@ -95,16 +96,19 @@ class SampledPlant:
         return whole[..., : s + d], whole[..., s + d]
 
 
-def sampled_plant(devices: Device | Sequence[Device], hand: Mechanics | None = None) -> SampledPlant:
+def sampled_plant(
+    devices: Device | Sequence[Device], hand: Mechanics | None = None, damping_shift_ns_per_m: float = 0.0
+) -> SampledPlant:
     """Discretise devices with a hand exactly.
 
     Args:
         devices: one device, or corners of one (`device_corners`), all with the same sample time and structure.
         hand: what holds each of them, whose numbers may be arrays of shape (hands,); None leaves them alone.
+        damping_shift_ns_per_m: added to the damping of each device; the sum may be negative.
     """
     some = devices if isinstance(devices, Sequence) else (devices,)
     first = some[0]
-    plants = [device_plant(device, hand) for device in some]
+    plants = [device_plant(device, hand, damping_shift_ns_per_m) for device in some]
     grip = plants[0].grip
     parts = [_sampled(plant.linear(), device) for plant, device in zip(plants, some, strict=True)]
     names = parts[0][0]

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop import DEVICE, device_plant
+from avc_casadi.loop import DEVICE, device_plant, device_with
 from avc_casadi.support import BoolArray, ComplexArray, FloatArray
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class _Mechanics:
     def amplifier(self, s: ComplexArray) -> ComplexArray:
         if self.device.amplifier_bandwidth_hz is None:
             return np.ones_like(s)
-        plant = device_plant(self.device.model_copy(update={"mass_kg": self.device.mass_kg or 1.0})).linear()
+        plant = device_plant(device_with(self.device, {"mass_kg": self.device.mass_kg or 1.0})).linear()
         rates, drive = plant.matrix[-1], plant.force[-1]
         if self.device.amplifier_order == 1:
             return np.asarray(drive / (s - rates[-1]))

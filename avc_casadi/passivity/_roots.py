@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.support import FloatArray
+from avc_casadi.support import BoolArray, FloatArray, IndexArray
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -72,12 +72,12 @@ def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray,
         The points and what the search found, shape (n, m + some).
     """
     values = value(points)
-    around = np.pad(values, ((0, 0), (1, 1)), constant_values=np.inf)
-    local = np.where((values <= around[:, :-2]) & (values <= around[:, 2:]), values, np.inf)
+    before, after, first = _neighbours(points)
+    below = [values <= np.take_along_axis(values, other, axis=1) for other in (before, after)]
+    local = np.where(first & below[0] & below[1], values, np.inf)
     count = min(_MINIMA if has_roots(oscillations) else oscillations // 2 + _MINIMA, points.shape[1])
     chosen = np.argsort(local, axis=1)[:, :count]
-    left = np.take_along_axis(points, np.maximum(chosen - 1, 0), axis=1)
-    right = np.take_along_axis(points, np.minimum(chosen + 1, points.shape[1] - 1), axis=1)
+    left, right = (np.take_along_axis(points, np.take_along_axis(other, chosen, 1), 1) for other in (before, after))
     centre = np.take_along_axis(points, chosen, axis=1)
     for _ in range(_STEPS):
         step = (1 - _GOLDEN) * np.where(right - centre > centre - left, right - centre, left - centre)
@@ -88,3 +88,18 @@ def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray,
         right = np.where(better & ~outer, centre, np.where(~better & outer, probe, right))
         centre = np.where(better, probe, centre)
     return np.concatenate([points, centre], axis=1)
+
+
+def _neighbours(points: FloatArray) -> tuple[IndexArray, IndexArray, BoolArray]:
+    """Positions of the next lower and the next higher point, and whether each point is the first of its equals.
+
+    Points that were clipped at the end of a band are many and equal: taken for neighbours they leave nothing between
+    them, and taken for minima they leave no room for the others.
+    """
+    size = points.shape[1]
+    at = np.broadcast_to(np.arange(size), points.shape)
+    first = np.diff(points, axis=1, prepend=-np.inf) > 0
+    last = np.diff(points, axis=1, append=np.inf) > 0
+    begin = np.maximum.accumulate(np.where(first, at, 0), axis=1)
+    end = np.minimum.accumulate(np.where(last, at, size - 1)[:, ::-1], axis=1)[:, ::-1]
+    return np.maximum(begin - 1, 0), np.minimum(end + 1, size - 1), first

@@ -64,11 +64,12 @@ class GainBox(Table):
     """Structure of the coupling, its law at a one-sided wall, and the box of admissible gains, each [lowest, highest].
 
     Contact clip-last: F = max(0, y), y the force of the coupling to an environment on both sides. Gated: the same on
-    the tool's penetration, and only where the device is in the wall.
+    the tool's penetration, and only where the device is in the wall; so it is, whatever is asked for, where the wall or
+    the coupling has no spring.
     """
 
     structure: Structure = "series"
-    contact: Contact = "gated"
+    contact: Contact = "clip-last"
     damping_ns_per_m: DampingInterval = (0.0, 1e4)
     stiffness_n_per_m: StiffnessInterval = (0.0, 1e7)
     contact_damping_ns_per_m: DampingInterval = (0.0, 0.0)

@@ -98,16 +98,6 @@ def _contact_damping(values: Values) -> Iterator[Finding]:
         yield ("coupling", "contact_damping_ns_per_m"), message
 
 
-def _surface(values: Values) -> Iterator[Finding]:
-    damped = values["environment.damping_ns_per_m"] > 0
-    if values["coupling.contact"] == "clip-last" and values["environment.stiffness_n_per_m"] == 0 and damped:
-        message = (
-            'is "clip-last" beside environment.stiffness_n_per_m = 0: without a spring this law has no surface and is '
-            'felt in free space; allowed: "gated", or a stiffness above 0'
-        )
-        yield ("coupling", "contact"), message
-
-
 def _range_or_list(values: Values) -> Iterator[Finding]:
     listed = values.get("frequency.values_hz", ()) is not None
     for key in ("start_hz", "stop_hz", "points", "spacing"):
@@ -203,7 +193,6 @@ RULES: tuple[Rule, ...] = (
     _bounds_apart,
     *DEVICE_RULES,
     _contact_damping,
-    _surface,
     _range_or_list,
     _increasing,
     _range,

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, linear_values
 from avc_casadi.problem import Device
+from avc_casadi.proof._hands_proof import Outcome
 from avc_casadi.proof._held_device import HAND, HeldDevice
 from avc_casadi.proof._law import ContactLaw
 from avc_casadi.proof._multiplier import LAGS, Multiplier, search
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from avc_casadi.problem import Contact
-
-Outcome = Literal["proved", "refuted", "open"]
 
 _DRAWS = 24
 # Loops whose radius is this near to 1 are not called unstable.

@@ -11,7 +11,7 @@ from avc_casadi.problem import declared, declared_effects
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import Problem
+    from avc_casadi.problem import Device, Problem
 
 _RANGE = "device.range."
 _SCENE_ALONE = {
@@ -27,8 +27,14 @@ _SCENE_ALONE = {
 }
 
 
-def assumed(problem: Problem, coupling: Coupling | None = None) -> tuple[str, ...]:
-    """Say what is taken for granted."""
+def assumed(problem: Problem, coupling: Coupling | None = None, *, tried: bool = True) -> tuple[str, ...]:
+    """Say what is taken for granted.
+
+    Args:
+        problem: device, wall and hands.
+        coupling: what is recommended.
+        tried: whether simulated hands try it, or linear stability alone is asked for.
+    """
     device = problem.device
     gaps = [
         "hands are linear, on one axis, and constant while they hold on",
@@ -39,18 +45,29 @@ def assumed(problem: Problem, coupling: Coupling | None = None) -> tuple[str, ..
         gaps.append("the amplifier is ideal: no bandwidth is declared")
     elif device.resonance is None:
         gaps.append("the structure is rigid: no resonance is declared")
+    if tried:
+        gaps += _of_trials(device)
+    else:
+        gaps.append("linear stability alone: dry friction, encoder, noise and force limit play no part")
+    linear, rest = _ranges(problem)
+    simulated = ", trial at nominal" if tried else ""
+    gaps += [f"{key}: linear stability at its corners{simulated}" for key in linear]
+    gaps += [f"{key}: {'trial at nominal; ' if tried else ''}no part of linear stability" for key in rest]
+    if coupling is not None:
+        gaps += _outside(coupling)
+    return tuple(gaps)
+
+
+def _of_trials(device: Device) -> list[str]:
+    """Say what the file leaves open that only a trial knows."""
+    gaps = []
     if device.coulomb_friction_n == 0:
         gaps.append("no dry friction is declared: none is assumed, the cautious end")
     if device.encoder_resolution_m == 0:
         gaps.append("no encoder resolution is declared: the position is taken as exact, the ideal end")
     if device.max_force_n is None:
         gaps.append("no force limit is declared: any force is taken as given")
-    linear, rest = _ranges(problem)
-    gaps += [f"{key}: linear stability at its corners, trial at nominal" for key in linear]
-    gaps += [f"{key}: trial at nominal; no part of linear stability" for key in rest]
-    if coupling is not None:
-        gaps += _outside(coupling)
-    return tuple(gaps)
+    return gaps
 
 
 def _ranges(problem: Problem) -> tuple[list[str], list[str]]:

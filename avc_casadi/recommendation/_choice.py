@@ -64,10 +64,9 @@ class Judged:
         """Whether next to nobody feels a vibration at rest."""
         return float(self.trial.quiet.mean()) >= QUIET_SHARE
 
-    @property
-    def complete(self) -> bool:
-        """Whether it is as safe as can be, and quiet."""
-        return self.safety == 0 and self.quiet
+    def complete(self, *, lean_on_friction: bool) -> bool:
+        """Whether it is as safe as is asked for, and quiet."""
+        return self.safety <= int(lean_on_friction) and self.quiet
 
 
 def expected_n_per_m(coupling: Coupling) -> float:
@@ -82,6 +81,8 @@ def tried(
     people: Hand | StylusHand,
     seed: int,
     progress: Progress = SILENT,
+    *,
+    lean_on_friction: bool,
 ) -> list[Judged]:
     """Try those that are deployable, the stiffest first, until nothing that is left could win.
 
@@ -91,6 +92,7 @@ def tried(
         people: who tries them.
         seed: of their draw, to be told.
         progress: told of the candidates.
+        lean_on_friction: as in `best_of`.
 
     Returns:
         What was judged before, and now.
@@ -103,7 +105,7 @@ def tried(
     ranked = sorted(enumerate(safe, start=len(before)), key=lambda pair: (-expected_n_per_m(pair[1]), pair[0]))
     judged = list(before)
     for order, one in ranked:
-        enough = [found for found in judged if found.complete]
+        enough = [found for found in judged if found.complete(lean_on_friction=lean_on_friction)]
         if enough and expected_n_per_m(one) < (1 - 2 * AS_STIFF) * max(
             expected_n_per_m(found.coupling) for found in enough
         ):
@@ -169,6 +171,8 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
     if best.others is not None:
         rest, free = best.others.stable, best.others.stable_without_friction
         who += f"; of {len(rest)} others {int(rest.sum())}, without dry friction {int(free.sum())}"
+    if len(judged) == 1:
+        return f"the only deployable candidate that was tried, nothing stiffer being asked for: {who}"
     return f"the stiffest of {len(judged)} deployable candidates that are as safe: {who}"
 
 

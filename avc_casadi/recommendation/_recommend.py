@@ -35,7 +35,7 @@ from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
 from avc_casadi.stability import stiffest_wall
 from avc_casadi.support import SILENT, Comparable, Progress, plain, short
-from avc_casadi.trial import CouplingTrial, draw_hands, people_of, try_coupling
+from avc_casadi.trial import CouplingTrial, Population, draw_hands, draw_subjects, people_of, try_coupling
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from avc_casadi.stability import DampingRange
 
 SCHEMA = "avc-recommend/1"
+OTHER_HANDS: dict[str, Population] = {"on a stylus": "B", "one fingertip": "fingertip"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,6 +55,8 @@ class Recommendation(Comparable):
         problem: the problem as stated.
         coupling: certified and tried; None where no coupling is deployable.
         trial: how simulated hands fared with it; None without a coupling.
+        confirmed: how hands of [hands] fared that had no part in the choice; None where nothing was chosen.
+        beside: how others fared, of whom nothing is promised, by how they hold the device.
         deployable: whether the coupling may go into the device.
         stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every hand and let go: with a plain
             spring and damper, or with one of the couplings that were judged, which are no stiffer than the wall asks.
@@ -74,6 +77,8 @@ class Recommendation(Comparable):
     problem: Problem
     coupling: Coupling | None
     trial: CouplingTrial | None
+    confirmed: CouplingTrial | None
+    beside: Mapping[str, CouplingTrial]
     deployable: bool
     stiffest_wall_n_per_m: float
     plain_wall_n_per_m: float
@@ -120,6 +125,8 @@ class Recommendation(Comparable):
                 "plain_wall_n_per_m": self.plain_wall_n_per_m,
                 "with_friction_n_per_m": self.with_friction_n_per_m,
                 "trial": None if self.trial is None else self.trial.document(),
+                "confirmed": None if self.confirmed is None else self.confirmed.counts(),
+                "other_hands": {holding: trial.counts() for holding, trial in self.beside.items()},
                 "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
                 "what_would_help": [vars(one) for one in self.helps],
                 "considered": self.considered,
@@ -168,6 +175,8 @@ def judged_as_recommended(
         problem=problem,
         coupling=found.with_trial(tried.document()),
         trial=tried,
+        confirmed=None,
+        beside=_beside(found, hands, seed),
         deployable=verdict.passed,
         stiffest_wall_n_per_m=limit,
         plain_wall_n_per_m=limit,
@@ -221,6 +230,8 @@ def recommend(
         if best is None
         else replace(certified(best.coupling, progress).with_trial(best.trial.document()), versions=versions or {}),
         trial=None if best is None else best.trial,
+        confirmed=None if best is None else best.others,
+        beside={} if best is None else _beside(best.coupling, hands, seed),
         deployable=best is not None,
         stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *(expected_n_per_m(one.coupling) for one in judged)]),
         plain_wall_n_per_m=limit.stiffness_n_per_m,
@@ -233,6 +244,14 @@ def recommend(
     )
 
 
+def _beside(coupling: Coupling, hands: int, seed: int) -> dict[str, CouplingTrial]:
+    """Let people try it who hold the device otherwise than [hands] says."""
+    return {
+        holding: try_coupling(coupling, draw_subjects(population, hands, seed), seed)
+        for holding, population in OTHER_HANDS.items()
+    }
+
+
 def _judged(
     problem: Problem,
     people: Hand | StylusHand,
@@ -242,29 +261,36 @@ def _judged(
     *,
     lean_on_friction: bool,
 ) -> tuple[list[Judged], int]:
-    """Try the simple couplings first, and the others only where a simple one is not the wall itself."""
+    """Try the likeliest couplings first, and the others only where none is the wall itself."""
     wall = problem.environment.stiffness_n_per_m
     others = draw_hands(problem.hands, 2 * len(people), seed, "training")
     robust = RobustCandidates(problem, progress)
     judged: list[Judged] = []
     considered = 0
-    # Tuned gains come late: what holds spring and damper back holds them back too.
+    plain = (plain_candidates(problem, hand_corners(problem.hands), limit), wall)
+    first = (islice(robust.stiff, 1), wall)
+    # A wall beyond what spring and damper hold is robust from the start. Tuned gains come late: what holds spring and
+    # damper back holds them back too.
     for more, ceiling in (
-        (plain_candidates(problem, hand_corners(problem.hands), limit), wall),
-        (islice(robust.stiff, 1), wall),
+        *((plain, first) if wall <= limit.stiffness_n_per_m else (first, plain)),
         (robust.stiff, wall),
         *((islice(robust.soft, 1), 0.0) for _ in range(MOST_SOFTER)),
         (tuned_candidates(problem, progress), 0.0),
         (safer_candidates(problem, hand_corners(problem.hands), limit), 0.0),
     ):
-        reached = max((expected_n_per_m(one.coupling) for one in judged if one.complete), default=-1.0)
-        if reached >= (1 - AS_STIFF) * ceiling:
-            judged = confirmed(judged, others, seed, lean_on_friction=False)
-            if any(one.complete and expected_n_per_m(one.coupling) >= (1 - AS_STIFF) * ceiling for one in judged):
+        if _reached(judged, lean_on_friction=lean_on_friction) >= (1 - AS_STIFF) * ceiling:
+            judged = confirmed(judged, others, seed, lean_on_friction=lean_on_friction)
+            if _reached(judged, lean_on_friction=lean_on_friction) >= (1 - AS_STIFF) * ceiling:
                 break
         every = list(more)
         considered += len(every)
-        judged = tried(every, judged, people, seed, progress)
+        judged = tried(every, judged, people, seed, progress, lean_on_friction=lean_on_friction)
     if judged:
         judged = confirmed(judged, others, seed, lean_on_friction=lean_on_friction)
     return judged, considered
+
+
+def _reached(judged: list[Judged], *, lean_on_friction: bool) -> float:
+    """Return the stiffest that is felt of what is safe and quiet; below 0 where nothing is."""
+    enough = [one for one in judged if one.complete(lean_on_friction=lean_on_friction)]
+    return max((expected_n_per_m(one.coupling) for one in enough), default=-1.0)

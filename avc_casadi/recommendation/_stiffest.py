@@ -51,7 +51,7 @@ def stiffest(problem: Problem, workers: int = 1, progress: Progress = SILENT) ->
             "plain_wall_n_per_m": simple.stiffness_n_per_m,
             "damping_ns_per_m": [simple.lowest_ns_per_m, simple.highest_ns_per_m],
             "what_would_help": [vars(one) for one in helps],
-            "assumed": list(assumed(problem)),
+            "assumed": list(assumed(problem, tried=False)),
             "not_used": list(not_used(problem)),
         }
     )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._errors import InputError, UnsupportedError
-from avc_casadi.coupling import Gains
+from avc_casadi.coupling import Gains, contact_law
 from avc_casadi.loop import DEVICE, GROUND, LinearPlant, Plant
 from avc_casadi.scene._motion import Target, target_of
 from avc_casadi.scene.advance import (
@@ -25,11 +25,13 @@ from avc_casadi.scene.advance import (
     column,
 )
 from avc_casadi.scene.effects import SceneEffect, Station, build_effects
-from avc_casadi.scene.loop import Environment, Tick, coupling_parameters, require_surface, wall_force
+from avc_casadi.scene.loop import Environment, Tick, coupling_parameters, wall_force
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Problem
+    from numpy.typing import ArrayLike
+
+    from avc_casadi.problem import Contact, Problem
 
 
 @dataclass(frozen=True)
@@ -107,14 +109,9 @@ class CompiledScene:
         return np.array(columns, dtype=np.float64).reshape(len(columns), self.samples)
 
     def parameter_values(self, gains: Gains) -> FloatArray:
-        """Return the parameters of every hand, shape (hands, parameters).
-
-        Raises:
-            InputError: gains without a spring, which the contact law needs.
-        """
+        """Return the parameters of every hand, shape (hands, parameters)."""
         parts = [effect.numbers for effect in self.effects if effect.station < Station.ENVIRONMENT]
         if self.coupled and self.environment is not None:
-            require_surface(self.environment, gains.stiffness_n_per_m)
             parts.append(
                 coupling_parameters(
                     gains.damping_ns_per_m, gains.stiffness_n_per_m, self.environment, self.rate_gain_per_s
@@ -133,6 +130,7 @@ def compile_scene(
     *,
     coupled: bool = True,
     damped: bool = False,
+    stiffness_n_per_m: float = np.inf,
 ) -> CompiledScene:
     """Compile the scene of a problem.
 
@@ -141,6 +139,7 @@ def compile_scene(
         effects: effects in place of those of the problem file; arrays in them stand for many hands.
         coupled: with gains as parameters; otherwise device and environment are joined rigidly.
         damped: with the contact damper b_p as a parameter.
+        stiffness_n_per_m: k of the gains that will run: 0 leaves the contact law clip-last without a surface.
 
     Raises:
         InputError: an impossible scene, by name.
@@ -159,7 +158,7 @@ def compile_scene(
     table = next((effect.gain_table for effect in effects if effect.gain_table is not None), None)
     adapted = table is not None and environment is not None
     if environment is not None:
-        require_surface(environment, np.inf if table is None else table.gains[1])
+        environment = _lawful(environment, stiffness_n_per_m if table is None else table.gains[1])
     tick = Tick(sample_time_s, target.device_start_m)
     for name in plant.names:
         with tick.owned_by(owners[name]):
@@ -214,6 +213,13 @@ def _mechanics(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[Line
         )
     linear = plant.linear()
     return linear, {name: owners[name.split("_", 1)[0]] for name in linear.names}
+
+
+def _lawful(environment: Environment, stiffness_n_per_m: ArrayLike) -> Environment:
+    """Return the environment with the contact law that runs beside such gains."""
+    asked: Contact = "clip-last" if environment.clips_last else "gated"
+    law = contact_law(asked, environment.stiffness_n_per_m, stiffness_n_per_m)
+    return replace(environment, clips_last=law == "clip-last")
 
 
 def _sensed(problem: Problem, effects: tuple[SceneEffect, ...], tick: Tick) -> Any:

@@ -23,7 +23,7 @@ class Ledger(Comparable):
     Attributes:
         absorbed_j: energy that the virtual side has taken in since the beginning; below 0 it has given out energy that
             it never had, and is not passive.
-        stored_j: energy in the springs of coupling and environment.
+        stored_j: energy in the springs of coupling and environment, as far as it can reach the hand.
     """
 
     absorbed_j: FloatArray
@@ -64,9 +64,13 @@ def energy_ledger(
         absorbed = np.concatenate([np.zeros((*work.shape[:-1], 1)), np.cumsum(work, axis=-1)], axis=-1)
         stored = np.zeros_like(absorbed)
         if environment is not None:
-            depth = np.maximum(tool_m, 0.0) if environment.one_sided else tool_m
+            one_sided = environment.one_sided
+            depth = np.maximum(tool_m, 0.0) if one_sided else tool_m
             stored += environment.stiffness_n_per_m * depth**2 / 2
             stiffness = np.asarray(stiffness_n_per_m, np.float64)
-            stretch = np.where(np.isinf(stiffness), 0.0, position_m - tool_m - np.asarray(anchor_m, np.float64))
+            deflection = position_m - tool_m
+            # Out of contact the clip-last law stretches its coupling without a force: nobody gets that energy.
+            deflection = environment.by_law(np.maximum(deflection, 0.0), deflection) if one_sided else deflection
+            stretch = np.where(np.isinf(stiffness), 0.0, deflection - np.asarray(anchor_m, np.float64))
             stored += np.where(np.isinf(stiffness), 0.0, stiffness) * stretch**2 / 2
     return Ledger(absorbed, stored)

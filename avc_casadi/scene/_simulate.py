@@ -205,7 +205,13 @@ def settled(
 
 def compile_for(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
     """Compile with what the gains need and nothing more."""
-    return compile_scene(problem, effects, coupled=not gains.rigid, damped=gains.contact_damping_ns_per_m > 0)
+    return compile_scene(
+        problem,
+        effects,
+        coupled=not gains.rigid,
+        damped=gains.contact_damping_ns_per_m > 0,
+        stiffness_n_per_m=gains.stiffness_n_per_m,
+    )
 
 
 def without(effects: tuple[SceneEffect, ...], kind: str) -> tuple[SceneEffect, ...]:

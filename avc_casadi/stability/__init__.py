@@ -32,3 +32,5 @@ from avc_casadi.stability._whole_device import plants_with_forces as plants_with
 from avc_casadi.stability._whole_device import rigid as rigid
 from avc_casadi.stability._whole_device import sampled_stability as sampled_stability
 from avc_casadi.stability._whole_device import whole_stability as whole_stability
+from avc_casadi.stability._worst_hand import WorstHands as WorstHands
+from avc_casadi.stability._worst_hand import worst_hands as worst_hands

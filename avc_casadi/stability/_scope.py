@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop import hand_set
 from avc_casadi.passivity import SampledLoop, worst_margin
 from avc_casadi.stability._spectral import RADIUS_TOLERANCE, frozen_parts
-from avc_casadi.stability._whole_device import whole_stability
+from avc_casadi.stability._worst_hand import worst_hands
 from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
+    from avc_casadi.loop import Hand
     from avc_casadi.passivity import (
         Values,
     )
@@ -27,10 +27,12 @@ class ScopeSlack:
     Attributes:
         slack: smallest Re Z_h less the margin asked for, N.s/m; for scope hands 1 less the largest spectral radius.
         frequency_hz: where it stands; 0 is the limit of zero frequency.
+        hands: for scope hands the worst hand of each row; else None.
     """
 
     slack: FloatArray
     frequency_hz: FloatArray
+    hands: Hand | None = None
 
     @property
     def met(self) -> BoolArray:
@@ -82,7 +84,8 @@ def scope_slack(
 
     Returns:
         For pointwise, band and all: passivity in the problem's model. For hands: linear stability of the loop that
-        runs, its device robbed of the margin in damping, with the hands that certificate level L5 uses.
+        runs, its device robbed of the margin in damping, with the worst hand that a search of the whole box finds; a
+        row that is unstable with one of the first hands is searched no further.
     """
     given = (frequency_hz, damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m)
     own, b, k, contact = (
@@ -90,13 +93,9 @@ def scope_slack(
     )
     margin = problem.stability.margin_ns_per_m
     if problem.stability.scope == "hands":
-        stability = whole_stability(
-            problem.device, frozen_parts(problem, b, k), contact, hand_set(problem.hands), -margin
-        )
-        worst = np.argmax(stability.radius, axis=1)[:, None]
-        radius = np.take_along_axis(stability.radius, worst, axis=1)[:, 0]
-        at = np.take_along_axis(stability.frequency_hz, worst, axis=1)[:, 0]
-        return ScopeSlack(1 - RADIUS_TOLERANCE - radius, at)
+        parts, most = frozen_parts(problem, b, k), 1 - RADIUS_TOLERANCE
+        worst = worst_hands(problem.device, parts, contact, problem.hands, -margin, enough=most)
+        return ScopeSlack(most - worst.radius, worst.frequency_hz, worst.hands)
     worst_case = worst_margin(SampledLoop.of(problem), b, k, contact, *scope_band_hz(problem, own))
     sound = worst_case.poles_stable & (worst_case.dc_stiffness_n_per_m >= 0)
     slack = np.where(sound, worst_case.margin_ns_per_m - margin, -np.inf)

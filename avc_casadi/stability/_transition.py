@@ -134,6 +134,19 @@ def frozen_transition(
         Shape (n, h, 4 + d, 4 + d), d the samples of delay, rounded up. States: x, v T, the x before, the rendering's
         own state, and d forces under way. A fractional delay lets the newer force arrive inside the sample.
     """
+    every = Rendering(rendering.force[:, None], rendering.state[:, None])
+    return _with_hands(device, every, hands, damping_shift_ns_per_m)
+
+
+def paired_transition(
+    device: Device, rendering: Rendering, hands: Hand, damping_shift_ns_per_m: float = 0.0
+) -> FloatArray:
+    """Do the same for n renderings, each with a hand of its own, shape (n, 4 + d, 4 + d)."""
+    return _with_hands(device, rendering, hands, damping_shift_ns_per_m)
+
+
+def _with_hands(device: Device, rendering: Rendering, hands: Hand, damping_shift_ns_per_m: float) -> FloatArray:
+    """Transition matrices of renderings of a shape that broadcasts with that of the hands."""
     d = math.ceil(device.delay_samples)
     before = device.delay_samples - (d - 1) if d else 0.0
     moving = (
@@ -142,28 +155,28 @@ def frozen_transition(
         hands.stiffness_n_per_m,
     )
     step = mechanics(*moving, device.sample_time_s)
-    n, h, size = len(rendering.force), len(hands), 4 + d
-    force = np.zeros((n, size))
-    force[:, [0, 2, 3]] = rendering.force
-    matrix = np.zeros((n, h, size, size))
-    matrix[:, :, :2, :2] = step[None, :, :, :2]
-    matrix[:, :, 2, 0] = 1.0
-    matrix[:, :, 3, [0, 2, 3]] = rendering.state[:, None, :]
-    push = step[None, :, :, 2, None]
+    size = 4 + d
+    force = np.zeros((*rendering.force.shape[:-1], size))
+    force[..., [0, 2, 3]] = rendering.force
+    matrix = np.zeros((*np.broadcast_shapes(rendering.force.shape[:-1], step.shape[:1]), size, size))
+    matrix[..., :2, :2] = step[:, :, :2]
+    matrix[..., 2, 0] = 1.0
+    matrix[..., 3, [0, 2, 3]] = rendering.state
+    push = step[:, :, 2]
     if d == 0:
-        matrix[:, :, :2, :] -= push * force[:, None, None, :]
+        matrix[..., :2, :] -= push[..., None] * force[..., None, :]
         return matrix
-    matrix[:, :, 4, :] = force[:, None, :]
-    matrix[:, :, np.arange(5, size), np.arange(4, size - 1)] = 1.0
+    matrix[..., 4, :] = force
+    matrix[..., np.arange(5, size), np.arange(4, size - 1)] = 1.0
     if before == 1:
-        matrix[:, :, :2, size - 1] -= push[..., 0]
+        matrix[..., :2, size - 1] -= push
         return matrix
     # The newer force acts for the rest of the sample only; what it lacks is that of the force before it.
-    later = mechanics(*moving, (1 - before) * device.sample_time_s)[None, :, :, 2]
-    later[..., 1] /= 1 - before
-    matrix[:, :, :2, size - 1] -= push[..., 0] - later
+    later = mechanics(*moving, (1 - before) * device.sample_time_s)[:, :, 2]
+    later[:, 1] /= 1 - before
+    matrix[..., :2, size - 1] -= push - later
     if d == 1:
-        matrix[:, :, :2, :] -= later[..., None] * force[:, None, None, :]
+        matrix[..., :2, :] -= later[..., None] * force[..., None, :]
     else:
-        matrix[:, :, :2, size - 2] -= later
+        matrix[..., :2, size - 2] -= later
     return matrix

@@ -37,15 +37,25 @@ def closed_loop(matrix: FloatArray, push: FloatArray, measured: FloatArray, rend
     Returns:
         Shape (n, p, s + 2, s + 2). States: those of the plant, the position measured before, the rendering's own.
     """
-    n, p, s = len(rendering.force), len(matrix), len(measured)
+    every = Rendering(rendering.force[:, None], rendering.state[:, None])
+    return _closed(matrix, push, measured, every)
+
+
+def paired_loop(matrix: FloatArray, push: FloatArray, measured: FloatArray, rendering: Rendering) -> FloatArray:
+    """Do the same for n renderings, each around a plant of its own, shape (n, s + 2, s + 2)."""
+    return _closed(matrix, push, measured, rendering)
+
+
+def _closed(matrix: FloatArray, push: FloatArray, measured: FloatArray, rendering: Rendering) -> FloatArray:
+    s = len(measured)
     reads = np.zeros((3, s + 2))
     reads[0, :s] = measured
     reads[1, s] = reads[2, s + 1] = 1.0
-    loop = np.zeros((n, p, s + 2, s + 2))
-    loop[:, :, :s, :s] = matrix
-    loop[:, :, :s, :] += push[None, :, :, None] * (rendering.force @ reads)[:, None, None, :]
-    loop[:, :, s, :] = reads[0]
-    loop[:, :, s + 1, :] = (rendering.state @ reads)[:, None, :]
+    loop = np.zeros((*np.broadcast_shapes(rendering.force.shape[:-1], matrix.shape[:-2]), s + 2, s + 2))
+    loop[..., :s, :s] = matrix
+    loop[..., :s, :] += push[..., None] * (rendering.force @ reads)[..., None, :]
+    loop[..., s, :] = reads[0]
+    loop[..., s + 1, :] = rendering.state @ reads
     return loop
 
 
@@ -111,8 +121,8 @@ def sampled_stability(
         return LinearStability(radius, frequency)
     contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (n,))
     rendering = fraction_rendering(parts, contact, device.sample_time_s)
-    shifted = device.model_copy(update={"damping_ns_per_m": device.damping_ns_per_m + damping_shift_ns_per_m})
-    matrix, push, measured = plants_with_forces(sampled_plant(shifted, hands.pick(moved)))
+    plant = sampled_plant(device, hands.pick(moved), damping_shift_ns_per_m)
+    matrix, push, measured = plants_with_forces(plant)
     rows_at_once = max(1, _NUMBERS_AT_ONCE // (len(moved) * (len(measured) + 2) ** 2))
     for some in chunks(n, rows_at_once, progress, "spectral radius") if n else ():
         values = np.linalg.eigvals(closed_loop(matrix, push, measured, rendering.pick(some)))

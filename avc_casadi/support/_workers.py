@@ -6,7 +6,8 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import active_children, get_context, parent_process
 from typing import TypeVar
 
@@ -24,14 +25,32 @@ def in_processes(work: Callable[[T], R], tasks: Sequence[T], workers: int) -> It
         tasks: what to call it with.
         workers: number of processes.
     """
+    with _started(work, tasks, workers) as futures:
+        for future in futures:
+            yield future.result()
+
+
+@contextmanager
+def meanwhile(work: Callable[[T], R], task: T) -> Iterator[Callable[[], R]]:
+    """Do a task in a process beside what the block does; what is given waits for the result.
+
+    Args:
+        work: function of a module.
+        task: what to call it with.
+    """
+    with _started(work, [task], 1) as (future,):
+        yield future.result
+
+
+@contextmanager
+def _started(work: Callable[[T], R], tasks: Sequence[T], workers: int) -> Iterator[list[Future[R]]]:
     others = set(active_children())
     # A fresh interpreter for each process: CasADi's threads do not survive a fork.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_follow_parent) as pool:
         try:
             with starting_processes():
                 futures = [pool.submit(work, task) for task in tasks]
-            for future in futures:
-                yield future.result()
+            yield futures
         except BaseException:
             for child in set(active_children()) - others:
                 child.terminate()

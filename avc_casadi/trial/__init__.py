@@ -9,7 +9,6 @@ from avc_casadi.trial._matching import WEBER_SWEEP as WEBER_SWEEP
 from avc_casadi.trial._matching import choose as choose
 from avc_casadi.trial._matching import distance as distance
 from avc_casadi.trial._matching import reference_traces as reference_traces
-from avc_casadi.trial._subjects import STYLUS_RANGES as STYLUS_RANGES
 from avc_casadi.trial._subjects import Population as Population
 from avc_casadi.trial._subjects import corner_subjects as corner_subjects
 from avc_casadi.trial._subjects import draw_hands as draw_hands

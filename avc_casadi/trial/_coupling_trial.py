@@ -91,21 +91,27 @@ class CouplingTrial(Tabular):
             f"without friction; {short(self.stiffness_n_per_m, 'N/m')} felt"
         )
 
+    def counts(self) -> dict[str, int]:
+        """Return how many there are, rest, rest without dry friction, and rest quietly."""
+        return {
+            "hands": self.hands,
+            "at_rest": int(self.stable.sum()),
+            "at_rest_without_friction": int(self.stable_without_friction.sum()),
+            "quiet": int(self.quiet.sum()),
+        }
+
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
         low, high = exact_interval(int(self.stable.sum()), self.hands)
         felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
         document: dict[str, Any] = plain(
             {
-                "hands": self.hands,
+                **self.counts(),
                 "seed": self.seed,
                 "effects": list(self.effects),
                 "motions": list(self.by_motion),
-                "at_rest": int(self.stable.sum()),
                 "at_rest_interval": [low, high],
-                "at_rest_without_friction": int(self.stable_without_friction.sum()),
                 "at_rest_by_motion": {name: int(runs.sum()) for name, runs in self.by_motion.items()},
-                "quiet": int(self.quiet.sum()),
                 "felt_vibration": float(np.median(self.vibration)),
                 "felt_vibration_worst": float(self.vibration.max()),
                 "stiffness_n_per_m": {

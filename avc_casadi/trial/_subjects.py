@@ -2,30 +2,22 @@
 
 Set A is uniform in mass, damping and stiffness of a hand that moves with the device. Set B is a hand on a stylus with
 five parameters, within the ranges that Fu and Cavusoglu (2012) measured on 15 subjects; logarithms are uniform, which
-puts the means near the measured ones. The arm of van Beek et al. (Sci Rep 5:18004, one trial) stands beside them.
+puts the means near the measured ones. A fingertip is assumed, uniform. The arm of van Beek et al. (Sci Rep 5:18004, one
+trial) stands beside them.
 """
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Literal
 
 import numpy as np
 
-from avc_casadi.loop import Hand, StylusHand, hand_corners, hand_ranges
+from avc_casadi.loop import FINGERTIP, STYLUS_RANGES, Hand, StylusHand, hand_corners, hand_ranges, stylus_corners
 from avc_casadi.problem import Hands
 
-Population = Literal["A", "B", "arm"]
+Population = Literal["A", "B", "arm", "fingertip"]
 Split = Literal["training", "test"]
 
-# Lowest and highest of 15 subjects.
-STYLUS_RANGES: dict[str, tuple[float, float]] = {
-    "mass_kg": (0.016, 0.57),
-    "grip_damping_ns_per_m": (0.3, 4.6),
-    "grip_stiffness_n_per_m": (228.0, 1043.0),
-    "arm_damping_ns_per_m": (3.7, 27.6),
-    "arm_stiffness_n_per_m": (63.0, 533.0),
-}
 ARM = Hand(0.554, 6.45, 135.0)
 _STREAMS: dict[tuple[Population, Split], int] = {
     ("A", "training"): 1,
@@ -39,15 +31,15 @@ def draw_subjects(population: Population, count: int, seed: int, split: Split = 
     """Draw a population; those drawn for training are never those drawn for a test.
 
     Args:
-        population: A or B; the arm is one person.
+        population: A, B or fingertip; the arm is one person.
         count: number of people.
         seed: seed of the draw; the first of many are the same people as a few.
         split: which stream of the seed.
     """
     if population == "arm":
         return ARM
-    if population == "A":
-        return draw_hands(Hands(), count, seed, split)
+    if population in ("A", "fingertip"):
+        return draw_hands(Hands() if population == "A" else FINGERTIP, count, seed, split)
     low, high = np.log(np.array(list(STYLUS_RANGES.values()))).T
     random = np.random.default_rng([seed, _STREAMS[population, split]])
     drawn = np.exp(low + (high - low) * random.random((count, len(low))))
@@ -86,5 +78,4 @@ def corner_subjects(population: Population) -> Hand | StylusHand:
     """Every corner of the ranges of a population: the extreme people."""
     if population == "A":
         return hand_corners(Hands())
-    corners = np.array(list(product(*STYLUS_RANGES.values())))
-    return StylusHand(**dict(zip(STYLUS_RANGES, corners.T, strict=True)))
+    return hand_corners(FINGERTIP) if population == "fingertip" else stylus_corners()

@@ -11,6 +11,8 @@ from avc_hardware._connection import EMULATOR as EMULATOR
 from avc_hardware._connection import EMULATOR_IS_FRESH as EMULATOR_IS_FRESH
 from avc_hardware._connection import Connection as Connection
 from avc_hardware._connection import open_link as open_link
+from avc_hardware._device import Device as Device
+from avc_hardware._device import DeviceStatus as DeviceStatus
 from avc_hardware._diagnose import Diagnosis as Diagnosis
 from avc_hardware._diagnose import diagnose as diagnose
 from avc_hardware._emulator import EmulatedBoard as EmulatedBoard
@@ -20,8 +22,6 @@ from avc_hardware._host import BoardLimits as BoardLimits
 from avc_hardware._in_the_loop import FirmwareInTheLoop as FirmwareInTheLoop
 from avc_hardware._in_the_loop import LoopTrace as LoopTrace
 from avc_hardware._log import save_log as save_log
-from avc_hardware._messages import Device as Device
-from avc_hardware._messages import DeviceStatus as DeviceStatus
 from avc_hardware._monitor import monitor as monitor
 from avc_hardware._ports import Port as Port
 from avc_hardware._ports import find_port as find_port

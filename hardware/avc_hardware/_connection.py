@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Self, TypeVar
 
 from avc_casadi import LinkError
 from avc_hardware._bytes import ByteLink, SerialLink
+from avc_hardware._device import Device
 from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._frames import DELIMITER, Decoder
-from avc_hardware._messages import Device, HeartbeatSeen, Kind, Log, Message, heartbeat, parse
+from avc_hardware._messages import HeartbeatSeen, Kind, Log, Message, heartbeat, parse
 from avc_hardware._ports import find_port
 from avc_hardware._runs_on import emulated_board
 from avc_hardware._session import Answer, Exchange, NoAnswerError, Session

@@ -24,7 +24,7 @@ from avc_casadi.scene.effects import (
     Wall,
     build_effects,
 )
-from avc_casadi.scene.loop import Environment, Tick, coupling_parameters, require_surface, wall_force
+from avc_casadi.scene.loop import Environment, Tick, coupling_parameters, wall_force
 from avc_hardware._float_program import FloatProgram
 from avc_hardware._runtime_program import GAINS, AnyTable
 
@@ -64,8 +64,7 @@ def coupling_program(coupling: Coupling) -> CouplingProgram:
     """Build the program of a coupling at its own sample time.
 
     Raises:
-        InputError: the wall gives no force, the contact law has no spring to act on, or the observer has no encoder
-            step to look between.
+        InputError: the wall gives no force, or the observer has no encoder step to look between.
     """
     wall = coupling.wall
     if not wall.damping_ns_per_m + wall.stiffness_n_per_m > 0:
@@ -128,8 +127,8 @@ class _Built:
         wanted = [ca.SX.sym(f"wanted_{name}") for name in GAINS]
         looked = AnyTable(table.rest_hz, table.rest_stiffness_n_per_m, wanted)
         place: Any = looked
-        environment = next(effect.environment for effect in effects if isinstance(effect, Wall))
-        require_surface(environment, table.gains[1])
+        wall = next(effect.environment for effect in effects if isinstance(effect, Wall))
+        environment = replace(wall, clips_last=coupling.contact == "clip-last")
         for effect in effects:
             if isinstance(effect, Adaptation):
                 replace(effect, table=place).sample(tick)

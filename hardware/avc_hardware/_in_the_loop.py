@@ -21,9 +21,10 @@ from avc_casadi.problem import whole_delay
 from avc_casadi.scene import target_of
 from avc_casadi.scene.effects import Delay, Saturation, SceneEffect, build_effects
 from avc_hardware._connection import Connection
+from avc_hardware._device import DeviceStatus
 from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._machine import CLOCK_HZ
-from avc_hardware._messages import DeviceStatus, Kind
+from avc_hardware._messages import Kind
 from avc_hardware._push import PushResult, push_over
 from avc_hardware._qemu import LockStepBoard
 from avc_hardware._runs_on import emulated_board, limits_of

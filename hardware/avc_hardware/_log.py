@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from avc_casadi import InputError
-from avc_hardware._messages import MODES, DeviceStatus
+from avc_hardware._device import MODES, DeviceStatus
 
 
 def save_log(samples: Iterable[DeviceStatus], path: Path) -> int:

@@ -9,8 +9,9 @@ from collections.abc import Generator, Iterator
 from avc_casadi import LinkError
 from avc_hardware._bytes import ByteLink
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
+from avc_hardware._device import DeviceStatus
 from avc_hardware._emulator import EmulatedBoard
-from avc_hardware._messages import DeviceStatus, Kind
+from avc_hardware._messages import Kind
 from avc_hardware._session import Answer, Exchange
 
 # How often to look whether an unplugged device is back.

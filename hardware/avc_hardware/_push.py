@@ -16,7 +16,7 @@ from avc_hardware._table import TableImage
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, Gains
     from avc_hardware._bytes import ByteLink
-    from avc_hardware._messages import Device
+    from avc_hardware._device import Device
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from avc_hardware._table import FEEDBACK_STATES
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.problem import Problem
-    from avc_hardware._messages import Device
+    from avc_hardware._device import Device
     from avc_hardware._table import TableImage
 
 GUARD = "passivity-controller"

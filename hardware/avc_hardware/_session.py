@@ -12,8 +12,10 @@ from typing import TypeVar
 
 from avc_casadi import LinkError
 from avc_hardware import _messages as m
+from avc_hardware._device import Device
 from avc_hardware._frames import DELIMITER, Frame, encode
-from avc_hardware._messages import Kind, Message, Reason, Refusal
+from avc_hardware._messages import Kind, Message
+from avc_hardware._refusal import INTERFACE_VERSION, Reason, Refusal
 from avc_hardware._table import TableImage
 
 T = TypeVar("T")
@@ -71,7 +73,7 @@ class Upload:
         ticks: that had run when the device told of the swap.
     """
 
-    device: m.Device
+    device: Device
     image: bytes
     attempts: int
     ticks: int
@@ -108,17 +110,17 @@ class Session:
                 answer = yield Exchange(b"", self.timeout_s)
         raise NoAnswerError(f"no answer to {kind.name} after {RETRIES} trials")
 
-    def hello(self) -> Generator[Exchange, Answer, m.Device]:
+    def hello(self) -> Generator[Exchange, Answer, Device]:
         """Ask who is there, and refuse firmware of another interface."""
         answer = yield from self.request(Kind.HELLO, m.hello(self.number))
         if isinstance(answer, Refusal):
             raise RefusedError(answer)
-        if not isinstance(answer, m.Device):
+        if not isinstance(answer, Device):
             raise LinkError("HELLO was answered with something else; is this a device with avc firmware?")
-        if answer.interface_version != m.INTERFACE_VERSION:
+        if answer.interface_version != INTERFACE_VERSION:
             raise LinkError(
-                f"the firmware has interface version {answer.interface_version}, this program {m.INTERFACE_VERSION}; "
-                f"update {'the firmware' if answer.interface_version < m.INTERFACE_VERSION else 'avc-casadi'}"
+                f"the firmware has interface version {answer.interface_version}, this program {INTERFACE_VERSION}; "
+                f"update {'the firmware' if answer.interface_version < INTERFACE_VERSION else 'avc-casadi'}"
             )
         return answer
 
@@ -146,7 +148,7 @@ class Session:
             image += answer.data
         return table_id, image
 
-    def push(self, table: TableImage, device: m.Device) -> Generator[Exchange, Answer, Upload]:
+    def push(self, table: TableImage, device: Device) -> Generator[Exchange, Answer, Upload]:
         """Send a table, have it swapped in, read it back; begun anew when the device was reset or is busy."""
         failure: LinkError | None = None
         for attempt in range(1, ATTEMPTS + 1):
@@ -167,16 +169,14 @@ class Session:
                 failure = LinkError("the table read back differs from the one sent; another host may have pushed")
         raise LinkError(f"the table was not taken after {ATTEMPTS} attempts: {failure}") from failure
 
-    def _transfer(self, table: TableImage, device: m.Device) -> Generator[Exchange, Answer, m.Committed]:
+    def _transfer(self, table: TableImage, device: Device) -> Generator[Exchange, Answer, m.Committed]:
         image, table_id, crc32 = table.image, table.table_id, table.crc32
         begin = m.begin(self.number, table_id, crc32, len(table.rows), table.states)
         begun = yield from self.ask(Kind.BEGIN, begin, m.Acknowledged)
         yield from self._chunks(image, table_id, begun.received, device)
         return (yield from self.ask(Kind.COMMIT, m.commit(self.number, table_id, crc32), m.Committed))
 
-    def _chunks(
-        self, image: bytes, table_id: int, received: int, device: m.Device
-    ) -> Generator[Exchange, Answer, None]:
+    def _chunks(self, image: bytes, table_id: int, received: int, device: Device) -> Generator[Exchange, Answer, None]:
         """Keep the device's window full; after a loss go back to the first byte that it misses."""
         sent = received
         on_the_way: dict[int, tuple[int, int]] = {}  # sequence -> end in the table, bytes on the wire

@@ -15,9 +15,11 @@ from avc_casadi.support import Float32Array, FloatArray
 from avc_hardware import _messages as m
 from avc_hardware._bytes import ByteLink
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
-from avc_hardware._messages import DeviceStatus, GainsTaken, Kind, Reason, Refusal
+from avc_hardware._device import DeviceStatus
+from avc_hardware._messages import GainsTaken, Kind
 from avc_hardware._push import PushResult, push_over
 from avc_hardware._reference import lookup
+from avc_hardware._refusal import Reason, Refusal
 from avc_hardware._runs_on import check_runs_on
 from avc_hardware._session import Answer, Exchange, Session
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi import InputError
-from avc_casadi.scene.loop import Environment, require_surface
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, Gains
@@ -75,8 +74,7 @@ class TableImage:
             safe: gains after a lost heartbeat; None is no force.
 
         Raises:
-            InputError: a number that single precision cannot hold, two rows that become one in it, or gains without a
-                spring, which the contact law needs.
+            InputError: a number that single precision cannot hold, or two rows that become one in it.
         """
         feedback = coupling.runtime.state_feedback
         wide = coupling.table.rows
@@ -95,9 +93,7 @@ class TableImage:
                 "holds a number that single precision cannot carry; allowed: below 3.4e38",
                 key="runtime.state_feedback",
             )
-        wall, clips_last = coupling.wall, coupling.contact == "clip-last"
-        environment = Environment(wall.stiffness_n_per_m, wall.damping_ns_per_m, one_sided=True, clips_last=clips_last)
-        require_surface(environment, wide[:, 2])
+        wall = coupling.wall
         return cls(
             rows=rows,
             sample_time_s=coupling.sample_time_s,
@@ -110,7 +106,7 @@ class TableImage:
             guard=coupling.runtime.guard is not None,
             damped=coupling.structure == "damped",
             varies=not coupling.table.constant,
-            clips_last=clips_last,
+            clips_last=coupling.contact == "clip-last",
             rounding_max=_rounding(wide[:, 1:], rows[:, 1:]),
             feedback=feedback,
         )

@@ -17,7 +17,7 @@ from avc_hardware._in_the_loop import PLANT_KINDS, FirmwareInTheLoop
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.scene import Judgement
-    from avc_hardware._messages import DeviceStatus
+    from avc_hardware._device import DeviceStatus
     from avc_hardware._push import PushResult
 
 _HANDS = frozenset({"hand", "stylus-hand"})

@@ -1,6 +1,7 @@
 """`direct` with scope hands: the gains that hold every hand are the same at all frequencies, and are searched once.
 
-Each frequency takes the best of them, improves it from several starts, and is offered what the others found.
+Each frequency takes the best of them, improves it from several starts, and is offered what the others found. Hands from
+inside the ranges that break what was found are added, and its frequencies searched again, until none does.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ _UNREAL = 1e2
 _JUDGED = 60
 """Points between a start and a refused end that are judged."""
 _GAINED = 1e-7
+_CUTS, _RESERVE = 4, 1.2
+"""How often hands from inside the ranges are added, and what is kept in reserve at last, as a share of the miss."""
 
 
 def hands_optima(problem: Problem, states: States, frequency_hz: FloatArray, progress: Progress = SILENT) -> GainArrays:
@@ -45,15 +48,36 @@ def hands_optima(problem: Problem, states: States, frequency_hz: FloatArray, pro
     Returns:
         (b, k, b_p), each (n,); not a number where none were found.
     """
-    radii = HandsRadii(problem, states)
-    goal = _Goal(problem, states, frequency_hz)
-    n, rows = len(frequency_hz), np.arange(len(frequency_hz))
+    goal, radii = _Goal(problem, states, frequency_hz), HandsRadii(problem, states)
     progress.advance(0, 4, "gains that hold every hand")
     pool = admissible_states(radii)
     if not pool.shape[1]:
-        nothing = np.full(n, np.nan)
+        nothing = np.full(len(frequency_hz), np.nan)
         return nothing, nothing.copy(), nothing.copy()
-    spacing = (states.high - states.low) / (_SPACINGS[len(pool)] - 1)
+    best, first = _search(radii, goal, pool, progress)
+    for cut in range(_CUTS):
+        worst = worst_slack(problem, frequency_hz, states.gains(best))
+        again = np.flatnonzero(~worst.met)
+        if not again.size or worst.hands is None:
+            break
+        # Each cut leaves a quarter of the miss or so; the last ones make it good with a reserve.
+        reserve = _RESERVE * float(-worst.slack.min()) if cut >= _CUTS - 2 else 0.0
+        radii = radii.with_hands(worst.hands.pick(again), worst.slack[again], reserve)
+        pool = radii.kept_by_the_latest(np.concatenate((pool, best[:, worst.met]), axis=1))
+        if not pool.shape[1]:
+            break
+        found = _search(radii, replace(goal, frequency_hz=frequency_hz[again]), pool, progress)
+        best[:, again], first[:, again] = found
+    best, met = _judged(problem, states, frequency_hz, best, first, goal)
+    progress.advance(4, 4, "exact check")
+    b, k, contact = (np.where(met, gain, np.nan) for gain in states.gains(best))
+    return b, k, contact
+
+
+def _search(radii: HandsRadii, goal: _Goal, pool: FloatArray, progress: Progress) -> tuple[FloatArray, FloatArray]:
+    """Best states of each frequency and their starts from a pool of admissible ones, (d, n) each."""
+    n, rows = len(goal.frequency_hz), np.arange(len(goal.frequency_hz))
+    spacing = (radii.high - radii.low) / (_SPACINGS[len(pool)] - 1)
     spacing = np.where(spacing > 0, spacing, 1.0)
     progress.advance(1, 4, "best gains of each frequency")
     first, second, near = _starts(pool, goal, spacing, n)
@@ -68,10 +92,7 @@ def hands_optima(problem: Problem, states: States, frequency_hz: FloatArray, pro
     if gaining.size:
         best[:, gaining] = polished(radii, offered[:, gaining], gaining, goal, spacing / 4)
     progress.advance(3, 4, "exact check")
-    best, met = _judged(problem, states, frequency_hz, best, first, goal)
-    progress.advance(4, 4, "exact check")
-    b, k, contact = (np.where(met, gain, np.nan) for gain in states.gains(best))
-    return b, k, contact
+    return best, first
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from avc_casadi.design.joint._scope import deciding_corners
 from avc_casadi.design.joint._states import States
-from avc_casadi.loop import Hand, hand_corners, hand_set
+from avc_casadi.loop import Hand, hand_corners, hand_ranges, hand_set, joined
 from avc_casadi.problem import Problem
 from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, whole_stability
 from avc_casadi.support import FloatArray, IndexArray
@@ -22,6 +22,8 @@ _FINE = {2: (240,), 3: (24, 24)}
 """Nodes of each face of the box: an optimum often stands on one, and the admissible gains may be thin there."""
 _CLIMBS, _CLIMB_STEPS, _CLIMB_POINTS = 6, 24, {2: 5, 3: 3}
 _SECANTS = 6
+_ADDED, _ALIKE = 3, 0.15
+"""Hands added at a time, and how far apart they stand, as a share of the ranges."""
 
 
 @dataclass(frozen=True)
@@ -31,15 +33,24 @@ class HandsRadii:
     Attributes:
         problem: device, environment, hands and margin.
         states: map from states to gains.
+        found: hands from inside the ranges that broke earlier gains; None where there are none.
+        latest: how many of them were added last.
+        reserve: how far below 1 the radii stay, for hands between those that are known.
     """
 
     problem: Problem
     states: States
+    found: Hand | None = None
+    latest: int = 0
+    reserve: float = 0.0
 
-    most = LARGEST
-    """What no radius may exceed."""
     held = 4
     """How many hands a polish looks at beside those that decide."""
+
+    @property
+    def most(self) -> float:
+        """What no radius may exceed."""
+        return LARGEST - self.reserve
 
     @property
     def low(self) -> FloatArray:
@@ -70,7 +81,31 @@ class HandsRadii:
 
     @cached_property
     def _hands(self) -> Hand:
-        return hand_set(self.problem.hands)
+        hands = hand_set(self.problem.hands)
+        return hands if self.found is None else joined(hands, self.found)
+
+    def with_hands(self, hands: Hand, slack: FloatArray, reserve: float) -> HandsRadii:
+        """Add the worst of some hands, the one of least slack (m,) first, and others some way apart from it."""
+        ranges = hand_ranges(self.problem.hands)
+        width = np.ptp(ranges, axis=1)[:, None]
+        share = np.array([np.atleast_1d(value) for value in vars(hands).values()]) / np.where(width > 0, width, 1.0)
+        left = slack.copy()
+        chosen: list[int] = []
+        while len(chosen) < _ADDED and np.isfinite(left).any():
+            chosen.append(int(left.argmin()))
+            left = np.where(np.abs(share - share[:, chosen[-1:]]).max(axis=0) < _ALIKE, np.inf, left)
+        new = hands.pick(np.array(chosen))
+        return replace(
+            self, found=new if self.found is None else joined(self.found, new), latest=len(chosen), reserve=reserve
+        )
+
+    def kept_by_the_latest(self, points: FloatArray) -> FloatArray:
+        """States, of some (d, m), that hold the hands added last."""
+        last = np.arange(len(self._hands) - self.latest, len(self._hands))
+        device = np.arange(len(deciding_corners(self.problem))) * len(self._hands)
+        some = None if self.reserve else np.asarray((device[:, None] + last).ravel())
+        held = self.at(points, some).max(axis=1) <= self.most
+        return np.asarray(points[:, held])
 
     def at(self, points: FloatArray, some: IndexArray | None = None) -> FloatArray:
         """Radii (m, h) at states (d, m): with all hands of every device, or with some of them."""

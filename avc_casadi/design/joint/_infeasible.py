@@ -20,6 +20,8 @@ _ZOOMS = 12
 _ROUNDS = 6
 _SMOOTHEST = 1e6
 """Slope penalty that makes the slopes as small as the scopes allow."""
+_JUDGED = 40
+"""Gains that are judged with every hand of the ranges, those first that hold the known ones best."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,10 @@ def _with_hands(task: Task, gains: FloatArray, missing: BoolArray) -> tuple[Floa
     pool = admissible_states(radii)
     if not pool.shape[1]:
         return gains, np.ones_like(missing)
-    safest = pool[:, [radii.largest(pool).argmin()]]
+    safest = pool[:, np.argsort(radii.largest(pool), kind="stable")[:_JUDGED]]
+    # The worst hand may stand inside the ranges, where the radii above do not look.
+    slack = worst_slack(task.problem, np.full(safest.shape[1], task.frequency_hz[0]), task.states.gains(safest)).slack
+    safest = safest[:, [slack.argmax()]]
     return np.repeat(safest, len(missing), axis=1), np.zeros_like(missing)
 
 

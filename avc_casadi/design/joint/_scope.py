@@ -8,10 +8,10 @@ import numpy as np
 
 from avc_casadi.design._rows import GainArrays
 from avc_casadi.design.joint._stage import loop_parameters
-from avc_casadi.loop import Loop, corner_problems, least_damped, loop_at
+from avc_casadi.loop import Hand, Loop, corner_problems, least_damped, loop_at
 from avc_casadi.problem import Problem
 from avc_casadi.stability import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import BoolArray, FloatArray, IndexArray
 
 _FREE = {"pointwise": 0, "band": 3, "all": 3, "hands": 0}
 """Slots beside the ends of a scope whose deciding frequencies are not known."""
@@ -43,7 +43,16 @@ def worst_slack(problem: Problem, frequency_hz: FloatArray, gains: GainArrays) -
     all_slacks = [scope_slack(corner, frequency_hz, *gains) for corner in corners]
     slack = np.array([item.slack for item in all_slacks])
     worst = slack.argmin(axis=0), np.arange(slack.shape[1])
-    return ScopeSlack(slack[worst], np.array([item.frequency_hz for item in all_slacks])[worst])
+    at = np.array([item.frequency_hz for item in all_slacks])[worst]
+    return ScopeSlack(slack[worst], at, _of_each([item.hands for item in all_slacks], worst[0]))
+
+
+def _of_each(found: list[Hand | None], corner: IndexArray) -> Hand | None:
+    """Take the hand of each row at its own corner of the device."""
+    known = [vars(hands).values() for hands in found if hands is not None]
+    if not known:
+        return None
+    return Hand(*np.take_along_axis(np.array([list(one) for one in known]), corner[None, None, :], axis=0)[0])
 
 
 @dataclass

@@ -10,6 +10,7 @@ from avc_casadi.design.robust._ladder import stiffest_robust as stiffest_robust
 from avc_casadi.design.robust._law import Space as Space
 from avc_casadi.design.robust._loops import Loops as Loops
 from avc_casadi.design.robust._loops import other_devices as other_devices
+from avc_casadi.design.robust._search import FROM_AFAR as FROM_AFAR
 from avc_casadi.design.robust._search import Found as Found
 from avc_casadi.design.robust._search import search as search
 from avc_casadi.design.robust._solve import solve_robust as solve_robust

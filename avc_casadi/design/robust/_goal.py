@@ -24,6 +24,8 @@ _SLOW_DECAY_PER_S = 5.0
 _VARIED_DECAY_PER_S = 10.0
 # Decay of the device let go.
 _FREE_DECAY_PER_S = 1.0
+# Decay with hands on a stylus and fingertips, which are no part of what is promised.
+_BESIDE_DECAY_PER_S = 2.0
 # Cost of a loop that decays so much slower, for each 1/s.
 _PER_DECAY = 1.0
 # Beyond it a law is not looked at any further.
@@ -90,6 +92,7 @@ def cost_of(law: StateFeedback, rendering: Rendering, loops: Loops) -> Cost:
     every = state_feedback_loop(loops.nominal, law, rendering, tuple(_DECAY_PER_S))
     held = largest_radius(state_feedback_loop(loops.varied, law, rendering))
     free = largest_radius(state_feedback_loop(loops.free, law, rendering))
+    beside = max(float(largest_radius(state_feedback_loop(part, law, rendering)).max()) for part in loops.beside)
     radius = float(max(held.max(), free.max()))
     if radius > _HOPELESS_RADIUS:
         return Cost(1000 + 1000 * (radius - 1), radius, facts=facts)
@@ -100,6 +103,7 @@ def cost_of(law: StateFeedback, rendering: Rendering, loops: Loops) -> Cost:
         + _PER_GAIN * facts["gain"]
         + _PER_DECAY * _missing(float(held.max()), _VARIED_DECAY_PER_S, t)
         + _PER_DECAY * _missing(float(free.max()), _FREE_DECAY_PER_S, t)
+        + _PER_DECAY * _missing(beside, _BESIDE_DECAY_PER_S, t)
     )
     worst = 0.0
     for part, (passed, decay) in zip(every, _DECAY_PER_S.items(), strict=True):

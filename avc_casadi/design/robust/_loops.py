@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop import LINEAR_KEYS, Hand, device_set, device_with, hand_corners, no_hand, sampled_plant
+from avc_casadi.loop import (
+    FINGERTIP,
+    LINEAR_KEYS,
+    Hand,
+    device_set,
+    device_with,
+    hand_corners,
+    no_hand,
+    sampled_plant,
+    stylus_corners,
+)
 from avc_casadi.problem import Hands
 from avc_casadi.stability import largest_radius, plants_with_forces, state_feedback_loop
 from avc_casadi.support import ComplexArray, FloatArray
@@ -24,6 +34,8 @@ Plants = tuple[FloatArray, FloatArray, FloatArray]
 _MASS, _RESONANCE, _DELAY_SAMPLES = (0.9, 1.1), (0.9, 1.1), 0.25
 # So many loops at other devices are kept, those that are worst with the law that the search starts from.
 _KEPT = 28
+# The same of each kind of other hands.
+_KEPT_BESIDE = 4
 # Devices within the declared ranges, beside their corners.
 _DRAWS = 24
 # From what a hand feels as stiffness to the end of the band.
@@ -36,6 +48,7 @@ class Loops:
 
     Attributes:
         nominal: the device as declared with every corner of the hands and one in the middle.
+        beside: the device as declared with hands on a stylus, and with fingertips.
         varied: the hands with devices that are not quite as declared.
         free: the device let go, at every corner that is declared and within.
         frequency_hz: where the loop is looked at, shape (f,).
@@ -44,6 +57,7 @@ class Loops:
     """
 
     nominal: Plants
+    beside: tuple[Plants, ...]
     varied: Plants
     free: Plants
     frequency_hz: FloatArray
@@ -61,6 +75,9 @@ class Loops:
         t = device.sample_time_s
         held = _with_middle(hands)
         nominal = plants_with_forces(sampled_plant(device, held))
+        beside = tuple(
+            plants_with_forces(sampled_plant(device, one)) for one in (stylus_corners(), hand_corners(FINGERTIP))
+        )
         varied = plants_with_forces(sampled_plant(other_devices(device), held))
         free = plants_with_forces(sampled_plant(_declared(device), no_hand()))
         fast = np.geomspace(1.05 * _FAST_HZ, 0.499 / t, _FAST) if 0.4 / t > _FAST_HZ else np.zeros(0)
@@ -70,16 +87,21 @@ class Loops:
         z = np.exp(2j * np.pi * frequency * t)
         pencil = z[None, :, None, None] * np.eye(len(measured)) - matrix[:, None]
         response = np.linalg.solve(pencil, np.broadcast_to(push[:, None, :, None], (*pencil.shape[:3], 1)))
-        return cls(nominal, varied, free, frequency, (response[..., 0] @ measured).astype(np.complex128), t)
+        return cls(nominal, beside, varied, free, frequency, (response[..., 0] @ measured).astype(np.complex128), t)
 
     def hardest(self, law: StateFeedback, rendering: Rendering) -> Loops:
-        """Keep the varied loops that are worst with a law."""
-        matrix, push, measured = self.varied
-        if len(matrix) <= _KEPT:
-            return self
-        radius = largest_radius(state_feedback_loop(self.varied, law, rendering))[0]
-        worst = np.sort(np.argsort(-radius, kind="stable")[:_KEPT])
-        return replace(self, varied=(matrix[worst], push[worst], measured))
+        """Keep the loops beside the nominal ones that are worst with a law."""
+        beside = tuple(_worst(plants, law, rendering, _KEPT_BESIDE) for plants in self.beside)
+        return replace(self, varied=_worst(self.varied, law, rendering, _KEPT), beside=beside)
+
+
+def _worst(plants: Plants, law: StateFeedback, rendering: Rendering, kept: int) -> Plants:
+    matrix, push, measured = plants
+    if len(matrix) <= kept:
+        return plants
+    radius = largest_radius(state_feedback_loop(plants, law, rendering))[0]
+    worst = np.sort(np.argsort(-radius, kind="stable")[:kept])
+    return matrix[worst], push[worst], measured
 
 
 def other_devices(device: Device) -> list[Device]:

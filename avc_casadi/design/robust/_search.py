@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 _FAILED = 1e4
 _POPULATION = 10
-FROM_AFAR, FROM_NEAR = (0.35, 1000), (0.2, 300)
-"""Spread of the first generation, and laws that are weighed: from the usual start, and from the law of a near wall."""
+FROM_AFAR, FROM_NEAR = (0.35, 100), (0.2, 30)
+"""Spread of the first generation and laws for each knob: from the usual start, and from the law of a near wall."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def search(
     Raises:
         numpy.linalg.LinAlgError: the start has no law.
     """
-    spread, evaluations = FROM_AFAR if start is None else FROM_NEAR
+    spread, for_each_knob = FROM_AFAR if start is None else FROM_NEAR
     begin = space.start if start is None else start
     stiffness = stiffness_at_rest(rendering)
     hardest = loops.hardest(space.law(begin, stiffness), rendering)
@@ -65,7 +65,7 @@ def search(
         except np.linalg.LinAlgError:
             return _FAILED
 
-    best = _evolve(weigh, begin, space.bounds, spread, evaluations)
+    best = _evolve(weigh, begin, space.bounds, spread, for_each_knob * len(space.knobs))
     law = space.law(best, stiffness)
     return Found(law, best, cost_of(law, rendering, loops))
 

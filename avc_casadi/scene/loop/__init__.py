@@ -2,7 +2,6 @@
 
 from avc_casadi.scene.loop._coupling import Environment as Environment
 from avc_casadi.scene.loop._coupling import coupling_parameters as coupling_parameters
-from avc_casadi.scene.loop._coupling import require_surface as require_surface
 from avc_casadi.scene.loop._coupling import wall_force as wall_force
 from avc_casadi.scene.loop._tick import AdaptedGains as AdaptedGains
 from avc_casadi.scene.loop._tick import Expr as Expr

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from avc_casadi._errors import InputError
 from avc_casadi.scene.loop._tick import Expr, Rate, Tick
 from avc_casadi.support import FloatArray
 
@@ -63,31 +62,6 @@ class Environment:
         if not self.one_sided or self.clips_last is True:
             return clip_last
         return gated if self.clips_last is False else ca.if_else(self.clips_last, clip_last, gated)
-
-
-def require_surface(environment: Environment, stiffness_n_per_m: ArrayLike) -> None:
-    """Refuse springs that leave the clip-last law without a surface: a damper alone is felt at every place.
-
-    Args:
-        environment: of a scene or a device.
-        stiffness_n_per_m: k of all gains that may run.
-
-    Raises:
-        InputError: the spring of wall or coupling is missing.
-    """
-    if not (environment.one_sided and environment.clips_last is True):
-        return
-    lacks = {
-        "environment.stiffness_n_per_m": environment.stiffness_n_per_m == 0,
-        "coupling.stiffness_n_per_m": bool(np.any(np.asarray(stiffness_n_per_m) == 0)),
-    }
-    for key, missing in lacks.items():
-        if missing:
-            raise InputError.of(
-                'is 0 beside coupling.contact = "clip-last": dampers alone have no surface and are felt in free space; '
-                'allowed: above 0, or "gated"',
-                key=key,
-            )
 
 
 def coupling_parameters(
@@ -181,7 +155,7 @@ def _surface(tick: Tick, environment: Environment) -> Rate:
         return Rate(tick, name, tick.start_m)
     if environment.clips_last is False:
         return Rate(tick, name, penetration)
-    # One state serves both laws: what the gated one has left in it is never negative.
+    # One state serves both laws: before the wall, the gated one sees a penetration of 0 in it.
     return Rate(tick, name, tick.start_m, seen=lambda before: environment.by_law(before, ca.fmax(before, 0)))
 
 

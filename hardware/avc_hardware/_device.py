@@ -1,0 +1,167 @@
+"""What a device tells of itself: what it is (HELLO) and how it does (STATUS)."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
+
+MODES = ("table", "ramp", "safe")
+_COUPLING_ID = 14  # place in STATUS
+_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHH")
+_STATUS = struct.Struct("<II9fi14I4B")
+
+
+@dataclass(frozen=True)
+class Device:
+    """What HELLO answers.
+
+    Attributes:
+        interface_version: of the messages' meaning; must equal this program's.
+        capacity_rows: rows that a table may have.
+        window_bytes: bytes that may be on the way unanswered.
+        chunk_bytes: largest part of a table in one message.
+        build: name of the firmware's sources.
+        serial: number of the device, 0 where it has none.
+        boot_id: changes when the device starts anew.
+        sample_time_s: of the control loop.
+        metres_per_count: of the encoder.
+        max_force_n: limit of the output.
+        max_damping_ns_per_m: limit of b.
+        max_stiffness_n_per_m: limit of k.
+        max_contact_damping_ns_per_m: limit of b_p.
+        table_id: of the running table, 0 without one.
+        table_crc32: of the running table.
+        table_rows: of the running table.
+        transfer_open: whether some host is sending a table.
+        figures: what its control tick was generated for.
+        capacity_states: states that a table may feed back.
+        table_states: that the running table feeds back.
+    """
+
+    interface_version: int
+    capacity_rows: int
+    window_bytes: int
+    chunk_bytes: int
+    build: str
+    serial: int
+    boot_id: int
+    sample_time_s: float
+    metres_per_count: float
+    max_force_n: float
+    max_damping_ns_per_m: float
+    max_stiffness_n_per_m: float
+    max_contact_damping_ns_per_m: float
+    table_id: int
+    table_crc32: int
+    table_rows: int
+    transfer_open: bool
+    figures: RuntimeFigures
+    capacity_states: int
+    table_states: int
+
+    @classmethod
+    def read(cls, payload: bytes) -> Device:
+        """Read the payload of the answer to HELLO."""
+        values = _HELLO.unpack(payload)
+        build = values[4].rstrip(b"\0").decode("ascii", "replace")
+        meant = [_meant(value) for value in values[7:13]]
+        hold_s, slew_per_s, guard = map(_meant, values[17:20])
+        figures = RuntimeFigures(
+            sample_time_s=meant[0],
+            metres_per_count=meant[1],
+            estimator=ESTIMATOR_NUMBERS[values[20]],
+            hold_s=hold_s,
+            slew_per_s=slew_per_s or None,
+            passive=bool(values[21]),
+            guard_damping_ns_per_m=guard,
+        )
+        running = (*values[13:16], bool(values[16]))
+        return cls(*[*values[:4], build, *values[5:7], *meant, *running, figures, *values[22:24]])
+
+
+@dataclass(frozen=True)
+class DeviceStatus:
+    """One STATUS sample; ``frequency_hz`` is not a number at rest.
+
+    Attributes:
+        ticks: control ticks since the start.
+        overruns: ticks that came due before the one before had ended.
+        frequency_hz: estimate of the interaction frequency.
+        lookup_hz: where the table is read: the estimate, held a while when it is lost, then falling to the lowest row.
+        damping_ns_per_m: b in force.
+        stiffness_n_per_m: k in force.
+        contact_damping_ns_per_m: b_p in force.
+        force_n: last output, positive out of the wall.
+        position_m: positive into the wall.
+        velocity_m_per_s: backward difference.
+        energy_j: that the hand has given (positive) since the start: sum of the held force times the next displacement.
+        encoder_count: raw position.
+        table_id: of the running table.
+        table_crc32: of the running table.
+        coupling_id: of the running coupling, 8 hexadecimal digits; empty without one.
+        frames_good: received.
+        frames_bad: received with an error and dropped.
+        bytes_lost: by the receiver.
+        saturated: ticks at the force limit.
+        not_finite: ticks whose force was not a number and was set to 0.
+        heartbeats_missed: times that the host fell silent.
+        swaps: tables taken over.
+        stream_number: of the last SET_GAINS taken.
+        stream_stale: SET_GAINS refused because a newer one was there.
+        stream_missing: numbers that never came.
+        stream_expired: times that the device went back to its table.
+        mode: table | ramp | safe.
+        streaming: whether streamed gains are in force.
+        contact: whether the wall is touched.
+        has_table: whether there is a table.
+    """
+
+    ticks: int
+    overruns: int
+    frequency_hz: float
+    lookup_hz: float
+    damping_ns_per_m: float
+    stiffness_n_per_m: float
+    contact_damping_ns_per_m: float
+    force_n: float
+    position_m: float
+    velocity_m_per_s: float
+    energy_j: float
+    encoder_count: int
+    table_id: int
+    table_crc32: int
+    coupling_id: str
+    frames_good: int
+    frames_bad: int
+    bytes_lost: int
+    saturated: int
+    not_finite: int
+    heartbeats_missed: int
+    swaps: int
+    stream_number: int
+    stream_stale: int
+    stream_missing: int
+    stream_expired: int
+    mode: str
+    streaming: bool
+    contact: bool
+    has_table: bool
+
+    @classmethod
+    def read(cls, payload: bytes) -> DeviceStatus:
+        """Read the payload of the answer to STATUS."""
+        values = _STATUS.unpack(payload)
+        mode, streaming, contact, has_table = values[-4:]
+        at = _COUPLING_ID
+        coupling = f"{values[at]:08x}" if has_table else ""
+        flags = (MODES[mode], bool(streaming), bool(contact), bool(has_table))
+        return cls(*[*values[:at], coupling, *values[at + 1 : -4], *flags])
+
+
+def _meant(value: float) -> float:
+    """1e-3 travels as 0.0010000000475: say what was meant."""
+    return float(str(np.float32(value)))

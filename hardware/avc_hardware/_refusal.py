@@ -1,0 +1,85 @@
+"""Refusals: why a device takes no message, as a number on the wire and as a sentence."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+
+from avc_hardware._frames import PROTOCOL_VERSION
+
+INTERFACE_VERSION = 4  # of the messages' meaning
+_REFUSED = struct.Struct("<HHI")
+
+
+class Reason(IntEnum):
+    """Why the device refuses."""
+
+    VERSION = 1
+    MESSAGE = 2
+    SIZE = 3
+    BUSY = 4
+    NO_TRANSFER = 5
+    OFFSET = 6
+    CRC = 7
+    ROWS = 8
+    NOT_FINITE = 9
+    NOT_MONOTONIC = 10
+    LIMIT = 11
+    SAMPLE_TIME = 12
+    STALE = 13
+    NO_TABLE = 14
+    INTERFACE = 15
+    STATES = 16
+
+
+_SENTENCES = {
+    Reason.VERSION: "the firmware speaks protocol {detail}, this program {own}; bring both to the same release",
+    Reason.MESSAGE: "the firmware does not know message or unit {detail}; update the firmware",
+    Reason.SIZE: "a message or the table has a wrong size (the device counts {detail})",
+    Reason.BUSY: "another host is sending a table (session {detail:#010x}); wait until it has ended",
+    Reason.NO_TRANSFER: "the device knows of no transfer; it may have been reset",
+    Reason.OFFSET: "a part of the table was lost before byte {detail}",
+    Reason.CRC: "the checksum of the table is wrong",
+    Reason.ROWS: "the table has too many rows or none; allowed: 1 to {detail}",
+    Reason.NOT_FINITE: "{row} holds a number that is not finite",
+    Reason.NOT_MONOTONIC: "{row} does not rise in frequency; sort the table and drop repeated frequencies",
+    Reason.LIMIT: "{row} is outside the device's limits",
+    Reason.SAMPLE_TIME: "the table was designed for another sample time than the device's",
+    Reason.STALE: "gains with a number not above {detail} came late",
+    Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",
+    Reason.NO_TABLE: "the device holds no table yet; push one first",
+    Reason.STATES: "the table feeds back too many states; allowed: at most {detail}, beside a single row of gains",
+}
+_PLACES = {0xFFFF: "the table's header", 0xFFFE: "the state feedback"}
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A REFUSED answer."""
+
+    reason: Reason | int
+    detail: int
+
+    def __str__(self) -> str:
+        if not isinstance(self.reason, Reason):
+            return f"for a reason unknown to this program (code {self.reason}, {self.detail}); update avc-casadi"
+        return _SENTENCES[self.reason].format(
+            detail=self.detail,
+            row=_PLACES.get(self.detail, f"row {self.detail}"),
+            own=PROTOCOL_VERSION,
+            interface=INTERFACE_VERSION,
+        )
+
+    @classmethod
+    def read(cls, payload: bytes) -> Refusal:
+        """Read the payload of REFUSED."""
+        code, _, detail = _REFUSED.unpack(payload)
+        return cls(_reason(code), detail)
+
+
+def _reason(code: int) -> Reason | int:
+    try:
+        return Reason(code)
+    except ValueError:
+        return code

@@ -1,0 +1,101 @@
+"""The choice among judged couplings is a rule told in one sentence, and hands that did not choose test it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import avc_casadi as avc
+from avc_casadi.coupling import Coupling, Gains, spring_before
+from avc_casadi.recommendation import _choice
+from avc_casadi.recommendation._choice import Judged, best_of, confirmed, expected_n_per_m
+from avc_casadi.trial import CouplingTrial
+
+HANDS = 10
+PROBLEM = avc.load_problem("figure5")
+WALL = PROBLEM.environment.stiffness_n_per_m
+
+
+def trial(stable: int, free: int, quiet: int) -> CouplingTrial:
+    """So many of ten hands at rest, without friction, and without a vibration that is felt."""
+    nothing = np.zeros(HANDS)
+    return CouplingTrial(
+        seed=0,
+        effects=(),
+        stable=np.arange(HANDS) < stable,
+        stable_without_friction=np.arange(HANDS) < free,
+        by_motion={},
+        vibration=np.where(np.arange(HANDS) < quiet, 0.0, 10.0),
+        stiffness_n_per_m=nothing,
+        at_force_limit=nothing > 0,
+        tap_force_n=nothing,
+        tap_depth_m=nothing,
+        wall_n_per_m=WALL,
+    )
+
+
+def judged(order: int, share: float, stable: int, free: int, quiet: int) -> Judged:
+    gains = Gains(0.0, spring_before(WALL, share * WALL))
+    return Judged(Coupling.constant(PROBLEM, gains, "x"), trial(stable, free, min(quiet, stable)), order)
+
+
+COUNTS = st.sampled_from([0, 5, 8, 9, 10])
+CANDIDATES = st.lists(
+    st.tuples(st.sampled_from([0.2, 0.5, 0.8, 0.95]), COUNTS, COUNTS, COUNTS), min_size=1, max_size=6
+).map(lambda rows: [judged(order, *row) for order, row in enumerate(rows)])
+
+
+def safety(one: Judged, lean: bool) -> tuple[int, int]:
+    everybody, free = one.trial.stable.all(), one.trial.stable_without_friction.all()
+    if not everybody:
+        return 2, -int(one.trial.stable.sum())
+    return (0 if free or lean else 1), 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(CANDIDATES, st.booleans())
+def test_nothing_that_is_safer_or_as_safe_and_better_is_passed_over(candidates, lean):
+    best = best_of(candidates, lean_on_friction=lean)
+    rank = safety(best, lean)
+    if lean:
+        rank = (max(rank[0], 1), rank[1])
+    for one in candidates:
+        other = safety(one, lean)
+        if lean:
+            other = (max(other[0], 1), other[1])
+        assert rank <= other
+        if other == rank:
+            quiet, mine = one.trial.quiet.mean() >= 0.9, best.trial.quiet.mean() >= 0.9
+            assert mine or not quiet
+            if mine == quiet:
+                assert expected_n_per_m(best.coupling) >= 0.99 * expected_n_per_m(one.coupling)
+
+
+def test_hands_that_had_no_part_in_the_choice_can_refute_it(monkeypatch):
+    lucky, honest = judged(0, 0.95, 10, 10, 10), judged(1, 0.5, 10, 10, 10)
+    failing = {lucky.coupling.id: trial(9, 9, 9)}
+    asked = []
+
+    def tried(coupling, people, seed):
+        asked.append((coupling.id, people, seed))
+        return failing.get(coupling.id, trial(10, 10, 10))
+
+    monkeypatch.setattr(_choice, "try_coupling", tried)
+    found = confirmed([lucky, honest], "others", 3, lean_on_friction=False)
+    best = best_of(found)
+    assert best.coupling is honest.coupling
+    assert best.others is not None
+    assert [one[0] for one in asked] == [lucky.coupling.id, honest.coupling.id]
+    assert {one[1:] for one in asked} == {("others", 3)}
+    assert found[0].safety == 2
+
+
+@pytest.mark.parametrize("free", [10, 4])
+def test_rest_by_friction_is_enough_only_for_who_leans_on_it(free):
+    one = replace(judged(0, 0.9, 10, 10, 10), others=trial(10, free, 10))
+    assert one.complete(lean_on_friction=True)
+    assert one.complete(lean_on_friction=False) == (free == 10)
