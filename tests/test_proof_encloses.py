@@ -12,13 +12,12 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import Gains
-from avc_casadi.loop import Hand, expm, sampled_plant
+from avc_casadi.loop import STYLUS_RANGES, Hand, expm, sampled_plant
 from avc_casadi.problem import Device
 from avc_casadi.proof import HAND, STYLUS, ContactLaw, HeldDevice, Multiplier, SwitchingLoop
 from avc_casadi.proof._disc import Disc, Moving, held, turned
 from avc_casadi.proof._verify import _bounds, _rounded, verify
 from avc_casadi.stability import fraction_rendering, frozen_parts, plants_with_forces, state_feedback_loop
-from avc_casadi.trial import STYLUS_RANGES
 
 BOX = {"mass_kg": (0.05, 0.3), "damping_ns_per_m": (3.0, 20.0), "stiffness_n_per_m": (200.0, 800.0)}
 DEVICES = {

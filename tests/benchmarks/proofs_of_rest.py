@@ -28,9 +28,9 @@ from drawn_loops import contradiction, drawn_loop
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
+from avc_casadi.loop import STYLUS_RANGES
 from avc_casadi.proof import HAND, ContactLaw, HeldDevice, Rest, prove_rest, rigid_with_damper, wall_gap
 from avc_casadi.recommendation import design
-from avc_casadi.trial import STYLUS_RANGES
 
 HERE = Path(__file__).parent
 OUT = HERE / "results" / "proofs_of_rest.json"
