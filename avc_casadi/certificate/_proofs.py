@@ -37,6 +37,8 @@ def prove(coupling: Coupling, *, seed: int = 0, progress: Progress = SILENT) -> 
     breaking contact, without friction, at each row of the table that runs. Proofs and witnesses stand in its detail
     and can be read again (`avc_casadi.proof.Rest.from_document`).
 
+    A device let go has no place of rest, and is no part of it.
+
     L9: how far half an encoder step, noise of four times its rms and dry friction can move device and force with every
     hand of the box, while the hand presses enough to keep in contact.
 
