@@ -50,7 +50,7 @@ def prove(coupling: Coupling, *, seed: int = 0, progress: Progress = SILENT) -> 
     Example:
         >>> problem = avc.load_problem("soft")
         >>> prove(avc.Coupling.of(problem, avc.solve(problem, "static-tuned")))["L7"].outcome
-        'open'
+        'proved'
     """
     rows = coupling.table.rows
     found: list[Rest] = []

@@ -34,6 +34,8 @@ _SAMPLES = 40_000
 _DIES_TO = 1e-7
 _BOXES_AT_ONCE = 64
 _MOST_BOXES = 4096
+# Boxes times samples until the slowest loop has died out: some seconds.
+_BUDGET = 1_500_000
 # A box is cut until its enclosure is within this factor of its middle.
 _LOOSE = 1.3
 _UP = 1 + 1e-9
@@ -136,16 +138,19 @@ def _over_box(
     """Return the norms over the box, and the boxes that it was cut into."""
     low, high = ends[None, :, 0], ends[None, :, 1]
     worst, done = known.copy(), 0
+    corners = Hand(*np.stack([grid.ravel() for grid in np.meshgrid(*ends, indexing="ij")]))
+    radius = min(float(_closed(law, device, corners)[0].contact_radius().max()), 1 - 1e-6)
+    most = int(np.clip(_BUDGET * np.log(radius) / np.log(_DIES_TO), 1, _MOST_BOXES))
     share, whole = 0.0, float(np.prod((high - low)[high > low]))
     while len(low):
         now, later = slice(0, _BOXES_AT_ONCE), slice(_BOXES_AT_ONCE, None)
         some_low, some_high = low[now], high[now]
         norms = _norms(law, device, some_low, some_high)
         good = (norms <= _LOOSE * known).all(axis=1)
-        if done + len(low) > _MOST_BOXES:
+        if done + len(low) > most:
             good = np.isfinite(norms).all(axis=1)
             if not good.all():
-                raise UnsupportedError(f"ripple was not enclosed in {_MOST_BOXES} boxes of hands")
+                raise UnsupportedError(f"ripple was not enclosed in {most} boxes of hands")
         worst = np.maximum(worst, norms[good].max(axis=0, initial=0.0))
         done += int(good.sum())
         width = some_high - some_low
