@@ -13,6 +13,7 @@ from avc_casadi.certificate._device_levels import device_level, ideal
 from avc_casadi.certificate._feedback_claims import certify_feedback
 from avc_casadi.certificate._hands_level import hands_level
 from avc_casadi.certificate._levels import Rows, llewellyn_level, not_judged, passivity_level
+from avc_casadi.certificate._prove import not_proved, proved_level
 from avc_casadi.coupling import Coupling, GainSchedule, check_sample_time, require_coupling
 from avc_casadi.loop import least_damped
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m
@@ -33,6 +34,7 @@ def certify(
     requested: bool = False,
     draws: int = 24,
     seed: int = 0,
+    prove: bool = False,
     progress: Progress = SILENT,
 ) -> Certificate:
     """Say which stability claims a gain table meets, with the worst margin of each and where it stands.
@@ -44,6 +46,8 @@ def certify(
             judged as a rigid coupling.
         draws: hands drawn for L5 beside the corners of the range.
         seed: seed of the draws.
+        prove: prove L5 over every hand and device of the ranges, or refute it, where a search alone has looked; a
+            second or two for a table. State feedback is not among what can be proved.
         progress: told of the rows that are judged.
 
     Raises:
@@ -60,7 +64,10 @@ def certify(
         gains = gains.schedule
     check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
     if gains.state_feedback is not None and gains.usable.any():
-        return certify_feedback(Coupling.of(problem, gains), draws=draws, seed=seed)
+        certificate = certify_feedback(Coupling.of(problem, gains), draws=draws, seed=seed)
+        if prove:
+            certificate.levels["L5"] = not_proved(certificate.levels["L5"], "state feedback is not enclosed")
+        return certificate
     b, k, contact = (
         (gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m, gains.requested_contact_damping_ns_per_m)
         if requested
@@ -78,6 +85,8 @@ def certify(
         "L4": _if_offered(rows, "L4", model, progress),
         "L5": hands_level(rows, draws=draws, seed=seed, progress=progress),
     }
+    if prove:
+        levels["L5"] = proved_level(rows, levels["L5"], progress)
     device = problem.device
     parts = fractions(SampledLoop.of(problem), rows.b, rows.k)
     return Certificate(

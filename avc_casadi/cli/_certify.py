@@ -28,7 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--requested", action="store_true", help="judge what unrealisable rows asked for in place of missing gains"
     )
     parser.add_argument(
-        "--prove", action="store_true", help="prove more, or refute it: rest (L7) and ripple (L9); takes seconds a row"
+        "--prove",
+        action="store_true",
+        help="prove or refute L5 over every hand and device of the ranges, rest (L7) and ripple (L9): seconds a row",
     )
 
 
@@ -40,7 +42,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     problem, gains, coupling, notes = _judged(args)
     file = args.problem if args.gains is None else args.gains
     with console.step(f"certificate of {rows_text(gains.rows)}"):
-        found = avc.certify(problem, gains, requested=args.requested, progress=console)
+        found = avc.certify(problem, gains, requested=args.requested, prove=args.prove, progress=console)
     if coupling is None and gains.usable.any():
         coupling = Coupling.of(problem, gains)
     if args.prove and coupling is not None:
@@ -65,7 +67,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         f"{deployment['sentence']}\n"
         f"{problem.name}: {rows_text(gains.rows)} of {file}, {certificate['judged']}\n{beside}"
         f"{levels_text(certificate)}\n"
-        f"{claims}\n{_beside_hands(certificate['levels']['L5'])}"
+        f"{claims}\n{_proof(certificate['levels']['L5'])}{_beside_hands(certificate['levels']['L5'])}"
         f"claimed by the problem file: {claimed} (scope {problem.stability.scope}, model {problem.stability.model}): "
         f"{'met' if certificate['levels'][claimed]['pass'] else 'not met'}\n"
         f"{passive_limit(certificate['passive_limit_n_per_m'])}"
@@ -86,6 +88,16 @@ def _judged(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, Coupli
         raise avc.InputError.of("is missing; give a coupling or gain file, .json or .csv", key="GAINS")
     coupling = read_subject("certify", args.problem, beside=f"avc certify P {args.problem}")
     return coupling.problem, coupling.schedule, coupling, []
+
+
+def _proof(level: Mapping[str, Any]) -> str:
+    """What was proved of L5, where that was asked for."""
+    proof = level.get("proof")
+    if proof is None:
+        return ""
+    counts = ", ".join(f"{proof[word]} {word}" for word in ("proved", "refuted", "open") if proof[word])
+    beside = "" if proof["first_open"] is None else f"; open: {proof['first_open']}"
+    return f"L5 over the whole ranges: {counts} ({proof['looked_at']} cells, {proof['seconds']:.2g} s){beside}\n"
 
 
 def _beside_hands(level: Mapping[str, Any]) -> str:

@@ -18,8 +18,8 @@ STYLUS_RANGES: dict[str, tuple[float, float]] = {
 }
 """Lowest and highest of the 15 subjects of Fu and Cavusoglu (2012)."""
 
-FINGERTIP = Hands(mass_kg=(0.005, 0.02), damping_ns_per_m=(1.0, 5.0), stiffness_n_per_m=(200.0, 1000.0))
-"""One finger that touches the handle: assumed, lighter and stiffer than a hand that holds it."""
+FINGERTIP = Hands(mass_kg=(0.02, 0.1), damping_ns_per_m=(1.0, 5.0), stiffness_n_per_m=(100.0, 500.0))
+"""One finger that touches the handle: assumed, lighter and less damped than a hand that holds it."""
 
 
 def stylus_corners() -> StylusHand:

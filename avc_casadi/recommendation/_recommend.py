@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.certificate import certified, deployable
 from avc_casadi.coupling import Coupling, coupling_document
-from avc_casadi.design.robust import MOST_SOFTER
+from avc_casadi.design.robust import MOST_SOFTER, SOFTER
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.problem import Problem, load_problem
 from avc_casadi.recommendation._assumptions import assumed, not_used
@@ -69,7 +69,7 @@ class Recommendation(Comparable):
         not_used: what the problem declares and nothing here uses.
 
     Example:
-        >>> found = avc.recommend("figure5", hands=10)
+        >>> found = avc.recommend("spring", hands=10)
         >>> found.deployable, found.trial.hands
         (True, 10)
     """
@@ -214,8 +214,8 @@ def recommend(
         progress: told of the candidates that are tuned, judged and tried.
 
     Example:
-        >>> found = avc.recommend("figure5", hands=10)
-        >>> 90e3 < found.felt()["stiffness_n_per_m"] <= 1.01 * found.stiffest_wall_n_per_m
+        >>> found = avc.recommend("spring", hands=10)
+        >>> found.felt()["share_of_wall"] > 0.99 and found.felt()["stiffness_n_per_m"] < found.stiffest_wall_n_per_m
         True
     """
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
@@ -267,16 +267,17 @@ def _judged(
     robust = RobustCandidates(problem, progress)
     judged: list[Judged] = []
     considered = 0
+    plainly = min(wall, limit.stiffness_n_per_m)
     plain = (plain_candidates(problem, hand_corners(problem.hands), limit), wall)
     first = (islice(robust.stiff, 1), wall)
-    # A wall beyond what spring and damper hold is robust from the start. Tuned gains come late: what holds spring and
-    # damper back holds them back too.
+    # A wall beyond what spring and damper hold is robust from the start; one that nothing holds is softened until
+    # everybody rests quietly. Tuned gains come last: what holds spring and damper back holds them back too.
     for more, ceiling in (
         *((plain, first) if wall <= limit.stiffness_n_per_m else (first, plain)),
         (robust.stiff, wall),
-        *((islice(robust.soft, 1), 0.0) for _ in range(MOST_SOFTER)),
-        (tuned_candidates(problem, progress), 0.0),
         (safer_candidates(problem, hand_corners(problem.hands), limit), 0.0),
+        *((islice(robust.soft, 1), SOFTER ** (1 + step) * plainly) for step in range(MOST_SOFTER)),
+        (tuned_candidates(problem, progress), 0.0),
     ):
         if _reached(judged, lean_on_friction=lean_on_friction) >= (1 - AS_STIFF) * ceiling:
             judged = confirmed(judged, others, seed, lean_on_friction=lean_on_friction)

@@ -19,7 +19,7 @@ from studied import about, computed, cpu_seconds, expected_n_per_m, felt_n_per_m
 import avc_casadi as avc
 from avc_casadi.certificate import deployable
 from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.loop import device_with, hand_corners, linear_values, with_let_go
+from avc_casadi.loop import FINGERTIP, device_with, hand_corners, linear_values, with_let_go
 from avc_casadi.problem import Device, DeviceFile, Problem, SdkExample, device_catalogue, load_device
 from avc_casadi.stability import damping_range, stiffest_wall
 from avc_casadi.trial import people_of, try_coupling
@@ -30,14 +30,7 @@ WALL_N_PER_M = 1e5
 OUT = Path(__file__).parent / "results" / "catalogue_walls.json"
 PAGE = Path(__file__).parent / "RESULTS_catalogue.md"
 
-HANDS: dict[str, dict[str, Any]] = {
-    "default": {},
-    "fingertip": {
-        "mass_kg": (0.02, 0.1),
-        "damping_ns_per_m": (1.0, 5.0),
-        "stiffness_n_per_m": (100.0, 500.0),
-    },
-}
+HANDS: dict[str, dict[str, Any]] = {"default": {}, "fingertip": FINGERTIP.model_dump()}
 # What stands for a value that nobody publishes and the device file gives no range for; nominal values are simulated.
 GAPS: dict[str, dict[str, Any]] = {
     "damping_ns_per_m": {"damping_ns_per_m": 0.2, "range": {"damping_ns_per_m": (0.0, 1.0)}},

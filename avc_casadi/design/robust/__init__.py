@@ -3,6 +3,7 @@
 from avc_casadi.design.robust._goal import Cost as Cost
 from avc_casadi.design.robust._goal import cost_of as cost_of
 from avc_casadi.design.robust._ladder import MOST_SOFTER as MOST_SOFTER
+from avc_casadi.design.robust._ladder import SOFTER as SOFTER
 from avc_casadi.design.robust._ladder import Rung as Rung
 from avc_casadi.design.robust._ladder import robust_ladder as robust_ladder
 from avc_casadi.design.robust._ladder import softer_robust as softer_robust

@@ -36,7 +36,7 @@ _FIRST, _NEXT, _BETWEEN = 0.9, 1.4, 1.18
 _AT_ONCE = 4.0
 _MOST_RUNGS = 8
 # From the softest of these down, where it is not enough.
-_SOFTER = 0.6
+SOFTER = 0.6
 MOST_SOFTER = 4
 """Walls that are tried below the softest of the ladder."""
 # The same from the wall of a like device.
@@ -129,7 +129,7 @@ def softer_robust(problem: Problem, near: Rung | None, progress: Progress = SILE
     if near is not None:
         stiffness = near.stiffness_n_per_m
     for done in range(MOST_SOFTER):
-        stiffness *= _SOFTER
+        stiffness *= SOFTER
         progress.advance(done, MOST_SOFTER, f"softer walls, {stiffness:.4g} N/m")
         gains, rendering = _softened(problem, stiffness)
         with suppress(np.linalg.LinAlgError):
