@@ -183,7 +183,8 @@ DESIGNED = """Rows of the table that runs, each with its gains held. Time: that 
 What is said of the first row:
 
 {said}"""
-DRAWN = """{loops} random loops: rigid, resonant and with an amplifier, delays of 0 to 2 samples whole and not, sample times of
+DRAWN = """{loops} random loops: rigid, resonant and with an amplifier, delays of 0 to 2 samples whole and not,
+sample times of
 0.25 to 2 ms, boxes of hands of random size, gains about the edge of what is stable: {outcomes}. Each proved one was
 simulated from random states by code that shares nothing with the project; each witness of a refuted one was replayed
 there (those of hands on their way to instability, and orbits). **Contradictions: {contradictions}.**"""
