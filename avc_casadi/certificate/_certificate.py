@@ -12,7 +12,7 @@ from avc_casadi.support import BoolArray, Columns, Comparable, FloatArray, Tabul
 if TYPE_CHECKING:
     from avc_casadi.problem import Model
 
-Level = Literal["L0", "L1", "L2", "L3", "L4", "L5"]
+Level = Literal["L0", "L1", "L2", "L3", "L4", "L5", "L7", "L9"]
 
 TITLES: dict[str, str] = {
     "L0": "passive at its own frequency",
@@ -21,6 +21,8 @@ TITLES: dict[str, str] = {
     "L3": "passive at all frequencies, sampled-data hold",
     "L4": "Llewellyn, any passive environment",
     "L5": "linearly stable with a set of hands",
+    "L7": "comes to rest with every hand, making and breaking contact",
+    "L9": "ripple of encoder, noise and friction bounded in contact",
 }
 
 
@@ -29,7 +31,7 @@ class LevelResult(Comparable):
     """One level of a certificate; row arrays have shape (n,) in the order of the gains.
 
     Attributes:
-        level: L0 to L5.
+        level: L0 to L5; L7 and L9 where proofs were asked for (`prove`).
         passed: whether every row meets it.
         margin_ns_per_m: the worst margin, N.s/m; not a number where there is none to give.
         frequency_hz: where it stands; 0 is the limit of zero frequency.
@@ -42,6 +44,7 @@ class LevelResult(Comparable):
         row_frequency_hz: where it stands.
         detail: more numbers of this level.
         refused: why the level is not judged on this device; empty where it is.
+        outcome: proved, refuted or open, of a level that is a proof; empty of others.
     """
 
     level: Level
@@ -57,14 +60,15 @@ class LevelResult(Comparable):
     row_frequency_hz: FloatArray
     detail: dict[str, Any] = field(default_factory=dict)
     refused: str = ""
+    outcome: str = ""
 
     def __repr__(self) -> str:
         return f"LevelResult({self.level}, {self.word}: {self.claim})"
 
     @property
     def word(self) -> str:
-        """pass, fail, or refused: not judged."""
-        return "refused" if self.refused else "pass" if self.passed else "fail"
+        """pass, fail, or refused: not judged; of a proof its outcome."""
+        return self.outcome or ("refused" if self.refused else "pass" if self.passed else "fail")
 
     @property
     def rows_failed(self) -> int:
@@ -76,6 +80,7 @@ class LevelResult(Comparable):
         return {
             "pass": self.passed,
             "refused": self.refused or None,
+            "outcome": self.outcome or None,
             "title": TITLES[self.level],
             "margin_ns_per_m": plain(self.margin_ns_per_m),
             "frequency_hz": plain(self.frequency_hz),
@@ -120,7 +125,7 @@ class Certificate(Tabular):
     dc_stiffness_n_per_m: FloatArray
 
     def to_dict(self) -> Columns:
-        """Return the levels as columns, each of shape (6,)."""
+        """Return the levels as columns, each of shape (levels,)."""
         levels = list(self.levels.values())
         return {
             "level": np.array([found.level for found in levels]),

@@ -18,7 +18,7 @@ def levels_table(certificate: Mapping[str, Any]) -> Table:
         (
             level,
             found["title"],
-            "refused" if found.get("refused") else "pass" if found["pass"] else "fail",
+            found.get("outcome") or ("refused" if found.get("refused") else "pass" if found["pass"] else "fail"),
             found["margin_ns_per_m"],
             found["frequency_hz"],
             found["rows_failed"],

@@ -30,24 +30,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--prove",
         action="store_true",
-        help="prove L5 over every hand and device of the ranges, or say which hand breaks it (a few seconds)",
+        help="prove or refute L5 over every hand and device of the ranges, rest (L7) and ripple (L9): seconds a row",
     )
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Certify; 1 if the coupling is not deployable."""
-    from avc_casadi.certificate import levels_table
+    from avc_casadi.certificate import levels_table, prove, with_proofs
     from avc_casadi.coupling import Coupling
 
     problem, gains, coupling, notes = _judged(args)
     file = args.problem if args.gains is None else args.gains
     with console.step(f"certificate of {rows_text(gains.rows)}"):
-        certificate = avc.certify(
-            problem, gains, requested=args.requested, prove=args.prove, progress=console
-        ).document()
+        found = avc.certify(problem, gains, requested=args.requested, prove=args.prove, progress=console)
+    if coupling is None and gains.usable.any():
+        coupling = Coupling.of(problem, gains)
+    if args.prove and coupling is not None:
+        found = with_proofs(found, prove(coupling, progress=console))
+    certificate = found.document()
     with console.step("table that runs"):
-        if coupling is None and gains.usable.any():
-            coupling = Coupling.of(problem, gains)
         verdict = None if coupling is None else avc.deployable(coupling, console)
     claimed = claimed_level(problem)
     deployment = (

@@ -1,4 +1,4 @@
-"""Proofs about the loop over whole sets of hands, in arithmetic that encloses every rounding."""
+"""Proofs and refutations: what holds for every hand of a box, with enclosures in place of samples."""
 
 from avc_casadi.proof._frozen_loop import FrozenGains as FrozenGains
 from avc_casadi.proof._hands_proof import BUDGET as BUDGET
@@ -6,9 +6,27 @@ from avc_casadi.proof._hands_proof import HandsProof as HandsProof
 from avc_casadi.proof._hands_proof import Outcome as Outcome
 from avc_casadi.proof._hands_proof import Piece as Piece
 from avc_casadi.proof._hands_proof import prove_hands as prove_hands
+from avc_casadi.proof._held_device import HAND as HAND
+from avc_casadi.proof._held_device import STYLUS as STYLUS
+from avc_casadi.proof._held_device import HeldDevice as HeldDevice
 from avc_casadi.proof._interval import ComplexInterval as ComplexInterval
 from avc_casadi.proof._interval import Interval as Interval
 from avc_casadi.proof._interval import cosine as cosine
 from avc_casadi.proof._interval import matrix_product as matrix_product
 from avc_casadi.proof._interval import sine as sine
+from avc_casadi.proof._law import ContactLaw as ContactLaw
+from avc_casadi.proof._multiplier import Multiplier as Multiplier
+from avc_casadi.proof._orbits import Orbit as Orbit
+from avc_casadi.proof._orbits import find_orbit as find_orbit
+from avc_casadi.proof._rest import Rest as Rest
+from avc_casadi.proof._rest import Unstable as Unstable
+from avc_casadi.proof._rest import prove_rest as prove_rest
+from avc_casadi.proof._ripple import NOISE_BOUND as NOISE_BOUND
+from avc_casadi.proof._ripple import Ripple as Ripple
+from avc_casadi.proof._ripple import bound_ripple as bound_ripple
+from avc_casadi.proof._switching import SwitchingLoop as SwitchingLoop
+from avc_casadi.proof._walls import WallGap as WallGap
+from avc_casadi.proof._walls import rigid_with_damper as rigid_with_damper
+from avc_casadi.proof._walls import same_gains as same_gains
+from avc_casadi.proof._walls import wall_gap as wall_gap
 from avc_casadi.proof._zero_exclusion import Cells as Cells

@@ -1,0 +1,239 @@
+"""What a proof of rest stands on: enclosures contain the exact values, and the law is that of the loop."""
+
+import math
+
+import mpmath as mp
+import numpy as np
+import pytest
+from hardware_bench import believer
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import avc_casadi as avc
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.coupling import Gains
+from avc_casadi.loop import STYLUS_RANGES, Hand, expm, sampled_plant
+from avc_casadi.problem import Device
+from avc_casadi.proof import HAND, STYLUS, ContactLaw, HeldDevice, Multiplier, SwitchingLoop
+from avc_casadi.proof._disc import Disc, Moving, held, turned
+from avc_casadi.proof._verify import _bounds, _rounded, verify
+from avc_casadi.stability import fraction_rendering, frozen_parts, plants_with_forces, state_feedback_loop
+
+BOX = {"mass_kg": (0.05, 0.3), "damping_ns_per_m": (3.0, 20.0), "stiffness_n_per_m": (200.0, 800.0)}
+DEVICES = {
+    "rigid": {},
+    "late": {"delay_samples": 2},
+    "later by a part": {"delay_samples": 0.7},
+    "amplifier": {"amplifier_bandwidth_hz": 400.0},
+    "current loop": {"amplifier_bandwidth_hz": 700.0, "amplifier_order": 2, "delay_samples": 1},
+    "resonance": {"resonance": {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}},
+    "handle": {
+        "resonance": {"frequency_hz": 90.0, "damping_ratio": 0.1, "mass_ratio": 0.3},
+        "encoder_at": "handle",
+        "amplifier_bandwidth_hz": 1000.0,
+        "delay_samples": 1.25,
+    },
+    "ranges": {
+        "resonance": {"frequency_hz": 90.0, "damping_ratio": 0.1, "mass_ratio": 0.3},
+        "delay_samples": 0.5,
+        "range": {"mass_kg": (0.09, 0.12), "delay_samples": (0.2, 0.8), "resonance": {"frequency_hz": (80.0, 99.0)}},
+    },
+}
+number = st.floats(-3, 3)
+complexes = st.builds(complex, number, number)
+
+
+def device_of(keys):
+    return Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 2.0, **keys})
+
+
+def sampled(device, hand, omega):
+    """P by discretisation in the time domain."""
+    plant = sampled_plant(device, Hand(*(np.array([value]) for value in hand)))
+    matrix, push = (part[0, 0] for part in plant.with_forces_under_way())
+    measured = np.zeros(len(push))
+    measured[: len(plant.measured)] = plant.measured
+    found = np.linalg.solve(np.exp(1j * omega) * np.eye(len(push)) - matrix, push)
+    return -measured @ found
+
+
+@given(complexes, complexes, st.floats(0, 1), st.floats(0, 1), st.floats(0, math.tau), st.floats(0, math.tau))
+def test_discs_hold_what_their_points_make(one, other, r, s, here, there):
+    a = Disc(np.array([one]), np.array([r]))
+    b = Disc(np.array([other]), np.array([s]))
+    x, y = one + r * np.exp(1j * here), other + s * np.exp(1j * there)
+    for disc, value in ((a + b, x + y), (a - b, x - y), (a * b, x * y), (2.5 - a * 1.5, 2.5 - x * 1.5)):
+        assert abs(disc.centre[0] - value) <= disc.radius[0] * (1 + 1e-12) + 1e-15
+        assert abs(value) <= disc.largest[0] + 1e-15
+        assert value.real >= disc.real_low[0] - 1e-15
+    inverse = a.reciprocal()
+    if np.isfinite(inverse.radius[0]):
+        assert abs(inverse.centre[0] - 1 / x) <= inverse.radius[0] * (1 + 1e-9)
+    else:
+        assert r >= 0.89 * abs(one)
+
+
+@given(st.floats(0, math.pi), st.floats(0, 0.3), st.floats(0, 1))
+def test_turns_and_holds_are_enclosed_with_their_rates(low, width, share):
+    angle = Moving.variable(0, np.array([low]), np.array([low + width]))
+    x = mp.mpf(low) + mp.mpf(share) * (mp.mpf(low + width) - mp.mpf(low))
+    with mp.workdps(40):
+        j = mp.mpc(0, 1)
+
+        def hold(v):
+            return (1 - mp.exp(-j * v)) / (j * v) if v else mp.mpf(1)
+
+        exact = {turned: lambda v: mp.exp(-j * v), held: hold}
+        for function, truth in exact.items():
+            found = function(angle)
+            rate = mp.diff(truth, x + mp.mpf("1e-12"), h=mp.mpf("1e-10"))
+            for disc, value in ((found.value, truth(x)), (found.slopes[0], rate)):
+                assert abs(complex(disc.centre[0]) - value) <= disc.radius[0] + 1e-11
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_the_folded_spectrum_is_the_discretisation(name):
+    """At points and over cells, with the terms that are left out."""
+    device = device_of(DEVICES[name])
+    found = HeldDevice(device, BOX)
+    random = np.random.default_rng(3)
+    ends = np.array(list(found.ranges.values()))
+    for _ in range(40):
+        centre = random.uniform(ends[:, 0], ends[:, 1])
+        omega = random.uniform(0.0, np.pi)
+        half = np.append(1.0, ends[:, 1] - ends[:, 0]) * 10.0 ** random.uniform(-6, -2.5)
+        at = np.append(omega, centre)
+        low, high = np.maximum(at - half, 0.0), np.minimum(at + half, np.append(np.pi, ends[:, 1]))
+        cell = [Moving.variable(place, low[[place]], high[[place]]) for place in range(len(at))]
+        enclosed = found.over(cell[0], tuple(cell[1:]))
+        left = found.tail(high[[0]])[0]
+        inside = random.uniform(low, high)
+        numbers = dict(zip(found.names, inside[1:], strict=True))
+        own = {key.removeprefix("device."): value for key, value in numbers.items() if key.startswith("device.")}
+        exact = sampled(changed(device, own), [numbers[key] for key in HAND], inside[0])
+        assert abs(enclosed.value.centre[0] - exact) <= enclosed.value.radius[0] + left
+        assert abs(found.at(inside[:1], inside[None, 1:])[0, 0] - exact) <= left + 1e-12
+
+
+def changed(device, values):
+    whole = device.model_dump(exclude={"range"})
+    for key, value in values.items():
+        if key.startswith("resonance."):
+            whole["resonance"][key.removeprefix("resonance.")] = value
+        else:
+            whole[key] = value
+    return Device.model_validate(whole)
+
+
+def test_hands_on_a_stylus_are_enclosed_too():
+    found = HeldDevice(device_of({}), STYLUS_RANGES)
+    corner = found.corners()[[3, 17]]
+    omega = np.array([0.3, 2.0])
+    cell = [Moving.fixed(np.full(2, 0.3)), *(Moving.fixed(corner[:, place]) for place in range(len(STYLUS)))]
+    enclosed = found.over(cell[0], tuple(cell[1:]))
+    np.testing.assert_allclose(enclosed.value.centre, found.at(omega, corner)[:, 0], rtol=1e-4)
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 10**6))
+def test_the_law_is_that_of_the_loop_in_contact(seed):
+    """1 + P C1 - C2 vanishes at the eigenvalues of the loop that the scene and the certificate know."""
+    random = np.random.default_rng(seed)
+    device = device_of({"delay_samples": float(random.choice([0, 1, 0.4]))})
+    wall = {"damping_ns_per_m": float(random.choice([0.0, 5.0])), "stiffness_n_per_m": random.uniform(1e3, 1e5)}
+    problem = avc.load_problem("figure5").changed(device=device, environment=wall)
+    gains = Gains(random.uniform(0, 50), random.uniform(1e3, 1e6), random.uniform(0, 90))
+    observer = believer(int(random.integers(0, 100))) if random.random() < 0.5 else None
+    law = ContactLaw.of(problem, *vars(gains).values(), observer)
+    hand = Hand(*(np.array([value]) for value in (0.1, 6.0, 400.0)))
+    parts = frozen_parts(problem, np.array([gains.damping_ns_per_m]), np.array([gains.stiffness_n_per_m]))
+    contact = np.array([gains.contact_damping_ns_per_m])
+    loop = SwitchingLoop.of(law, "clip-last", device, hand, np.zeros(1))
+    radius = loop.contact_radius()[0]
+    if observer is not None:
+        rendering = fraction_rendering(parts, contact, device.sample_time_s)
+        whole = state_feedback_loop(plants_with_forces(sampled_plant(device, hand)), observer, rendering)[0, 0]
+        assert abs(np.abs(np.linalg.eigvals(whole)).max() - radius) < 1e-6
+    rows, _, _ = loop.piece(np.zeros((1, loop.states)), always=True)
+    for value in np.linalg.eigvals(rows[0, :, : loop.states]):
+        if abs(value) < 0.3:
+            continue
+        above, force, below = (np.polyval([float(part) for part in one], value - 1) for one in law.transfer)
+        plant = sampled(device, (0.1, 6.0, 400.0), -1j * np.log(value))
+        terms = np.array([below, plant * above, -force])
+        assert abs(terms.sum()) < 1e-5 * np.abs(terms).max()
+
+
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_poles_of_the_law_are_decided_exactly(share):
+    """An observer whose slowest pole is put on either side of the unit circle."""
+    observer = believer(3)
+    matrix, gain = np.array(observer.state), np.array(observer.innovation)
+    keep = np.eye(len(gain))
+    keep[:, observer.measures] -= gain
+    radius = np.abs(np.linalg.eigvals(keep @ matrix)).max()
+    moved = tuple(tuple(row) for row in (matrix * share / radius).tolist())
+    law = ContactLaw(1e-3, 0.0, 1e8, 0.0, 0.0, 5e3, type(observer)(**{**vars(observer), "state": moved}))
+    assert law.stable == (share < 1)
+
+
+def test_a_cell_is_bounded_by_less_than_any_of_its_points():
+    problem = avc.load_problem("figure5")
+    law = ContactLaw.of(problem, 158.0, 75577.0, 0.0)
+    device = HeldDevice(problem.device, BOX)
+    multiplier = Multiplier({1: 0.95, 2: 0.03})
+    coefficients = tuple(_rounded(part) for part in law.transfer)
+    random = np.random.default_rng(0)
+    ends = np.array(list(BOX.values()))
+    for _ in range(50):
+        centre = np.append(random.uniform(0.05, 3.0), random.uniform(ends[:, 0], ends[:, 1]))
+        low, high = centre * 0.99, centre * 1.01
+        _, lower, _ = _bounds(coefficients, device, multiplier, low[None], high[None])
+        for _ in range(10):
+            inside = random.uniform(low, high)
+            step = np.exp(1j * inside[0]) - 1
+            above, _, below = (np.polyval([float(part) for part in one], step) for one in law.transfer)
+            loop = sampled(problem.device, inside[1:], inside[0]) * above / below
+            assert (multiplier.at(inside[0]) * (1 + loop)).real > lower[0]
+
+
+def test_a_multiplier_that_fails_for_one_hand_of_the_box_is_found_out():
+    """It holds for the middle of the box, which is not enough."""
+    problem = avc.load_problem("figure5").changed(environment={"stiffness_n_per_m": 1e5, "damping_ns_per_m": 0.0})
+    law = ContactLaw.of(problem, np.inf, np.inf, 98.0)
+    middle = {name: (0.5 * (low + high),) * 2 for name, (low, high) in BOX.items()}
+    found = avc.proof.prove_rest(law, "clip-last", problem.device, middle, orbits=False)
+    assert found.outcome == "proved"
+    result = verify(law, HeldDevice(problem.device, BOX), found.multiplier)
+    assert not result.holds
+    assert result.fails_at is not None
+    omega, *hand = result.fails_at
+    step = np.exp(1j * omega) - 1
+    above, _, below = (np.polyval([float(part) for part in one], step) for one in law.transfer)
+    loop = sampled(problem.device, hand, omega) * above / below
+    assert (found.multiplier.at(omega) * (1 + loop)).real < 0
+
+
+@pytest.mark.parametrize(
+    ("keys", "box", "word"),
+    [
+        ({"mass_kg": 0.0}, BOX | {"mass_kg": (0.0, 0.1)}, "mass"),
+        ({}, BOX | {"stiffness_n_per_m": (0.0, 100.0)}, "place of rest"),
+        ({"damping_ns_per_m": 0.0}, BOX | {"damping_ns_per_m": (0.0, 1.0)}, "damping"),
+    ],
+)
+def test_what_has_no_rest_is_refused_by_name(keys, box, word):
+    with pytest.raises(UnsupportedError, match=word):
+        HeldDevice(device_of(keys), box)
+
+
+def test_the_discretisation_is_right_to_the_error_that_orbits_allow():
+    """Orbits are confirmed with every entry of the map allowed an error of 1e-11 of the largest."""
+    random = np.random.default_rng(1)
+    for _ in range(10):
+        matrix = np.array(
+            [[0, 1, 0], [-random.uniform(0, 0.1), -random.uniform(0, 1), random.uniform(0, 1)], [0, 0, 0]]
+        )
+        with mp.workdps(40):
+            exact = np.array(mp.expm(mp.matrix(matrix)).tolist(), dtype=float)
+        assert np.abs(expm(matrix[None])[0] - exact).max() < 1e-14
