@@ -20,6 +20,7 @@ ROOMS = (
     "coupling",
     "certificate",
     "scene",
+    "identification",
     "trial",
     "design.pointwise",
     "design.joint",
