@@ -3,7 +3,7 @@
  */
 #include <math.h>
 
-enum { SUBSTEPS = 40 };
+enum { SUBSTEPS = 200 };
 
 typedef struct {
     double mass, damping, coulomb, asymmetry, breakaway, slow, delay, bandwidth, resonance, ratio, share, at_handle,

@@ -2,21 +2,13 @@
 
 import ctypes
 import functools
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
 from hardware_bench import require, run, scratch
 
 _SOURCE = Path(__file__).with_name("measured_device.c")
-_FIELDS = (
-    "mass damping coulomb asymmetry breakaway slow delay bandwidth resonance ratio share at_handle encoder offset drift "
-    "scale ground period spring damper"
-).split()
-
-
-class _Device(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_double) for name in _FIELDS]
 
 
 @dataclass(frozen=True)
@@ -45,6 +37,10 @@ class Truth:
     damper: float = 0.0
 
 
+class _Device(ctypes.Structure):
+    _fields_ = [(field.name, ctypes.c_double) for field in fields(Truth)]
+
+
 @functools.cache
 def _library():
     require("gcc")
@@ -63,7 +59,7 @@ def multisine(random, seconds, period, low, high, rms, tones=60):
 
 
 def measured(truth, wanted, random, noise=0.0, tremble=0.0):
-    """Return time, measured position and commanded force; noise (m) and a trembling force (N) are white over samples."""
+    """Return time, measured position and commanded force; noise (m) and a trembling force (N) are white."""
     wanted = np.ascontiguousarray(wanted, dtype=float)
     size = wanted.size
     device = _Device(**asdict(truth))

@@ -1,7 +1,8 @@
 """Identify a device from logs of time, position and commanded force.
 
-The device file that is written holds measured values, each with its source and, in [device.range], its 95 % interval; it
-is used at once: device = "device.toml" in a problem file. What the logs cannot tell is named, with the log that would.
+The device file that is written holds measured values, each with its source and, in [device.range], its 95 % interval;
+it is used at once: device = "device.toml" in a problem file. What the logs cannot tell is named, with the log that
+would.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("logs", metavar="LOG", nargs="+", help=".csv, .txt, .npz or .mat (v5): one or more records")
     parser.add_argument("--out", metavar="FILE", help="write the device file (.toml)")
-    parser.add_argument("--device", metavar="BASE", help="device file or name: what the logs do not tell is taken from it")
+    parser.add_argument(
+        "--device", metavar="BASE", help="device file or name: what the logs do not tell is taken from it"
+    )
     parser.add_argument(
         "--columns",
         action="append",
@@ -32,12 +35,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="columns by header or number, 1 is the first: time=1,position=2,force=3",
     )
     parser.add_argument(
-        "--units", action="append", default=[], metavar="Q=U", help="units where no header says them: time=ms,position=um"
+        "--units",
+        action="append",
+        default=[],
+        metavar="Q=U",
+        help="units where no header says them: time=ms,position=um",
     )
     parser.add_argument("--sample-time", type=positive, metavar="S", help="sample time in seconds of logs without time")
     parser.add_argument("--flip-force", action="store_true", help="the logs count the force against +position")
-    parser.add_argument("--added-mass", metavar="KG,...", help="known mass on the device, one of each log: tells the force's scale")
-    parser.add_argument("--known", action="append", default=[], metavar="KEY=VALUE", help="a value not to search for: mass_kg=0.1")
+    parser.add_argument(
+        "--added-mass", metavar="KG,...", help="known mass on the device, one of each log: tells the force's scale"
+    )
+    parser.add_argument(
+        "--known", action="append", default=[], metavar="KEY=VALUE", help="a value not to search for: mass_kg=0.1"
+    )
     parser.add_argument("--encoder-at", choices=("motor", "handle"), help="side of the resonance with the encoder")
     parser.add_argument("--report", metavar="FILE", help="write a page with figures (.html)")
 
@@ -48,7 +59,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     page = output_file(args.report, "--report", (".html",)) if args.report else None
     layout, masses, known = _layout(args), _masses(args), _known(args)
     base = avc.load_device(args.device) if args.device else None
-    from avc_casadi.identification import device_text, identification_document, identify, identification_text
+    from avc_casadi.identification import device_text, identification_document, identification_text, identify
 
     found = identify(
         args.logs,
@@ -66,7 +77,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if found.device is None:
         missing = ", ".join(key for key in ("mass_kg", "damping_ns_per_m") if key not in found.estimates)
         code = 1
-        complaint = f"avc: no device file: {missing} not told; give a log that excites it, or --device BASE that states it"
+        complaint = (
+            f"avc: no device file: {missing} not told; give a log that excites it, or --device BASE that states it"
+        )
     elif out is not None:
         write_text(out, device_text(found.device), "--out")
         lines.append(f'written: {out}; in a problem file: device = "{out}"')
@@ -103,7 +116,9 @@ def _masses(args: argparse.Namespace) -> tuple[float, ...]:
     except ValueError:
         masses = (math.nan,)
     if not all(math.isfinite(mass) and mass >= 0 for mass in masses):
-        raise avc.InputError.of(f"is {args.added_mass!r}; allowed: kilograms, one of each log: 0,0.2", key="--added-mass")
+        raise avc.InputError.of(
+            f"is {args.added_mass!r}; allowed: kilograms, one of each log: 0,0.2", key="--added-mass"
+        )
     return masses
 
 

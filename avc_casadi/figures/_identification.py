@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 
     from avc_casadi.identification import Identification
 
-_MEASURED = {"color": "0.55", "linewidth": 2.6, "label": "measured"}
-_MODEL = {"color": "#08306b", "linewidth": 1.2, "linestyle": (0, (5, 1.6)), "label": "model"}
+_MEASURED: dict[str, Any] = {"color": "0.55", "linewidth": 2.6, "label": "measured"}
+_MODEL: dict[str, Any] = {"color": "#08306b", "linewidth": 1.2, "linestyle": (0, (5, 1.6)), "label": "model"}
 _TITLES = (
-    "(a) position, the model runs freely",
+    "(a) position, the model all but free",
     "(b) measured less model",
     "(c) velocity for 1 N",
     "(d) its phase, less that of a mass",
     "(e) 95 % intervals about the values",
-    "(f) correlation of the error with its past",
+    "(f) prediction error against its past",
 )
 
 
@@ -116,7 +116,8 @@ def _response(size: Axes, phase: Axes, found: Identification) -> None:
 
 
 def _intervals(axes: Axes, found: Identification) -> None:
-    some = [one for one in found.estimates.values() if one.value != 0 and one.low < one.high]
+    known = [one for one in found.estimates.values() if one.value != 0 and one.low < one.high]
+    some = [one for one in known if not one.key.startswith("offset")]
     at = np.arange(len(some))[::-1]
     ends = np.array([[(one.value - one.low) / abs(one.value), (one.high - one.value) / abs(one.value)] for one in some])
     ends = 100 * np.clip(ends.reshape(-1, 2).T, 1e-4, 1e3)

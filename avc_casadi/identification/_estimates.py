@@ -15,7 +15,9 @@ from avc_casadi.identification._uncertainty import LEVEL, Spread, spread_of
 # A step of the encoder is known to this share of it.
 _STEP_SHARE = 1e-3
 # Noise above the encoder's own is told from this share of it on.
-_LEAST_NOISE = 0.15
+_LEAST_NOISE = 0.3
+# How the error divides into noise, rounding and disturbance is known to about this share of its square.
+_DIVIDED = 0.12
 
 
 def estimates_of(
@@ -50,9 +52,9 @@ def estimates_of(
     for key, value in fit.structure.known.items():
         found[key] = Estimate(key, "", value, value, value, 1.0, "known beforehand")
     if step_m is not None:
-        ends = (step_m * (1 - _STEP_SHARE), step_m * (1 + _STEP_SHARE))
+        low, high = step_m * (1 - _STEP_SHARE), step_m * (1 + _STEP_SHARE)
         found["encoder_resolution_m"] = Estimate(
-            "encoder_resolution_m", "m", step_m, *ends, LEVEL, "lattice of the readings"
+            "encoder_resolution_m", "m", step_m, low, high, LEVEL, "lattice of the readings"
         )
     noise = _noise(fit, step_m or 0.0)
     if noise is not None:
@@ -61,14 +63,15 @@ def estimates_of(
 
 
 def _noise(fit: Fit, step_m: float) -> Estimate | None:
-    """Return the noise that is left when the encoder's rounding is taken from the error, or None where that hides it."""
+    """Return the noise that is left when the rounding is taken from the error, or None where that hides it."""
     squares = np.array([block.square / block.samples for block in fit.blocks]) * fit.unit_m**2 * fit.noise_share
     rounding = step_m**2 / 12
     mean = float(squares.mean())
     half = float(stats.t.ppf(0.5 + LEVEL / 2, squares.size - 1) * squares.std(ddof=1) / math.sqrt(squares.size))
-    # How error divides into noise and disturbance is known to about this share.
-    half = math.hypot(half, 0.05 * mean)
+    half = math.hypot(half, _DIVIDED * mean)
     if mean - rounding < max(_LEAST_NOISE * rounding, half):
         return None
     value, low, high = (math.sqrt(max(each - rounding, 0.0)) for each in (mean, mean - half, mean + half))
-    return Estimate("position_noise_rms_m", "m", value, low, high, LEVEL, "prediction error less the encoder's rounding")
+    return Estimate(
+        "position_noise_rms_m", "m", value, low, high, LEVEL, "prediction error less the encoder's rounding"
+    )

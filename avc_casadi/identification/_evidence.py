@@ -11,7 +11,7 @@ from avc_casadi.support import FloatArray
 
 # A richer model must better the held-out error by this many standard errors, and by this share of it.
 SURE = 3.0
-WORTH = 2e-4
+WORTH = 2e-3
 
 
 @dataclass(frozen=True)

@@ -126,18 +126,25 @@ def fit(
         if key not in cache:
             cache.clear()
             found = predictor.predict(structure, search, observer)
-            error = np.concatenate([one.error_m[window.skip :] for one in found])
-            slopes = np.concatenate([one.slopes[window.skip :] for one in found if one.slopes is not None])
+            e = np.concatenate([one.error_m[window.skip :] for one in found])
+            j = np.concatenate([one.slopes[window.skip :] for one in found if one.slopes is not None])
             if not unit:
-                unit.append(float(np.sqrt(np.mean(error**2))) or 1.0)
-            sound = np.isfinite(error).all() and np.isfinite(slopes).all()
-            cache[key] = (error, slopes) if sound else (np.full_like(error, 1e3 * unit[0]), np.zeros_like(slopes))
+                unit.append(float(np.sqrt(np.mean(e**2))) or 1.0)
+            sound = np.isfinite(e).all() and np.isfinite(j).all()
+            cache[key] = (e, j) if sound else (np.full_like(e, 1e3 * unit[0]), np.zeros_like(j))
         return cache[key]
 
+    def error(search: FloatArray) -> FloatArray:
+        found = both(search)[0]
+        return found / unit[0]
+
+    def slopes(search: FloatArray) -> FloatArray:
+        return both(search)[1] / unit[0]
+
     solved = least_squares(
-        lambda q: both(q)[0] / unit[0] if unit else both(q)[0] / (unit or [1.0])[0],
+        error,
         begin,
-        jac=lambda q: both(q)[1] / unit[0],
+        jac=slopes,
         bounds=(low, high),
         x_scale="jac",
         ftol=tolerance,
@@ -148,9 +155,7 @@ def fit(
     return judged(predictor, structure, solved.x, observer, window)
 
 
-def judged(
-    predictor: Predictor, structure: Structure, search: FloatArray, observer: Observer, window: Window
-) -> Fit:
+def judged(predictor: Predictor, structure: Structure, search: FloatArray, observer: Observer, window: Window) -> Fit:
     """Return a structure at a point with what each block says there."""
     found = predictor.predict(structure, search, observer)
     errors = tuple(one.error_m[window.skip :] for one in found)

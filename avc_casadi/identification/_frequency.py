@@ -27,8 +27,8 @@ class Response:
         frequency_hz: shape (frequencies,).
         velocity_per_force: complex, m/s/N.
         coherence: 0 to 1.
-        power: spectrum of the force as a share of its peak. Where it is next to nothing a closed loop answers itself: the
-            response is that of the controller, and as coherent as can be.
+        power: spectrum of the force as a share of its peak. Where it is next to nothing a closed loop answers itself:
+            the response is that of the controller, and as coherent as can be.
     """
 
     frequency_hz: FloatArray
@@ -60,13 +60,12 @@ def measured_response(records: Sequence[Record]) -> Response:
     sums: list[ComplexArray] = []
     for record in records:
         velocity = np.diff(record.position_m, prepend=record.position_m[0]) / period
-        settings = {"fs": 1 / period, "nperseg": length, "detrend": "constant"}
         weight = record.position_m.size
-        across = signal.csd(record.force_n, velocity, **settings)[1]
-        powers = [signal.welch(values, **settings)[1] for values in (record.force_n, velocity)]
+        across = signal.csd(record.force_n, velocity, fs=1 / period, nperseg=length)[1]
+        powers = [signal.welch(values, fs=1 / period, nperseg=length)[1] for values in (record.force_n, velocity)]
         sums.append(weight * np.array([across, *powers]))
     cross, force, velocity_power = np.sum(sums, axis=0)
-    frequency = np.fft.rfftfreq(length, period)
+    frequency = np.asarray(np.fft.rfftfreq(length, period), dtype=np.float64)
     tiny = 1e-300
     return Response(
         frequency[1:],
@@ -157,7 +156,9 @@ def likely_resonances(
     return sorted(polished, key=lambda one: one[0])
 
 
-def _factor_and_delay(ratio: ComplexArray, frequency: FloatArray, weight: FloatArray, turns: FloatArray) -> tuple[float, float]:
+def _factor_and_delay(
+    ratio: ComplexArray, frequency: FloatArray, weight: FloatArray, turns: FloatArray
+) -> tuple[float, float]:
     """Return by what factor and what delay in seconds a measured response differs from a model, of the delays given."""
     factor = np.exp(np.average(np.log(np.abs(ratio)), weights=weight))
     phases = np.angle(ratio[None] * np.exp(2j * np.pi * frequency * turns[:, None]))

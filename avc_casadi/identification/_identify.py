@@ -20,16 +20,17 @@ from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._read import read_logs
 from avc_casadi.identification._record import Record, shortened
 from avc_casadi.identification._refuse import EXCITATION, cannot_tell, refusals
-from avc_casadi.identification._select import select, without
+from avc_casadi.identification._select import Selection, select, without
 from avc_casadi.identification._start import first_guess
 from avc_casadi.identification._terms import PARAMETERS, TERMS, Structure
-from avc_casadi.identification._uncertainty import sensitivity, spread_of
+from avc_casadi.identification._uncertainty import Spread, sensitivity, spread_of
 from avc_casadi.identification._units import Layout
 from avc_casadi.problem import DeviceFile
 from avc_casadi.support import SILENT, FloatArray, Progress, number
 
 MOST_SAMPLES = 120_000
 _SHOWN_S = 1.5
+_SHOWN_RATE_PER_S = 4.0
 # Rates of the observers that would have found other values of a wrong model, as multiples of the best.
 _OTHER_OBSERVERS = (3.0, 0.4, 0.12)
 _LEAST_S = 1.0
@@ -75,46 +76,24 @@ def identify(
     if seconds < _LEAST_S:
         raise InputError.of(f"hold {number(seconds)} s in all; allowed: at least {_LEAST_S:g} s", key="logs")
     step_m = encoder_step_m(records)
-    force_rms = float(np.sqrt(np.mean(np.concatenate([record.force_n - record.force_n.mean() for record in records]) ** 2)))
-    travel = max(float(np.ptp(record.position_m)) for record in records)
-    nothing = cannot_tell(force_rms, travel / step_m if step_m else np.inf)
-    if nothing:
-        raise InputError.of("; ".join(f"{one.why}; allowed: {one.excitation}" for one in nothing), key="logs")
+    force_rms, travel = _sizes(records, step_m)
     with progress.step("first guess"):
-        guess = first_guess(records)
-    if guess["mass_kg"] < 0 and abs(guess["mass_kg"]) > 1e-4 * force_rms:
-        raise InputError.of(
-            f"give a mass of {number(guess['mass_kg'])} kg: force and position point against each other; allowed: force "
-            "along +position, or --flip-force",
-            key="logs",
-        )
+        guess = _guess(records, force_rms)
     structure = _simplest(records, known, force_rms, travel)
-    guess = {**guess, **known, "mass_kg": min(max(guess["mass_kg"], 1e-4), 1e4), "force_scale": 1.0}
+    guess |= known
     sizes = [record.position_m.size for record in records]
     window = Window.of(sizes, records[0].sample_time_s)
     predictor = Predictor(records, float(records[0].position_m[0]))
     response = measured_response(records)
-    sides = (encoder_at,) if encoder_at else (base.device.encoder_at,) if base and base.device.resonance else ("motor", "handle")
+    if encoder_at is None and base is not None and base.device.resonance is not None:
+        encoder_at = base.device.encoder_at
+    sides = ("motor", "handle") if encoder_at is None else (encoder_at,)
     with progress.step("model"):
-        chosen = select(predictor, guess, structure, response, window, [side for side in sides if side], progress)
-    fit = chosen.fit
-    mass = fit.values["mass_kg"]
-    if not 1e-3 <= mass <= 2e3:
-        raise InputError.of(
-            f"give a mass of {number(mass)} kg; allowed: 0.001 to 2000 kg; are the units of position and force right?",
-            key="logs",
-        )
+        chosen = select(predictor, guess, structure, response, window, sides, progress)
     with progress.step("intervals"):
-        while True:
-            fit = chosen.fit
-            spread = spread_of(fit, _beside(predictor, fit, window))
-            normal, collinear = sensitivity(fit)
-            refused = refusals(fit, spread, normal)
-            dropped = [term for term in ("amplifier", "resonance", "stribeck") if term in fit.structure.terms and any(
-                one.name.partition(".")[0] in refused for one in TERMS[term].parameters)]
-            if not dropped:
-                break
-            without(predictor, chosen, dropped[0], "is not told well enough to stand in a model", window)
+        spread, refused = _told(predictor, chosen, window)
+    fit = chosen.fit
+    normal, collinear = sensitivity(fit)
     estimates = estimates_of(fit, spread, chosen.rivals, refused, step_m)
     refused |= _never_told(fit, estimates, response.excited_hz, chosen.trials.keys() - set(fit.structure.terms))
     lags = autocorrelation(fit.error_m)
@@ -148,6 +127,53 @@ def identify(
         device=None,
     )
     return replace(found, device=device_file(found, base))
+
+
+def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, float]:
+    """Return the change of the force and the travel; refuse logs that tell nothing."""
+    changes = np.concatenate([record.force_n - record.force_n.mean() for record in records])
+    force = float(np.sqrt(np.mean(changes**2)))
+    travel = max(float(np.ptp(record.position_m)) for record in records)
+    places = max(np.unique(record.position_m).size for record in records)
+    nothing = cannot_tell(force, travel / step_m if step_m else float(places))
+    if nothing:
+        raise InputError.of("; ".join(f"{one.why}; allowed: {one.excitation}" for one in nothing), key="logs")
+    return force, travel
+
+
+def _guess(records: Sequence[Record], force_rms: float) -> dict[str, float]:
+    """Return values to start from; refuse a force that points the other way, and units that cannot be."""
+    guess = first_guess(records)
+    mass = guess["mass_kg"]
+    if mass < 0 and abs(mass) > 1e-4 * force_rms:
+        raise InputError.of(
+            f"give a mass of {number(mass)} kg: force and position point against each other; allowed: force along "
+            "+position, or --flip-force",
+            key="logs",
+        )
+    if not 1e-3 <= mass <= 2e3:
+        raise InputError.of(
+            f"give a mass of {number(mass)} kg; allowed: 0.001 to 2000 kg; are the units of position and force right?",
+            key="logs",
+        )
+    return {**guess, "force_scale": 1.0}
+
+
+def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spread, dict[str, Refusal]]:
+    """Return the uncertainty and what is refused; terms that are not told leave the model, which is fitted again."""
+    while True:
+        fit = chosen.fit
+        spread = spread_of(fit, _beside(predictor, fit, window))
+        refused = refusals(fit, spread, sensitivity(fit)[0])
+        vague = [
+            term
+            for term in ("amplifier", "resonance", "stribeck")
+            if term in fit.structure.terms
+            and any(one.name.partition(".")[0] in refused for one in TERMS[term].parameters)
+        ]
+        if not vague:
+            return spread, refused
+        without(predictor, chosen, vague[0], "is not told well enough to stand in a model", window)
 
 
 def _beside(predictor: Predictor, fit: Fit, window: Window) -> list[Fit]:
@@ -238,40 +264,47 @@ def _notes(fit: Fit, lags: FloatArray, feedback: bool, estimates: Mapping[str, o
     if "stiffness" in fit.structure.terms:
         stiffness = number(fit.values["stiffness_n_per_m"])
         notes.append(
-            f"a spring of {stiffness} N/m holds the device (a hand, a cable, gravity along an arc): mass and damping are "
+            f"a spring of {stiffness} N/m holds the device (a hand, a cable, gravity along an arc): mass and damping "
+            f"are "
             "those of the device with what holds it; log it let go"
         )
     if feedback and coloured(lags):
         notes.append(
-            "the force follows the measured position (a closed loop), and the prediction error is not white: what disturbs "
-            "the device is not what the model takes it for, and estimates may be biased; the intervals hold what another "
+            "the force follows the measured position (a closed loop), and the prediction error is not white: what "
+            "disturbs "
+            "the device is not what the model takes it for, and estimates may be biased; the intervals hold what "
+            "another "
             "observer would have found. Better: an external force (multisine) beside the controller, hands off"
         )
     elif feedback:
         notes.append(
-            "the force follows the measured position (a closed loop); the prediction error is white, so that this does not "
+            "the force follows the measured position (a closed loop); the prediction error is white, so that this "
+            "does not "
             "bias the estimates"
         )
     elif coloured(lags):
         notes.append(
-            "the prediction error is not white: something moves the device that the model does not know (a hand, a cable, "
+            "the prediction error is not white: something moves the device that the model does not know (a hand, a "
+            "cable, "
             "an unmodelled mode)"
         )
     if estimates.get("delay_samples") is not None and fit.values["delay_samples"] < 1e-3:
-        notes.append("the delay came out at 0: does the log pair each force with the position that it was computed from?")
+        notes.append(
+            "the delay came out at 0: does the log pair each force with the position that it was computed from?"
+        )
     return notes
 
 
 def _shown(records: Sequence[Record], fit: Fit) -> tuple[Shown, ...]:
-    """Return stretches in which the model runs freely, from the start of each of a few records."""
+    """Return stretches of the longest records in which the model runs all but freely."""
     found = []
     for record in sorted(records, key=lambda one: -one.seconds)[:2]:
-        size = min(record.position_m.size, int(_SHOWN_S / record.sample_time_s))
-        first = (record.position_m.size - size) // 2
+        free = Predictor([record], float(records[0].position_m[0]))
+        error = free.predict(fit.structure, fit.search, Observer(_SHOWN_RATE_PER_S), slopes=False)[0].error_m
+        size = min(record.position_m.size // 2, int(_SHOWN_S / record.sample_time_s))
+        first = record.position_m.size - size - size // 4
         part = slice(first, first + size)
-        stretch = replace(record, position_m=record.position_m[part], force_n=record.force_n[part])
-        free = Predictor([stretch], float(records[0].position_m[0]))
-        error = free.predict(fit.structure, fit.search, Observer(4.0), slopes=False)[0].error_m
-        time = (first + np.arange(size)) * record.sample_time_s
-        found.append(Shown(record.name, time, stretch.position_m, stretch.position_m - error, stretch.force_n))
+        time = np.asarray(np.arange(first, first + size) * record.sample_time_s, dtype=np.float64)
+        position = record.position_m[part]
+        found.append(Shown(record.name, time, position, position - error[part], record.force_n[part]))
     return tuple(found)

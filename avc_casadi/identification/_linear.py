@@ -38,7 +38,8 @@ class LinearStep:
         matrix: A, shape (n, n).
         force: B, shape (n, taps).
         motor: g, shape (n,).
-        early: the velocity of the motor when the newer force arrives, by x, by the forces and by f, shape (n + taps + 1,).
+        early: the velocity of the motor when the newer force arrives, by x, by the forces and by f, shape (n + taps +
+        1,).
         taps: delays j in samples.
         measured: index of the measured position.
         names: of the states.
@@ -141,14 +142,15 @@ def linear_derivatives(
         if one.name == "delay_samples":
             # Inside its whole sample, where every entry is smooth.
             step = _DELAY_STEP if value - int(value) < 0.5 else -_DELAY_STEP
-            weights = ((value, -1.5), (value + step, 2.0), (value + 2 * step, -0.5))
+            weights: tuple[tuple[float, float], ...] = ((value, -1.5), (value + step, 2.0), (value + 2 * step, -0.5))
         else:
             step = _STEP * max(abs(value), structure.units.get(one.name, 0.0))
             low = max(value - step, one.lowest) if one.kind == "linear" else value - step
             step = value + step - low
             weights = ((low, -1.0), (low + step, 1.0))
         entries = [
-            weight * linear_step({**values, one.name: at}, structure, sample_time_s, taps).flat() for at, weight in weights
+            weight * linear_step({**values, one.name: at}, structure, sample_time_s, taps).flat()
+            for at, weight in weights
         ]
         columns.append(np.sum(entries, axis=0) / step)
     return np.stack(columns, axis=1)

@@ -86,8 +86,8 @@ class Observer:
 def _steady_covariance(matrix: FloatArray, row: FloatArray, push: FloatArray) -> FloatArray:
     """Return the steady covariance of a Kalman filter's prediction for noise of variance 1, by doubling.
 
-    scipy's `solve_discrete_are` orders eigenvalues, which lie near the unit circle where the filter is slow: it failed in
-    115 of 2160 devices tried and lost digits in more; doubling did in none.
+    scipy's `solve_discrete_are` orders eigenvalues, which lie near the unit circle where the filter is slow: it failed
+    in 115 of 2160 devices tried and lost digits in more; doubling did in none.
     """
     a, g, h = matrix.T, row.T @ row, np.outer(push, push)
     for _ in range(_MOST_DOUBLINGS):
@@ -107,8 +107,8 @@ def _scale(name: str, mass_kg: float, period: float) -> float:
     return 1.0
 
 
-def _friction(before: Any, free: Any, ease: Any, parts: Sequence[Any]) -> Any:
-    """Return the mean of dry friction over a part of a sample, against the motion where it is positive.
+def _friction(before: Any, free: Any, ease: Any, parts: Sequence[Any]) -> tuple[Any, Any, Any]:
+    """Return dry friction over a part of a sample: while moving, from rest on, and the share from rest on.
 
     The velocity is taken to change evenly: it keeps its sign, or it ends inside the sample, and then friction holds the
     motor up to its level or lets it go the other way. The level is the mean over the velocities passed.
@@ -126,8 +126,8 @@ def _friction(before: Any, free: Any, ease: Any, parts: Sequence[Any]) -> Any:
     after = free - sign * ease * level
     rest = ca.fmin(ca.fmax(-sign * after / ca.fmax(sign * (before - after), _TINY), 0.0), 1.0)
     held = _held(free - before, ease, still, parts)
-    moving = (1 - rest) * sign * level + rest * held
-    return ca.if_else(before == 0, _held(free, ease, still, parts), moving)
+    at_rest = before == 0
+    return sign * level, ca.if_else(at_rest, _held(free, ease, still, parts), held), ca.if_else(at_rest, 1.0, rest)
 
 
 def _held(change: Any, ease: Any, still: Any, parts: Sequence[Any]) -> Any:
@@ -187,12 +187,22 @@ def _step_function(states: int, free: tuple[int, ...], linear: int, measured: in
     # The sample has two parts, before and after the newer force arrives: within each the velocity changes evenly.
     ease = ca.fmax(early[states + taps], _TINY)
     halfway = ca.dot(early[:states], corrected) + ca.dot(early[states : states + taps], forces) + ease * push
-    first = _friction(speed, halfway, ease, parts)
+    one = _friction(speed, halfway, ease, parts)
+    first = (1 - one[2]) * one[0] + one[2] * one[1]
     turned = halfway - ease * first
-    rest_ease = ca.fmax(motor[1] - ease, _TINY)
-    second = _friction(turned, turned + alone[1] - halfway, rest_ease, parts)
+    two = _friction(turned, turned + alone[1] - halfway, ca.fmax(motor[1] - ease, _TINY), parts)
+    second = (1 - two[2]) * two[0] + two[2] * two[1]
     share = ease / motor[1]
-    after = alone - motor * (share * first + (1 - share) * second)
+    mean = share * first + (1 - share) * second
+    # Early friction moves the position further than late friction of the same impulse.
+    ends = (0.0, share * (1 - one[2]), share, share + (1 - share) * (1 - two[2]), 1.0)
+    forces_in = (one[0], one[1], two[0], two[1])
+    moment = sum(
+        force * ((end - begin) * (2 - end - begin))
+        for force, begin, end in zip(forces_in, ends[:-1], ends[1:], strict=True)
+    )
+    after = alone - motor * mean
+    after[0] -= motor[0] * (moment - mean)
     if not slopes:
         arguments = [x, ca.vertcat(forces, y, time), ca.vertcat(entries, friction, gain)]
         return ca.Function("sample", arguments, [after, error])
@@ -316,7 +326,7 @@ class _Program:
 
     def run(self, state: FloatArray, inputs: FloatArray, numbers: FloatArray) -> FloatArray:
         """Return the second output of every sample."""
-        return self._native(state, inputs, numbers[None], 1)[0]
+        return np.asarray(self._native(state, inputs, numbers[None], 1)[0])
 
 
 @lru_cache(maxsize=16)
@@ -330,11 +340,12 @@ def _interpreted(function: Any, state: FloatArray, inputs: FloatArray, numbers: 
     columns = function.size1_out(1)
     after, now, out = np.empty_like(state), np.empty(inputs.shape[1]), np.empty(columns)
     buffer, evaluate = function.buffer()
-    buffer.set_arg(0, memoryview(state))
-    buffer.set_arg(1, memoryview(now))
-    buffer.set_arg(2, memoryview(np.ascontiguousarray(numbers)))
-    buffer.set_res(0, memoryview(after))
-    buffer.set_res(1, memoryview(out))
+    given: Any = (state, now, np.ascontiguousarray(numbers))
+    taken: Any = (after, out)
+    for index, array in enumerate(given):
+        buffer.set_arg(index, memoryview(array))
+    for index, array in enumerate(taken):
+        buffer.set_res(index, memoryview(array))
     results = np.empty((len(inputs), columns))
     for k in range(len(inputs)):
         now[:] = inputs[k]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.io
+from scipy.io.matlab import MatReadError
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.identification._record import Columns, Record, records_of
@@ -69,33 +70,32 @@ def _few(faults: list[Fault], file: str) -> list[Fault]:
 
 def _columns(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
     """Return the logs of a file (several where a column counts records), or its faults."""
+    ending = path.suffix.lower()
     try:
-        if path.stat().st_size > _LARGEST_BYTES:
-            return [], [Fault(file, None, "", f"has {path.stat().st_size} bytes; allowed: {_LARGEST_BYTES}")]
-        ending = path.suffix.lower()
-        if ending == ".npz":
-            return _arrays(_npz(path), file, layout)
-        if ending == ".mat":
-            return _arrays(_mat(path), file, layout)
-        if ending in {".csv", ".txt", ".dat", ".tsv"}:
-            return _text(path, file, layout)
+        size = path.stat().st_size
+        if size <= _LARGEST_BYTES and ending in _READERS:
+            return _READERS[ending](path, file, layout)
     except OSError as error:
-        return [], [Fault(file, None, "", f"cannot be read ({error.strerror or error})")]
-    except (ValueError, NotImplementedError, zipfile.BadZipFile, TypeError) as error:
+        why = f"cannot be read ({error.strerror or error})"
+    except (ValueError, NotImplementedError, zipfile.BadZipFile, TypeError, MatReadError) as error:
         first = str(error).partition("\n")[0][:200]
         hint = "; save it with -v7" if isinstance(error, NotImplementedError) else ""
-        return [], [Fault(file, None, "", f"is not read as {path.suffix} ({first}){hint}")]
-    return [], [Fault(file, None, "", f"ends in {path.suffix!r}; allowed: .csv, .txt, .npz, .mat")]
+        why = f"is not read as {ending} ({first}){hint}"
+    else:
+        why = f"ends in {path.suffix!r}; allowed: {', '.join(_READERS)}"
+        if ending in _READERS:
+            why = f"has {size} bytes; allowed: {_LARGEST_BYTES}"
+    return [], [Fault(file, None, "", why)]
 
 
-def _npz(path: Path) -> dict[str, Any]:
+def _npz(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
     with np.load(path, allow_pickle=False) as archive:
-        return {name: archive[name] for name in archive.files}
+        return _arrays({name: archive[name] for name in archive.files}, file, layout)
 
 
-def _mat(path: Path) -> dict[str, Any]:
+def _mat(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
     found = scipy.io.loadmat(path, squeeze_me=True)
-    return {name: value for name, value in found.items() if not name.startswith("__")}
+    return _arrays({name: value for name, value in found.items() if not name.startswith("__")}, file, layout)
 
 
 def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
@@ -106,7 +106,9 @@ def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[list[C
         for name, value in arrays.items()
         if value.dtype.kind in "fiu" and value.size > 1 and value.ndim - value.shape.count(1) <= 1
     }
-    matrices = [value for value in arrays.values() if value.dtype.kind in "fiu" and value.ndim == 2 and 1 not in value.shape]
+    matrices = [
+        value for value in arrays.values() if value.dtype.kind in "fiu" and value.ndim == 2 and 1 not in value.shape
+    ]
     if len(matrices) == 1 and not vectors:
         table = matrices[0] if matrices[0].shape[0] >= matrices[0].shape[1] else matrices[0].T
         chosen, faults = chosen_columns(None, table.shape[1], layout, file, None)
@@ -138,7 +140,7 @@ def _quantities(
         quantity: np.asarray(columns[index], dtype=np.float64) * unit for quantity, (index, unit) in chosen.items()
     }
     if "time" not in values:
-        values["time"] = np.arange(values["position"].size) * (layout.sample_time_s or 0.0)
+        values["time"] = np.arange(values["position"].size, dtype=np.float64) * float(layout.sample_time_s or 0.0)
     return Columns(file, values["time"], values["position"], values["force"], lines)
 
 
@@ -196,3 +198,13 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+_READERS: Mapping[str, Callable[[Path, str, Layout], tuple[list[Columns], list[Fault]]]] = {
+    ".csv": _text,
+    ".txt": _text,
+    ".dat": _text,
+    ".tsv": _text,
+    ".npz": _npz,
+    ".mat": _mat,
+}

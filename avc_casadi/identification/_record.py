@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -96,14 +97,15 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     if np.mean(uneven) > 0.01:
         low, high = np.quantile(np.delete(steps, gaps), (0.005, 0.995))
         message = (
-            f"steps from {number(low)} to {number(high)} s; allowed: equal steps (missing samples apart), with the time "
+            f"steps from {number(low)} to {number(high)} s; allowed: equal steps (missing samples apart), with the "
+            f"time "
             "of the tick and not that of writing it"
         )
         faults.append(Fault(columns.file, None, "time", message))
     if faults:
         return [], faults, []
     edges = [0, *(int(gap) + 1 for gap in gaps), steps.size + 1]
-    pieces = [(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= _SHORTEST]
+    pieces = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= _SHORTEST]
     told = []
     if gaps.size:
         lost = columns.time_s.size - sum(b - a for a, b in pieces)

@@ -19,7 +19,8 @@ EXCITATION = {
     "damping_asymmetry_ns_per_m": "fast strokes both ways",
     "breakaway_excess_n": "reversals at a few millimetres a second, slow enough that the device sticks",
     "stribeck_speed_m_per_s": "strokes at speeds from 1 to 50 mm/s",
-    "resonance": "a chirp or multisine of 20 Hz to a third of the sample rate, strong enough to move several encoder steps",
+    "resonance": "a chirp or multisine of 20 Hz to a third of the sample rate, strong enough to move several encoder "
+    "steps",
     "amplifier_bandwidth_hz": "a chirp to a third of the sample rate at a higher sample rate, or a log of the current",
     "stiffness_n_per_m": "slow strokes over the whole travel",
     "offset_drift_n_per_s": "a longer log",

@@ -101,7 +101,9 @@ def _prune(predictor: Predictor, chosen: Selection, window: Window) -> None:
         simpler = replace(found.structure, terms=tuple(one for one in found.structure.terms if one != term))
         without = fit(predictor, simpler, found.values, found.observer, window, steps=15, tolerance=1e-6)
         trial = compared(without, found, term)
-        gone = term in _VANISHING and found.values[_VANISHING[term]] < _VANISHED * found.structure.units[_VANISHING[term]]
+        gone = (
+            term in _VANISHING and found.values[_VANISHING[term]] < _VANISHED * found.structure.units[_VANISHING[term]]
+        )
         if trial.taken and not gone:
             chosen.trials[term] = trial
             continue
@@ -124,7 +126,9 @@ def without(predictor: Predictor, chosen: Selection, term: str, why: str, window
     terms = tuple(one for one in found.structure.terms if one != term)
     chosen.rivals[term] = found
     chosen.trials[term] = replace(chosen.trials[term], taken=False, why=why)
-    simpler = fit(predictor, replace(found.structure, terms=terms), found.values, found.observer, window, tolerance=1e-6)
+    simpler = fit(
+        predictor, replace(found.structure, terms=terms), found.values, found.observer, window, tolerance=1e-6
+    )
     chosen.fit = _settled(predictor, simpler, window)
 
 
@@ -138,7 +142,6 @@ def _try(
     sides: Sequence[str],
 ) -> bool:
     """Try terms; take the one that explains most where the evidence is for it."""
-    simple = chosen.fit
     best: Fit | None = None
     taken = ""
     for term in terms:
@@ -171,7 +174,9 @@ def _tried(
         return None
     best: Fit | None = None
     chosen.trials[term] = Trial(term, False, 0.0, 0.0, "is not seen in the frequency response")
-    for structure, start in _starts(simple, _richer(simple.structure, term), term, guess, response, predictor, window, sides):
+    for structure, start in _starts(
+        simple, _richer(simple.structure, term), term, guess, response, predictor, window, sides
+    ):
         if term not in {"coulomb", "resonance"}:
             at_start = judged(predictor, structure, structure.start(start), simple.observer, window)
             hope = compared(simple, at_start, term)
@@ -244,7 +249,10 @@ def _starts(
         rates = [rate for rate in (0.3 / period, 0.1 / period) if rate > 1.0]
         lag = [1 / (2 * np.pi * rate * period) for rate in rates]
         return [
-            (richer, {**values, "amplifier_bandwidth_hz": rate, "delay_samples": max(values["delay_samples"] - late, 0.0)})
+            (
+                richer,
+                {**values, "amplifier_bandwidth_hz": rate, "delay_samples": max(values["delay_samples"] - late, 0.0)},
+            )
             for rate, late in zip(rates, lag, strict=True)
         ]
     if term == "resonance":

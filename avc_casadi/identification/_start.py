@@ -19,8 +19,8 @@ _EDGE = 60
 def first_guess(records: Sequence[Record]) -> dict[str, float]:
     """Return mass, damping, Coulomb friction, constant force and delay of a rigid device.
 
-    Velocity and acceleration come from every other sample; those of the samples between are the instruments. Their noise
-    is not that of the regressors, so that it neither thins the estimates nor, in a closed loop, leans them.
+    Velocity and acceleration come from every other sample; those of the samples between are the instruments. Their
+    noise is not that of the regressors, so that it neither thins the estimates nor, in a closed loop, leans them.
 
     Args:
         records: of one device.
@@ -70,4 +70,4 @@ def _filtered(values: FloatArray, period: float, cutoff: float) -> FloatArray:
 def _delayed(force: FloatArray, delay: float) -> FloatArray:
     """Return the force as it acts at each sample, on the mean half a sample after it is held."""
     time = np.arange(force.size)
-    return np.interp(time - delay - 0.5, time, force)
+    return np.asarray(np.interp(time - delay - 0.5, time, force), dtype=np.float64)

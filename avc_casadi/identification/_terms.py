@@ -68,9 +68,7 @@ TERMS: Mapping[str, Term] = {
                 Parameter("offset_n", "N", "linear", -_INF, _INF, linear=False),
             ),
         ),
-        Term(
-            "coulomb", "Coulomb friction", (Parameter("coulomb_friction_n", "N", "linear", 0.0, 1e5, linear=False),)
-        ),
+        Term("coulomb", "Coulomb friction", (Parameter("coulomb_friction_n", "N", "linear", 0.0, 1e5, linear=False),)),
         Term(
             "asymmetry",
             "damping that depends on the direction",
@@ -143,9 +141,7 @@ class Structure:
     @property
     def free(self) -> tuple[Parameter, ...]:
         """Parameters that are searched for."""
-        return tuple(
-            one for term in self.terms for one in TERMS[term].parameters if one.name not in self.known
-        )
+        return tuple(one for term in self.terms for one in TERMS[term].parameters if one.name not in self.known)
 
     def present(self, name: str) -> bool:
         """Whether a parameter belongs to the terms, known or not."""

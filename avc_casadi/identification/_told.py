@@ -48,7 +48,11 @@ def identification_document(found: Identification) -> dict[str, Any]:
             }
             for one in found.trials
         ],
-        "correlation": {"names": list(found.names), "of_estimates": found.correlation, "of_sensitivities": found.sensitivity},
+        "correlation": {
+            "names": list(found.names),
+            "of_estimates": found.correlation,
+            "of_sensitivities": found.sensitivity,
+        },
         "collinearity": found.collinearity,
         "intervals_from": found.spread_from,
         "prediction_error_rms_m": found.error_rms_m,
@@ -78,9 +82,9 @@ def identification_text(found: Identification) -> str:
         found: what the logs tell.
     """
     records = f"{found.records} record{'' if found.records == 1 else 's'}"
+    terms = ", ".join(TERMS[term].words for term in found.terms)
     lines = [
-        f"{number(found.seconds, 3)} s in {records} at {number(1 / found.sample_time_s)} Hz: "
-        f"{', '.join(TERMS[term].words for term in found.terms)}",
+        f"{number(found.seconds, 3)} s in {records} at {number(1 / found.sample_time_s)} Hz: {terms}",
         "",
         text_table(
             ("what", "value", "from", "to", "unit", "how"),
@@ -96,7 +100,13 @@ def identification_text(found: Identification) -> str:
         text_table(
             ("term", "taken", "change\n%", "standard\nerrors", "why"),
             [
-                (one.term, "yes" if one.taken else "no", number(100 * one.held_out_change, 3), number(one.standard_errors, 2), one.why)
+                (
+                    one.term,
+                    "yes" if one.taken else "no",
+                    number(100 * one.held_out_change, 3),
+                    number(one.standard_errors, 2),
+                    one.why,
+                )
                 for one in found.trials
             ],
             left=(0, 1, 4),

@@ -17,13 +17,13 @@ _SEED = 20
 # Fewer records than this say little of how records differ.
 _ENOUGH_RECORDS = 3
 # What the model itself leaves out inside a sample, in the coordinates of the search: held friction, a force that is
-# switched; compared with a simulation in steps of 1/40 sample.
+# switched; compared with a simulation in steps of 1/200 sample.
 _FLOOR = {
     "mass_kg": 3e-4,
-    "delay_samples": 4e-3,
-    "resonance.frequency_hz": 5e-4,
-    "resonance.damping_ratio": 1e-2,
-    "resonance.mass_ratio": 5e-3,
+    "delay_samples": 5e-3,
+    "resonance.frequency_hz": 1e-3,
+    "resonance.damping_ratio": 3e-2,
+    "resonance.mass_ratio": 4e-2,
     "amplifier_bandwidth_hz": 1e-2,
 }
 _FLOOR_SHARE = 2e-3
@@ -52,8 +52,10 @@ class Spread:
 def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
     """Return the uncertainty of a fit.
 
-    Blocks are drawn anew with replacement, and each draw moves the estimate by a Gauss-Newton step; from three records on,
-    the spread between records is taken where it is larger. What other observers would have found is added where it is more
+    Blocks are drawn anew with replacement, and each draw moves the estimate by a Gauss-Newton step; from three records
+    on,
+    the spread between records is taken where it is larger. What other observers would have found is added where it is
+    more
     than chance: there the disturbance, or the model, is not what it is taken for.
 
     Args:

@@ -45,11 +45,15 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
         (0, 1, 4),
     )
     shown = found.shown[0]
+    caption = (
+        f"{shown.record}: the model runs through {shown.time_s[-1] - shown.time_s[0]:.2g} s of the log on the "
+        f"commanded "
+        "force, an observer of 4 rad/s holding it near (a, b); frequency response where force and motion are coherent "
+        "(c, d); intervals (e); prediction error from sample to sample, white inside the grey band (f)"
+    )
     figures = (
         (
-            f"{shown.record}: the model runs through {shown.time_s[-1] - shown.time_s[0]:.2g} s of the log with the commanded force "
-            "alone (a, b; an observer of 4 rad/s holds it near); frequency response where the force is coherent with the motion (c, d); "
-            "intervals (e); prediction error from sample to sample, white inside the grey band (f)",
+            caption,
             figure_svg(draw_identification(found)),
         ),
         (
@@ -63,7 +67,8 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
         title=escape("Device identified from its log" if found.device is None else found.device.title),
         source=escape(source),
         model=escape(
-            f"Model: {', '.join(TERMS[term].words for term in found.terms)}. Intervals of 95 % from {found.spread_from}."
+            f"Model: {', '.join(TERMS[term].words for term in found.terms)}. Intervals of 95 % from "
+            f"{found.spread_from}."
         ),
         estimates=estimates.html(),
         notes="\n".join(f"<li>{escape(note)}</li>" for note in found.notes),

@@ -1,18 +1,17 @@
-"""Identification of devices drawn at random: do the stated intervals hold the truth, what is refused, how long does it take.
+"""Identification of devices drawn at random: do the stated intervals hold the truth, and what is refused.
 
 nice -n 10 python tests/benchmarks/identification.py --count 1000 --write
 
 Each device is simulated by `tests/measured_device.c`, which shares no code with the project: a multisine beside a weak
-controller, an encoder of 2 to 61 um, friction of 0 to 2 N, a delay of 0 to 3 samples, no resonance or one of 60 to 300 Hz,
-noise and a drifting force. With --write it overwrites results/identification.json and RESULTS_identification.md after every
-device and goes on where it stopped; without it the results are printed only.
+controller, an encoder of 2 to 61 um, friction of 0 to 2 N, a delay of 0 to 3 samples, no resonance or one of 60 to 300
+Hz, noise and a drifting force. With --write it overwrites identification.json and RESULTS_identification.md after
+every device and goes on where it stopped; without it the results are printed only.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
 import resource
 import sys
 from pathlib import Path
@@ -22,6 +21,10 @@ import numpy as np
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent / "hardware")]
+
+from measured_device import Truth, measured, multisine  # noqa: E402 - found beside the tests
+
+from avc_casadi.identification import Record, identify  # noqa: E402
 
 OUT = HERE / "results" / "identification.json"
 PAGE = HERE / "RESULTS_identification.md"
@@ -73,10 +76,6 @@ def drawn(index: int, seed: int) -> tuple[dict[str, float], dict[str, float]]:
 
 def one(index: int, seed: int, seconds: float) -> dict[str, Any]:
     """Simulate, identify and judge one device."""
-    from measured_device import Truth, measured, multisine
-
-    from avc_casadi.identification import Record, identify
-
     device, excited = drawn(index, seed)
     random = np.random.default_rng([seed, index, 1])
     truth = Truth(**device)
@@ -115,18 +114,24 @@ def _cpu() -> float:
 
 def page(rows: list[dict[str, Any]], seconds: float) -> str:
     """Return the results as text."""
+    about = (__doc__ or "").split("\n\n")[2].partition(" With --write")[0].replace("\n", " ")
+    told_of = (
+        f"{len(rows)} devices, {seconds:g} s of log each at 1 kHz. {about} *Inside*: "
+        f"share of "
+        "stated intervals (95 %) that hold the truth, of those told. *Bias* and *error*: median of (found - true) "
+        "and of "
+        "its size, as shares of the truth (delay in samples, offset in N, drift in N/s, noise in um). *Interval*: "
+        "median "
+        "half width in the same unit."
+    )
     lines = [
         "# Identification of devices drawn at random",
         "",
-        (__doc__ or "").split("\n\n")[2].replace("\n", " ").split(" With --write")[0],
-        "",
         "`nice -n 10 python tests/benchmarks/identification.py --count 1000 --write`",
         "",
-        f"{len(rows)} devices, {seconds:g} s of log each at 1 kHz. *Inside*: share of stated intervals (95 %) that hold the truth, of those "
-        "told. *Bias* and *error*: median of (found - true) and of its size, as shares of the truth (delay in samples, offset in N, drift in "
-        "N/s, noise in um). *Interval*: median half width in the same unit.",
+        told_of,
         "",
-        "| what | told of | refused | inside | bias | error | interval |",
+        "| what | asked of | refused | inside | bias | error | interval |",
         "|---|--:|--:|--:|--:|--:|--:|",
     ]
     absolute = {"delay_samples": 1.0, "offset_n": 1.0, "offset_drift_n_per_s": 1.0, "position_noise_rms_m": 1e6}
@@ -140,24 +145,28 @@ def page(rows: list[dict[str, Any]], seconds: float) -> str:
         scale = [absolute.get(key) or 1 / each["true"] for each in usable]
         errors = [(each["value"] - each["true"]) * by for each, by in zip(usable, scale, strict=True)]
         halves = [each["half"] * by for each, by in zip(usable, scale, strict=True)]
+        refused = 100 * (1 - len(told) / len(asked))
+        middle = [np.median(errors), np.median(np.abs(errors)), np.median(halves)] if errors else [np.nan] * 3
         lines.append(
-            f"| {key} | {len(asked)} | {100 * (1 - len(told) / len(asked)):.0f} % | {100 * inside:.1f} % | {np.median(errors):+.2g} | "
-            f"{np.median(np.abs(errors)):.2g} | {np.median(halves):.2g} |"
+            f"| {key} | {len(asked)} | {refused:.0f} % | {100 * inside:.1f} % | {middle[0]:+.2g} | {middle[1]:.2g} "
+            f"| {middle[2]:.2g} |"
         )
     modes = [row for row in rows if row["mode"]]
     found = [row for row in modes if row["side_right"] is not None]
     plain = [row for row in rows if not row["mode"]]
     time = [row["cpu_s"] for row in rows]
-    lines += [
-        "",
-        f"A resonance was found in {len(found)} of {len(modes)} devices that have one, the encoder's side right in "
-        f"{sum(bool(row['side_right']) for row in found)}; one was claimed in {sum(row['false_mode'] for row in plain)} of {len(plain)} that "
-        "have none.",
-        "",
-        f"Processor time a log: median {np.median(time):.1f} s, 95 % below {np.quantile(time, 0.95):.1f} s (the compiler's share is in the "
-        "first of each kind).",
-        "",
-    ]
+    right, claimed = sum(bool(row["side_right"]) for row in found), sum(row["false_mode"] for row in plain)
+    of_modes = (
+        f"A resonance was found in {len(found)} of {len(modes)} devices that have one, the side of the encoder right "
+        f"in "
+        f"{right}; one was claimed in {claimed} of {len(plain)} that have none."
+    )
+    of_time = (
+        f"Processor time a log: median {np.median(time):.1f} s, 95 % below {np.quantile(time, 0.95):.1f} s (the "
+        f"share of the "
+        "compiler is in the first of each kind)."
+    )
+    lines += ["", of_modes, "", of_time, ""]
     return "\n".join(lines)
 
 
@@ -183,12 +192,16 @@ def main() -> None:
             for key, each in row["keys"].items()
             if each is not None and not each["inside"]
         ]
-        print(f"{index}: {row['cpu_s']:.1f} s, {' '.join(row['terms'])}; outside: {', '.join(missed) or 'none'}", flush=True)
+        print(
+            f"{index}: {row['cpu_s']:.1f} s, {' '.join(row['terms'])}; outside: {', '.join(missed) or 'none'}",
+            flush=True,
+        )
         if args.write:
-            OUT.write_text(json.dumps({"seed": args.seed, "seconds": args.seconds, "rows": rows}) + "\n", encoding="utf-8")
+            OUT.write_text(
+                json.dumps({"seed": args.seed, "seconds": args.seconds, "rows": rows}) + "\n", encoding="utf-8"
+            )
             PAGE.write_text(page(rows, args.seconds), encoding="utf-8")
-    if rows and not math.isnan(rows[0]["cpu_s"]):
-        print(page(rows, args.seconds))
+    print(page(rows, args.seconds))
 
 
 if __name__ == "__main__":
