@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from avc_process import avc as run_avc
 from measured_device import Truth, measured, multisine
 
 import avc_casadi as avc
+from avc_casadi.cli import main
 from avc_casadi.identification import Record, device_text, identify
 
 PERIOD = 1e-3
@@ -54,7 +54,9 @@ def test_device_file_is_usable_at_once(flexible, tmp_path):
     assert read.sources.mass_kg.grade == "measured"
     low, high = read.device.range.mass_kg
     assert low <= 0.1 <= high
-    (tmp_path / "p.toml").write_text('title = "t"\ndevice = "mine.toml"\n[environment]\nstiffness_n_per_m = 1000.0\n')
+    (tmp_path / "p.toml").write_text(
+        'title = "t"\ndevice = "mine.toml"\n[environment]\nstiffness_n_per_m = 1e3\ndamping_ns_per_m = 1.0\n'
+    )
     assert avc.load_problem(tmp_path / "p.toml").device == read.device
 
 
@@ -100,7 +102,7 @@ def test_slow_log_refuses_what_it_does_not_tell():
     assert "resonance" in refused(found)
 
 
-def test_verb_writes_device_document_and_page(tmp_path):
+def test_verb_writes_device_document_and_page(tmp_path, capsys):
     random = np.random.default_rng(1)
     truth = Truth(delay=1.0, encoder=1e-5, spring=50.0)
     time, position, force = measured(truth, multisine(random, 3.0, PERIOD, 0.5, 200.0, 2.0), random)
@@ -108,9 +110,8 @@ def test_verb_writes_device_document_and_page(tmp_path):
     columns = np.column_stack([1e3 * time, 1e6 * position, force])
     np.savetxt(log, columns, delimiter=",", header="time_ms,position_um,force_N", comments="")
     out, page = tmp_path / "d.toml", tmp_path / "p.html"
-    done = run_avc("identify", str(log), "--out", str(out), "--report", str(page), "--json")
-    assert done.returncode == 0, done.stderr
-    document = json.loads(done.stdout)
+    assert main(["identify", str(log), "--out", str(out), "--report", str(page), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
     assert document["schema"] == "avc-identify/1"
     assert document["estimates"]["mass_kg"]["low"] <= 0.1 <= document["estimates"]["mass_kg"]["high"]
     names = document["correlation"]["names"]
