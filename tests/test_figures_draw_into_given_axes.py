@@ -1,5 +1,6 @@
 """Drawn into somebody else's axes a result shows the same curves, and nothing else of that figure changes."""
 
+import functools
 import inspect
 import json
 from pathlib import Path
@@ -13,6 +14,7 @@ from matplotlib.figure import Figure
 import avc_casadi as avc
 from avc_casadi import figures
 from avc_casadi.certificate import llewellyn_table
+from avc_casadi.identification import Record, identify
 from avc_casadi.study.accuracy import Accuracy, GridMiss, SolverCost, TableError
 from avc_casadi.study.estimators import EstimatorTraces
 from avc_casadi.study.pareto import Pareto, Point
@@ -75,11 +77,22 @@ def _accuracy():
     return Accuracy("p", "a reference", costs, tables, (GridMiss(5, 1.0, 2, 9), GridMiss(50, 0.1, 0, 9)))
 
 
+@functools.cache
+def _identified():
+    random = np.random.default_rng(0)
+    force = random.standard_normal(2500)
+    speed = np.cumsum(force) * 1e-2
+    position = np.round(np.cumsum(speed - speed.mean()) * 1e-3 / 1e-6) * 1e-6
+    return identify([Record("drawn", 1e-3, position, force)])
+
+
 CALLS = {
     "draw_accuracy": (3, lambda axes: figures.draw_accuracy(_accuracy(), axes)),
     "draw_boundaries": (2, lambda axes: figures.draw_boundaries(COMPARISON, axes)),
     "draw_comparison": (3, lambda axes: figures.draw_comparison(COMPARISON, axes)),
     "draw_estimators": (4, lambda axes: figures.draw_estimators(_estimates(), axes)),
+    "draw_correlations": (1, lambda axes: figures.draw_correlations(_identified(), axes)),
+    "draw_identification": (6, lambda axes: figures.draw_identification(_identified(), axes)),
     "draw_frontier": (4, lambda axes: figures.draw_frontier(_frontier(), axes)),
     "draw_pareto": (6, lambda axes: figures.draw_pareto(_pareto(), axes)),
     "draw_perceived": (5, lambda axes: figures.draw_perceived(COMPARISON, axes)),

@@ -21,6 +21,7 @@ ROOMS = (
     "coupling",
     "certificate",
     "scene",
+    "identification",
     "trial",
     "design.pointwise",
     "design.joint",

@@ -12,6 +12,8 @@ from avc_casadi.figures._boundaries import draw_boundaries as draw_boundaries
 from avc_casadi.figures._comparison import draw_comparison as draw_comparison
 from avc_casadi.figures._estimators import draw_estimators as draw_estimators
 from avc_casadi.figures._frontier import draw_frontier as draw_frontier
+from avc_casadi.figures._identification import draw_correlations as draw_correlations
+from avc_casadi.figures._identification import draw_identification as draw_identification
 from avc_casadi.figures._pareto import draw_pareto as draw_pareto
 from avc_casadi.figures._perceived import draw_perceived as draw_perceived
 from avc_casadi.figures._save import figure_png as figure_png

@@ -1,0 +1,133 @@
+"""Identify a device from logs of time, position and commanded force.
+
+The device file that is written holds measured values, each with its source and, in [device.range], its 95 % interval;
+it is used at once: device = "device.toml" in a problem file. What the logs cannot tell is named, with the log that
+would.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi as avc
+from avc_casadi.cli._arguments import positive
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._files import output_file, write_text
+
+if TYPE_CHECKING:
+    from avc_casadi.identification import Identification, Layout
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("logs", metavar="LOG", nargs="+", help=".csv, .txt, .npz or .mat (v5): one or more records")
+    parser.add_argument("--out", metavar="FILE", help="write the device file (.toml)")
+    parser.add_argument(
+        "--device", metavar="BASE", help="device file or name: what the logs do not tell is taken from it"
+    )
+    parser.add_argument(
+        "--columns",
+        action="append",
+        default=[],
+        metavar="Q=C",
+        help="columns by header or number, 1 is the first: time=1,position=2,force=3",
+    )
+    parser.add_argument(
+        "--units",
+        action="append",
+        default=[],
+        metavar="Q=U",
+        help="units where no header says them: time=ms,position=um",
+    )
+    parser.add_argument("--sample-time", type=positive, metavar="S", help="sample time in seconds of logs without time")
+    parser.add_argument("--flip-force", action="store_true", help="the logs count the force against +position")
+    parser.add_argument(
+        "--added-mass", metavar="KG,...", help="known mass on the device, one of each log: tells the force's scale"
+    )
+    parser.add_argument(
+        "--known", action="append", default=[], metavar="KEY=VALUE", help="a value not to search for: mass_kg=0.1"
+    )
+    parser.add_argument("--encoder-at", choices=("motor", "handle"), help="side of the resonance with the encoder")
+    parser.add_argument("--report", metavar="FILE", help="write a page with figures (.html)")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Read, identify, write."""
+    out = output_file(args.out, "--out", (".toml",)) if args.out else None
+    page = output_file(args.report, "--report", (".html",)) if args.report else None
+    layout, masses, known = _layout(args), _masses(args), _known(args)
+    base = avc.load_device(args.device) if args.device else None
+    from avc_casadi.identification import device_text, identification_document, identification_text, identify
+
+    found = identify(
+        args.logs,
+        layout=layout,
+        base=base,
+        known=known,
+        added_mass_kg=masses,
+        encoder_at=args.encoder_at,
+        flip_force=args.flip_force,
+        progress=console,
+    )
+    document: dict[str, Any] = identification_document(found)
+    lines = [identification_text(found)]
+    code, complaint = 0, ""
+    if found.device is None:
+        missing = ", ".join(key for key in ("mass_kg", "damping_ns_per_m") if key not in found.estimates)
+        code = 1
+        complaint = (
+            f"avc: no device file: {missing} not told; give a log that excites it, or --device BASE that states it"
+        )
+    elif out is not None:
+        write_text(out, device_text(found.device), "--out")
+        lines.append(f'written: {out}; in a problem file: device = "{out}"')
+    document["out"] = str(out) if out is not None and found.device is not None else None
+    if page is not None:
+        _report(found, page, console)
+        lines.append(f"page: {page}")
+    return Answer(document, "\n".join(lines), code, complaint)
+
+
+def _report(found: Identification, page: Any, console: Console) -> None:
+    with console.step("page"):
+        from avc_casadi.cli._versions import package_versions
+        from avc_casadi.report import identification_html
+
+        write_text(page, identification_html(found, package_versions()), "--report")
+
+
+def _layout(args: argparse.Namespace) -> Layout:
+    from avc_casadi.identification import Layout, pairs_of
+
+    columns, wrong = pairs_of(args.columns, "--columns")
+    units, also = pairs_of(args.units, "--units")
+    if wrong or also:
+        raise avc.InputError([*wrong, *also])
+    return Layout(columns, units, args.sample_time)
+
+
+def _masses(args: argparse.Namespace) -> tuple[float, ...]:
+    if args.added_mass is None:
+        return ()
+    try:
+        masses = tuple(float(part) for part in args.added_mass.split(","))
+    except ValueError:
+        masses = (math.nan,)
+    if not all(math.isfinite(mass) and mass >= 0 for mass in masses):
+        raise avc.InputError.of(
+            f"is {args.added_mass!r}; allowed: kilograms, one of each log: 0,0.2", key="--added-mass"
+        )
+    return masses
+
+
+def _known(args: argparse.Namespace) -> dict[str, float]:
+    known = {}
+    for text in args.known:
+        key, _, value = text.partition("=")
+        try:
+            known[key] = float(value)
+        except ValueError:
+            raise avc.InputError.of(f"is {text!r}; allowed: KEY=VALUE, as mass_kg=0.1", key="--known") from None
+    return known

@@ -1,0 +1,156 @@
+"""The device file of an identification: measured values with their ranges, the rest from a base or named as gaps."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from avc_casadi._errors import AvcError
+from avc_casadi.identification._model import Estimate, Identification
+from avc_casadi.problem import Device, DeviceFile, DeviceRange
+
+_DIGITS = 5
+_PLAIN = (
+    "mass_kg",
+    "damping_ns_per_m",
+    "delay_samples",
+    "coulomb_friction_n",
+    "encoder_resolution_m",
+    "position_noise_rms_m",
+    "amplifier_bandwidth_hz",
+)
+_MODE = ("frequency_hz", "damping_ratio", "mass_ratio")
+_QUANTITIES = (*_PLAIN, "sample_time_s", "max_force_n", "backlash_m", "resonance")
+# What stands in a gap that the loop cannot do without.
+_CAUTIOUS: Mapping[str, tuple[float, tuple[float, float], str]] = {
+    "delay_samples": (1.0, (0.0, 2.0), "not told by the log; one sample stands for the link to the computer"),
+}
+
+
+def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | None:
+    """Return the device file, or None where mass or damping are told neither by the logs nor by the base.
+
+    Args:
+        found: what the logs tell.
+        base: what else is known.
+    """
+    device: dict[str, Any] = {"sample_time_s": found.sample_time_s}
+    ranges: dict[str, Any] = {}
+    logs = ", ".join(dict.fromkeys(name.partition("@")[0].partition("#")[0] for name in found.sources))[:300]
+    how = f"avc identify, {found.seconds:.3g} s of {logs}"
+    sources: dict[str, Any] = {"sample_time_s": {"grade": "measured", "source": f"{how}: time of the log"}}
+    for key in _PLAIN:
+        one = found.estimates.get(key)
+        if one is not None:
+            device[key], ranges[key] = _rounded(one)
+            sources[key] = {"grade": "measured", "source": f"{how}: {_meaning(key, found)}"}
+    _widened(found, device, ranges)
+    mode = [found.estimates.get(f"resonance.{key}") for key in _MODE]
+    if all(one is not None for one in mode):
+        pairs = {key: _rounded(one) for key, one in zip(_MODE, mode, strict=True) if one is not None}
+        device["resonance"] = {key: pair[0] for key, pair in pairs.items()}
+        ranges["resonance"] = {key: pair[1] for key, pair in pairs.items()}
+        device["encoder_at"] = found.encoder_at
+        sources["resonance"] = {"grade": "measured", "source": f"{how}: output error, two masses"}
+    for key in ("encoder_resolution_m",):
+        ranges.pop(key, None)
+    gaps = [key for key in _QUANTITIES if key not in device]
+    for key in list(gaps):
+        if base is not None and getattr(base.device, key) is not None and getattr(base.sources, key) is not None:
+            table = base.device.model_dump(exclude_none=True)
+            device[key] = table[key]
+            if key in table.get("range", {}):
+                ranges[key] = table["range"][key]
+            sources[key] = getattr(base.sources, key).model_dump()
+            if key not in base.gaps:
+                gaps.remove(key)
+        elif key in _CAUTIOUS:
+            device[key], ranges[key], why = _CAUTIOUS[key]
+            sources[key] = {"grade": "assumed", "source": why}
+    if base is not None and "amplifier_bandwidth_hz" in device:
+        device["amplifier_order"] = base.device.amplifier_order
+    if "mass_kg" not in device or "damping_ns_per_m" not in device:
+        return None
+    title = base.title if base is not None else "Device identified from its log"
+    tables = {
+        "title": title,
+        "device": {**device, "range": {key: value for key, value in ranges.items() if value}},
+        "sources": sources,
+        "gaps": gaps,
+    }
+    return DeviceFile.model_validate({"name": "device", **tables})
+
+
+def _meaning(key: str, found: Identification) -> str:
+    one = found.estimates[key]
+    told = f"{one.how}, {100 * one.level:g} % interval" if one.level < 1 else one.how
+    if key == "delay_samples" and "amplifier" not in found.terms:
+        told += "; the lag of the amplifier is in it"
+    if key == "coulomb_friction_n" and "stribeck" in found.terms:
+        excess, speed = (found.estimates.get(name) for name in ("breakaway_excess_n", "stribeck_speed_m_per_s"))
+        if excess is not None and speed is not None:
+            told += f"; {excess.value:.3g} N more from rest, which goes within {speed.value:.2g} m/s"
+    if key == "mass_kg" and "stiffness" in found.terms:
+        told += "; with what holds the device"
+    return told
+
+
+def _widened(found: Identification, device: dict[str, Any], ranges: dict[str, Any]) -> None:
+    """Widen ranges by what a device file has no key for: damping by the direction."""
+    one = found.estimates.get("damping_asymmetry_ns_per_m")
+    if one is None or "damping_ns_per_m" not in device:
+        return
+    low, high = ranges["damping_ns_per_m"]
+    more = max(abs(one.low), abs(one.high))
+    ranges["damping_ns_per_m"] = (max(low - more, 0.0), high + more)
+
+
+def _rounded(one: Estimate) -> tuple[float, tuple[float, float]]:
+    """Return a value and its ends to a few digits, the value between them; what is next to nothing is nothing."""
+    value, low, high = (float(f"{each:.{_DIGITS}g}") for each in (one.value, one.low, one.high))
+    value, low, high = (0.0 if abs(each) < 1e-9 else each for each in (value, low, high))
+    if one.key == "delay_samples":
+        value, low, high = (0.0 if each < 1e-3 else each for each in (value, low, high))
+    return value, (min(low, value), max(high, value))
+
+
+def device_text(file: DeviceFile) -> str:
+    """Return a device file as TOML.
+
+    Args:
+        file: of a device.
+
+    Raises:
+        AvcError: a text that TOML cannot hold.
+    """
+    lines = [f"title = {_value(file.title)}"]
+    if file.gaps:
+        lines += [
+            "# Not known. Where a value stands all the same, it is assumed, with a cautious range.",
+            f"gaps = {_value(list(file.gaps))}",
+        ]
+    tables = file.device.model_dump(exclude_unset=True, exclude_none=True)
+    ranges = tables.pop("range", {})
+    lines += ["", "[device]", *(f"{key} = {_value(tables[key])}" for key in Device.model_fields if key in tables)]
+    if ranges:
+        order = [key for key in DeviceRange.model_fields if ranges.get(key)]
+        lines += ["", "[device.range]", *(f"{key} = {_value(ranges[key])}" for key in order)]
+    sources = file.sources.model_dump(exclude_none=True)
+    lines += ["", "[sources]"]
+    for key in Device.model_fields:
+        if key in sources:
+            lines.append(f"{key} = {_value({name: sources[key][name] for name in ('grade', 'source')})}")
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_value(item)}' for key, item in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)  # a TOML string too
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return repr(value)
+    raise AvcError(f"{type(value).__name__} cannot be written as TOML")

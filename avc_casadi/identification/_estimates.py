@@ -1,0 +1,77 @@
+"""Values and intervals as a device file takes them, from a fit in its own coordinates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Mapping
+
+import numpy as np
+from scipy import stats
+
+from avc_casadi.identification._fit import Fit
+from avc_casadi.identification._model import Estimate
+from avc_casadi.identification._uncertainty import LEVEL, Spread, spread_of
+
+# A step of the encoder is known to this share of it.
+_STEP_SHARE = 1e-3
+# Noise above the encoder's own is told from this share of it on.
+_LEAST_NOISE = 0.3
+# How the error divides into noise, rounding and disturbance is known to about this share of its square.
+_DIVIDED = 0.12
+
+
+def estimates_of(
+    fit: Fit, spread: Spread, rivals: Mapping[str, Fit], refused: Container[str], step_m: float | None
+) -> dict[str, Estimate]:
+    """Return what is told.
+
+    Args:
+        fit: at its best.
+        spread: its uncertainty.
+        rivals: richer models that were not borne out; they bound what they add.
+        refused: keys that are not told.
+        step_m: of the encoder.
+    """
+    found: dict[str, Estimate] = {}
+    for index, one in enumerate(fit.structure.free):
+        if one.name.partition(".")[0] in refused:
+            continue
+        q, half = float(fit.search[index]), float(spread.half_width[index])
+        ends = [fit.structure.outward(one, end) for end in (q - half, q + half)]
+        low, high = (min(max(end, one.lowest), one.highest) for end in ends)
+        value = fit.structure.outward(one, q)
+        found[one.name] = Estimate(one.name, one.unit, value, low, high, LEVEL, "output error")
+    if "coulomb" not in fit.structure.terms and "coulomb" in rivals:
+        rival = rivals["coulomb"]
+        index = [one.name for one in rival.structure.free].index("coulomb_friction_n")
+        most = spread_of(rival, ()).half_width[index] + rival.search[index]
+        high = rival.structure.outward(rival.structure.free[index], float(most))
+        found["coulomb_friction_n"] = Estimate(
+            "coulomb_friction_n", "N", 0.0, 0.0, max(high, 0.0), LEVEL, "no evidence of any; the upper end bounds it"
+        )
+    for key, value in fit.structure.known.items():
+        found[key] = Estimate(key, "", value, value, value, 1.0, "known beforehand")
+    if step_m is not None:
+        low, high = step_m * (1 - _STEP_SHARE), step_m * (1 + _STEP_SHARE)
+        found["encoder_resolution_m"] = Estimate(
+            "encoder_resolution_m", "m", step_m, low, high, LEVEL, "lattice of the readings"
+        )
+    noise = _noise(fit, step_m or 0.0)
+    if noise is not None:
+        found["position_noise_rms_m"] = noise
+    return found
+
+
+def _noise(fit: Fit, step_m: float) -> Estimate | None:
+    """Return the noise that is left when the rounding is taken from the error, or None where that hides it."""
+    squares = np.array([block.square / block.samples for block in fit.blocks]) * fit.unit_m**2 * fit.noise_share
+    rounding = step_m**2 / 12
+    mean = float(squares.mean())
+    half = float(stats.t.ppf(0.5 + LEVEL / 2, squares.size - 1) * squares.std(ddof=1) / math.sqrt(squares.size))
+    half = math.hypot(half, _DIVIDED * mean)
+    if mean - rounding < max(_LEAST_NOISE * rounding, half):
+        return None
+    value, low, high = (math.sqrt(max(each - rounding, 0.0)) for each in (mean, mean - half, mean + half))
+    return Estimate(
+        "position_noise_rms_m", "m", value, low, high, LEVEL, "prediction error less the encoder's rounding"
+    )

@@ -1,0 +1,190 @@
+"""The fit of one structure: the squared prediction error made smallest, and its shape about that point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from avc_casadi.identification._linear import linear_step, taps_of
+from avc_casadi.identification._predictor import Observer, Predictor
+from avc_casadi.identification._terms import Structure
+from avc_casadi.support import FloatArray
+
+_MOST_STEPS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """What a stretch of a record says: squared error, gradient and curvature.
+
+    Attributes:
+        record: index of its record.
+        samples: number of samples.
+        square: sum of e^2.
+        gradient: J'e, shape (free,).
+        curvature: J'J, shape (free, free).
+    """
+
+    record: int
+    samples: int
+    square: float
+    gradient: FloatArray
+    curvature: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A structure at its best.
+
+    Attributes:
+        structure: terms.
+        search: coordinates of the free parameters.
+        observer: how fast a disturbance is forgotten.
+        error_m: prediction error of each record after its start.
+        blocks: stretches of the records.
+        unit_m: what the blocks' errors are counted in.
+        noise_share: share of the variance of the error that is noise of the measurement.
+    """
+
+    structure: Structure
+    search: FloatArray
+    observer: Observer
+    error_m: tuple[FloatArray, ...]
+    blocks: tuple[Block, ...]
+    unit_m: float
+    noise_share: float
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Every parameter."""
+        return self.structure.values(self.search)
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square of the prediction error."""
+        return float(np.sqrt(np.mean(np.concatenate(self.error_m) ** 2)))
+
+
+@dataclass(frozen=True)
+class Window:
+    """How records are cut.
+
+    Attributes:
+        skip: samples at the start of each record that are not judged.
+        block: samples of a block.
+    """
+
+    skip: int
+    block: int
+
+    @classmethod
+    def of(cls, sizes: Sequence[int], period: float) -> Window:
+        """Choose the blocks: 30 of them at least where the records are long enough, of a second at most."""
+        total = sum(sizes)
+        block = int(min(max(total // 40, 0.1 / period), 2.0 / period, min(sizes) // 2))
+        return cls(skip=int(min(0.5 / period, 0.1 * min(sizes))), block=max(block, 20))
+
+
+def slowest_observer(predictor: Predictor) -> float:
+    """Return the rate below which the start of a record would not be forgotten when it is judged."""
+    shortest = min(record.seconds for record in predictor.records)
+    return 4.0 / min(0.5, 0.1 * shortest)
+
+
+def fit(
+    predictor: Predictor,
+    structure: Structure,
+    start: Mapping[str, float],
+    observer: Observer,
+    window: Window,
+    *,
+    steps: int = _MOST_STEPS,
+    tolerance: float = 1e-8,
+) -> Fit:
+    """Make the squared prediction error smallest by Gauss-Newton steps in a trust region.
+
+    Args:
+        predictor: of the records.
+        structure: terms.
+        start: values to start from, of each free parameter.
+        observer: of the prediction.
+        window: which samples are judged.
+        steps: most evaluations.
+        tolerance: relative change of the sum of squares at which the search ends.
+    """
+    low, high = structure.bounds()
+    inside = 1e-9 * np.maximum(1.0, np.abs(np.where(np.isfinite(low), low, 0.0)))
+    begin = np.clip(structure.start(start), low + inside, high - inside)
+    cache: dict[bytes, tuple[FloatArray, FloatArray]] = {}
+    unit: list[float] = []
+
+    def both(search: FloatArray) -> tuple[FloatArray, FloatArray]:
+        key = search.tobytes()
+        if key not in cache:
+            cache.clear()
+            found = predictor.predict(structure, search, observer)
+            e = np.concatenate([one.error_m[window.skip :] for one in found])
+            j = np.concatenate([one.slopes[window.skip :] for one in found if one.slopes is not None])
+            if not unit:
+                unit.append(float(np.sqrt(np.mean(e**2))) or 1.0)
+            sound = np.isfinite(e).all() and np.isfinite(j).all()
+            cache[key] = (e, j) if sound else (np.full_like(e, 1e3 * unit[0]), np.zeros_like(j))
+        return cache[key]
+
+    def error(search: FloatArray) -> FloatArray:
+        found = both(search)[0]
+        return found / unit[0]
+
+    def slopes(search: FloatArray) -> FloatArray:
+        return both(search)[1] / unit[0]
+
+    solved = least_squares(
+        error,
+        begin,
+        jac=slopes,
+        bounds=(low, high),
+        x_scale="jac",
+        ftol=tolerance,
+        xtol=1e-9,
+        gtol=1e-12,
+        max_nfev=steps,
+    )
+    return judged(predictor, structure, solved.x, observer, window)
+
+
+def judged(predictor: Predictor, structure: Structure, search: FloatArray, observer: Observer, window: Window) -> Fit:
+    """Return a structure at a point with what each block says there."""
+    found = predictor.predict(structure, search, observer)
+    errors = tuple(one.error_m[window.skip :] for one in found)
+    unit = float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) or 1.0
+    blocks = []
+    for index, one in enumerate(found):
+        assert one.slopes is not None  # noqa: S101 - they were asked for
+        error, slopes = one.error_m[window.skip :] / unit, one.slopes[window.skip :] / unit
+        count = max(1, error.size // window.block)
+        for e, j in zip(np.array_split(error, count), np.array_split(slopes, count), strict=True):
+            blocks.append(Block(index, e.size, float(e @ e), j.T @ e, j.T @ j))
+    values = structure.values(search)
+    step = linear_step(values, structure, predictor.sample_time_s, taps_of(values))
+    _, share = observer.gain(step, values["mass_kg"], predictor.sample_time_s)
+    return Fit(structure, search, observer, errors, tuple(blocks), unit, share)
+
+
+def best_observer(predictor: Predictor, found: Fit, window: Window) -> Observer:
+    """Return the observer under which the model predicts best: as fast as its disturbance asks for."""
+    slowest = slowest_observer(predictor)
+    fastest = 1.0 / predictor.sample_time_s
+    rates = np.geomspace(slowest, fastest, max(4, int(np.ceil(2 * np.log2(fastest / slowest))) // 2))
+
+    def square(rate: float) -> float:
+        errors = predictor.predict(found.structure, found.search, Observer(rate), slopes=False)
+        return float(sum(np.sum(one.error_m[window.skip :] ** 2) for one in errors))
+
+    squares = [square(float(rate)) for rate in rates]
+    best = int(np.nanargmin(squares))
+    near = [float(np.sqrt(rates[best] * rates[other])) for other in (best - 1, best + 1) if 0 <= other < rates.size]
+    choices = [(squares[best], float(rates[best])), *((square(rate), rate) for rate in near)]
+    return Observer(min(choices)[1])

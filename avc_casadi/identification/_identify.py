@@ -1,0 +1,310 @@
+"""Logs in, a device out: what they tell of it, how well, and what they cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from avc_casadi._errors import InputError
+from avc_casadi.identification._closed_loop import autocorrelation, coloured, feeds_back
+from avc_casadi.identification._device import device_file
+from avc_casadi.identification._encoder import encoder_step_m
+from avc_casadi.identification._estimates import estimates_of
+from avc_casadi.identification._fit import Fit, Window, judged, slowest_observer
+from avc_casadi.identification._frequency import measured_response, model_response
+from avc_casadi.identification._model import Identification, Refusal, Shown
+from avc_casadi.identification._predictor import Observer, Predictor
+from avc_casadi.identification._read import read_logs
+from avc_casadi.identification._record import Record, shortened
+from avc_casadi.identification._refuse import EXCITATION, cannot_tell, refusals
+from avc_casadi.identification._select import Selection, select, without
+from avc_casadi.identification._start import first_guess
+from avc_casadi.identification._terms import PARAMETERS, TERMS, Structure
+from avc_casadi.identification._uncertainty import Spread, sensitivity, spread_of
+from avc_casadi.identification._units import Layout
+from avc_casadi.problem import DeviceFile
+from avc_casadi.support import SILENT, FloatArray, Progress, number
+
+MOST_SAMPLES = 120_000
+_SHOWN_S = 1.5
+_SHOWN_RATE_PER_S = 4.0
+# Rates of the observers that would have found other values of a wrong model, as multiples of the best.
+_OTHER_OBSERVERS = (3.0, 0.4, 0.12)
+_LEAST_S = 1.0
+
+
+def identify(
+    logs: Sequence[str | Path] | str | Path | Sequence[Record],
+    *,
+    layout: Layout | None = None,
+    base: DeviceFile | None = None,
+    known: Mapping[str, float] | None = None,
+    added_mass_kg: Sequence[float] = (),
+    encoder_at: str | None = None,
+    flip_force: bool = False,
+    most_samples: int = MOST_SAMPLES,
+    progress: Progress = SILENT,
+) -> Identification:
+    """Identify a device from logs of time, position and commanded force.
+
+    Args:
+        logs: files, or records.
+        layout: columns and units of the files.
+        base: what is known of the device; what the logs do not tell is taken from it.
+        known: values that are not searched for, by key.
+        added_mass_kg: known mass on the device, one of each log.
+        encoder_at: "motor" or "handle"; None takes that of the base, or what the log bears out.
+        flip_force: whether the logs count the force against +position.
+        most_samples: longer records are cut to so many in all.
+        progress: who is told.
+
+    Raises:
+        InputError: every fault of the logs, or a mass that comes out negative or absurd.
+    """
+    records, notes = _records(logs, layout, added_mass_kg)
+    if encoder_at not in {None, "motor", "handle"}:
+        raise InputError.of(f"is {encoder_at!r}; allowed: motor, handle", key="encoder_at")
+    if flip_force:
+        records = [replace(record, force_n=-record.force_n) for record in records]
+    known = _checked(known or {})
+    records, cut = shortened(records, most_samples)
+    notes += [cut] if cut else []
+    seconds = sum(record.seconds for record in records)
+    if seconds < _LEAST_S:
+        raise InputError.of(f"hold {number(seconds)} s in all; allowed: at least {_LEAST_S:g} s", key="logs")
+    step_m = encoder_step_m(records)
+    force_rms, travel = _sizes(records, step_m)
+    with progress.step("first guess"):
+        guess = _guess(records, force_rms)
+    structure = _simplest(records, known, force_rms, travel)
+    guess |= known
+    sizes = [record.position_m.size for record in records]
+    window = Window.of(sizes, records[0].sample_time_s)
+    predictor = Predictor(records, float(records[0].position_m[0]))
+    response = measured_response(records)
+    if encoder_at is None and base is not None and base.device.resonance is not None:
+        encoder_at = base.device.encoder_at
+    sides = ("motor", "handle") if encoder_at is None else (encoder_at,)
+    with progress.step("model"):
+        chosen = select(predictor, guess, structure, response, window, sides, progress)
+    with progress.step("intervals"):
+        spread, refused = _told(predictor, chosen, window)
+    fit = chosen.fit
+    normal, collinear = sensitivity(fit)
+    estimates = estimates_of(fit, spread, chosen.rivals, refused, step_m)
+    refused |= _never_told(fit, estimates, response.excited_hz, chosen.trials.keys() - set(fit.structure.terms))
+    lags = autocorrelation(fit.error_m)
+    feedback = feeds_back(records, fit.error_m)
+    notes += _notes(fit, lags, feedback, estimates)
+    names = tuple(one.name for one in fit.structure.free)
+    found = Identification(
+        sources=tuple(dict.fromkeys(record.name for record in records)),
+        seconds=seconds,
+        records=len(records),
+        sample_time_s=records[0].sample_time_s,
+        terms=fit.structure.terms,
+        encoder_at=fit.structure.encoder_at,
+        estimates=estimates,
+        refused=tuple(refused.values()),
+        trials=tuple(chosen.trials.values()),
+        names=names,
+        correlation=spread.correlation,
+        sensitivity=normal,
+        collinearity=collinear,
+        spread_from=spread.source,
+        error_rms_m=fit.rms_m,
+        observer_rate_per_s=fit.observer.rate_per_s,
+        error_m=np.concatenate(fit.error_m),
+        feedback=feedback,
+        lags=lags,
+        notes=tuple(notes),
+        response=response,
+        modelled=model_response(fit.values, fit.structure, records[0].sample_time_s, response.frequency_hz),
+        shown=_shown(records, fit),
+        device=None,
+    )
+    return replace(found, device=device_file(found, base))
+
+
+def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, float]:
+    """Return the change of the force and the travel; refuse logs that tell nothing."""
+    changes = np.concatenate([record.force_n - record.force_n.mean() for record in records])
+    force = float(np.sqrt(np.mean(changes**2)))
+    travel = max(float(np.ptp(record.position_m)) for record in records)
+    places = max(np.unique(record.position_m).size for record in records)
+    nothing = cannot_tell(force, travel / step_m if step_m else float(places))
+    if nothing:
+        raise InputError.of("; ".join(f"{one.why}; allowed: {one.excitation}" for one in nothing), key="logs")
+    return force, travel
+
+
+def _guess(records: Sequence[Record], force_rms: float) -> dict[str, float]:
+    """Return values to start from; refuse a force that points the other way, and units that cannot be."""
+    guess = first_guess(records)
+    mass = guess["mass_kg"]
+    if mass < 0 and abs(mass) > 1e-4 * force_rms:
+        raise InputError.of(
+            f"give a mass of {number(mass)} kg: force and position point against each other; allowed: force along "
+            "+position, or --flip-force",
+            key="logs",
+        )
+    if not 1e-3 <= mass <= 2e3:
+        raise InputError.of(
+            f"give a mass of {number(mass)} kg; allowed: 0.001 to 2000 kg; are the units of position and force right?",
+            key="logs",
+        )
+    return {**guess, "force_scale": 1.0}
+
+
+def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spread, dict[str, Refusal]]:
+    """Return the uncertainty and what is refused; terms that are not told leave the model, which is fitted again."""
+    while True:
+        fit = chosen.fit
+        spread = spread_of(fit, _beside(predictor, fit, window))
+        refused = refusals(fit, spread, sensitivity(fit)[0])
+        vague = [
+            term
+            for term in ("amplifier", "resonance", "stribeck")
+            if term in fit.structure.terms
+            and any(one.name.partition(".")[0] in refused for one in TERMS[term].parameters)
+        ]
+        if not vague:
+            return spread, refused
+        without(predictor, chosen, vague[0], "is not told well enough to stand in a model", window)
+
+
+def _beside(predictor: Predictor, fit: Fit, window: Window) -> list[Fit]:
+    """Return what faster and slower observers say at the same point."""
+    rate, slowest, fastest = fit.observer.rate_per_s, slowest_observer(predictor), 1 / predictor.sample_time_s
+    rates = {min(max(rate * by, slowest), fastest) for by in _OTHER_OBSERVERS} - {rate}
+    return [judged(predictor, fit.structure, fit.search, Observer(other), window) for other in sorted(rates)]
+
+
+def _records(
+    logs: Sequence[str | Path] | str | Path | Sequence[Record], layout: Layout | None, added: Sequence[float]
+) -> tuple[list[Record], list[str]]:
+    if isinstance(logs, str | Path):
+        logs = [logs]
+    given = [one for one in logs if isinstance(one, Record)]
+    if given:
+        return given, []
+    paths = [one for one in logs if isinstance(one, str | Path)]
+    if not paths:
+        raise InputError.of("are none; allowed: at least one log", key="logs")
+    return read_logs(paths, layout, added)
+
+
+def _checked(known: Mapping[str, float]) -> dict[str, float]:
+    base = [one.name for one in TERMS["base"].parameters]
+    for key, value in known.items():
+        if key not in base:
+            raise InputError.of(f"names {key!r}; allowed: {', '.join(base)}", key="known")
+        one = PARAMETERS[key]
+        if not one.lowest <= value <= one.highest:
+            raise InputError.of(f"has {key} = {value:g}; allowed: {one.lowest:g} to {one.highest:g}", key="known")
+    return {key: float(value) for key, value in known.items()}
+
+
+def _simplest(records: Sequence[Record], known: Mapping[str, float], force: float, travel: float) -> Structure:
+    """Return the structure to begin with; the force has a scale where a known mass tells it."""
+    speed = max(
+        float(np.std(np.diff(record.position_m[:: max(1, int(0.01 / record.sample_time_s))])))
+        / (max(1, int(0.01 / record.sample_time_s)) * record.sample_time_s)
+        for record in records
+    )
+    seconds = max(record.seconds for record in records)
+    units = {
+        "damping_ns_per_m": force / speed,
+        "damping_asymmetry_ns_per_m": force / speed,
+        "offset_n": force,
+        "coulomb_friction_n": force,
+        "breakaway_excess_n": force,
+        "offset_drift_n_per_s": force / seconds,
+        "stiffness_n_per_m": force / travel,
+        "speed_m_per_s": speed,
+    }
+    scaled = "mass_kg" in known or len({record.added_mass_kg for record in records}) > 1
+    return Structure(("base", "scale") if scaled else ("base",), known, units)
+
+
+def _never_told(
+    fit: Fit, estimates: Mapping[str, object], excited: tuple[float, float] | None, absent: set[str]
+) -> dict[str, Refusal]:
+    """Return what no fit of these logs could tell, and what they show no trace of."""
+    found = {}
+    band = "at no frequency" if excited is None else f"up to {number(excited[1], 2)} Hz"
+    if "resonance" in absent:
+        why = f"no trace of one; force and motion are coherent {band}"
+        found["resonance"] = Refusal("resonance", why, EXCITATION["resonance"])
+    if "amplifier" in absent:
+        why = "its lag cannot be told from delay; the delay given holds both"
+        found["amplifier_bandwidth_hz"] = Refusal("amplifier_bandwidth_hz", why, EXCITATION["amplifier_bandwidth_hz"])
+    if "scale" not in fit.structure.terms:
+        why = "mass, damping and friction all scale with the force; the commanded newtons are taken as true"
+        found["force_scale"] = Refusal("force_scale", why, EXCITATION["force_scale"])
+    if "coulomb" in fit.structure.terms:
+        why = "friction that differs between the directions is the same as a constant force (offset_n)"
+        found["friction_asymmetry_n"] = Refusal("friction_asymmetry_n", why, EXCITATION["friction_asymmetry_n"])
+    for key, why in (
+        ("encoder_resolution_m", "the positions lie on no lattice"),
+        ("position_noise_rms_m", "it is below what the encoder's step hides"),
+        ("backlash_m", "a log of one position does not show the other side of the play"),
+        ("max_force_n", "it is not seen in a log"),
+    ):
+        if key not in estimates:
+            found[key] = Refusal(key, why, EXCITATION[key])
+    return found
+
+
+def _notes(fit: Fit, lags: FloatArray, feedback: bool, estimates: Mapping[str, object]) -> list[str]:
+    notes = []
+    if "stiffness" in fit.structure.terms:
+        stiffness = number(fit.values["stiffness_n_per_m"])
+        notes.append(
+            f"a spring of {stiffness} N/m holds the device (a hand, a cable, gravity along an arc): mass and damping "
+            f"are "
+            "those of the device with what holds it; log it let go"
+        )
+    if feedback and coloured(lags):
+        notes.append(
+            "the force follows the measured position (a closed loop), and the prediction error is not white: what "
+            "disturbs "
+            "the device is not what the model takes it for, and estimates may be biased; the intervals hold what "
+            "another "
+            "observer would have found. Better: an external force (multisine) beside the controller, hands off"
+        )
+    elif feedback:
+        notes.append(
+            "the force follows the measured position (a closed loop); the prediction error is white, so that this "
+            "does not "
+            "bias the estimates"
+        )
+    elif coloured(lags):
+        notes.append(
+            "the prediction error is not white: something moves the device that the model does not know (a hand, a "
+            "cable, "
+            "an unmodelled mode)"
+        )
+    if estimates.get("delay_samples") is not None and fit.values["delay_samples"] < 1e-3:
+        notes.append(
+            "the delay came out at 0: does the log pair each force with the position that it was computed from?"
+        )
+    return notes
+
+
+def _shown(records: Sequence[Record], fit: Fit) -> tuple[Shown, ...]:
+    """Return stretches of the longest records in which the model runs all but freely."""
+    found = []
+    for record in sorted(records, key=lambda one: -one.seconds)[:2]:
+        free = Predictor([record], float(records[0].position_m[0]))
+        error = free.predict(fit.structure, fit.search, Observer(_SHOWN_RATE_PER_S), slopes=False)[0].error_m
+        size = min(record.position_m.size // 2, int(_SHOWN_S / record.sample_time_s))
+        first = record.position_m.size - size - size // 4
+        part = slice(first, first + size)
+        time = np.asarray(np.arange(first, first + size) * record.sample_time_s, dtype=np.float64)
+        position = record.position_m[part]
+        found.append(Shown(record.name, time, position, position - error[part], record.force_n[part]))
+    return tuple(found)

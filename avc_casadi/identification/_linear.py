@@ -1,0 +1,156 @@
+"""The linear part of the loop from sample to sample, and its derivatives: the project's own sampled plant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avc_casadi.identification._terms import LINEAR, Structure
+from avc_casadi.loop import GROUND, Plant, device_plant, sampled_plant, transition
+from avc_casadi.problem import Device, Resonance
+from avc_casadi.support import FloatArray
+
+# Relative steps of the central differences that give the derivatives of a few matrix entries: their error is 1e-9.
+_STEP = 1e-4
+_DELAY_STEP = 2e-3
+
+TAPS = 4
+
+
+@dataclass(frozen=True)
+class _Spring:
+    """What holds the device, as the loop knows it: a spring from the grip to the ground."""
+
+    stiffness_n_per_m: float
+
+    def mechanics(self, plant: Plant) -> None:
+        plant.join(plant.grip, GROUND, self.stiffness_n_per_m, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearStep:
+    """x(k+1) = A x(k) + sum over j of B[:, j] F(k - taps[j]) + g f: F along +x, f the mean of a force on the motor.
+
+    Attributes:
+        matrix: A, shape (n, n).
+        force: B, shape (n, taps).
+        motor: g, shape (n,).
+        early: the velocity of the motor when the newer force arrives, by x, by the forces and by f, shape (n + taps +
+        1,).
+        taps: delays j in samples.
+        measured: index of the measured position.
+        names: of the states.
+    """
+
+    matrix: FloatArray
+    force: FloatArray
+    motor: FloatArray
+    early: FloatArray
+    taps: tuple[int, ...]
+    measured: int
+    names: tuple[str, ...]
+
+    def flat(self) -> FloatArray:
+        """Return all entries in one vector, columns first."""
+        return np.concatenate([self.matrix.ravel(order="F"), self.force.ravel(order="F"), self.motor, self.early])
+
+
+def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: float) -> Device:
+    """Return the device at some values of the parameters."""
+    delay = values["delay_samples"]
+    frequency = values["resonance.frequency_hz"]
+    bandwidth = values["amplifier_bandwidth_hz"]
+    return Device(
+        mass_kg=values["mass_kg"],
+        damping_ns_per_m=max(values["damping_ns_per_m"], 0.0) if values["damping_ns_per_m"] > 1e-9 else 0.0,
+        sample_time_s=sample_time_s,
+        delay_samples=delay if delay > 1e-3 else 0.0,
+        amplifier_bandwidth_hz=None if math.isnan(bandwidth) else bandwidth,
+        resonance=None
+        if math.isnan(frequency)
+        else Resonance(
+            frequency_hz=frequency,
+            damping_ratio=values["resonance.damping_ratio"],
+            mass_ratio=values["resonance.mass_ratio"],
+        ),
+        encoder_at=structure.encoder_at,
+    )
+
+
+def linear_step(
+    values: Mapping[str, float], structure: Structure, sample_time_s: float, taps: tuple[int, ...]
+) -> LinearStep:
+    """Discretise exactly.
+
+    Args:
+        values: of every parameter.
+        structure: which terms there are.
+        sample_time_s: T.
+        taps: delays to give columns of.
+    """
+    device = device_of(values, structure, sample_time_s)
+    held = _Spring(values["stiffness_n_per_m"]) if structure.present("stiffness_n_per_m") else None
+    sampled = sampled_plant(device, held)
+    plant = device_plant(device, held).linear()
+    # Both forces are positive against +x in the loop.
+    motor = -transition(replace(plant, force=plant.friction), sample_time_s).force.reshape(-1)
+    whole = int(sampled.whole_delay[0])
+    columns = {whole: -sampled.new[0, 0], whole + 1: -sampled.old[0, 0]}
+    none = np.zeros(plant.states)
+    late = (device.delay_samples - whole) * sample_time_s
+    force = np.stack([columns.get(tap, none) for tap in taps], axis=1) * values["force_scale"]
+    early = np.zeros(plant.states + len(taps) + 1)
+    early[1] = 1.0
+    if late > 0:
+        first = transition(plant, late)
+        early[: plant.states] = first.matrix.reshape(plant.states, -1)[1]
+        early[plant.states + taps.index(whole + 1)] = -first.force.reshape(-1)[1] * values["force_scale"]
+        early[-1] = -transition(replace(plant, force=plant.friction), late).force.reshape(-1)[1]
+    return LinearStep(
+        matrix=sampled.matrix[0, 0],
+        force=force,
+        motor=motor,
+        early=early,
+        taps=taps,
+        measured=int(np.argmax(sampled.measured)),
+        names=plant.names,
+    )
+
+
+def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:
+    """Return the delays that a force may come from at some values and beside them."""
+    whole = int(values["delay_samples"])
+    return tuple(range(max(whole - 1, 0), max(whole - 1, 0) + TAPS))
+
+
+def linear_derivatives(
+    values: Mapping[str, float], structure: Structure, sample_time_s: float, taps: tuple[int, ...]
+) -> FloatArray:
+    """Return the derivative of every entry of the step by the free linear parameters.
+
+    Returns:
+        Shape (entries, parameters), in the order of `structure.free` without those of friction.
+    """
+    columns = []
+    for one in structure.free:
+        if one.name not in LINEAR:
+            continue
+        value = values[one.name]
+        if one.name == "delay_samples":
+            # Inside its whole sample, where every entry is smooth.
+            step = _DELAY_STEP if value - int(value) < 0.5 else -_DELAY_STEP
+            weights: tuple[tuple[float, float], ...] = ((value, -1.5), (value + step, 2.0), (value + 2 * step, -0.5))
+        else:
+            step = _STEP * max(abs(value), structure.units.get(one.name, 0.0))
+            low = max(value - step, one.lowest) if one.kind == "linear" else value - step
+            step = value + step - low
+            weights = ((low, -1.0), (low + step, 1.0))
+        entries = [
+            weight * linear_step({**values, one.name: at}, structure, sample_time_s, taps).flat()
+            for at, weight in weights
+        ]
+        columns.append(np.sum(entries, axis=0) / step)
+    return np.stack(columns, axis=1)

@@ -1,0 +1,125 @@
+"""What an identification found: estimates with intervals, what was refused, and how the model stands to the log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from avc_casadi.identification._evidence import Trial
+from avc_casadi.identification._frequency import Response
+from avc_casadi.problem import DeviceFile
+from avc_casadi.support import ComplexArray, FloatArray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its interval.
+
+    Attributes:
+        key: as in a device file where it stands there.
+        unit: SI.
+        value: the best.
+        low, high: ends of the interval at `level`.
+        level: share of logs in which such an interval holds the truth.
+        how: in a few words.
+    """
+
+    key: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    level: float
+    how: str
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """What a log cannot tell.
+
+    Attributes:
+        key: its name.
+        why: what hides it.
+        excitation: the log that would tell.
+    """
+
+    key: str
+    why: str
+    excitation: str
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """One stretch of a record beside the model that runs freely through it.
+
+    Attributes:
+        record: its name.
+        time_s, measured_m, simulated_m, force_n: shape (samples,).
+    """
+
+    record: str
+    time_s: FloatArray
+    measured_m: FloatArray
+    simulated_m: FloatArray
+    force_n: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """A device as its logs tell it.
+
+    Attributes:
+        sources: the logs.
+        seconds: of all records.
+        records: number of records.
+        sample_time_s: T.
+        terms: what the model is made of.
+        encoder_at: where the position is measured.
+        estimates: by key.
+        refused: what the logs cannot tell.
+        trials: evidence for and against each term.
+        names: of the numbers that were searched for together.
+        correlation: of their estimates, shape (names, names).
+        sensitivity: correlations of their normalised sensitivities, the same shape.
+        collinearity: index of the sensitivities.
+        spread_from: where the intervals come from.
+        error_rms_m: of the prediction from sample to sample.
+        observer_rate_per_s: how fast a disturbance is forgotten.
+        error_m: the prediction error, shape (samples,).
+        feedback: whether the force follows the measured position.
+        lags: autocorrelation of the error, shape (lags,), from lag 1 on.
+        notes: what the user should know.
+        response: measured frequency response.
+        modelled: that of the model.
+        shown: stretches for the eye.
+        device: the device file, or None where mass or damping stay unknown.
+    """
+
+    sources: tuple[str, ...]
+    seconds: float
+    records: int
+    sample_time_s: float
+    terms: tuple[str, ...]
+    encoder_at: str
+    estimates: Mapping[str, Estimate]
+    refused: tuple[Refusal, ...]
+    trials: tuple[Trial, ...]
+    names: tuple[str, ...]
+    correlation: FloatArray
+    sensitivity: FloatArray
+    collinearity: float
+    spread_from: str
+    error_rms_m: float
+    observer_rate_per_s: float
+    error_m: FloatArray
+    feedback: bool
+    lags: FloatArray
+    notes: tuple[str, ...]
+    response: Response
+    modelled: ComplexArray
+    shown: tuple[Shown, ...]
+    device: DeviceFile | None
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{one.key} {one.value:.4g}" for one in self.estimates.values())
+        return f"Identification({told}; {len(self.refused)} refused)"

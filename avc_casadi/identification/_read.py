@@ -1,0 +1,210 @@
+"""Logs as files: CSV, NPZ and MAT v5; every fault of a file at once."""
+
+from __future__ import annotations
+
+import csv
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+from scipy.io.matlab import MatReadError
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.identification._record import Columns, Record, records_of
+from avc_casadi.identification._units import QUANTITIES, Layout, chosen_columns
+
+_MOST_FAULTS = 200
+_LARGEST_BYTES = 1_000_000_000
+
+
+def read_logs(
+    paths: Sequence[str | Path], layout: Layout | None = None, added_mass_kg: Sequence[float] = ()
+) -> tuple[list[Record], list[str]]:
+    """Read the logs of one device.
+
+    Args:
+        paths: files that end in ``.csv``, ``.txt``, ``.npz`` or ``.mat``.
+        layout: what is said of their columns.
+        added_mass_kg: known mass on the device, one of each file, or none.
+
+    Returns:
+        Records, and what the user should know of them.
+
+    Raises:
+        InputError: every fault of every file, each with its line.
+    """
+    layout = layout or Layout()
+    if added_mass_kg and len(added_mass_kg) != len(paths):
+        raise InputError.of(
+            f"are {len(added_mass_kg)} for {len(paths)} logs; allowed: one for each", key="added_mass_kg"
+        )
+    records: list[Record] = []
+    faults: list[Fault] = []
+    told: list[str] = []
+    for index, path in enumerate(paths):
+        found, wrong = _columns(Path(path), str(path), layout)
+        for columns in found:
+            cut, broken, said = records_of(columns, added_mass_kg[index] if added_mass_kg else 0.0)
+            records += cut
+            wrong += broken
+            told += said
+        faults += _few(wrong, str(path))
+    periods = {record.sample_time_s for record in records}
+    if not faults and periods and max(periods) > min(periods) * (1 + 1e-4):
+        seconds = ", ".join(f"{period:g}" for period in sorted(periods))
+        faults.append(Fault("", None, "LOG", f"have sample times of {seconds} s; allowed: one sample time for all"))
+    if faults:
+        raise InputError(faults)
+    return [replace(record, sample_time_s=records[0].sample_time_s) for record in records], told
+
+
+def _few(faults: list[Fault], file: str) -> list[Fault]:
+    if len(faults) <= _MOST_FAULTS:
+        return faults
+    return [*faults[:_MOST_FAULTS], Fault(file, None, "", f"has {len(faults) - _MOST_FAULTS} more faults")]
+
+
+def _columns(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
+    """Return the logs of a file (several where a column counts records), or its faults."""
+    ending = path.suffix.lower()
+    try:
+        size = path.stat().st_size
+        if size <= _LARGEST_BYTES and ending in _READERS:
+            return _READERS[ending](path, file, layout)
+    except OSError as error:
+        why = f"cannot be read ({error.strerror or error})"
+    except (ValueError, NotImplementedError, zipfile.BadZipFile, TypeError, MatReadError) as error:
+        first = str(error).partition("\n")[0][:200]
+        hint = "; save it with -v7" if isinstance(error, NotImplementedError) else ""
+        why = f"is not read as {ending} ({first}){hint}"
+    else:
+        why = f"ends in {path.suffix!r}; allowed: {', '.join(_READERS)}"
+        if ending in _READERS:
+            why = f"has {size} bytes; allowed: {_LARGEST_BYTES}"
+    return [], [Fault(file, None, "", why)]
+
+
+def _npz(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
+    with np.load(path, allow_pickle=False) as archive:
+        return _arrays({name: archive[name] for name in archive.files}, file, layout)
+
+
+def _mat(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
+    found = scipy.io.loadmat(path, squeeze_me=True)
+    return _arrays({name: value for name, value in found.items() if not name.startswith("__")}, file, layout)
+
+
+def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
+    """Take columns from vectors by their names, or from the one matrix of a file by their numbers."""
+    arrays = {name: np.asarray(value) for name, value in named.items()}
+    vectors = {
+        name: value.ravel()
+        for name, value in arrays.items()
+        if value.dtype.kind in "fiu" and value.size > 1 and value.ndim - value.shape.count(1) <= 1
+    }
+    matrices = [
+        value for value in arrays.values() if value.dtype.kind in "fiu" and value.ndim == 2 and 1 not in value.shape
+    ]
+    if len(matrices) == 1 and not vectors:
+        table = matrices[0] if matrices[0].shape[0] >= matrices[0].shape[1] else matrices[0].T
+        chosen, faults = chosen_columns(None, table.shape[1], layout, file, None)
+        columns = [table[:, index] for index in range(table.shape[1])]
+    else:
+        names = list(vectors)
+        if not names:
+            held = ", ".join(f"{name} {value.dtype} {value.shape}" for name, value in arrays.items()) or "nothing"
+            return [], [Fault(file, None, "", f"holds {held}; allowed: vectors of time, position and force")]
+        chosen, faults = chosen_columns(names, len(names), layout, file, None)
+        columns = [vectors[name] for name in names]
+    if faults:
+        return [], faults
+    lengths = {quantity: columns[index].size for quantity, (index, _) in chosen.items()}
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{quantity} {length}" for quantity, length in lengths.items())
+        return [], [Fault(file, None, "", f"has columns of unequal length: {told}; allowed: equal lengths")]
+    return [_quantities(file, columns, chosen, layout, None)], []
+
+
+def _quantities(
+    file: str,
+    columns: Sequence[Any],
+    chosen: Mapping[str, tuple[int, float]],
+    layout: Layout,
+    lines: Sequence[int] | None,
+) -> Columns:
+    values = {
+        quantity: np.asarray(columns[index], dtype=np.float64) * unit for quantity, (index, unit) in chosen.items()
+    }
+    if "time" not in values:
+        values["time"] = np.arange(values["position"].size, dtype=np.float64) * float(layout.sample_time_s or 0.0)
+    return Columns(file, values["time"], values["position"], values["force"], lines)
+
+
+def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
+    text = path.read_text(encoding="utf-8-sig")
+    rows = [(number, row) for number, row in enumerate(text.splitlines(), start=1) if row.strip()]
+    rows = [(number, row) for number, row in rows if not row.lstrip().startswith(("#", "%"))]
+    if not rows:
+        return [], [Fault(file, None, "", "is empty; allowed: columns of time, position and force")]
+    mark = _delimiter(rows[min(1, len(rows) - 1)][1])
+    cells = [
+        (number, row.split() if mark is None else [cell.strip() for cell in next(csv.reader([row], delimiter=mark))])
+        for number, row in rows
+    ]
+    first_line, first = cells[0]
+    headers = None if all(map(_is_number, first)) else first
+    width = len(first)
+    chosen, faults = chosen_columns(headers, width, layout, file, first_line if headers else None)
+    if faults:
+        return [], faults
+    body = cells[1:] if headers else cells
+    groups = [index for index, name in enumerate(headers or ()) if name.strip().lower() in {"record", "run", "trial"}]
+    wanted = {quantity: index for quantity, (index, _) in chosen.items()}
+    values: dict[str, list[tuple[int, list[float]]]] = {}
+    for number, row in body:
+        if len(row) != width:
+            faults.append(Fault(file, number, "", f"has {len(row)} columns; allowed: {width}, as the first row"))
+            continue
+        bad = [quantity for quantity, index in wanted.items() if not _is_number(row[index])]
+        faults += [
+            Fault(file, number, quantity, f"is {row[wanted[quantity]][:40]!r}; allowed: a number") for quantity in bad
+        ]
+        if not bad:
+            kept = [float(row[wanted[quantity]]) if quantity in wanted else 0.0 for quantity in QUANTITIES]
+            values.setdefault(row[groups[0]] if groups else "", []).append((number, kept))
+    if faults:
+        return [], faults
+    units = {quantity: (at, chosen[quantity][1]) for at, quantity in enumerate(QUANTITIES) if quantity in chosen}
+    logs = []
+    for name, samples in values.items():
+        table = np.array([sample for _, sample in samples])
+        lines = [number for number, _ in samples]
+        logs.append(_quantities(f"{file}[{name}]" if name else file, list(table.T), units, layout, lines))
+    return logs, [] if logs else [Fault(file, None, "", "has headers and no samples")]
+
+
+def _delimiter(row: str) -> str | None:
+    counts = {mark: row.count(mark) for mark in (";", "\t", ",")}
+    return next((mark for mark, count in counts.items() if count), None)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+_READERS: Mapping[str, Callable[[Path, str, Layout], tuple[list[Columns], list[Fault]]]] = {
+    ".csv": _text,
+    ".txt": _text,
+    ".dat": _text,
+    ".tsv": _text,
+    ".npz": _npz,
+    ".mat": _mat,
+}

@@ -1,0 +1,208 @@
+"""A record of a device: position and commanded force at equal times, cut where ticks are missing."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avc_casadi._errors import Fault
+from avc_casadi.support import FloatArray, number
+
+# A step of time may differ from the usual one by this share of it; a longer one is a gap.
+_JITTER = 0.25
+_SHORTEST = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Samples of one uninterrupted record.
+
+    Attributes:
+        name: file, and which record of it.
+        sample_time_s: T.
+        position_m: measured position, shape (samples,).
+        force_n: commanded force along +position, held from this sample to the next, shape (samples,).
+        added_mass_kg: known mass on the device during the record.
+    """
+
+    name: str
+    sample_time_s: float
+    position_m: FloatArray
+    force_n: FloatArray
+    added_mass_kg: float = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """How long it lasts."""
+        return self.position_m.size * self.sample_time_s
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """What a file says, in SI units, before it is known to be a record.
+
+    Attributes:
+        file: its name.
+        time_s, position_m, force_n: shape (rows,).
+        line: line of each row in the file, shape (rows,), or None of a file without lines.
+    """
+
+    file: str
+    time_s: FloatArray
+    position_m: FloatArray
+    force_n: FloatArray
+    line: Sequence[int] | None = None
+
+    def at(self, row: int) -> int | None:
+        """Return the line of a row."""
+        return None if self.line is None else self.line[row]
+
+
+def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Record], list[Fault], list[str]]:
+    """Cut a log into records at its gaps, and find what is wrong with it.
+
+    Args:
+        columns: the log.
+        added_mass_kg: known mass on the device.
+
+    Returns:
+        Records, faults, and what the user should know.
+    """
+    faults = _implausible(columns)
+    if columns.time_s.size < _SHORTEST:
+        message = f"has {columns.time_s.size} samples; allowed: at least {_SHORTEST}"
+        return [], [*faults, Fault(columns.file, None, "", message)], []
+    steps = np.diff(columns.time_s)
+    usual = float(np.median(steps))
+    backwards = np.flatnonzero(steps <= 0)
+    faults += [
+        Fault(
+            columns.file,
+            columns.at(int(row) + 1),
+            "time",
+            f"is {number(columns.time_s[row + 1])} s after {number(columns.time_s[row])} s; allowed: increasing times, "
+            "or one file for each record",
+        )
+        for row in backwards
+    ]
+    if backwards.size or usual <= 0:
+        return [], faults, []
+    # Clocks are written with few digits: a step is compared with the mean of those about it.
+    gaps = np.flatnonzero(steps > (1.5 * usual))
+    uneven = np.abs(steps - usual) > _JITTER * usual
+    uneven[gaps] = False
+    if np.mean(uneven) > 0.01:
+        low, high = np.quantile(np.delete(steps, gaps), (0.005, 0.995))
+        message = (
+            f"steps from {number(low)} to {number(high)} s; allowed: equal steps (missing samples apart), with the "
+            f"time "
+            "of the tick and not that of writing it"
+        )
+        faults.append(Fault(columns.file, None, "time", message))
+    if faults:
+        return [], faults, []
+    edges = [0, *(int(gap) + 1 for gap in gaps), steps.size + 1]
+    pieces = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= _SHORTEST]
+    told = []
+    if gaps.size:
+        lost = columns.time_s.size - sum(b - a for a, b in pieces)
+        told.append(
+            f"{columns.file}: {gaps.size} gaps in time; taken as {len(pieces)} records"
+            + (f", {lost} samples in shorter pieces left out" if lost else "")
+        )
+    if not pieces:
+        message = f"has no {_SHORTEST} samples in a row without a gap; allowed: at least one such record"
+        return [], [Fault(columns.file, None, "time", message)], []
+    period = float(np.mean(np.delete(steps, gaps))) if gaps.size else float(steps.mean())
+    return (
+        [
+            Record(
+                columns.file if len(pieces) == 1 else f"{columns.file}#{index}",
+                _round(period),
+                columns.position_m[a:b],
+                columns.force_n[a:b],
+                added_mass_kg,
+            )
+            for index, (a, b) in enumerate(pieces, start=1)
+        ],
+        [],
+        told,
+    )
+
+
+def _round(period: float) -> float:
+    """Return a sample time of few digits where the clock means one."""
+    for digits in range(1, 5):
+        near = float(f"{period:.{digits}g}")
+        if abs(near - period) <= 2e-5 * period:
+            return near
+    return period
+
+
+# What a haptic device or a drive of a machine does; a slip of the unit is a factor of 1000.
+_LIKELY: tuple[tuple[str, str, float, float, str], ...] = (
+    ("position", "spans", 2e-6, 5.0, "m"),
+    ("force", "reaches", 1e-3, 1e5, "N"),
+)
+
+
+def _implausible(columns: Columns) -> list[Fault]:
+    faults = [
+        Fault(columns.file, columns.at(int(row)), key, f"is {values[row]}; allowed: a finite number")
+        for key, values in (
+            ("time", columns.time_s),
+            ("position", columns.position_m),
+            ("force", columns.force_n),
+        )
+        for row in np.flatnonzero(~np.isfinite(values))
+    ]
+    if faults or columns.time_s.size < _SHORTEST:
+        return faults
+    step = float(np.median(np.diff(columns.time_s)))
+    if not 1e-5 <= step <= 0.05:
+        message = f"steps of {number(step)} s; allowed: 1e-5 to 0.05 s; is the unit right?"
+        faults.append(Fault(columns.file, None, "time", message))
+    sizes = {"position": np.ptp(columns.position_m), "force": np.abs(columns.force_n).max()}
+    for key, verb, low, high, unit in _LIKELY:
+        size = float(sizes[key])
+        if size == 0 or not low <= size <= high:
+            what = "never changes" if key == "position" and size == 0 else "is 0 throughout" if size == 0 else ""
+            message = what or f"{verb} {number(size)} {unit}"
+            question = "" if size == 0 else "; is the unit right?"
+            faults.append(Fault(columns.file, None, key, f"{message}; allowed: {low:g} to {high:g} {unit}{question}"))
+    return faults
+
+
+def shortened(records: Sequence[Record], most_samples: int) -> tuple[list[Record], str]:
+    """Keep evenly spread pieces of long records.
+
+    Args:
+        records: of one device.
+        most_samples: to keep in all.
+
+    Returns:
+        Records, and what was left out, or nothing.
+    """
+    total = sum(record.position_m.size for record in records)
+    if total <= most_samples:
+        return list(records), ""
+    kept = []
+    for record in records:
+        size = record.position_m.size
+        pieces = max(1, min(8, size // 8000))
+        length = max(_SHORTEST, int(size * most_samples / total / pieces))
+        for index, start in enumerate(np.linspace(0, size - length, pieces).astype(int)):
+            part = slice(int(start), int(start) + length)
+            kept.append(
+                replace(
+                    record,
+                    name=f"{record.name}@{index + 1}",
+                    position_m=record.position_m[part],
+                    force_n=record.force_n[part],
+                )
+            )
+    used = sum(record.position_m.size for record in kept)
+    return kept, f"of {total} samples {used} were used, in pieces spread evenly over the records"

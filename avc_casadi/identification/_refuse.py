@@ -1,0 +1,96 @@
+"""Which numbers a log tells: the rest is refused by name, with the excitation that would tell it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from avc_casadi.identification._fit import Fit
+from avc_casadi.identification._model import Refusal
+from avc_casadi.identification._uncertainty import Spread
+from avc_casadi.support import FloatArray, number
+
+EXCITATION = {
+    "mass_kg": "a multisine of 1 to 30 Hz with several times the force of the friction",
+    "damping_ns_per_m": "long strokes at several speeds, such as a slow sine of large amplitude, several periods of it",
+    "delay_samples": "a chirp or multisine up to a fifth of the sample rate, or steps of force",
+    "offset_n": "strokes both ways",
+    "coulomb_friction_n": "slow strokes with many reversals, the force twice the friction or more",
+    "friction_asymmetry_n": "a second log with the device turned over, which reverses gravity and not the friction",
+    "damping_asymmetry_ns_per_m": "fast strokes both ways",
+    "breakaway_excess_n": "reversals at a few millimetres a second, slow enough that the device sticks",
+    "stribeck_speed_m_per_s": "strokes at speeds from 1 to 50 mm/s",
+    "resonance": "a chirp or multisine of 20 Hz to a third of the sample rate, strong enough to move several encoder "
+    "steps",
+    "amplifier_bandwidth_hz": "a chirp to a third of the sample rate at a higher sample rate, or a log of the current",
+    "stiffness_n_per_m": "slow strokes over the whole travel",
+    "offset_drift_n_per_s": "a longer log",
+    "force_scale": "two logs, one with a known mass on the device (--added-mass 0,KG), or --known mass_kg=KG",
+    "position_noise_rms_m": "a log in motion; at rest the encoder's step hides it",
+    "encoder_resolution_m": "the encoder's own counts, unfiltered",
+    "backlash_m": "reversals under load, with the position measured at the handle",
+    "max_force_n": "the amplifier's data sheet; a log does not tell what was not commanded",
+}
+# Half widths in the coordinates of the search beyond which a number is not told.
+_WIDEST = {
+    "mass_kg": 0.35,
+    "delay_samples": 1.0,
+    "resonance.frequency_hz": 0.15,
+    "resonance.damping_ratio": 1.4,
+    "resonance.mass_ratio": 1.7,
+    "amplifier_bandwidth_hz": 0.7,
+    "stribeck_speed_m_per_s": 1.4,
+    "force_scale": 0.35,
+    # In units of the force that the log holds.
+    "damping_ns_per_m": 0.4,
+    "coulomb_friction_n": 0.4,
+    "breakaway_excess_n": 0.4,
+    "offset_n": 0.4,
+}
+
+
+def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]:
+    """Return what is not told of the parameters of a fit, by name.
+
+    Args:
+        fit: at its best.
+        spread: its uncertainty.
+        normal: correlations of the normalised sensitivities.
+    """
+    found = {}
+    names = [one.name for one in fit.structure.free]
+    for index, one in enumerate(fit.structure.free):
+        widest = _WIDEST.get(one.name)
+        half = float(spread.half_width[index])
+        if widest is None or half <= widest:
+            continue
+        others = np.abs(np.delete(normal[index], index))
+        like = names[index + 1 if (at := int(np.argmax(others))) >= index else at] if others.size else ""
+        alike = float(others.max(initial=0.0))
+        why = f"its interval is too wide ({_width(one.kind, half)})"
+        if alike > 0.9:
+            why += f"; the log changes with it as with {like} (correlation {number(alike, 3)})"
+        key = one.name.partition(".")[0]
+        found[key] = Refusal(key, why, EXCITATION[key])
+    return found
+
+
+def _width(kind: str, half: float) -> str:
+    if kind == "log":
+        return f"a factor of {number(float(np.exp(min(half, 50.0))), 2)} either way"
+    return f"+-{number(half, 2)} " + ("in its logit" if kind == "share" else "of the size that would matter")
+
+
+def cannot_tell(records_force_rms: float, motion_in_steps: float) -> list[Refusal]:
+    """Return why a log tells nothing at all, before any fit.
+
+    Args:
+        records_force_rms: change of the force, N.
+        motion_in_steps: travel in steps of the encoder, or infinite.
+    """
+    found = []
+    if records_force_rms < 1e-9:
+        found.append(Refusal("mass_kg", "the commanded force never changes", EXCITATION["mass_kg"]))
+    if motion_in_steps < 12:
+        why = f"the position moves over {number(motion_in_steps, 2)} steps of the encoder only"
+        found.append(Refusal("mass_kg", why, "more force, or lower frequencies: a travel of 50 steps and more"))
+    return found

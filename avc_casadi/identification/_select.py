@@ -1,0 +1,269 @@
+"""From the simplest device to the richest that the log bears out: one term after another, each by evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from avc_casadi.identification._evidence import Trial, compared
+from avc_casadi.identification._fit import Fit, Window, best_observer, fit, judged, slowest_observer
+from avc_casadi.identification._frequency import Response, likely_resonances
+from avc_casadi.identification._predictor import Observer, Predictor
+from avc_casadi.identification._terms import TERMS, Structure
+from avc_casadi.identification._uncertainty import sensitivity
+from avc_casadi.support import SILENT, Progress
+
+# Those that stand together look alike: the better one is taken first.
+_ORDER = (("coulomb",), ("resonance", "amplifier"), ("stiffness",), ("asymmetry",), ("stribeck",), ("drift",))
+# A term that a Gauss-Newton step from its absence does not speak for by so many standard errors is not fitted.
+_HOPEFUL = 1.5
+_COLLINEAR = 100.0
+_FIRST_RATE_PER_S = 60.0
+# Terms that may change everything.
+_STRONG = {"coulomb", "resonance", "amplifier"}
+_MOST_STARTS = 2
+# Terms whose number is 0 where they are absent: below this share of what matters they are.
+_VANISHING = {"stribeck": "breakaway_excess_n", "stiffness": "stiffness_n_per_m", "coulomb": "coulomb_friction_n"}
+_VANISHED = 1e-5
+
+
+@dataclass
+class Selection:
+    """A model and how it came about.
+
+    Attributes:
+        fit: the model at its best.
+        trials: of every term, the last of each.
+        rivals: the fit of each term that was tried in full and not taken.
+    """
+
+    fit: Fit
+    trials: dict[str, Trial] = field(default_factory=dict)
+    rivals: dict[str, Fit] = field(default_factory=dict)
+
+
+def select(
+    predictor: Predictor,
+    guess: Mapping[str, float],
+    structure: Structure,
+    response: Response,
+    window: Window,
+    sides: Sequence[str],
+    progress: Progress = SILENT,
+) -> Selection:
+    """Find the terms that the log bears out.
+
+    Args:
+        predictor: of the records.
+        guess: values to start from.
+        structure: the simplest one, with what is known.
+        response: of the log.
+        window: of the fits.
+        sides: where the encoder may sit.
+        progress: who is told.
+    """
+    observer = Observer(max(_FIRST_RATE_PER_S, slowest_observer(predictor)))
+    simplest = fit(predictor, structure, guess, observer, window, tolerance=1e-5)
+    simplest = fit(
+        predictor, structure, simplest.values, best_observer(predictor, simplest, window), window, tolerance=1e-6
+    )
+    chosen = Selection(simplest)
+    late: list[str] = []
+    for index, terms in enumerate(_ORDER):
+        progress.advance(index, len(_ORDER), ", ".join(TERMS[term].words for term in terms))
+        if _try(predictor, chosen, terms, guess, response, window, sides):
+            late += [one for earlier in _ORDER[: index + 1] for one in earlier if not chosen.trials[one].taken]
+    for term in dict.fromkeys(late):
+        if term not in chosen.fit.structure.terms:
+            _try(predictor, chosen, (term,), guess, response, window, sides)
+    chosen.fit = _settled(predictor, chosen.fit, window)
+    _prune(predictor, chosen, window)
+    return chosen
+
+
+def _settled(predictor: Predictor, found: Fit, window: Window) -> Fit:
+    """Fit once more, closely, under the observer that the model asks for."""
+    observer = best_observer(predictor, found, window)
+    return fit(predictor, found.structure, found.values, observer, window, tolerance=1e-10)
+
+
+def _prune(predictor: Predictor, chosen: Selection, window: Window) -> None:
+    """Drop what the whole model no longer bears out: a term whose size is 0 within its uncertainty."""
+    for term in ("stribeck", "asymmetry", "drift", "stiffness", "amplifier", "resonance", "coulomb"):
+        found = chosen.fit
+        if term not in found.structure.terms:
+            continue
+        dependent = [one for one in found.structure.terms if term in TERMS[one].needs]
+        if dependent:
+            continue
+        simpler = replace(found.structure, terms=tuple(one for one in found.structure.terms if one != term))
+        without = fit(predictor, simpler, found.values, found.observer, window, steps=15, tolerance=1e-6)
+        trial = compared(without, found, term)
+        gone = (
+            term in _VANISHING and found.values[_VANISHING[term]] < _VANISHED * found.structure.units[_VANISHING[term]]
+        )
+        if trial.taken and not gone:
+            chosen.trials[term] = trial
+            continue
+        chosen.rivals[term] = found
+        chosen.trials[term] = replace(trial, taken=False, why="is no longer borne out beside the rest of the model")
+        chosen.fit = _settled(predictor, without, window)
+
+
+def without(predictor: Predictor, chosen: Selection, term: str, why: str, window: Window) -> None:
+    """Take a term out of the model and fit again.
+
+    Args:
+        predictor: of the records.
+        chosen: the model.
+        term: what goes.
+        why: in words.
+        window: of the fit.
+    """
+    found = chosen.fit
+    terms = tuple(one for one in found.structure.terms if one != term)
+    chosen.rivals[term] = found
+    chosen.trials[term] = replace(chosen.trials[term], taken=False, why=why)
+    simpler = fit(
+        predictor, replace(found.structure, terms=terms), found.values, found.observer, window, tolerance=1e-6
+    )
+    chosen.fit = _settled(predictor, simpler, window)
+
+
+def _try(
+    predictor: Predictor,
+    chosen: Selection,
+    terms: Sequence[str],
+    guess: Mapping[str, float],
+    response: Response,
+    window: Window,
+    sides: Sequence[str],
+) -> bool:
+    """Try terms; take the one that explains most where the evidence is for it."""
+    best: Fit | None = None
+    taken = ""
+    for term in terms:
+        found = _tried(predictor, chosen, term, guess, response, window, sides)
+        if found is not None and (best is None or found.rms_m < best.rms_m):
+            best, taken = found, term
+    if best is None:
+        return False
+    for term in terms:
+        if term != taken:
+            chosen.trials[term] = replace(chosen.trials[term], taken=False)
+    chosen.fit = best
+    return True
+
+
+def _tried(
+    predictor: Predictor,
+    chosen: Selection,
+    term: str,
+    guess: Mapping[str, float],
+    response: Response,
+    window: Window,
+    sides: Sequence[str],
+) -> Fit | None:
+    """Return the model with a term where the evidence is for it, and write down what came of it."""
+    simple = chosen.fit
+    if not simple.structure.admits(term):
+        missing = [TERMS[need].words for need in TERMS[term].needs if need not in simple.structure.terms]
+        chosen.trials[term] = Trial(term, False, 0.0, 0.0, f"says nothing without {', '.join(missing)}")
+        return None
+    best: Fit | None = None
+    chosen.trials[term] = Trial(term, False, 0.0, 0.0, "is not seen in the frequency response")
+    for structure, start in _starts(
+        simple, _richer(simple.structure, term), term, guess, response, predictor, window, sides
+    ):
+        if term not in {"coulomb", "resonance"}:
+            at_start = judged(predictor, structure, structure.start(start), simple.observer, window)
+            hope = compared(simple, at_start, term)
+            chosen.trials[term] = replace(hope, taken=False)
+            if hope.standard_errors < _HOPEFUL:
+                continue
+        if term in _STRONG:
+            # A simpler model that misses much asks for an observer too fast to see the better one from afar.
+            rate = max(min(simple.observer.rate_per_s, _FIRST_RATE_PER_S), slowest_observer(predictor))
+            found = fit(predictor, structure, start, Observer(rate), window, steps=12, tolerance=1e-4)
+            observer = best_observer(predictor, found, window)
+            found = fit(predictor, structure, found.values, observer, window, steps=10, tolerance=1e-5)
+        else:
+            found = fit(predictor, structure, start, simple.observer, window, steps=12, tolerance=1e-5)
+        if best is None or found.rms_m < best.rms_m:
+            best = found
+    if best is None:
+        return None
+    trial = compared(simple, best, term)
+    _, collinear = sensitivity(best)
+    if trial.taken and collinear > _COLLINEAR:
+        trial = replace(trial, taken=False, why="cannot be told apart from the rest of the model")
+    beyond = _beyond(best, term, response, predictor.sample_time_s)
+    if trial.taken and beyond:
+        trial = replace(trial, taken=False, why=beyond)
+    chosen.trials[term] = trial
+    if trial.taken:
+        return best
+    chosen.rivals[term] = best
+    return None
+
+
+def _beyond(found: Fit, term: str, response: Response, period: float) -> str:
+    """Say that a frequency came out where the log cannot show it, if it did."""
+    band = response.excited_hz
+    top = min(0.45 / period, 1.3 * band[1] if band else 0.0)
+    if term == "resonance" and found.values["resonance.frequency_hz"] > top:
+        return "lies beyond the frequencies that the force excites"
+    if term == "amplifier" and found.values["amplifier_bandwidth_hz"] > 0.6 / period:
+        return "is too fast to be told from a shorter delay at this sample rate"
+    return ""
+
+
+def _richer(structure: Structure, term: str) -> Structure:
+    return replace(structure, terms=structure.ordered((*structure.terms, term)))
+
+
+def _starts(
+    simple: Fit,
+    richer: Structure,
+    term: str,
+    guess: Mapping[str, float],
+    response: Response,
+    predictor: Predictor,
+    window: Window,
+    sides: Sequence[str],
+) -> list[tuple[Structure, dict[str, float]]]:
+    """Return where the search for a term may start."""
+    values, period = simple.values, predictor.sample_time_s
+    force = richer.units["coulomb_friction_n"]
+    if term == "coulomb":
+        return [(richer, {**values, "coulomb_friction_n": max(guess["coulomb_friction_n"], 0.02 * force)})]
+    if term == "stribeck":
+        speed = richer.units["speed_m_per_s"]
+        return [
+            (richer, {**values, "breakaway_excess_n": 0.0, "stribeck_speed_m_per_s": share * speed})
+            for share in (0.05, 0.2)
+        ]
+    if term == "amplifier":
+        rates = [rate for rate in (0.3 / period, 0.1 / period) if rate > 1.0]
+        lag = [1 / (2 * np.pi * rate * period) for rate in rates]
+        return [
+            (
+                richer,
+                {**values, "amplifier_bandwidth_hz": rate, "delay_samples": max(values["delay_samples"] - late, 0.0)},
+            )
+            for rate, late in zip(rates, lag, strict=True)
+        ]
+    if term == "resonance":
+        found = []
+        if simple.observer.rate_per_s > 2 * _FIRST_RATE_PER_S:
+            rate = max(_FIRST_RATE_PER_S, slowest_observer(predictor))
+            values = fit(predictor, simple.structure, values, Observer(rate), window, steps=10, tolerance=1e-4).values
+        for side in sides:
+            with_side = replace(richer, encoder_at="handle" if side == "handle" else "motor")
+            for left, one in likely_resonances(response, values, with_side, period):
+                found.append((left, with_side, {**values, **one}))
+        found.sort(key=lambda one: one[0])
+        return [(with_side, start) for left, with_side, start in found[:_MOST_STARTS] if left < 3 * found[0][0]]
+    return [(richer, {**values, **{one.name: 0.0 for one in TERMS[term].parameters}})]

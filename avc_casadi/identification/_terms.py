@@ -1,0 +1,199 @@
+"""What a device may be made of: terms, their parameters, and how each is searched for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from avc_casadi.support import FloatArray
+
+Kind = Literal["log", "linear", "share"]
+
+LONGEST_DELAY = 24.0
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number that a log may tell.
+
+    Attributes:
+        name: with its unit, as in a device file where it stands there.
+        unit: as the user reads it.
+        kind: searched for as its logarithm, as itself, or as the logit of a share.
+        lowest, highest: what it may be.
+        linear: whether it belongs to the linear loop rather than to friction and offset.
+    """
+
+    name: str
+    unit: str
+    kind: Kind
+    lowest: float
+    highest: float
+    linear: bool = True
+
+
+@dataclass(frozen=True)
+class Term:
+    """Parameters that come and go together.
+
+    Attributes:
+        name: of the term.
+        words: as a sentence calls it.
+        parameters: its parameters.
+        needs: terms without which it says nothing.
+    """
+
+    name: str
+    words: str
+    parameters: tuple[Parameter, ...]
+    needs: tuple[str, ...] = ()
+
+
+_INF = math.inf
+_FAR = 500.0
+TERMS: Mapping[str, Term] = {
+    term.name: term
+    for term in (
+        Term(
+            "base",
+            "mass, viscous damping, delay and a constant force",
+            (
+                Parameter("mass_kg", "kg", "log", 1e-5, 1e5),
+                Parameter("damping_ns_per_m", "N.s/m", "linear", 0.0, 1e7),
+                Parameter("delay_samples", "samples", "linear", 0.0, LONGEST_DELAY),
+                Parameter("offset_n", "N", "linear", -_INF, _INF, linear=False),
+            ),
+        ),
+        Term("coulomb", "Coulomb friction", (Parameter("coulomb_friction_n", "N", "linear", 0.0, 1e5, linear=False),)),
+        Term(
+            "asymmetry",
+            "damping that depends on the direction",
+            (Parameter("damping_asymmetry_ns_per_m", "N.s/m", "linear", -1e7, 1e7, linear=False),),
+        ),
+        Term(
+            "stribeck",
+            "Stribeck friction",
+            (
+                Parameter("breakaway_excess_n", "N", "linear", 0.0, 1e5, linear=False),
+                Parameter("stribeck_speed_m_per_s", "m/s", "log", 1e-5, 10.0, linear=False),
+            ),
+            ("coulomb",),
+        ),
+        Term(
+            "resonance",
+            "a resonance between motor and handle",
+            (
+                Parameter("resonance.frequency_hz", "Hz", "log", 1.0, 1e5),
+                Parameter("resonance.damping_ratio", "", "log", 1e-4, 2.0),
+                Parameter("resonance.mass_ratio", "", "share", 1e-3, 0.999),
+            ),
+        ),
+        Term("amplifier", "an amplifier's bandwidth", (Parameter("amplifier_bandwidth_hz", "Hz", "log", 1.0, 1e5),)),
+        Term(
+            "stiffness",
+            "a spring to ground (a hand, a cable, gravity along an arc)",
+            (Parameter("stiffness_n_per_m", "N/m", "linear", 0.0, 1e6),),
+        ),
+        Term(
+            "drift",
+            "a constant force that drifts",
+            (Parameter("offset_drift_n_per_s", "N/s", "linear", -_INF, _INF, linear=False),),
+        ),
+        Term("scale", "a scale of the force", (Parameter("force_scale", "", "log", 1e-3, 1e3),)),
+    )
+}
+
+# At these values a term that is left out does nothing.
+_ABSENT = {
+    "mass_kg": 1.0,
+    "resonance.frequency_hz": math.nan,
+    "resonance.damping_ratio": math.nan,
+    "resonance.mass_ratio": math.nan,
+    "amplifier_bandwidth_hz": math.nan,
+    "stribeck_speed_m_per_s": 1.0,
+    "force_scale": 1.0,
+}
+FRICTION = tuple(one.name for term in TERMS.values() for one in term.parameters if not one.linear)
+LINEAR = tuple(one.name for term in TERMS.values() for one in term.parameters if one.linear)
+PARAMETERS = {one.name: one for term in TERMS.values() for one in term.parameters}
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Which terms the device has, and what is known beforehand.
+
+    Attributes:
+        terms: names of TERMS, base first.
+        known: values that are not searched for.
+        units: size of each linear parameter that matters, which scales the search.
+        encoder_at: the side of the resonance on which the position is measured.
+    """
+
+    terms: tuple[str, ...]
+    known: Mapping[str, float]
+    units: Mapping[str, float]
+    encoder_at: Literal["motor", "handle"] = "motor"
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """Parameters that are searched for."""
+        return tuple(one for term in self.terms for one in TERMS[term].parameters if one.name not in self.known)
+
+    def present(self, name: str) -> bool:
+        """Whether a parameter belongs to the terms, known or not."""
+        return any(one.name == name for term in self.terms for one in TERMS[term].parameters)
+
+    def values(self, search: FloatArray) -> dict[str, float]:
+        """Return every parameter of all terms at a point of the search; what is absent does nothing."""
+        found = {name: _ABSENT.get(name, 0.0) for name in PARAMETERS} | dict(self.known)
+        for one, q in zip(self.free, search, strict=True):
+            found[one.name] = self.outward(one, float(q))
+        return found
+
+    def outward(self, one: Parameter, q: float) -> float:
+        """Return the value at a coordinate of the search."""
+        if one.kind == "log":
+            return math.exp(min(max(q, -_FAR), _FAR))
+        if one.kind == "share":
+            return 1 / (1 + math.exp(min(max(-q, -_FAR), _FAR)))
+        return q * self.units.get(one.name, 1.0)
+
+    def inward(self, one: Parameter, value: float) -> float:
+        """Return the coordinate of the search of a value, moved into what is allowed."""
+        value = min(max(value, one.lowest), one.highest)
+        if one.kind == "log":
+            return math.log(value)
+        if one.kind == "share":
+            return math.log(value / (1 - value))
+        return value / self.units.get(one.name, 1.0)
+
+    def start(self, values: Mapping[str, float]) -> FloatArray:
+        """Return the point of the search of some values."""
+        return np.array([self.inward(one, values[one.name]) for one in self.free])
+
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Return the ends of the search."""
+        ends = [(self.inward(one, one.lowest), self.inward(one, one.highest)) for one in self.free]
+        low, high = np.array(ends).T
+        return low, high
+
+    def slopes(self, search: FloatArray) -> FloatArray:
+        """Return d value / d coordinate, shape (free,)."""
+        slopes = []
+        for one, q in zip(self.free, search, strict=True):
+            value = self.outward(one, float(q))
+            slope = {"log": value, "share": value * (1 - value), "linear": self.units.get(one.name, 1.0)}[one.kind]
+            slopes.append(slope)
+        return np.array(slopes)
+
+    def admits(self, term: str) -> bool:
+        """Whether a term is new and has what it needs."""
+        return term not in self.terms and all(need in self.terms for need in TERMS[term].needs)
+
+    def ordered(self, terms: Sequence[str]) -> tuple[str, ...]:
+        """Return terms in the order of TERMS."""
+        return tuple(name for name in TERMS if name in terms)

@@ -1,0 +1,86 @@
+"""The page of an identification: conclusion first, then the log beside the model."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING
+
+from avc_casadi.figures import draw_correlations, draw_identification, figure_svg
+from avc_casadi.identification import TERMS, device_text
+from avc_casadi.support import Table, number
+
+if TYPE_CHECKING:
+    from avc_casadi.identification import Identification
+
+_PAGE = Path(__file__).with_name("identification.html")
+
+
+def identification_html(found: Identification, versions: Mapping[str, str]) -> str:
+    """Return the page, self-contained.
+
+    Args:
+        found: the identification.
+        versions: versions by package.
+    """
+    estimates = Table(
+        ("what", "value", "from", "to", "unit", "how"),
+        tuple((one.key, one.value, one.low, one.high, one.unit or "-", one.how) for one in found.estimates.values()),
+        (0, 4, 5),
+    )
+    refused = Table(
+        ("what", "why", "what would tell it"),
+        tuple((one.key, one.why, one.excitation) for one in found.refused),
+        (0, 1, 2),
+    )
+    evidence = Table(
+        ("term", "taken", "change of the error, %", "standard errors", "why"),
+        tuple(
+            (TERMS[one.term].words, one.taken, 100 * one.held_out_change, one.standard_errors, one.why)
+            for one in found.trials
+        ),
+        (0, 1, 4),
+    )
+    shown = found.shown[0]
+    caption = (
+        f"{shown.record}: the model runs through {shown.time_s[-1] - shown.time_s[0]:.2g} s of the log on the "
+        f"commanded "
+        "force, an observer of 4 rad/s holding it near (a, b); frequency response where force and motion are coherent "
+        "(c, d); intervals (e); prediction error from sample to sample, white inside the grey band (f)"
+    )
+    figures = (
+        (
+            caption,
+            figure_svg(draw_identification(found)),
+        ),
+        (
+            "Correlations of the estimates: two numbers near +-1 are known together better than alone",
+            figure_svg(draw_correlations(found)),
+        ),
+    )
+    device = "No device file: mass or damping is not told." if found.device is None else device_text(found.device)
+    source = f"{', '.join(found.sources)}: {number(found.seconds, 3)} s at {number(1 / found.sample_time_s)} Hz"
+    return Template(_PAGE.read_text(encoding="utf-8")).substitute(
+        title=escape("Device identified from its log" if found.device is None else found.device.title),
+        source=escape(source),
+        model=escape(
+            f"Model: {', '.join(TERMS[term].words for term in found.terms)}. Intervals of 95 % from "
+            f"{found.spread_from}."
+        ),
+        estimates=estimates.html(),
+        notes="\n".join(f"<li>{escape(note)}</li>" for note in found.notes),
+        refused=refused.html(),
+        figures="\n".join(_figure(caption, svg) for caption, svg in figures),
+        evidence=evidence.html(),
+        device=escape(device),
+        versions=Table(("package", "version"), tuple(versions.items()), (0, 1)).html(),
+    )
+
+
+def _figure(caption: str, svg: str) -> str:
+    data = base64.b64encode(svg.encode()).decode()
+    text = escape(caption)
+    return f'<figure><img src="data:image/svg+xml;base64,{data}" alt="{text}"><figcaption>{text}</figcaption></figure>'

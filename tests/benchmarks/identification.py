@@ -1,0 +1,208 @@
+"""Identification of devices drawn at random: do the stated intervals hold the truth, and what is refused.
+
+nice -n 10 python tests/benchmarks/identification.py --count 1000 --write
+
+Each device is simulated by `tests/measured_device.c`, which shares no code with the project: a multisine beside a weak
+controller, an encoder of 2 to 61 um, friction of 0 to 2 N, a delay of 0 to 3 samples, no resonance or one of 60 to 300
+Hz, noise and a drifting force. With --write it overwrites identification.json and RESULTS_identification.md after
+every device and goes on where it stopped; without it the results are printed only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent / "hardware")]
+
+from measured_device import Truth, measured, multisine  # noqa: E402 - found beside the tests
+
+from avc_casadi.identification import Record, identify  # noqa: E402
+
+OUT = HERE / "results" / "identification.json"
+PAGE = HERE / "RESULTS_identification.md"
+SEED = 15
+KEYS = {
+    "mass_kg": "mass",
+    "damping_ns_per_m": "damping",
+    "delay_samples": "delay",
+    "coulomb_friction_n": "coulomb",
+    "encoder_resolution_m": "encoder",
+    "position_noise_rms_m": "noise",
+    "resonance.frequency_hz": "resonance",
+    "resonance.damping_ratio": "ratio",
+    "resonance.mass_ratio": "share",
+    "offset_n": "offset",
+    "offset_drift_n_per_s": "drift",
+}
+
+
+def drawn(index: int, seed: int) -> tuple[dict[str, float], dict[str, float]]:
+    """Draw a device and how it is excited; the same for an index whatever the count."""
+    random = np.random.default_rng([seed, index])
+
+    def log(low: float, high: float) -> float:
+        return float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+    device = {
+        "mass": log(0.03, 0.5),
+        "damping": log(0.2, 5.0),
+        "coulomb": float(random.uniform(0, 2)) if random.random() < 0.8 else 0.0,
+        "delay": float(random.uniform(0, 3)),
+        "encoder": log(2e-6, 61e-6),
+        "offset": float(random.uniform(-0.2, 0.2)),
+        "drift": float(random.uniform(-0.01, 0.01)) if random.random() < 0.5 else 0.0,
+        "spring": log(20.0, 100.0),
+    }
+    mode = {
+        "resonance": log(60.0, 300.0),
+        "ratio": log(0.01, 0.1),
+        "share": float(random.uniform(0.15, 0.6)),
+        "at_handle": float(random.random() < 0.3),
+    }
+    if random.random() < 0.5:
+        device |= mode
+    noise = log(1e-6, 2e-5) if random.random() < 0.5 else 0.0
+    excited = {"rms": max(1.0, float(random.uniform(1.2, 3.0)) * device["coulomb"]), "noise": noise}
+    return device, excited
+
+
+def one(index: int, seed: int, seconds: float) -> dict[str, Any]:
+    """Simulate, identify and judge one device."""
+    device, excited = drawn(index, seed)
+    random = np.random.default_rng([seed, index, 1])
+    truth = Truth(**device)
+    wanted = multisine(random, seconds, truth.period, 0.5, 300.0, excited["rms"])
+    _, position, force = measured(truth, wanted, random, noise=excited["noise"])
+    before = _cpu()
+    found = identify([Record("drawn", truth.period, position, force)])
+    row: dict[str, Any] = {"index": index, "cpu_s": _cpu() - before, "terms": list(found.terms), "keys": {}}
+    true = {key: device.get(name, 0.0) for key, name in KEYS.items()}
+    true["position_noise_rms_m"] = excited["noise"]
+    if not device.get("resonance"):
+        true = {key: value for key, value in true.items() if not key.startswith("resonance")}
+    row["mode"] = bool(device.get("resonance"))
+    row["side_right"] = None
+    if row["mode"] and "resonance" in found.terms:
+        row["side_right"] = found.encoder_at == ("handle" if device["at_handle"] else "motor")
+    for key, value in true.items():
+        estimate = found.estimates.get(key)
+        if estimate is None:
+            row["keys"][key] = None
+            continue
+        half = (estimate.high - estimate.low) / 2
+        row["keys"][key] = {
+            "inside": bool(estimate.low <= value <= estimate.high),
+            "true": value,
+            "value": estimate.value,
+            "half": half,
+        }
+    row["false_mode"] = not row["mode"] and "resonance" in found.terms
+    return row
+
+
+def _cpu() -> float:
+    return sum(resource.getrusage(who).ru_utime for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+
+
+def page(rows: list[dict[str, Any]], seconds: float) -> str:
+    """Return the results as text."""
+    about = (__doc__ or "").split("\n\n")[2].partition(" With --write")[0].replace("\n", " ")
+    told_of = (
+        f"{len(rows)} devices, {seconds:g} s of log each at 1 kHz. {about} *Inside*: "
+        f"share of "
+        "stated intervals (95 %) that hold the truth, of those told. *Bias* and *error*: median of (found - true) "
+        "and of "
+        "its size, as shares of the truth (delay in samples, offset in N, drift in N/s, noise in um). *Interval*: "
+        "median "
+        "half width in the same unit."
+    )
+    lines = [
+        "# Identification of devices drawn at random",
+        "",
+        "`nice -n 10 python tests/benchmarks/identification.py --count 1000 --write`",
+        "",
+        told_of,
+        "",
+        "| what | asked of | refused | inside | bias | error | interval |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    absolute = {"delay_samples": 1.0, "offset_n": 1.0, "offset_drift_n_per_s": 1.0, "position_noise_rms_m": 1e6}
+    for key in KEYS:
+        asked = [row for row in rows if key in row["keys"]]
+        told = [row["keys"][key] for row in asked if row["keys"][key] is not None]
+        if not told:
+            continue
+        inside = np.mean([each["inside"] for each in told])
+        usable = [each for each in told if key in absolute or each["true"] > 0]
+        scale = [absolute.get(key) or 1 / each["true"] for each in usable]
+        errors = [(each["value"] - each["true"]) * by for each, by in zip(usable, scale, strict=True)]
+        halves = [each["half"] * by for each, by in zip(usable, scale, strict=True)]
+        refused = 100 * (1 - len(told) / len(asked))
+        middle = [np.median(errors), np.median(np.abs(errors)), np.median(halves)] if errors else [np.nan] * 3
+        lines.append(
+            f"| {key} | {len(asked)} | {refused:.0f} % | {100 * inside:.1f} % | {middle[0]:+.2g} | {middle[1]:.2g} "
+            f"| {middle[2]:.2g} |"
+        )
+    modes = [row for row in rows if row["mode"]]
+    found = [row for row in modes if row["side_right"] is not None]
+    plain = [row for row in rows if not row["mode"]]
+    time = [row["cpu_s"] for row in rows]
+    right, claimed = sum(bool(row["side_right"]) for row in found), sum(row["false_mode"] for row in plain)
+    of_modes = (
+        f"A resonance was found in {len(found)} of {len(modes)} devices that have one, the side of the encoder right "
+        f"in "
+        f"{right}; one was claimed in {claimed} of {len(plain)} that have none."
+    )
+    of_time = (
+        f"Processor time a log: median {np.median(time):.1f} s, 95 % below {np.quantile(time, 0.95):.1f} s (the "
+        f"share of the "
+        "compiler is in the first of each kind)."
+    )
+    lines += ["", of_modes, "", of_time, ""]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--write", action="store_true", help="overwrite results/identification.json and the page")
+    args = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    if args.write and OUT.exists():
+        kept = json.loads(OUT.read_text(encoding="utf-8"))
+        if (kept["seed"], kept["seconds"]) == (args.seed, args.seconds):
+            rows = kept["rows"]
+    for index in range(args.first + len(rows), args.first + args.count):
+        row = one(index, args.seed, args.seconds)
+        rows.append(row)
+        missed = [
+            f"{key} {each['value']:.4g}+-{each['half']:.2g} ({each['true']:.4g})"
+            for key, each in row["keys"].items()
+            if each is not None and not each["inside"]
+        ]
+        print(
+            f"{index}: {row['cpu_s']:.1f} s, {' '.join(row['terms'])}; outside: {', '.join(missed) or 'none'}",
+            flush=True,
+        )
+        if args.write:
+            OUT.write_text(
+                json.dumps({"seed": args.seed, "seconds": args.seconds, "rows": rows}) + "\n", encoding="utf-8"
+            )
+            PAGE.write_text(page(rows, args.seconds), encoding="utf-8")
+    print(page(rows, args.seconds))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,122 @@
+"""Devices of a simulator that shares no code with the project come back from their logs, inside the intervals."""
+
+import json
+
+import numpy as np
+import pytest
+from measured_device import Truth, measured, multisine
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_casadi.identification import Record, device_text, identify
+
+PERIOD = 1e-3
+
+
+def record(truth, seconds=4.0, rms=2.0, seed=0, high=300.0, noise=0.0, added=0.0, tremble=0.0):
+    random = np.random.default_rng(seed)
+    wanted = multisine(random, seconds, truth.period, 0.5, high, rms)
+    _, position, force = measured(truth, wanted, random, noise=noise, tremble=tremble)
+    return Record("simulated", truth.period, position, force, added)
+
+
+def holds(found, **truth):
+    for key, value in truth.items():
+        one = found.estimates[key.replace("mode_", "resonance.")]
+        assert one.low <= value <= one.high, (key, one)
+        assert one.low <= one.value <= one.high
+
+
+def refused(found):
+    return {one.key for one in found.refused}
+
+
+@pytest.fixture(scope="module")
+def flexible():
+    truth = Truth(coulomb=0.4, delay=1.4, resonance=140.0, ratio=0.05, share=0.35, encoder=2e-5, spring=50.0)
+    return identify([record(truth, seconds=5.0)])
+
+
+def test_resonance_friction_and_fractional_delay(flexible):
+    holds(flexible, mass_kg=0.1, damping_ns_per_m=2.0, delay_samples=1.4, coulomb_friction_n=0.4)
+    holds(flexible, mode_frequency_hz=140.0, mode_damping_ratio=0.05, mode_mass_ratio=0.35, encoder_resolution_m=2e-5)
+    assert flexible.encoder_at == "motor"
+    assert flexible.estimates["mass_kg"].value == pytest.approx(0.1, rel=0.01)
+    assert flexible.estimates["resonance.frequency_hz"].value == pytest.approx(140.0, rel=0.01)
+    assert {"amplifier_bandwidth_hz", "force_scale", "friction_asymmetry_n", "max_force_n"} <= refused(flexible)
+
+
+def test_device_file_is_usable_at_once(flexible, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(device_text(flexible.device))
+    read = avc.load_device(path)
+    assert read.device == flexible.device.device
+    assert read.sources.mass_kg.grade == "measured"
+    low, high = read.device.range.mass_kg
+    assert low <= 0.1 <= high
+    (tmp_path / "p.toml").write_text(
+        'title = "t"\ndevice = "mine.toml"\n[environment]\nstiffness_n_per_m = 1e3\ndamping_ns_per_m = 1.0\n'
+    )
+    assert avc.load_problem(tmp_path / "p.toml").device == read.device
+
+
+def test_rigid_device_without_friction_claims_neither():
+    found = identify([record(Truth(delay=0.6, encoder=5e-6, spring=30.0), seed=3)])
+    holds(found, mass_kg=0.1, damping_ns_per_m=2.0, delay_samples=0.6)
+    assert not {"resonance", "coulomb", "stribeck", "amplifier"} & set(found.terms)
+    assert found.estimates.get("coulomb_friction_n") is None or found.estimates["coulomb_friction_n"].low == 0
+
+
+def test_stiff_controller_in_a_loop_does_not_lean_the_estimates():
+    """A wall of 2 kN/m with damping, noise of the encoder fed back through it: least squares is biased, this is not."""
+    truth = Truth(mass=0.2, coulomb=0.3, delay=1.0, encoder=5e-5, spring=2000.0, damper=4.0)
+    found = identify([record(truth, rms=3.0, seed=4, noise=2e-5)])
+    holds(found, mass_kg=0.2, damping_ns_per_m=2.0, delay_samples=1.0, coulomb_friction_n=0.3)
+    assert found.feedback
+    assert any("closed loop" in note for note in found.notes)
+
+
+def test_known_added_mass_tells_the_scale_of_the_force():
+    plain = Truth(mass=0.15, damping=3.0, scale=0.8, delay=1.0, encoder=1e-5, spring=50.0)
+    loaded = Truth(mass=0.35, damping=3.0, scale=0.8, delay=1.0, encoder=1e-5, spring=50.0)
+    found = identify([record(plain, seed=5), record(loaded, seed=6, added=0.2)])
+    holds(found, mass_kg=0.15, damping_ns_per_m=3.0, force_scale=0.8)
+    assert "force_scale" not in refused(found)
+
+
+def test_something_that_holds_the_device_is_named():
+    found = identify([record(Truth(ground=400.0, delay=1.0, encoder=5e-6), seed=8)])
+    holds(found, stiffness_n_per_m=400.0, mass_kg=0.1)
+    assert any("holds the device" in note for note in found.notes)
+
+
+def test_slow_log_refuses_what_it_does_not_tell():
+    """Up to 4 Hz nothing is said of a delay below a sample; the mass goes under in friction."""
+    found = identify([record(Truth(coulomb=0.5, delay=1.0, encoder=6e-5, spring=200.0), high=4.0, rms=1.0, seed=9)])
+    holds(
+        found, **{key: value for key, value in {"mass_kg": 0.1, "delay_samples": 1.0}.items() if key in found.estimates}
+    )
+    for one in found.refused:
+        assert one.why
+        assert one.excitation
+    assert "resonance" in refused(found)
+
+
+def test_verb_writes_device_document_and_page(tmp_path, capsys):
+    random = np.random.default_rng(1)
+    truth = Truth(delay=1.0, encoder=1e-5, spring=50.0)
+    time, position, force = measured(truth, multisine(random, 3.0, PERIOD, 0.5, 200.0, 2.0), random)
+    log = tmp_path / "log.csv"
+    columns = np.column_stack([1e3 * time, 1e6 * position, force])
+    np.savetxt(log, columns, delimiter=",", header="time_ms,position_um,force_N", comments="")
+    out, page = tmp_path / "d.toml", tmp_path / "p.html"
+    assert main(["identify", str(log), "--out", str(out), "--report", str(page), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "avc-identify/1"
+    assert document["estimates"]["mass_kg"]["low"] <= 0.1 <= document["estimates"]["mass_kg"]["high"]
+    names = document["correlation"]["names"]
+    assert np.array(document["correlation"]["of_estimates"]).shape == (len(names), len(names))
+    assert avc.load_device(out).device.mass_kg == pytest.approx(0.1, rel=0.01)
+    text = page.read_text(encoding="utf-8")
+    assert text.count("data:image/svg+xml;base64,") == 2
+    assert "http://" not in text.replace("http://www.w3.org", "")

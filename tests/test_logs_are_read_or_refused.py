@@ -1,0 +1,150 @@
+"""Logs in every form and unit give the same record; faults are told all at once, each with its line."""
+
+import numpy as np
+import pytest
+import scipy.io
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import avc_casadi as avc
+from avc_casadi.identification import Layout, identify, read_logs
+
+SIZE = 400
+TIME = np.arange(SIZE) * 1e-3
+POSITION = np.round(2e-3 * np.sin(2 * np.pi * 3 * TIME) / 1e-6) * 1e-6
+FORCE = np.sin(2 * np.pi * 5 * TIME)
+
+
+def csv(path, header="time_s,position_m,force_n", scale=(1.0, 1.0, 1.0), mark=","):
+    columns = np.column_stack([TIME * scale[0], POSITION * scale[1], FORCE * scale[2]])
+    np.savetxt(path, columns, delimiter=mark, header=header, comments="", fmt="%.9g")
+    return path
+
+
+def same(records):
+    (record,) = records
+    assert record.sample_time_s == 1e-3
+    np.testing.assert_allclose(record.position_m, POSITION, atol=1e-11)
+    np.testing.assert_allclose(record.force_n, FORCE, atol=1e-8)
+
+
+def faults(path, layout=None, **options):
+    with pytest.raises(avc.InputError) as refused:
+        read_logs([path], layout, **options)
+    return refused.value.faults
+
+
+@pytest.mark.parametrize(
+    ("header", "scale", "mark"),
+    [
+        ("time_s,position_m,force_n", (1, 1, 1), ","),
+        ("t_ms;x_um;u_mN", (1e3, 1e6, 1e3), ";"),
+        ("time [us]\tpos [mm]\tforce (N)", (1e6, 1e3, 1), "\t"),
+    ],
+)
+def test_header_says_columns_and_units(tmp_path, header, scale, mark):
+    same(read_logs([csv(tmp_path / "a.csv", header, scale, mark)])[0])
+
+
+def test_numbers_of_columns_and_units_by_option(tmp_path):
+    path = tmp_path / "a.txt"
+    np.savetxt(path, np.column_stack([FORCE, TIME * 1e3, POSITION * 1e3]))
+    layout = Layout({"time": 2, "position": 3, "force": 1}, {"time": "ms", "position": "mm", "force": "N"})
+    same(read_logs([path], layout)[0])
+
+
+def test_npz_and_mat(tmp_path):
+    arrays = {"time_s": TIME, "position_mm": 1e3 * POSITION, "force_n": FORCE}
+    np.savez(tmp_path / "a.npz", **arrays)
+    scipy.io.savemat(tmp_path / "a.mat", arrays)
+    same(read_logs([tmp_path / "a.npz"])[0])
+    same(read_logs([tmp_path / "a.mat"])[0])
+
+
+def test_log_without_time_takes_a_sample_time(tmp_path):
+    np.savez(tmp_path / "a.npz", position_m=POSITION, force_n=FORCE)
+    same(read_logs([tmp_path / "a.npz"], Layout(sample_time_s=1e-3))[0])
+
+
+def test_every_fault_of_a_file_with_its_line(tmp_path):
+    path = csv(tmp_path / "a.csv")
+    lines = path.read_text().splitlines()
+    lines[10] = "0.009,what,1.0"
+    lines[20] = "0.019,0.001"
+    lines[30] = "0.029,0.001,nothing"
+    path.write_text("\n".join(lines))
+    found = faults(path)
+    assert [(fault.line, fault.key) for fault in found] == [(11, "position"), (21, ""), (31, "force")]
+
+
+def test_time_that_goes_back_and_values_that_are_not_finite(tmp_path):
+    path = csv(tmp_path / "a.csv")
+    lines = path.read_text().splitlines()
+    lines[50] = "0.001,0.001,1.0"
+    path.write_text("\n".join(lines))
+    assert any(fault.line == 51 and fault.key == "time" for fault in faults(path))
+    lines[50] = "0.049,nan,1.0"
+    path.write_text("\n".join(lines))
+    assert [(fault.line, fault.key) for fault in faults(path)] == [(51, "position")]
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("time_s,position,force_n", "has no unit"),
+        ("time_s,position_furlong,force_n", "has no column"),
+        ("time_s,position_m,position_m", "2 columns"),
+        ("a,b,c", "has no column"),
+    ],
+)
+def test_units_are_never_guessed(tmp_path, header, said):
+    assert any(said in fault.message and fault.line == 1 for fault in faults(csv(tmp_path / "a.csv", header)))
+
+
+def test_implausible_units_are_refused(tmp_path):
+    found = faults(csv(tmp_path / "a.csv", scale=(1e3, 1e5, 1.0)))
+    assert {fault.key for fault in found} == {"time", "position"}
+    assert all("unit" in fault.message for fault in found)
+
+
+def test_missing_ticks_cut_a_log_into_records(tmp_path):
+    path = tmp_path / "a.npz"
+    keep = np.r_[0:210, 215:SIZE]
+    np.savez(
+        path,
+        time_s=np.r_[TIME[keep], 1.0 + TIME],
+        position_m=np.r_[POSITION[keep], POSITION],
+        force_n=np.r_[FORCE[keep], FORCE],
+    )
+    records, told = read_logs([path])
+    assert [record.position_m.size for record in records] == [210, SIZE]
+    assert "gaps" in told[0]
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.npz", "a.mat", "a.xls"])
+def test_what_is_no_log_is_refused(tmp_path, name):
+    path = tmp_path / name
+    path.write_bytes(b"\x00\x01 no log\n")
+    (fault,) = faults(path)[:1]
+    assert fault.file == str(path)
+    assert faults(tmp_path / "absent.csv")[0].message.startswith("cannot be read")
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.binary(max_size=200))
+def test_any_bytes_end_in_a_fault(tmp_path_factory, data):
+    path = tmp_path_factory.getbasetemp() / "any.csv"
+    path.write_bytes(data)
+    assert faults(path)
+
+
+def test_logs_that_tell_nothing_are_refused_with_what_would():
+    from avc_casadi.identification import Record  # noqa: PLC0415 - beside its use
+
+    random = np.random.default_rng(0)
+    still = Record("still", 1e-3, 1e-5 * random.integers(0, 4, 3000), random.standard_normal(3000))
+    with pytest.raises(avc.InputError, match=r"steps of the encoder only; allowed: more force"):
+        identify([still])
+    mass = np.cumsum(np.cumsum(random.standard_normal(3000))) * 1e-7
+    with pytest.raises(avc.InputError, match="--flip-force"):
+        identify([Record("flipped", 1e-3, mass, -np.gradient(np.gradient(mass)) * 1e6)])
