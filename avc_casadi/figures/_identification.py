@@ -61,7 +61,7 @@ def draw_correlations(found: Identification, axes: GivenAxes = None) -> Figure:
     """
     panels = Panels.of(axes, ("correlations of the estimates",), 4.6, lambda figure: [figure.subplots()])
     (one,) = panels.axes
-    image = one.imshow(found.correlation, vmin=-1, vmax=1, cmap="RdBu_r")
+    one.imshow(found.correlation, aspect="auto", vmin=-1, vmax=1, cmap="RdBu_r")
     names = [name.rpartition(".")[2] for name in found.names]
     one.set_xticks(range(len(names)), names, rotation=35, ha="right")
     one.set_yticks(range(len(names)), names)
@@ -71,8 +71,6 @@ def draw_correlations(found: Identification, axes: GivenAxes = None) -> Figure:
             value = float(found.correlation[row, column])
             colour = "white" if abs(value) > 0.6 else "0.2"
             one.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=colour)
-    if panels.own:
-        panels.figure.colorbar(image, ax=one, shrink=0.85)
     return panels.figure
 
 
