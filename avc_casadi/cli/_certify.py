@@ -28,7 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--requested", action="store_true", help="judge what unrealisable rows asked for in place of missing gains"
     )
     parser.add_argument(
-        "--prove", action="store_true", help="prove more, or refute it: rest (L7) and ripple (L9); takes seconds a row"
+        "--prove",
+        action="store_true",
+        help="prove more, or refute it: rest (L7), changing gains (L8), ripple (L9); takes seconds a row",
     )
 
 
