@@ -17,6 +17,7 @@ from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, device_with, hand
 from avc_casadi.proof._changing_loop import ChangingLoop
 from avc_casadi.proof._contraction import NormedCell, covers, normed_cells, shrinks
 from avc_casadi.proof._hands_proof import Outcome, moving_box, out_of_reach
+from avc_casadi.proof._interval import Interval
 from avc_casadi.proof._joint_radius import JointRadius, growth, joint_spectral_radius
 from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress, plain
 
@@ -81,7 +82,7 @@ class Changing:
         if self.outcome != "proved" or out_of_reach(problem) or not float(problem.device.delay_samples).is_integer():
             return False
         loop = ChangingLoop.of(problem, self.gains)
-        return covers(list(self.cells), *moving_box(problem)) and all(
+        return covers(list(self.cells), *_box(problem)) and all(
             shrinks(loop, self.follows, cell) for cell in self.cells
         )
 
@@ -187,7 +188,7 @@ def prove_changes(
         )
     bounds = f"joint spectral radius between {worst.low:.6g} and {worst.high:.6g} with the worst corner of the hands"
     loop = ChangingLoop.of(problem, gains)
-    cells = normed_cells(loop, follows, *moving_box(problem), most_cells, progress) if most_cells else None
+    cells = normed_cells(loop, follows, *_box(problem), most_cells, progress) if most_cells else None
     if cells is not None:
         sentence = (
             f"rows may change {words}, with every hand of the box, in kept contact ({len(cells)} cells; {bounds})"
@@ -207,11 +208,18 @@ def _lacking(problem: Problem) -> str:
     return "" if problem.environment.stiffness_n_per_m > 0 else "the wall has no spring to call the device back"
 
 
+def _box(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of all hands and devices as cells are counted, rounded outwards."""
+    low, high = moving_box(problem)
+    lightness = 1.0 / Interval.of(low[0], high[0])
+    return np.array([lightness.low, *low[1:]]), np.array([lightness.high, *high[1:]])
+
+
 def _matrices(problem: Problem, gains: FloatArray, hand: Hand) -> FloatArray:
     """Return the matrix of every row with one hand, shape (rows, s, s)."""
     loop, device = ChangingLoop.of(problem, gains), problem.device
     moving = (
-        device.mass_kg + float(np.ravel(hand.mass_kg)[0]),
+        1 / (device.mass_kg + float(np.ravel(hand.mass_kg)[0])),
         device.damping_ns_per_m + float(np.ravel(hand.damping_ns_per_m)[0]),
         float(np.ravel(hand.stiffness_n_per_m)[0]),
     )

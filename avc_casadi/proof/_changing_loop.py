@@ -24,8 +24,9 @@ from avc_casadi.support import FloatArray
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
-MASS, DAMPING, STIFFNESS = range(3)
-"""Rows of a cell: all mass that moves, kg; all damping, N.s/m; stiffness of the hand, N/m."""
+LIGHTNESS, DAMPING, STIFFNESS = range(3)
+"""Rows of a cell: 1 over all mass that moves, 1/kg, in which the loop is almost linear; all damping, N.s/m; stiffness
+of the hand, N/m."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class ChangingLoop:
             cells: shape (3, n).
 
         Returns:
-            Shape (n, rows, s, s), and (3, n, 2, 3): along mass, damping and stiffness.
+            Shape (n, rows, s, s), and (3, n, 2, 3): along 1/mass, damping and stiffness.
         """
         _, slopes = _stacked(self._mechanics(cells))
         return self.at(cells.middle), slopes
@@ -95,8 +96,7 @@ class ChangingLoop:
     def _mechanics(self, cells: Interval) -> list[list[Jet[Interval]]]:
         t, count = self.sample_time_s, cells.shape[1]
         unit = [Interval.of(np.eye(3)[:, row : row + 1] * np.ones(count)) for row in range(3)]
-        inverse = 1.0 / cells[MASS]
-        per_mass = Jet(inverse, -inverse.square() * unit[MASS])
+        per_mass = Jet(cells[LIGHTNESS], unit[LIGHTNESS])
         beta = Jet(cells[DAMPING], unit[DAMPING]) * per_mass.times(t)
         push = per_mass.times(Interval.of(t).square())
         kappa = Jet(cells[STIFFNESS], unit[STIFFNESS]) * push

@@ -1,7 +1,7 @@
 """Norms, one for each row of gains, in which every allowed change of rows shrinks every state, for all hands of a box.
 
 A row a is left for a row b: its matrix A(a, hand) must shrink from the norm |R_a x| into |R_b x|. In a cell of hands
-the matrix is affine in mass, damping and stiffness up to enclosed slopes; a norm is convex, so that the vertices of
+the matrix is affine in 1/mass, damping and stiffness up to enclosed slopes; a norm is convex, so that the vertices of
 the affine part decide, and what the slopes may be off is added. The norms come from a semidefinite programme at the
 vertices; a cell that is not verified is cut in two. Within a cell the hand may even move about.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from avc_casadi._errors import MissingExtraError
-from avc_casadi.proof._changing_loop import ChangingLoop
+from avc_casadi.proof._changing_loop import LIGHTNESS, ChangingLoop
 from avc_casadi.proof._interval import Interval
 from avc_casadi.proof._joint_radius import ellipsoid
 from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress
@@ -31,7 +31,7 @@ class NormedCell:
     """Hands with their norms.
 
     Attributes:
-        low: lower corner, shape (3,): mass that moves, kg; damping, N.s/m; stiffness, N/m.
+        low: lower corner, shape (3,): 1 over the mass that moves, 1/kg; damping, N.s/m; stiffness, N/m.
         high: upper corner.
         roots: R of every row, shape (rows, s, s).
     """
@@ -70,7 +70,8 @@ def normed_cells(
         MissingExtraError: clarabel is not installed.
     """
     # One hand that has none spares the search: the lightest and least damped.
-    if _norms(loop, follows, low, low) is None:
+    worst = np.array([high[LIGHTNESS], *low[1:]])
+    if _norms(loop, follows, worst, worst) is None:
         return None
     left, found = [(low, high)], []
     for looked_at in range(1, most_cells + 1):
@@ -114,9 +115,11 @@ def covers(cells: list[NormedCell], low: FloatArray, high: FloatArray) -> bool:
         ends = np.unique(np.concatenate([lows[:, side], highs[:, side], [low[side], high[side]]]))
         ends = ends[(ends >= low[side]) & (ends <= high[side])]
         cuts.append(0.5 * (ends[:-1] + ends[1:]) if len(ends) > 1 else ends)
-    for place in product(*cuts):
-        point = np.array(place)
-        if not ((lows <= point) & (point <= highs)).all(axis=1).any():
+    across = np.stack(np.meshgrid(cuts[1], cuts[2], indexing="ij")).reshape(2, -1, 1)
+    for first in cuts[0]:
+        near = (lows[:, 0] <= first) & (first <= highs[:, 0])
+        inside = (lows[near, 1:].T[:, None] <= across) & (across <= highs[near, 1:].T[:, None])
+        if not inside.all(axis=0).any(axis=1).all():
             return False
     return True
 
@@ -158,7 +161,7 @@ def _norms(loop: ChangingLoop, follows: BoolArray, low: FloatArray, high: FloatA
     if (low == high).all():
         vertices = vertices[:1]
     rows, size = loop.base.shape[:2]
-    first = ellipsoid(vertices.mean(axis=0))
+    first = ellipsoid(vertices.mean(axis=0), sweeps=1)
     scaled = first @ vertices @ np.linalg.inv(first)
     upper = np.triu_indices(size)
     # Clarabel stacks the upper triangle by columns, off the diagonal times the root of 2.

@@ -81,7 +81,8 @@ def joint_spectral_radius(
     words: IndexArray = np.zeros((count, 0), dtype=np.intp)
     parents, last = np.arange(count), np.arange(count)
     reach = np.full(count, np.inf)
-    low, pattern, high, looked_at, whole = -1.0, (0,), np.inf, 0, True
+    pattern: tuple[int, ...] = (0,)
+    low, high, looked_at, whole = -1.0, np.inf, 0, True
     for length in range(1, longest + 1):
         if length > 1:
             parents, last = np.nonzero(after[words[:, -1]])
@@ -117,8 +118,8 @@ def _shortest(pattern: tuple[int, ...]) -> tuple[int, ...]:
     return pattern
 
 
-def ellipsoid(matrices: FloatArray) -> FloatArray:
-    """Return R, shape (s, s), of a norm |R x| that matrices of shape (m, s, s) stretch little."""
+def ellipsoid(matrices: FloatArray, sweeps: int = _SWEEPS) -> FloatArray:
+    """Return R, shape (s, s), of a norm |R x| that matrices, shape (m, s, s), stretch little; less with more sweeps."""
     size = matrices.shape[-1]
     largest = max(float(np.abs(np.linalg.eigvals(matrices)).max()), 1e-12)
     best, least = np.eye(size), _stretch(np.eye(size), matrices).max()
@@ -128,7 +129,7 @@ def ellipsoid(matrices: FloatArray) -> FloatArray:
             continue
         own = own / np.trace(own, axis1=1, axis2=2)[:, None, None]
         weight = np.full(len(own), 1.0 / len(own))
-        for _ in range(_SWEEPS):
+        for _ in range(sweeps):
             root = _root(np.einsum("m,mij->ij", weight, own))
             stretch = _stretch(root, matrices)
             if stretch.max() < least:
