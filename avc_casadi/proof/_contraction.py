@@ -119,7 +119,7 @@ def covers(cells: list[NormedCell], low: FloatArray, high: FloatArray) -> bool:
     for first in cuts[0]:
         near = (lows[:, 0] <= first) & (first <= highs[:, 0])
         inside = (lows[near, 1:].T[:, None] <= across) & (across <= highs[near, 1:].T[:, None])
-        if not inside.all(axis=0).any(axis=1).all():
+        if not np.any(np.all(inside, axis=0), axis=1).all():
             return False
     return True
 
