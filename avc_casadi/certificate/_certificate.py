@@ -12,7 +12,7 @@ from avc_casadi.support import BoolArray, Columns, Comparable, FloatArray, Tabul
 if TYPE_CHECKING:
     from avc_casadi.problem import Model
 
-Level = Literal["L0", "L1", "L2", "L3", "L4", "L5", "L7", "L9"]
+Level = Literal["L0", "L1", "L2", "L3", "L4", "L5", "L7", "L8", "L9"]
 
 TITLES: dict[str, str] = {
     "L0": "passive at its own frequency",
@@ -22,6 +22,7 @@ TITLES: dict[str, str] = {
     "L4": "Llewellyn, any passive environment",
     "L5": "linearly stable with a set of hands",
     "L7": "comes to rest with every hand, making and breaking contact",
+    "L8": "gains may change from row to row in kept contact",
     "L9": "ripple of encoder, noise and friction bounded in contact",
 }
 
@@ -31,7 +32,7 @@ class LevelResult(Comparable):
     """One level of a certificate; row arrays have shape (n,) in the order of the gains.
 
     Attributes:
-        level: L0 to L5; L7 and L9 where proofs were asked for (`prove`).
+        level: L0 to L5; L7 to L9 where proofs were asked for (`prove`).
         passed: whether every row meets it.
         margin_ns_per_m: the worst margin, N.s/m; not a number where there is none to give.
         frequency_hz: where it stands; 0 is the limit of zero frequency.

@@ -1,4 +1,4 @@
-"""Levels that are asked for on demand: rest with every hand of the box (L7), and ripple in kept contact (L9)."""
+"""Levels that are asked for on demand: rest with every hand (L7), gains that change (L8), ripple in contact (L9)."""
 
 from __future__ import annotations
 
@@ -8,15 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._errors import UnsupportedError
+from avc_casadi._errors import MissingExtraError, UnsupportedError
 from avc_casadi.certificate._certificate import LevelResult
 from avc_casadi.proof import (
     HAND,
+    MOST_CELLS,
+    Changing,
     ContactLaw,
+    Order,
     Outcome,
     Rest,
     WallGap,
     bound_ripple,
+    prove_changes,
     prove_rest,
     same_gains,
     wall_gap,
@@ -39,6 +43,9 @@ def prove(coupling: Coupling, *, seed: int = 0, progress: Progress = SILENT) -> 
 
     A device let go has no place of rest, and is no part of it.
 
+    L8: rows of the table may follow one another, in any order or by one row a sample, in kept contact with every hand
+    of the box; or a pattern of rows and a hand that refute it (`avc_casadi.proof.Changing.from_document`).
+
     L9: how far half an encoder step, noise of four times its rms and dry friction can move device and force with every
     hand of the box, while the hand presses enough to keep in contact.
 
@@ -57,9 +64,11 @@ def prove(coupling: Coupling, *, seed: int = 0, progress: Progress = SILENT) -> 
     for done, row in enumerate(rows):
         with progress.step(f"proof of rest, {done + 1} of {rows_text(len(rows))}"):
             found.append(_of_row(coupling, row.tolist(), seed, progress))
+    with progress.step("patterns of changing gains"):
+        changing = _changing(coupling, progress)
     with progress.step("bound of the ripple"):
         ripple = _ripple(coupling, found, progress)
-    return {"L7": _rest(coupling, found, progress), "L9": ripple}
+    return {"L7": _rest(coupling, found, progress), "L8": changing, "L9": ripple}
 
 
 def with_proofs(certificate: Certificate, proofs: dict[Level, LevelResult]) -> Certificate:
@@ -125,6 +134,37 @@ def _level(
         detail=detail,
         outcome=outcome,
     )
+
+
+def _changing(coupling: Coupling, progress: Progress) -> LevelResult:
+    """Judge rows that follow one another; what runs beside the gains, and gains between rows, are told, not judged."""
+    table, runtime = coupling.table, coupling.runtime
+
+    def told(outcome: Outcome, claim: str, detail: dict[str, Any]) -> LevelResult:
+        return _level("L8", outcome, claim, np.full(len(table), outcome == "proved"), detail)
+
+    if table.constant:
+        return told("proved", "no gains change", {})
+    if runtime.state_feedback is not None or runtime.observer_mass_kg is not None or runtime.guard is not None:
+        return told("open", "gains that change beside an observer or a guard are not judged", {})
+    any_order = _order(coupling, "any", progress)
+    found = [any_order]
+    if any_order.outcome != "proved":
+        found.append(_order(coupling, "neighbours", progress))
+    claim = "; ".join(f"{one.outcome}: {one.sentence}" for one in found)
+    if coupling.contact == "gated":
+        claim += "; behind the gate the same in kept contact"
+    claim += "; gains between rows and what happens at the surface are not covered"
+    return told(any_order.outcome, claim, {"changes": [one.document() for one in found]})
+
+
+def _order(coupling: Coupling, order: Order, progress: Progress) -> Changing:
+    problem, gains = coupling.problem, coupling.table.gains
+    try:
+        return prove_changes(problem, gains, order, most_cells=MOST_CELLS, progress=progress)
+    except MissingExtraError as missing:
+        found = prove_changes(problem, gains, order, most_cells=0, progress=progress)
+        return replace(found, sentence=f"{found.sentence}; {missing}")
 
 
 def _ripple(coupling: Coupling, found: list[Rest], progress: Progress) -> LevelResult:

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--prove",
         action="store_true",
-        help="prove or refute L5 over every hand and device of the ranges, rest (L7) and ripple (L9): seconds a row",
+        help="prove or refute L5 over every hand, rest (L7), changing gains (L8), ripple (L9): seconds a row",
     )
 
 

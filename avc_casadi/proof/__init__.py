@@ -1,5 +1,10 @@
 """Proofs and refutations: what holds for every hand of a box, with enclosures in place of samples."""
 
+from avc_casadi.proof._changing import MOST_CELLS as MOST_CELLS
+from avc_casadi.proof._changing import Changing as Changing
+from avc_casadi.proof._changing import Order as Order
+from avc_casadi.proof._changing import prove_changes as prove_changes
+from avc_casadi.proof._contraction import NormedCell as NormedCell
 from avc_casadi.proof._frozen_loop import FrozenGains as FrozenGains
 from avc_casadi.proof._hands_proof import BUDGET as BUDGET
 from avc_casadi.proof._hands_proof import HandsProof as HandsProof
@@ -14,6 +19,8 @@ from avc_casadi.proof._interval import Interval as Interval
 from avc_casadi.proof._interval import cosine as cosine
 from avc_casadi.proof._interval import matrix_product as matrix_product
 from avc_casadi.proof._interval import sine as sine
+from avc_casadi.proof._joint_radius import JointRadius as JointRadius
+from avc_casadi.proof._joint_radius import joint_spectral_radius as joint_spectral_radius
 from avc_casadi.proof._law import ContactLaw as ContactLaw
 from avc_casadi.proof._multiplier import Multiplier as Multiplier
 from avc_casadi.proof._orbits import Orbit as Orbit

@@ -141,7 +141,7 @@ def prove_hands(
     progress.advance(0, len(b), "worst hands")
     found: dict[int, HandsProof] = _refuted(problem, gains, every)
     rest = np.setdiff1d(every, list(found))
-    why = _out_of_reach(problem)
+    why = out_of_reach(problem)
     for row in rest if why else ():
         found[int(row)] = HandsProof("open", gains.pick(every[row : row + 1]), reason=why)
     drifting = rest[~gains.calls_back[rest]] if problem.hands.stiffness_n_per_m[0] == 0 and not why else rest[:0]
@@ -156,7 +156,8 @@ def prove_hands(
     return [replace(found[int(row)], seconds=each) for row in every]
 
 
-def _out_of_reach(problem: Problem) -> str:
+def out_of_reach(problem: Problem) -> str:
+    """Say why a device is none that the enclosure knows; empty where it is one."""
     device = problem.device
     if not rigid(device):
         parts = [
@@ -170,7 +171,7 @@ def _out_of_reach(problem: Problem) -> str:
         return f"the enclosure knows a rigid device with a delay, not {' and '.join(parts)}"
     if _delays(device)[1] > MAX_DELAY_SAMPLES:
         return f"more than {MAX_DELAY_SAMPLES} samples of delay"
-    low, _ = _box(problem)
+    low, _ = moving_box(problem)
     return "" if low[0] > 0 else "no mass moves with the lightest hand"
 
 
@@ -179,8 +180,8 @@ def _delays(device: Device) -> tuple[float, float]:
     return min(delays), max(delays)
 
 
-def _box(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Ranges of all mass, damping and stiffness that move, rounded outwards, (3,) each."""
+def moving_box(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Return the ranges of all mass, damping and stiffness that move, rounded outwards, (3,) each."""
     corners = device_corners(problem.device, ("mass_kg", "damping_ns_per_m"))
     hands = hand_ranges(problem.hands)
     own = [[one.mass_kg for one in corners], [one.damping_ns_per_m for one in corners], [0.0]]
@@ -236,7 +237,7 @@ def _proved(
     pieces: dict[int, list[Piece]] = {int(row): [] for row in rows}
     looked_at = np.zeros(len(gains), dtype=np.intp)
     found: dict[int, HandsProof] = {}
-    low, high = _box(problem)
+    low, high = moving_box(problem)
     for whole, fraction, first, last in _stretches(problem):
         going = np.setdiff1d(rows, list(found))
         if not going.size:

@@ -102,16 +102,19 @@ def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: FloatArray, s
 def joint_rendering(
     problem: Problem, damping_ns_per_m: FloatArray, stiffness_n_per_m: FloatArray, contact_damping_ns_per_m: FloatArray
 ) -> Rendering:
-    """Render finite gains with the position of the joint between coupling and wall for state, as a device does.
+    """Render gains with the position of the joint between coupling and wall for state, as a device does.
 
     This state keeps its meaning when the gains switch. The gains must not leave the joint undefined (all of b, k, b_e
-    and k_e zero).
+    and k_e zero); where b or k is infinite the joint goes with the device.
     """
     t, wall = problem.device.sample_time_s, problem.environment
-    b, k, contact = damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m
+    rigid = np.isinf(damping_ns_per_m) | np.isinf(stiffness_n_per_m)
+    b, k = (np.where(rigid, 1.0, gain) for gain in (damping_ns_per_m, stiffness_n_per_m))
+    contact = contact_damping_ns_per_m
     lead, wall_lead = b + k * t, wall.damping_ns_per_m + wall.stiffness_n_per_m * t
     total = lead + wall_lead
     joint = np.stack([lead / total, -b / total, (b + wall.damping_ns_per_m) / total], axis=-1)
+    joint[rigid] = (1.0, 0.0, 0.0)
     force = wall_lead / t * joint
     force[:, 2] -= wall.damping_ns_per_m / t
     force[:, 0] += contact / t
