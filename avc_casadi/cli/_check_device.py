@@ -39,6 +39,7 @@ def check_device(source: str) -> Answer:
         "range": ranges,
         "sources": file.sources.model_dump(exclude_none=True),
         "gaps": list(file.gaps),
+        "referred_as": Path(source).name if source.endswith(".toml") else file.name,
         "sdk_example": None if file.sdk_example is None else file.sdk_example.model_dump(exclude_none=True),
     }
     return Answer(document, _text(document))
@@ -57,7 +58,7 @@ def _text(document: dict[str, Any]) -> str:
         example = dict(document["sdk_example"])
         source = example.pop("source")
         lines.append(f"  example of an SDK: {_shown(example)}   {source}")
-    lines.append(f'  in a problem file: device = "{document["device"]}"')
+    lines.append(f'  in a problem file: device = "{document["referred_as"]}"')
     return "\n".join(lines)
 
 
