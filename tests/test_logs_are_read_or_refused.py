@@ -92,7 +92,7 @@ def test_time_that_goes_back_and_values_that_are_not_finite(tmp_path):
     ("header", "said"),
     [
         ("time_s,position,force_n", "has no unit"),
-        ("time_s,position_furlong,force_n", "has no column"),
+        ("time_s,position_furlong,force_n", "unit that is not known"),
         ("time_s,position_m,position_m", "2 columns"),
         ("a,b,c", "has no column"),
     ],

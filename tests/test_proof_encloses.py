@@ -70,7 +70,7 @@ def test_discs_hold_what_their_points_make(one, other, r, s, here, there):
     if np.isfinite(inverse.radius[0]):
         assert abs(inverse.centre[0] - 1 / x) <= inverse.radius[0] * (1 + 1e-9)
     else:
-        assert r >= 0.89 * abs(one)
+        assert r >= 0.89 * abs(one) or abs(one) < 1e-290  # the reciprocal of such a number may be no number
 
 
 @given(st.floats(0, math.pi), st.floats(0, 0.3), st.floats(0, 1))

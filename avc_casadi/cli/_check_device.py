@@ -39,9 +39,19 @@ def check_device(source: str) -> Answer:
         "range": ranges,
         "sources": file.sources.model_dump(exclude_none=True),
         "gaps": list(file.gaps),
+        "referred_as": _reference(source, file.name),
         "sdk_example": None if file.sdk_example is None else file.sdk_example.model_dump(exclude_none=True),
     }
     return Answer(document, _text(document))
+
+
+def _reference(source: str, name: str) -> str:
+    """Return what a problem file beside it calls the device."""
+    from avc_casadi.problem import device_names
+
+    known = device_names().get(name)
+    elsewhere = source.endswith(".toml") and (known is None or Path(source).resolve() != Path(str(known)).resolve())
+    return Path(source).name if elsewhere else name
 
 
 def _text(document: dict[str, Any]) -> str:
@@ -57,7 +67,7 @@ def _text(document: dict[str, Any]) -> str:
         example = dict(document["sdk_example"])
         source = example.pop("source")
         lines.append(f"  example of an SDK: {_shown(example)}   {source}")
-    lines.append(f'  in a problem file: device = "{document["device"]}"')
+    lines.append(f'  in a problem file: device = "{document["referred_as"]}"')
     return "\n".join(lines)
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("logs", metavar="LOG", nargs="+", help=".csv, .txt, .npz or .mat (v5): one or more records")
+    parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .npz or .mat (v5): one or more records")
     parser.add_argument("--out", metavar="FILE", help="write the device file (.toml)")
     parser.add_argument(
         "--device", metavar="BASE", help="device file or name: what the logs do not tell is taken from it"
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.identification import device_text, identification_document, identification_text, identify
 
     found = identify(
-        args.logs,
+        args.log,
         layout=layout,
         base=base,
         known=known,

@@ -128,7 +128,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         first = f"the least bad, which {trial['hands'] - trial['at_rest']} of {trial['hands']} hands do not rest at, on"
     return [
         f"{first} {document['problem']}: {gains_line(coupling)}",
-        f"felt: {_felt(felt)}; complex error against the physical wall {errors}",
+        f"felt: {_felt(felt, limited=trial['at_force_limit'] > 0)}; complex error against the physical wall {errors}",
         (
             f"trial: {trial['at_rest']} of {trial['hands']} hands at rest, {trial['at_rest_without_friction']} without "
             f"friction, {trial['quiet']} without a vibration that is felt; a tap reaches "
@@ -140,9 +140,9 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     ]
 
 
-def _felt(felt: dict[str, Any]) -> str:
+def _felt(felt: dict[str, Any], *, limited: bool) -> str:
     if felt["stiffness_n_per_m"] is None:
-        return "nothing but the force limit"
+        return "nothing but the force limit" if limited else "nothing: no press ends in contact"
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
     behind = "" if handle == sensed else f" at the sensor, {number(handle)} N/m at the handle"
     return f"{number(sensed)} N/m{behind}, {100 * (felt['share_of_wall'] or 0):.3g} % of the wall"

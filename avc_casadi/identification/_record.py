@@ -13,6 +13,8 @@ from avc_casadi.support import FloatArray, number
 
 # A step of time may differ from the usual one by this share of it; a longer one is a gap.
 _JITTER = 0.25
+# Places that are told of the same fault.
+_TOLD = 3
 _SHORTEST = 200
 
 
@@ -86,8 +88,11 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
             f"is {number(columns.time_s[row + 1])} s after {number(columns.time_s[row])} s; allowed: increasing times, "
             "or one file for each record",
         )
-        for row in backwards
+        for row in backwards[:_TOLD]
     ]
+    if backwards.size > _TOLD:
+        more = f"does not increase in {backwards.size - _TOLD} more places; allowed: increasing times"
+        faults.append(Fault(columns.file, None, "time", more))
     if backwards.size or usual <= 0:
         return [], faults, []
     # Clocks are written with few digits: a step is compared with the mean of those about it.

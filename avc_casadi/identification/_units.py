@@ -144,6 +144,16 @@ def _column(
     found = [index for index, (name, _) in enumerate(parsed) if name in _NAMES[quantity]]
     if len(found) == 1:
         return found[0]
-    told = ", ".join(map(repr, headers[:20]))
-    why = "has no column" if not found else f"has {len(found)} columns"
-    return f"{why} among {told}; allowed: one, or --columns {quantity}=HEADER"
+    unknown = [header.strip() for header in headers if _stem(header) in _NAMES[quantity]]
+    why = f"has no column among {', '.join(map(repr, headers[:20]))}"
+    allowed = f"one, or --columns {quantity}=HEADER"
+    if found:
+        why = f"has {len(found)} columns among {', '.join(map(repr, headers[:20]))}"
+    elif unknown:
+        why = f"has a unit that is not known in {', '.join(map(repr, unknown))}"
+        allowed = f"{', '.join(UNITS[quantity])}, or --columns {quantity}=HEADER --units {quantity}=UNIT"
+    return f"{why}; allowed: {allowed}"
+
+
+def _stem(header: str) -> str:
+    return header.strip().rpartition("_")[0].lower()
