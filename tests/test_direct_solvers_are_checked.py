@@ -16,6 +16,7 @@ from avc_casadi.design.pointwise import (
     EXCESS_TOLERANCE,
     SOLVERS,
     _nlp_solver,
+    _optimality,
     backend,
     edge_search_gains,
     excess_error,
@@ -186,6 +187,18 @@ def test_ctrl_c_ends_a_solve(name):
         solve_for_long()
     timer.join()
     assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_ctrl_c_that_casadi_turned_into_another_error_ends_a_solve(monkeypatch):
+    """Where Ctrl-C falls into the reading of a matrix, CasADi makes a SystemError of it."""
+
+    class Matrix:
+        def __array__(self, *_arguments, **_options):
+            raise SystemError("a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr(_optimality, "_derivatives", lambda _rows: lambda *_points: [Matrix()] * 5)
+    with pytest.raises(KeyboardInterrupt):
+        solve(STIFF, "direct", solver="edges")
 
 
 @pytest.mark.parametrize("delay_s", [0.001, 0.003, 0.005, 0.02])

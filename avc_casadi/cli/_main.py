@@ -131,13 +131,10 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
 
 def _run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the verb; CasADi makes errors of its own out of Ctrl-C."""
-    try:
-        answer: Answer = args.run(args, console)
-    except Exception as error:
-        from avc_casadi.support import reraise_interrupt
+    from avc_casadi.support import undisguised_interrupts
 
-        reraise_interrupt(error)
-        raise
+    with undisguised_interrupts():
+        answer: Answer = args.run(args, console)
     return answer
 
 

@@ -11,7 +11,7 @@ from avc_casadi._errors import InputError
 from avc_casadi.design._methods import METHODS, Method, MethodName
 from avc_casadi.loop import LINEAR_KEYS
 from avc_casadi.problem import Problem, as_problem, declared
-from avc_casadi.support import SILENT, Progress
+from avc_casadi.support import SILENT, Progress, undisguised_interrupts
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
@@ -44,6 +44,7 @@ def solve(
 
     Raises:
         InputError: unknown method or solver, or an option that the method does not have.
+        KeyboardInterrupt: Ctrl-C, whatever CasADi made of it.
 
     Example:
         >>> gains = avc.solve("figure5", "direct")
@@ -64,7 +65,8 @@ def solve(
         raise InputError.of(f"is {tolerance:g}; allowed: 1e-14 to 1", key="tolerance")
     stated = as_problem(problem)
     told = {"progress": progress} if chosen.reports else {}
-    return _noted(stated, chosen, chosen.solver(stated, **options, **told))
+    with undisguised_interrupts():
+        return _noted(stated, chosen, chosen.solver(stated, **options, **told))
 
 
 def method_named(name: str) -> MethodName:

@@ -13,6 +13,7 @@ from avc_casadi.support._display import short as short
 from avc_casadi.support._interrupt import HeldInterrupt as HeldInterrupt
 from avc_casadi.support._interrupt import reraise_interrupt as reraise_interrupt
 from avc_casadi.support._interrupt import starting_processes as starting_processes
+from avc_casadi.support._interrupt import undisguised_interrupts as undisguised_interrupts
 from avc_casadi.support._interrupt import uninterrupted as uninterrupted
 from avc_casadi.support._json import json_text as json_text
 from avc_casadi.support._json import plain as plain

@@ -69,6 +69,16 @@ def starting_processes() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+@contextmanager
+def undisguised_interrupts() -> Iterator[None]:
+    """Let Ctrl-C out of a block as itself, whatever a call to foreign code in it has made of it."""
+    try:
+        yield
+    except Exception as error:
+        reraise_interrupt(error)
+        raise
+
+
 def reraise_interrupt(outcome: BaseException | str) -> None:
     """Raise Ctrl-C again where CasADi has made something else of it.
 
