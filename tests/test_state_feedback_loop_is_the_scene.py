@@ -7,9 +7,10 @@ from hardware_bench import believer
 
 import avc_casadi as avc
 from avc_casadi import InputError
+from avc_casadi.certificate import feedback_radius, rendering_of
 from avc_casadi.coupling import Coupling, Gains, Runtime
 from avc_casadi.design.robust import Space
-from avc_casadi.loop import Hand, sampled_plant
+from avc_casadi.loop import Hand, hand_ranges, hand_set, sampled_plant
 from avc_casadi.problem import Device, Hands, StateFeedbackEffect
 from avc_casadi.runtime import StateFeedback, state_feedback_step
 from avc_casadi.scene import compile_scene
@@ -19,6 +20,7 @@ from avc_casadi.stability import (
     force_over_position,
     fraction_rendering,
     frozen_parts,
+    largest_radius,
     plants_with_forces,
     state_feedback_loop,
 )
@@ -153,3 +155,41 @@ def test_a_law_for_another_wall_is_refused_by_the_claim_that_fails():
     assert "let-go: linearly unstable let go" in verdicts[5e3].sentence
     assert not any(claim.passed for claim in verdicts[12e3].claims)
     assert "dead zone: linearly unstable with a hand of" in verdicts[12e3].sentence
+
+
+def feedback(problem, point):
+    """The wall of a problem behind a law of the search space."""
+    stiffness = problem.environment.stiffness_n_per_m
+    law = Space(problem.device, problem.hands).law(np.array(point), stiffness)
+    return Coupling.constant(problem, Gains(0.0, 1e8), "x", Runtime(state_feedback=law))
+
+
+def radii(coupling, hands, shares):
+    plants = plants_with_forces(sampled_plant(coupling.problem.device, hands))
+    return largest_radius(state_feedback_loop(plants, coupling.runtime.state_feedback, rendering_of(coupling), shares))
+
+
+def test_a_hand_between_the_corners_at_a_share_between_the_others_refuses_a_law():
+    problem = avc.load_problem("reference-r3").changed(environment={"stiffness_n_per_m": 1400.0})
+    made = feedback(problem, [1.22, -0.78, -4.64, -0.94, -1.37, -2.2, -0.29, -2.36, 2.74, 7.71])
+    usual = (1.0, 0.7, 0.5, 0.35, 0.25, 0.16, 0.12, 0.09, 0.06, 0.04, 0.025, 0.01)
+    assert radii(made, hand_set(problem.hands), usual).max() < 1
+    claims = {claim.name: claim for claim in avc.deployable(made).claims}
+    assert claims["hands"].passed
+    assert not claims["dead-zone"].passed
+    worst = feedback_radius(made).any_share
+    assert worst.radius == radii(made, Hand(**worst.hand), [worst.share])[0, 0] > 1
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
+    rng = np.random.default_rng(seed)
+    name, wall = (("reference-r1", 4000.0), ("reference-r2", 2500.0), ("reference-r3", 1400.0))[seed % 3]
+    problem = avc.load_problem(name).changed(environment={"stiffness_n_per_m": wall})
+    space = Space(problem.device, problem.hands)
+    made = feedback(problem, np.clip(space.start + 0.3 * rng.standard_normal(len(space.start)), *space.bounds))
+    low, high = hand_ranges(problem.hands).T
+    drawn = Hand(*(low + (high - low) * rng.random((500, 3))).T)
+    found, slack = feedback_radius(made), 1e-6
+    assert radii(made, drawn, np.exp(rng.uniform(np.log(0.01), 0.0, 12))).max() <= found.any_share.radius + slack
+    assert radii(made, drawn, [1.0]).max() <= found.held.radius + slack

@@ -16,7 +16,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.certificate._at_rest import radius_limit
 from avc_casadi.certificate._every_hand import every_hand, looked_at
-from avc_casadi.certificate._feedback_claims import SHARES, feedback_radius
+from avc_casadi.certificate._feedback_radius import Worst, feedback_radius
 from avc_casadi.coupling import require_coupling
 from avc_casadi.loop import LINEAR_KEYS, device_corners, linear_values, no_hand
 from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, whole_stability
@@ -191,19 +191,20 @@ class _Worst:
 
 def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
     found = feedback_radius(coupling)
-    share, corner, hand = found.worst
-    held = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*found.hands.values(hand).values())
-    where = _of(found.corners[corner], found.corners)
-    free = int(np.argmax(found.free))
-    every = f"with every hand of [hands] ({len(found.hands)} judged)"
+    every = f"with every hand of [hands] (worst by search from {found.hands})"
+
+    def held(worst: Worst) -> str:
+        who = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*worst.hand.values())
+        return who + _of(worst.device, found.devices)
+
     return (
-        _claim_of("hands", float(found.held[0].max()), every, held + where),
-        _claim_of("let-go", float(found.free.max()), "let go", "let go" + _of(found.corners[free], found.corners)),
+        _claim_of("hands", found.held.radius, every, held(found.held)),
+        _claim_of("let-go", found.free.radius, "let go", "let go" + _of(found.free.device, found.devices)),
         _claim_of(
             "dead-zone",
-            float(found.held.max()),
+            found.any_share.radius,
             f"{every}, whatever share of the innovation passes the dead zone",
-            f"{held}{where} where {SHARES[share]:g} of the innovation passes the dead zone",
+            f"{held(found.any_share)} where {found.any_share.share:.3g} of the innovation passes the dead zone",
         ),
     )
 

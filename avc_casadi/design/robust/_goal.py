@@ -20,8 +20,8 @@ _DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.
 _SLOW_HZ = 2.0
 # The same of slower ones, times the share.
 _SLOW_DECAY_PER_S = 5.0
-# Decay with every hand at every device, all of the innovation passing.
-_VARIED_DECAY_PER_S = 10.0
+VARIED_DECAY_PER_S = {1.0: 10.0, 0.5: 5.0}
+"""The same with every hand at every device: a structure stiffer than believed buzzes at half the share first."""
 # Decay of the device let go.
 _FREE_DECAY_PER_S = 1.0
 # Decay with hands on a stylus and fingertips, which are no part of what is promised.
@@ -90,10 +90,11 @@ def cost_of(law: StateFeedback, rendering: Rendering, loops: Loops) -> Cost:
     if over > _HOPELESS_SOFTNESS:
         return Cost(2000 + 1000 * over, facts=facts)
     every = state_feedback_loop(loops.nominal, law, rendering, tuple(_DECAY_PER_S))
-    held = largest_radius(state_feedback_loop(loops.varied, law, rendering))
+    held = largest_radius(state_feedback_loop(loops.varied, law, rendering, tuple(VARIED_DECAY_PER_S)))
     free = largest_radius(state_feedback_loop(loops.free, law, rendering))
     beside = max(float(largest_radius(state_feedback_loop(part, law, rendering)).max()) for part in loops.beside)
-    radius = float(max(held.max(), free.max()))
+    worst_held, asked = held.max(axis=-1), VARIED_DECAY_PER_S.values()
+    radius = float(max(worst_held[0], free.max()))
     if radius > _HOPELESS_RADIUS:
         return Cost(1000 + 1000 * (radius - 1), radius, facts=facts)
     total = (
@@ -101,7 +102,7 @@ def cost_of(law: StateFeedback, rendering: Rendering, loops: Loops) -> Cost:
         + _PER_SENSITIVITY * facts["sensitivity"]
         + _PER_SENSITIVITY * max(0.0, facts["sensitivity_any_share"] - _USUAL_SENSITIVITY)
         + _PER_GAIN * facts["gain"]
-        + _PER_DECAY * _missing(float(held.max()), _VARIED_DECAY_PER_S, t)
+        + _PER_DECAY * sum(_missing(one, decay, t) for one, decay in zip(worst_held, asked, strict=True))
         + _PER_DECAY * _missing(float(free.max()), _FREE_DECAY_PER_S, t)
         + _PER_DECAY * _missing(beside, _BESIDE_DECAY_PER_S, t)
     )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.design.robust._goal import VARIED_DECAY_PER_S
 from avc_casadi.loop import (
     FINGERTIP,
     LINEAR_KEYS,
@@ -90,17 +91,21 @@ class Loops:
         return cls(nominal, beside, varied, free, frequency, (response[..., 0] @ measured).astype(np.complex128), t)
 
     def hardest(self, law: StateFeedback, rendering: Rendering) -> Loops:
-        """Keep the loops beside the nominal ones that are worst with a law."""
-        beside = tuple(_worst(plants, law, rendering, _KEPT_BESIDE) for plants in self.beside)
-        return replace(self, varied=_worst(self.varied, law, rendering, _KEPT), beside=beside)
+        """Keep the loops beside the nominal ones that miss most of their decay with a law."""
+        t = self.sample_time_s
+        beside = tuple(_worst(plants, law, rendering, {1.0: 0.0}, t, _KEPT_BESIDE) for plants in self.beside)
+        return replace(self, varied=_worst(self.varied, law, rendering, VARIED_DECAY_PER_S, t, _KEPT), beside=beside)
 
 
-def _worst(plants: Plants, law: StateFeedback, rendering: Rendering, kept: int) -> Plants:
+def _worst(
+    plants: Plants, law: StateFeedback, rendering: Rendering, decay_per_s: dict[float, float], t: float, kept: int
+) -> Plants:
     matrix, push, measured = plants
     if len(matrix) <= kept:
         return plants
-    radius = largest_radius(state_feedback_loop(plants, law, rendering))[0]
-    worst = np.sort(np.argsort(-radius, kind="stable")[:kept])
+    radius = largest_radius(state_feedback_loop(plants, law, rendering, tuple(decay_per_s)))
+    missing = (np.log(radius) / t + np.array(list(decay_per_s.values()))[:, None]).max(axis=0)
+    worst = np.sort(np.argsort(-missing, kind="stable")[:kept])
     return matrix[worst], push[worst], measured
 
 

@@ -1,0 +1,150 @@
+"""The spectral radius of a loop with state feedback over hands, devices and shares of the innovation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.loop import LINEAR_KEYS, Hand, device_set, hand_ranges, hand_set, no_hand, sampled_plant
+from avc_casadi.stability import (
+    MAX_DELAY_SAMPLES,
+    fraction_rendering,
+    frozen_parts,
+    largest_radius,
+    plants_with_forces,
+    state_feedback_loop,
+)
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.problem import Device
+    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.stability import Rendering
+    from avc_casadi.support import FloatArray
+
+DRAWS = 24
+# From all of the innovation to next to nothing, where the hand alone decides.
+_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.16, 0.12, 0.09, 0.06, 0.04, 0.025, 0.01)
+# Hands and shares that are climbed from; a neighbour on each side of every number, their distance as a share of its
+# range at first, how it shrinks, and how often.
+_STARTS, _REACH, _SHRINK, _ROUNDS = 3, 0.25, 0.6, 12
+
+
+@dataclass(frozen=True)
+class Worst:
+    """Where the loop is damped least, as far as a search found.
+
+    Attributes:
+        radius: spectral radius.
+        share: of the innovation that passes.
+        device: one of the declared ranges.
+        hand: mass, damping and stiffness by name; of zeros where the device is let go.
+    """
+
+    radius: float
+    share: float
+    device: Device
+    hand: dict[str, float]
+
+
+@dataclass(frozen=True)
+class FeedbackRadius:
+    """Spectral radii of the loop of a coupling with state feedback.
+
+    Attributes:
+        devices: those at the corners of the declared ranges, then some drawn within them.
+        hands: number of hands that were looked at before the search for the worst.
+        held: worst with a hand, all of the innovation passing.
+        any_share: worst with a hand and a share of the innovation.
+        free: worst let go, all of the innovation passing.
+    """
+
+    devices: list[Device]
+    hands: int
+    held: Worst
+    any_share: Worst
+    free: Worst
+
+
+def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> FeedbackRadius:
+    """Judge the loop of a coupling with state feedback at every corner of its device and at some within.
+
+    From the worst of the hands and shares that are looked at first, larger radii are climbed to: there are maxima
+    between them. A search, not a proof.
+
+    Args:
+        coupling: with constant gains and state feedback.
+        draws: hands drawn beside the corners of their ranges.
+        seed: of the draws, of hands and devices.
+
+    Raises:
+        UnsupportedError: gains that vary, or too long a delay.
+    """
+    law, problem = coupling.runtime.state_feedback, coupling.problem
+    if law is None:
+        raise ValueError("the coupling has no state feedback")
+    if not coupling.table.constant:
+        raise UnsupportedError("state feedback is judged before constant gains only; make the gains constant")
+    devices = device_set(problem.device, LINEAR_KEYS, seed=seed)
+    if max(device.delay_samples for device in devices) > MAX_DELAY_SAMPLES:
+        raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
+    hands = hand_set(problem.hands, draws=draws, seed=seed)
+    rendering = rendering_of(coupling)
+    loop = _Loop(law, rendering, hand_ranges(problem.hands))
+    held = np.stack([loop.radius(device, hands, _SHARES) for device in devices], axis=1)
+    free = np.array([loop.radius(device, no_hand(), (1.0,))[0, 0] for device in devices])
+    alone = int(free.argmax())
+    return FeedbackRadius(
+        devices,
+        len(hands),
+        loop.worst(devices, hands, held[:1], (1.0,)),
+        loop.worst(devices, hands, held, _SHARES),
+        Worst(float(free[alone]), 1.0, devices[alone], no_hand().values(0)),
+    )
+
+
+def rendering_of(coupling: Coupling) -> Rendering:
+    """Return coupling and wall as they are rendered behind the feedback."""
+    gains = coupling.table.at_rest
+    b, k, contact = (np.array([value]) for value in vars(gains).values())
+    return fraction_rendering(frozen_parts(coupling.problem, b, k), contact, coupling.sample_time_s)
+
+
+@dataclass(frozen=True)
+class _Loop:
+    law: StateFeedback
+    rendering: Rendering
+    ranges: FloatArray
+
+    def radius(self, device: Device, hands: Hand, shares: tuple[float, ...] | FloatArray) -> FloatArray:
+        """Return the radius at each share with each hand, shape (shares, hands)."""
+        plants = plants_with_forces(sampled_plant(device, hands))
+        return largest_radius(state_feedback_loop(plants, self.law, self.rendering, shares))
+
+    def worst(self, devices: list[Device], hands: Hand, known: FloatArray, shares: tuple[float, ...]) -> Worst:
+        """Climb from the worst of what is known, radii of shape (shares, devices, hands)."""
+        starts = np.argsort(-known, axis=None, kind="stable")[:_STARTS]
+        found = []
+        for share, device, hand in zip(*np.unravel_index(starts, known.shape), strict=True):
+            values = tuple(hands.values(int(hand)).values())
+            found.append(self._climb(devices[int(device)], np.array(values), shares[int(share)], min(shares)))
+        return max(found, key=lambda one: one.radius)
+
+    def _climb(self, device: Device, values: FloatArray, share: float, least: float) -> Worst:
+        """Look around a hand and a share, go where the radius is largest, and look closer."""
+        low, high = self.ranges.T
+        best, reach = -np.inf, _REACH
+        for _ in range(_ROUNDS):
+            steps = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
+            near = np.unique(np.clip(values + reach * steps * (high - low), low, high), axis=0)
+            passed = np.unique(np.clip(share * (1 + reach * np.array([-1.0, 0.0, 1.0])), least, 1.0))
+            radius = self.radius(device, Hand(*near.T), passed)
+            row, column = np.unravel_index(int(radius.argmax()), radius.shape)
+            if radius[row, column] > best:
+                best, share, values = float(radius[row, column]), float(passed[row]), near[column]
+            reach *= _SHRINK
+        return Worst(best, share, device, Hand(*values).values(0))
