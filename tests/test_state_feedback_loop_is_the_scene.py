@@ -7,8 +7,8 @@ from hardware_bench import believer
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.certificate import feedback_radius, rendering_of
-from avc_casadi.coupling import Coupling, Gains, Runtime
+from avc_casadi.certificate import feedback_radius
+from avc_casadi.coupling import Coupling, Gains, Runtime, felt_impedance, schedule_of
 from avc_casadi.design.robust import Space
 from avc_casadi.loop import Hand, hand_ranges, hand_set, sampled_plant
 from avc_casadi.problem import Device, Hands, StateFeedbackEffect
@@ -18,8 +18,7 @@ from avc_casadi.scene.effects import Grip, build_effects
 from avc_casadi.stability import (
     Rendering,
     force_over_position,
-    fraction_rendering,
-    frozen_parts,
+    frozen_rendering,
     largest_radius,
     plants_with_forces,
     state_feedback_loop,
@@ -78,8 +77,7 @@ def test_its_eigenvalues_are_those_of_the_jacobian(seed):
     gains = Gains(0.0, float(rng.uniform(1e3, 1e5))) if seed % 3 else Gains(rng.uniform(0, 20), rng.uniform(1e3, 1e4))
     wall = (0.0, 5e3) if seed % 2 else (3.0, 5e3)
     expected, problem = scene_eigenvalues(device, law, gains, wall)
-    parts = frozen_parts(problem, np.array([gains.damping_ns_per_m]), np.array([gains.stiffness_n_per_m]))
-    rendering = fraction_rendering(parts, np.zeros(1), device.sample_time_s)
+    rendering = frozen_rendering(problem, gains.damping_ns_per_m, gains.stiffness_n_per_m)
     plants = plants_with_forces(sampled_plant(device, HAND))
     # The share may stand in the innovation or beside it.
     whole = law_of(np.random.default_rng(seed))
@@ -166,7 +164,8 @@ def feedback(problem, point):
 
 def radii(coupling, hands, shares):
     plants = plants_with_forces(sampled_plant(coupling.problem.device, hands))
-    return largest_radius(state_feedback_loop(plants, coupling.runtime.state_feedback, rendering_of(coupling), shares))
+    rendering = frozen_rendering(coupling.problem, 0.0, coupling.table.at_rest.stiffness_n_per_m)
+    return largest_radius(state_feedback_loop(plants, coupling.runtime.state_feedback, rendering, shares))
 
 
 def test_a_hand_between_the_corners_at_a_share_between_the_others_refuses_a_law():
@@ -193,3 +192,34 @@ def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
     found, slack = feedback_radius(made), 1e-6
     assert radii(made, drawn, np.exp(rng.uniform(np.log(0.01), 0.0, 12))).max() <= found.any_share.radius + slack
     assert radii(made, drawn, [1.0]).max() <= found.held.radius + slack
+
+
+def test_the_rows_of_a_robust_design_tell_what_runs():
+    """Impedance of observer, feedback, spring and wall by solving the loop for a velocity, one frequency at a time."""
+    problem = avc.load_problem("reference-r2").changed(environment={"stiffness_n_per_m": 2500.0})
+    space, device, t = Space(problem.device, problem.hands), problem.device, problem.device.sample_time_s
+    law = space.law(space.start, 2500.0)
+    made = Coupling.constant(problem, Gains(0.0, 1e8), "robust", Runtime(state_feedback=law))
+    for hz in (0.5, 3.0, 40.0):
+        z = np.exp(2j * np.pi * hz * t)
+        state, asked, gain, weight = (
+            np.array(part) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
+        )
+        # Unknown: the believed states before the measurement and the force, the measured position being 1 m.
+        n, wall = law.states, 1e8 * 2500.0 / (1e8 + 2500.0)
+        seen = np.zeros(n)
+        seen[law.measures] = 1.0
+        corrected = np.eye(n) - np.outer(gain, seen)
+        system = np.zeros((n + 1, n + 1), complex)
+        system[:n, :n], system[:n, n] = z * np.eye(n) - state @ corrected, -asked
+        system[n, :n], system[n, n] = -wall * (weight @ corrected), 1.0
+        force = np.linalg.solve(system, np.append(state @ gain, wall * (weight @ gain)))[n]
+        # Tustin's mass, and a force that is held for a sample over the velocity of the sampled position.
+        expected = device.mass_kg * 2 / t * (z - 1) / (z + 1) + device.damping_ns_per_m
+        expected += force * t * z / (z - 1) * z ** -(1 + device.delay_samples)
+        stated = problem.changed(stability={"model": "sampled-data"})
+        ((found,),) = [felt_impedance(stated, np.array([hz]), made.table.gains, law)]
+        assert found == pytest.approx(expected, rel=1e-9)
+    schedule = schedule_of(problem, made.table, "robust", law)
+    alone = schedule_of(problem, made.table, "robust")
+    assert schedule.impedance[0] != pytest.approx(alone.impedance[0], rel=1e-3)

@@ -10,7 +10,6 @@ from avc_casadi.certificate._deployable import DeployClaim as DeployClaim
 from avc_casadi.certificate._deployable import deployable as deployable
 from avc_casadi.certificate._device_levels import ideal as ideal
 from avc_casadi.certificate._feedback_radius import feedback_radius as feedback_radius
-from avc_casadi.certificate._feedback_radius import rendering_of as rendering_of
 from avc_casadi.certificate._gate import certified as certified
 from avc_casadi.certificate._gate import require_deployable as require_deployable
 from avc_casadi.certificate._levels_table import levels_table as levels_table

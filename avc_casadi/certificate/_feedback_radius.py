@@ -12,8 +12,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi.loop import LINEAR_KEYS, Hand, device_set, hand_ranges, hand_set, no_hand, sampled_plant
 from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
-    fraction_rendering,
-    frozen_parts,
+    frozen_rendering,
     largest_radius,
     plants_with_forces,
     state_feedback_loop,
@@ -93,7 +92,7 @@ def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Fe
     if max(device.delay_samples for device in devices) > MAX_DELAY_SAMPLES:
         raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
     hands = hand_set(problem.hands, draws=draws, seed=seed)
-    rendering = rendering_of(coupling)
+    rendering = frozen_rendering(problem, *vars(coupling.table.at_rest).values())
     loop = _Loop(law, rendering, hand_ranges(problem.hands))
     held = np.stack([loop.radius(device, hands, _SHARES) for device in devices], axis=1)
     free = np.array([loop.radius(device, no_hand(), (1.0,))[0, 0] for device in devices])
@@ -105,13 +104,6 @@ def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Fe
         loop.worst(devices, hands, held, _SHARES),
         Worst(float(free[alone]), 1.0, devices[alone], no_hand().values(0)),
     )
-
-
-def rendering_of(coupling: Coupling) -> Rendering:
-    """Return coupling and wall as they are rendered behind the feedback."""
-    gains = coupling.table.at_rest
-    b, k, contact = (np.array([value]) for value in vars(gains).values())
-    return fraction_rendering(frozen_parts(coupling.problem, b, k), contact, coupling.sample_time_s)
 
 
 @dataclass(frozen=True)

@@ -94,12 +94,6 @@ def paper_errors() -> list[dict[str, str]]:
     return [vars(error) for error in PAPER_ERRORS]
 
 
-_BEHIND_OBSERVER = (
-    "impedances and errors above are those of spring and wall alone, without observer and feedback: "
-    "avc recommend tells what the loop that runs feels like"
-)
-
-
 def without_gains(document: dict[str, Any]) -> str:
     """Say which rows have no gains and why; empty where all have."""
     states, reasons, frequency = document["status"], document["reason"], document["frequency_hz"]
@@ -139,7 +133,7 @@ def _text(document: dict[str, Any], out: str | None) -> str:
         *document["notes"],
         levels_text(document["certificate"]),
         *([document["deployable"]["sentence"]] if document["deployable"] else []),
-        realism_text(document["realism"]) if document["state_feedback"] is None else _BEHIND_OBSERVER,
+        realism_text(document["realism"]),
         passive_limit(document["passive_limit_n_per_m"]),
     ]
     if "paper_errors" in document:

@@ -15,6 +15,7 @@ from avc_casadi.coupling._coupling_file import read_coupling as read_coupling
 from avc_casadi.coupling._coupling_file import read_file as read_file
 from avc_casadi.coupling._coupling_file import same_problem as same_problem
 from avc_casadi.coupling._coupling_file import write_coupling as write_coupling
+from avc_casadi.coupling._felt import felt_impedance as felt_impedance
 from avc_casadi.coupling._gain_file import gain_csv as gain_csv
 from avc_casadi.coupling._gain_file import gain_document as gain_document
 from avc_casadi.coupling._gain_file import read_document as read_document

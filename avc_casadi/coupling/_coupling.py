@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from avc_casadi.coupling._gains import Gains
     from avc_casadi.coupling._schedule import GainSchedule
     from avc_casadi.problem import Contact, Impedance, Problem
+    from avc_casadi.runtime import StateFeedback
 
 THINNING = 1e-3
 """Largest relative change of a gain where rows are left out; certificate, scene and device read what is left."""
@@ -91,8 +92,7 @@ class Coupling:
         """Make a coupling of finite gains that do not vary, for example ones tuned by hand."""
         table = GainTable.constant_gains(gains, float(problem.frequencies_hz()[0]))
         beside = runtime or Runtime()
-        schedule = replace(schedule_of(problem, table, method), state_feedback=beside.state_feedback)
-        return cls(problem, schedule, table, beside)
+        return cls(problem, schedule_of(problem, table, method, beside.state_feedback), table, beside)
 
     def __repr__(self) -> str:
         wall = self.wall
@@ -181,11 +181,18 @@ def thinned(table: GainTable) -> GainTable:
     return kept if len(kept) <= CAPACITY_ROWS else reduce_rows(table, rows=CAPACITY_ROWS).table
 
 
-def schedule_of(problem: Problem, table: GainTable, method: str) -> GainSchedule:
-    """Return the schedule of a table whose rows are all that is known."""
+def schedule_of(
+    problem: Problem, table: GainTable, method: str, state_feedback: StateFeedback | None = None
+) -> GainSchedule:
+    """Return the schedule of a table whose rows, and the feedback before them, are all that is known."""
     b, k, contact = table.gains
     return gain_schedule(
-        problem, method, (b, k, contact), (Status.SOLVED,) * len(table), frequency_hz=table.frequency_hz
+        problem,
+        method,
+        (b, k, contact),
+        (Status.SOLVED,) * len(table),
+        frequency_hz=table.frequency_hz,
+        state_feedback=state_feedback,
     )
 
 

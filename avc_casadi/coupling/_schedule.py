@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.coupling._felt import felt_impedance
 from avc_casadi.loop import loop_at
 from avc_casadi.support import BoolArray, Columns, ComplexArray, FloatArray, Tabular, short
 
@@ -189,7 +190,9 @@ def gain_schedule(
     b, k, bp = (np.where(usable, np.asarray(gain, dtype=np.float64), np.nan) for gain in gains)
     perceived = np.full(frequency.shape, np.nan, dtype=np.complex128)
     if usable.any():
-        perceived = np.where(usable, loop.perceived(*(np.where(usable, g, 1.0) for g in (b, k, bp))), np.nan)
+        perceived[usable] = felt_impedance(
+            problem, frequency[usable], (b[usable], k[usable], bp[usable]), state_feedback
+        )
     return GainSchedule(
         problem=problem.name,
         method=method,

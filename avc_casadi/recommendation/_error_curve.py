@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.certificate import rendering_of
-from avc_casadi.coupling import Coupling, Gains, GainTable
+from avc_casadi.coupling import Coupling, Gains, GainTable, felt_impedance
 from avc_casadi.loop import NUMPY, SampleAngle, environment_impedance, loop_at, perceived_impedance
-from avc_casadi.stability import force_over_position
 from avc_casadi.support import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
@@ -65,17 +63,12 @@ def error_curve(
         frequency_hz: where; a table is read at its end beyond it.
         wall: the wall that should be felt; None is the one that is rendered.
     """
-    loop = loop_at(problem.changed(stability={"model": "sampled-data"}), frequency_hz)
-    wall, device = wall or problem.environment, problem.device
-    angle = SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
+    stated = problem.changed(stability={"model": "sampled-data"})
+    loop, wall, device = loop_at(stated, frequency_hz), wall or problem.environment, problem.device
     law = gains.runtime.state_feedback if isinstance(gains, Coupling) else None
-    if isinstance(gains, Coupling) and law is not None:
-        rendered = force_over_position(law, rendering_of(gains), frequency_hz, device.sample_time_s)
-        unit = environment_impedance(angle, "sampled-data", 0.0, 1.0)
-        felt = np.asarray(perceived_impedance(loop.device, loop.hold, rendered * unit))
-    else:
-        b, k, b_p = _rows(gains.table if isinstance(gains, Coupling) else gains, frequency_hz)
-        felt = np.asarray(loop.perceived(b, k, b_p))
+    rows = _rows(gains.table if isinstance(gains, Coupling) else gains, frequency_hz)
+    felt = felt_impedance(stated, frequency_hz, rows, law)
+    angle = SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
     sampled = perceived_impedance(
         loop.device,
         loop.hold,

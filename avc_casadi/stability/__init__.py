@@ -12,6 +12,7 @@ from avc_casadi.stability._spectral import MAX_DELAY_SAMPLES as MAX_DELAY_SAMPLE
 from avc_casadi.stability._spectral import RADIUS_TOLERANCE as RADIUS_TOLERANCE
 from avc_casadi.stability._spectral import LinearStability as LinearStability
 from avc_casadi.stability._spectral import frozen_parts as frozen_parts
+from avc_casadi.stability._spectral import frozen_rendering as frozen_rendering
 from avc_casadi.stability._spectral import linear_stability as linear_stability
 from avc_casadi.stability._state_feedback import force_over_innovation as force_over_innovation
 from avc_casadi.stability._state_feedback import force_over_position as force_over_position

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Values,
     )
     from avc_casadi.problem import Device, Problem
+    from avc_casadi.stability._transition import Rendering
 
 # Some seconds for a table of 200 rows and 32 hands.
 MAX_DELAY_SAMPLES = 32
@@ -92,3 +93,12 @@ def frozen_parts(problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: 
     """Partial fractions, n rows, of frozen gains before the problem's wall, as a device computes them."""
     b, k = np.broadcast_arrays(damping_ns_per_m, stiffness_n_per_m)
     return fractions(SampledLoop.of(problem, "sampled-data"), np.ravel(b), np.ravel(k))
+
+
+def frozen_rendering(
+    problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: Values, contact_damping_ns_per_m: Values = 0.0
+) -> Rendering:
+    """Frozen gains before the problem's wall as a device renders them; contact_damping is broadcast to n rows."""
+    parts = frozen_parts(problem, damping_ns_per_m, stiffness_n_per_m)
+    contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), parts.direct.shape)
+    return fraction_rendering(parts, contact, problem.device.sample_time_s)

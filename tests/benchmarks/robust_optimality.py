@@ -22,7 +22,7 @@ from studied import about, computed, cpu_seconds, made_by, rounded, table
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains, Runtime, spring_before
 from avc_casadi.design.robust import FROM_AFAR, Loops, Space, cost_of, search
-from avc_casadi.stability import fraction_rendering, frozen_parts, stiffness_at_rest
+from avc_casadi.stability import frozen_rendering, stiffness_at_rest
 from avc_casadi.trial import people_of, try_coupling
 
 OUT = Path(__file__).parent / "results" / "robust_optimality.json"
@@ -54,8 +54,7 @@ def measured(catalogue: str | None, wall_n_per_m: float, searches: int, force: i
     problem = problem_of(catalogue, wall_n_per_m)
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
     gains = Gains(0.0, spring_before(wall_n_per_m, wall_n_per_m))
-    parts = frozen_parts(problem, np.zeros(1), np.array([gains.stiffness_n_per_m]))
-    rendering = fraction_rendering(parts, np.zeros(1), problem.device.sample_time_s)
+    rendering = frozen_rendering(problem, 0.0, gains.stiffness_n_per_m)
     stiffness = stiffness_at_rest(rendering)
     people = people_of(problem.hands, 200, 4711)
 

@@ -19,8 +19,7 @@ from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
     Rendering,
-    fraction_rendering,
-    frozen_parts,
+    frozen_rendering,
     stiffest_wall,
     stiffness_at_rest,
 )
@@ -190,8 +189,7 @@ def _as_it_is(problem: Problem, space: Space, loops: Loops, found: Found, stiffn
 def _softened(problem: Problem, stiffness_n_per_m: float) -> tuple[Gains, Rendering]:
     """Return the spring with which the wall feels so stiff, and both as they are rendered."""
     gains = Gains(0.0, spring_before(problem.environment.stiffness_n_per_m, stiffness_n_per_m))
-    parts = frozen_parts(problem, np.zeros(1), np.array([gains.stiffness_n_per_m]))
-    return gains, fraction_rendering(parts, np.zeros(1), problem.device.sample_time_s)
+    return gains, frozen_rendering(problem, 0.0, gains.stiffness_n_per_m)
 
 
 def _check(problem: Problem) -> None:

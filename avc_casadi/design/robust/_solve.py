@@ -20,8 +20,7 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
 
     The gains are the spring before the wall. The law that belongs to them is in ``state_feedback``; it holds every hand
     of ``[hands]`` and the device let go at every corner of ``[device.range]``, with what a device may differ from its
-    file by, and whatever share of the innovation passes the dead zone. The impedances of the rows are those of spring
-    and wall alone.
+    file by, and whatever share of the innovation passes the dead zone, which passes all in the impedances of the rows.
 
     Args:
         problem: device, hands and wall; scope, structure, gain box and frequencies do not matter.
