@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains, spring_before
+from avc_casadi.design.robust import Space
+from avc_casadi.loop import device_with
 from avc_casadi.recommendation import _choice
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import Judged, best_of, confirmed
-from avc_casadi.trial import CouplingTrial
+from avc_casadi.trial import CouplingTrial, people_of, try_coupling, try_on_devices
 
 HANDS = 10
 PROBLEM = avc.load_problem("figure5")
@@ -81,17 +83,17 @@ def test_hands_that_had_no_part_in_the_choice_can_refute_it(monkeypatch):
     failing = {lucky.coupling.id: trial(9, 9, 9)}
     asked = []
 
-    def tried(coupling, people, seed):
-        asked.append((coupling.id, people, seed))
+    def tried(coupling, people, devices, seed):
+        asked.append((coupling.id, people, len(devices), seed))
         return failing.get(coupling.id, trial(10, 10, 10))
 
-    monkeypatch.setattr(_choice, "try_coupling", tried)
+    monkeypatch.setattr(_choice, "try_on_devices", tried)
     found = confirmed([lucky, honest], range(HANDS), "others", 3, lean_on_friction=False)
     best = best_of(found)
     assert best.coupling is honest.coupling
     assert best.others is not None
     assert [one[0] for one in asked] == [lucky.coupling.id, honest.coupling.id]
-    assert {one[1:] for one in asked} == {("others", 3)}
+    assert {one[1:] for one in asked} == {("others", 1, 3)}
     assert found[0].safety == 2
 
 
@@ -100,3 +102,36 @@ def test_rest_by_friction_is_enough_only_for_who_leans_on_it(free):
     one = replace(judged(0, 0.9, 10, 10, 10), others=trial(10, free, 10))
     assert one.complete(lean_on_friction=True)
     assert one.complete(lean_on_friction=False) == (free == 10)
+
+
+def test_hands_are_dealt_out_to_devices_and_told_in_their_own_order():
+    problem = avc.load_problem("spring").changed(device={"coulomb_friction_n": 0.1, "max_force_n": 1.0})
+    coupling = Coupling.constant(problem, Gains(0.0, 500.0, 0.5), "x")
+    people, device = people_of(problem.hands, 7), problem.device
+    devices = [device, *(device_with(device, values) for values in ({"mass_kg": 0.3}, {"coulomb_friction_n": 0.0}))]
+    every = try_on_devices(coupling, people, devices, seed=5)
+    assert (every.hands, every.devices, every.seed) == (7, 3, 5)
+    for place, one in enumerate(devices):
+        alone = try_coupling(replace(coupling, problem=problem.changed(device=one)), people)
+        assert len(alone.to_dict()) == len(every.to_dict()) > 1
+        for name in set(alone.to_dict()) - {"hand"}:
+            values = alone.to_dict()[name]
+            np.testing.assert_array_equal(every.to_dict()[name][place::3], values[place::3])
+        assert set(alone.effects) <= set(every.effects)
+
+
+def test_who_confirms_it_does_so_on_devices_all_over_the_declared_ranges():
+    problem = avc.load_problem("spring").changed(device={"range": {"delay_samples": [0.0, 3.0]}})
+    devices = _choice._devices(problem.device, 0)
+    assert devices[0] == problem.device
+    assert {one.delay_samples for one in devices[1:]} >= {0.0, 3.0}
+    assert len(devices) == 16
+    assert len(_choice._devices(avc.load_problem("spring").device, 0)) == 1
+
+
+def test_a_law_is_made_for_the_coarsest_encoder_of_the_declared_range():
+    device, wide = avc.load_problem("reference-r1").device, {"encoder_resolution_m": [1e-5, 6e-5]}
+    hands = avc.load_problem("reference-r1").hands
+    ranged = avc.load_problem("reference-r1").changed(device={"range": wide}).device
+    zones = [Space(one, hands).law(Space(one, hands).start, 3000.0).dead_zone_m for one in (device, ranged)]
+    assert zones[1] / zones[0] == pytest.approx(6e-5 / device.encoder_resolution_m)

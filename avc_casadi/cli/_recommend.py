@@ -124,8 +124,10 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         return [f"deploy nothing on {document['problem']}: {document['reason']}"]
     errors = ", ".join(f"{100 * error:.3g} % at {hz} Hz" for hz, error in felt["complex_error"].items())
     first = "deploy on" if document["deployable"] else "DO NOT deploy on"
-    if document["deployable"] and trial["at_rest"] < trial["hands"]:
-        first = f"the least bad, which {trial['hands'] - trial['at_rest']} of {trial['hands']} hands do not rest at, on"
+    asked = [trial, *([document["confirmed"]] if document["confirmed"] else [])]
+    hands, at_rest = (sum(one[key] for one in asked) for key in ("hands", "at_rest"))
+    if document["deployable"] and at_rest < hands:
+        first = f"the least bad, which {hands - at_rest} of {hands} hands do not rest at, on"
     return [
         f"{first} {document['problem']}: {gains_line(coupling)}",
         f"felt: {_felt(felt, limited=trial['at_force_limit'] > 0)}; complex error against the physical wall {errors}",

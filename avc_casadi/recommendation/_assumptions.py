@@ -27,13 +27,16 @@ _SCENE_ALONE = {
 }
 
 
-def assumed(problem: Problem, coupling: Coupling | None = None, *, tried: bool = True) -> tuple[str, ...]:
+def assumed(
+    problem: Problem, coupling: Coupling | None = None, *, tried: bool = True, confirmed: bool = False
+) -> tuple[str, ...]:
     """Say what is taken for granted.
 
     Args:
         problem: device, wall and hands.
         coupling: what is recommended.
         tried: whether simulated hands try it, or linear stability alone is asked for.
+        confirmed: whether others tried it too, on devices of the declared ranges.
     """
     device = problem.device
     gaps = [
@@ -50,9 +53,9 @@ def assumed(problem: Problem, coupling: Coupling | None = None, *, tried: bool =
     else:
         gaps.append("linear stability alone: dry friction, encoder, noise and force limit play no part")
     linear, rest = _ranges(problem)
-    simulated = ", trial at nominal" if tried else ""
-    gaps += [f"{key}: linear stability at its corners{simulated}" for key in linear]
-    gaps += [f"{key}: {'trial at nominal; ' if tried else ''}no part of linear stability" for key in rest]
+    at = "trial at nominal and at some devices of it" if confirmed else "trial at nominal"
+    gaps += [f"{key}: linear stability at its corners{f', {at}' if tried else ''}" for key in linear]
+    gaps += [f"{key}: {f'{at}; ' if tried else ''}no part of linear stability" for key in rest]
     if coupling is not None:
         gaps += _outside(coupling)
     return tuple(gaps)

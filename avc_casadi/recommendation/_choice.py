@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.certificate import deployable
+from avc_casadi.loop import device_corners, device_set
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.support import SILENT, Progress
-from avc_casadi.trial import CouplingTrial, try_coupling
+from avc_casadi.trial import CouplingTrial, try_coupling, try_on_devices
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from avc_casadi.coupling import Coupling
     from avc_casadi.loop import Hand, StylusHand
+    from avc_casadi.problem import Device
 
 # Stiffnesses closer than this share are equal: the coupling nearer to the wall in motion wins.
 AS_STIFF = 0.01
@@ -25,6 +27,8 @@ AS_STIFF = 0.01
 QUIET_SHARE = 0.9
 # So many hands, the corners among them, try a coupling before the others do; only what these can use is for all.
 _FIRST = 16
+# Devices of the declared ranges among which those who confirm it are divided.
+_DEVICES = 16
 ERROR_HZ = (1.0, 10.0, 50.0)
 
 
@@ -151,7 +155,8 @@ def confirmed(
 ) -> list[Judged]:
     """Let everybody try what is best, then people who had no part in the choice, until it stays the best.
 
-    Who is best of many before the same hands may owe it to these.
+    Who is best of many before the same hands may owe it to these. Where the device has ranges, the others try it on
+    devices all over them.
 
     Args:
         judged: at least one.
@@ -165,10 +170,21 @@ def confirmed(
         if best.trial.hands < len(people):
             asked = replace(best, trial=try_coupling(best.coupling, people, seed))
         elif best.others is None:
-            asked = replace(best, others=try_coupling(best.coupling, others, seed))
+            devices = _devices(best.coupling.problem.device, seed)
+            asked = replace(best, others=try_on_devices(best.coupling, others, devices, seed))
         else:
             return judged
         judged = [asked if one is best else one for one in judged]
+
+
+def _devices(device: Device, seed: int) -> list[Device]:
+    """Take some of the devices that the declared ranges allow, in corners and within; the nominal one comes first."""
+    corners = device_corners(device)
+    if len(corners) == 1:
+        return [device]
+    some = np.random.default_rng(seed).permutation(len(corners))[: _DEVICES // 2]
+    within = device_set(device, draws=_DEVICES - 1 - len(some), seed=seed)[len(corners) :]
+    return [device, *(corners[place] for place in some), *within]
 
 
 def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str:
@@ -183,7 +199,8 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
     }[best.safety]
     if best.others is not None:
         rest, free = best.others.stable, best.others.stable_without_friction
-        who += f"; of {len(rest)} others {int(rest.sum())}, without dry friction {int(free.sum())}"
+        where = "" if best.others.devices == 1 else f" on {best.others.devices} devices of [device.range]"
+        who += f"; of {len(rest)} others{where} {int(rest.sum())}, without dry friction {int(free.sum())}"
     if len(judged) == 1:
         return f"the only deployable candidate that was tried, nothing stiffer being asked for: {who}"
     return f"the stiffest of {len(judged)} deployable candidates that are as safe: {who}"

@@ -186,7 +186,7 @@ def recommend(
     Only couplings are considered that are linearly stable with every hand of [hands] and let go. Of these the safest
     win: everybody at rest without dry friction, then with the declared one, then as many as possible; among equally
     safe ones those whose rest nine hands in ten do not feel, then the stiffest, then the quietest and nearest to the
-    wall in motion. Twice as many hands that had no part in the choice confirm it.
+    wall in motion. Twice as many hands that had no part in the choice confirm it, on devices all over [device.range].
 
     Args:
         problem: device with what is known of it, wall and hands; or a problem file, or a name of the catalogue.
@@ -222,7 +222,7 @@ def recommend(
         helps=what_would_help(problem, extreme),
         considered=considered,
         reason=reason_of(best, judged, considered),
-        assumed=assumed(problem, None if best is None else best.coupling),
+        assumed=assumed(problem, None if best is None else best.coupling, confirmed=best is not None),
         not_used=not_used(problem),
     )
 

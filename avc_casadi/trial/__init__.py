@@ -4,6 +4,7 @@ from avc_casadi.trial._binomial import CONFIDENCE as CONFIDENCE
 from avc_casadi.trial._binomial import exact_interval as exact_interval
 from avc_casadi.trial._coupling_trial import CouplingTrial as CouplingTrial
 from avc_casadi.trial._coupling_trial import try_coupling as try_coupling
+from avc_casadi.trial._coupling_trial import try_on_devices as try_on_devices
 from avc_casadi.trial._matching import WEBER as WEBER
 from avc_casadi.trial._matching import WEBER_SWEEP as WEBER_SWEEP
 from avc_casadi.trial._matching import choose as choose

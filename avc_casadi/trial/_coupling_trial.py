@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from avc_casadi.trial._vibration import QUIET, felt_vibration
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.loop import Hand, StylusHand
+    from avc_casadi.problem import Device
 
 # A quarter of a second more than the paper's experiment: the last tap is then a second past when rest is judged, and
 # what dies out is told from what does not.
@@ -41,6 +43,7 @@ class CouplingTrial(Tabular):
         tap_force_n: largest force of a tap.
         tap_depth_m: how deep a tap goes.
         wall_n_per_m: stiffness of the wall.
+        devices: number of devices that they tried it on.
     """
 
     seed: int
@@ -54,6 +57,7 @@ class CouplingTrial(Tabular):
     tap_force_n: FloatArray
     tap_depth_m: FloatArray
     wall_n_per_m: float
+    devices: int = 1
 
     @property
     def hands(self) -> int:
@@ -177,6 +181,39 @@ def try_coupling(
         tap_force_n=np.concatenate(force),
         tap_depth_m=np.concatenate(depth),
         wall_n_per_m=coupling.wall.stiffness_n_per_m,
+    )
+
+
+def try_on_devices(
+    coupling: Coupling, subjects: Hand | StylusHand, devices: Sequence[Device], seed: int = 0
+) -> CouplingTrial:
+    """Let everybody try a coupling on one of several devices, which are dealt out in turn.
+
+    Args:
+        coupling: what runs.
+        subjects: the people.
+        devices: what the device may be.
+        seed: of their draw, to be told.
+    """
+    dealt = [np.arange(place, len(subjects), len(devices)) for place in range(len(devices))]
+    trials = [
+        try_coupling(replace(coupling, problem=coupling.problem.changed(device=device)), subjects.pick(rows), seed)
+        for rows, device in zip(dealt, devices, strict=True)
+        if len(rows)
+    ]
+    order = np.argsort(np.concatenate(dealt), kind="stable")
+
+    def joined(name: str) -> Any:
+        return np.concatenate([getattr(one, name) for one in trials])[order]
+
+    names = [item.name for item in fields(CouplingTrial) if item.type in {"BoolArray", "FloatArray"}]
+    return CouplingTrial(
+        **{name: joined(name) for name in names},
+        seed=seed,
+        effects=tuple(dict.fromkeys(effect for one in trials for effect in one.effects)),
+        by_motion={name: np.concatenate([one.by_motion[name] for one in trials])[order] for name in MOTIONS},
+        wall_n_per_m=coupling.wall.stiffness_n_per_m,
+        devices=len(trials),
     )
 
 

@@ -27,6 +27,7 @@ from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
+    from avc_casadi.support import FloatArray
 
 # The first wall as a share of what spring and damper hold, the next over the one before, and what lies between two, for
 # which the law of the lower one is taken as it is.
@@ -38,8 +39,9 @@ _MOST_RUNGS = 8
 SOFTER = 0.6
 MOST_SOFTER = 4
 """Walls that are tried below the softest of the ladder."""
-# The same from the wall of a like device.
-_STEP, _MOST_STEPS = 1.4, 6
+# The stiffest wall is climbed to, from below or from that of a like device: so much at a time, so many times. A wall
+# that is out of reach, over what spring and damper hold.
+_STEP, _MOST_STEPS, _FAR = 1.4, 16, 1e3
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Run
             return
         start = found.logarithms
         if stiffness * _BETWEEN < wanted:
-            between = _as_it_is(problem, space, loops, found, stiffness * _BETWEEN)
+            between = _as_it_is(problem, space, loops, found.logarithms, stiffness * _BETWEEN)
             if between is not None:
                 yield between
         stiffness = min(stiffness * _NEXT, wanted)
@@ -149,28 +151,42 @@ def stiffest_robust(problem: Problem, near: Rung | None = None, progress: Progre
     Raises:
         UnsupportedError: as `robust_ladder`.
     """
-    wall = 1e3 * _plain_n_per_m(problem)
-    stated = problem.changed(environment={"stiffness_n_per_m": wall, "damping_ns_per_m": 0.0})
-    if near is None:
-        best = None
-        for rung in robust_ladder(stated, progress):
-            best = rung
-        return best
+    plain = _plain_n_per_m(problem)
+    stated = problem.changed(environment={"stiffness_n_per_m": _FAR * plain, "damping_ns_per_m": 0.0})
     _check(stated)
     space, loops = Space(stated.device, stated.hands), Loops.of(stated.device, stated.hands)
-    same = len(space.knobs) == len(near.found.logarithms)
-    best, stiffness, start = None, near.stiffness_n_per_m, near.found.logarithms if same else None
-    for _ in range(_MOST_STEPS):
-        gains, rendering = _softened(stated, stiffness)
-        found = search(space, loops, rendering, start)
-        if found.cost.holds:
-            best, start = Rung(gains, stiffness, found), found.logarithms
-            stiffness *= _STEP
-        elif best is not None:
+    stiffness, start = _FIRST * plain, None
+    if near is not None:
+        same = len(space.knobs) == len(near.found.logarithms)
+        stiffness, start = near.stiffness_n_per_m, near.found.logarithms if same else None
+    best: Rung | None = None
+    for done in range(_MOST_STEPS):
+        progress.advance(done, done + 2, f"walls, {stiffness:.4g} N/m")
+        found = _at_any_price(stated, space, loops, stiffness, start)
+        if found is None and best is not None:
             break
-        else:
-            stiffness /= _STEP
+        best = found
+        start = start if found is None else found.found.logarithms
+        stiffness = stiffness / _STEP if found is None else stiffness * _STEP
     return best
+
+
+def _at_any_price(
+    problem: Problem, space: Space, loops: Loops, stiffness_n_per_m: float, start: FloatArray | None
+) -> Rung | None:
+    """Find a law for a wall: the near one as it is, or one that is like it, or any."""
+    if start is not None:
+        with suppress(np.linalg.LinAlgError):
+            same = _as_it_is(problem, space, loops, start, stiffness_n_per_m)
+            if same is not None:
+                return same
+    gains, rendering = _softened(problem, stiffness_n_per_m)
+    for begin in (None,) if start is None else (start, None):
+        with suppress(np.linalg.LinAlgError):
+            found = search(space, loops, rendering, begin)
+            if found.cost.holds:
+                return Rung(gains, stiffness_n_per_m, found)
+    return None
 
 
 def _plain_n_per_m(problem: Problem) -> float:
@@ -178,12 +194,14 @@ def _plain_n_per_m(problem: Problem) -> float:
     return float(stiffest_wall(problem.device, people).stiffness_n_per_m)
 
 
-def _as_it_is(problem: Problem, space: Space, loops: Loops, found: Found, stiffness_n_per_m: float) -> Rung | None:
+def _as_it_is(
+    problem: Problem, space: Space, loops: Loops, logarithms: FloatArray, stiffness_n_per_m: float
+) -> Rung | None:
     """Take the numbers of one wall for another."""
     gains, rendering = _softened(problem, stiffness_n_per_m)
-    law = space.law(found.logarithms, stiffness_at_rest(rendering))
+    law = space.law(logarithms, stiffness_at_rest(rendering))
     cost = cost_of(law, rendering, loops)
-    return Rung(gains, stiffness_n_per_m, Found(law, found.logarithms, cost)) if cost.holds else None
+    return Rung(gains, stiffness_n_per_m, Found(law, logarithms, cost)) if cost.holds else None
 
 
 def _softened(problem: Problem, stiffness_n_per_m: float) -> tuple[Gains, Rendering]:

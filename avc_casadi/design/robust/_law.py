@@ -124,8 +124,9 @@ class Space:
         motor = unit * value["force on the motor"]
         handle = unit * value.get("force on the handle", 0.0)
         innovation = model.innovation(unit * value["walk of the push"], motor, handle)
-        step = device.encoder_resolution_m * DEAD_ZONE_STEPS
-        return model.law(innovation, feedback, step)
+        known = device.range.encoder_resolution_m
+        coarsest = device.encoder_resolution_m if known is None else known[1]
+        return model.law(innovation, feedback, coarsest * DEAD_ZONE_STEPS)
 
 
 _HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
