@@ -264,3 +264,20 @@ def test_a_problem_made_in_python_keeps_the_same_rules():
     problem = avc.load_problem("figure5")
     with pytest.raises(ValueError, match=r"frequency.stop_hz: is 500.0, at or above the Nyquist frequency"):
         avc.Problem(device=problem.device, environment=problem.environment, frequency={"stop_hz": 500.0})
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ('device = "phantom-omni"\n[device]\nmass_kg = 0.1\n', 2),
+        ("[device]\nmass_kg = 0.1\nmass_kg = 0.2\n", 3),
+        ("[environment]\ndamping_ns_per_m = 1\n[environment]\n", 3),
+    ],
+)
+def test_what_is_given_twice_is_told_as_that(text, line):
+    with pytest.raises(avc.InputError) as caught:
+        avc.parse_problem(text)
+    (fault,) = caught.value.faults
+    assert fault.line == line
+    assert "a second time" in fault.message
+    assert ("from =" in fault.message) == text.startswith("device =")

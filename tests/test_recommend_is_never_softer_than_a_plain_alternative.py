@@ -119,3 +119,10 @@ def test_what_would_help_is_what_the_device_then_holds():
     assert told["no delay"] == pytest.approx(undelayed, rel=1e-3)
     assert min(told.values()) >= best.plain_wall_n_per_m
     assert list(told.values()) == sorted(told.values(), reverse=True)
+
+
+def test_nothing_is_recommended_for_a_wall_without_force():
+    found = avc.recommend(avc.load_problem("spring").changed(environment={"stiffness_n_per_m": 0.0}), hands=2)
+    assert found.coupling is None
+    assert not found.deployable
+    assert "gives no force" in found.reason

@@ -118,7 +118,7 @@ def _text(document: dict[str, Any], out: str | None) -> str:
         keys.append("contact_damping_ns_per_m")
         head.append("b_p\nN.s/m")
     keys += ["magnitude_error", "complex_error", "real_part"]
-    head += ["error of |Z|\nN.s/m", "complex error\nrelative", "Re Z_h\nN.s/m", "\nstatus"]
+    head += ["error of |Z|\nN.s/m", "complex error\nto Z_h_ds", "Re Z_h\nN.s/m", "\nstatus"]
     rows = [
         [*(number(document[key][row]) for key in keys), document["status"][row]]
         for row in sample_rows(len(document["status"]))

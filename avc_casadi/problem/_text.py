@@ -14,6 +14,9 @@ MAX_BYTES = 2**20
 
 _NEXT_STEP = "give the path of a problem file or a name from `avc list`"
 
+# What the parser says of a key or table that it has seen before.
+_TWICE = re.compile(r"Cannot overwrite a value|Cannot declare .* twice")
+
 # The parser's time grows with the square of a key's length: a file of dots would hang it.
 _LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""", re.ASCII)
 
@@ -67,4 +70,9 @@ def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
     line = int(found[1]) if found else text.rstrip().count("\n") + 1
     where = f" at column {found[2]}" if found else " at the end of the file"
     content = text.replace("\r\n", "\n").split("\n")[line - 1].strip() or "an empty line"
+    if _TWICE.match(what):
+        message = f"gives a key or table a second time: {visible(content)}; allowed: each once"
+        if content.startswith("[device]"):
+            message += ', a device of a file with other values as [device] with from = "name" and the keys that differ'
+        return Fault(file, line, "", message)
     return Fault(file, line, "", f"is not TOML{where}: {visible(what.lower())}, in: {visible(content)}")

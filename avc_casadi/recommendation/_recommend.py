@@ -14,7 +14,7 @@ from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.problem import Problem, load_problem
 from avc_casadi.recommendation._assumptions import assumed, not_used
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
-from avc_casadi.recommendation._choice import ERROR_HZ, best_of, reason_of
+from avc_casadi.recommendation._choice import ERROR_HZ, Judged, best_of, reason_of
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
 from avc_casadi.recommendation._stages import judged_candidates
@@ -204,7 +204,12 @@ def recommend(
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
     limit = stiffest_wall(problem.device, with_let_go(extreme))
-    judged, considered = judged_candidates(problem, people, seed, limit, progress, lean_on_friction=lean_on_friction)
+    wall, considered = problem.environment, 0
+    judged: list[Judged] = []
+    if wall.stiffness_n_per_m or wall.damping_ns_per_m:
+        judged, considered = judged_candidates(
+            problem, people, seed, limit, progress, lean_on_friction=lean_on_friction
+        )
     best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
     leaning = best_of(judged, lean_on_friction=True) if judged else None
     return Recommendation(
