@@ -26,7 +26,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
         return check_device(args.problem)
     problem = avc.load_problem(args.problem)
     frequency = problem.frequencies_hz()
-    device = problem.device
+    device, measured = problem.device, problem.boundaries.measured
     document = {
         "schema": "avc-check/1",
         "valid": True,
@@ -41,6 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
         "highest_hz": float(frequency.max()),
         "nyquist_hz": 0.5 / device.sample_time_s,
         "environment_stiffness_n_per_m": problem.environment.stiffness_n_per_m,
+        "bounds_measured_hz": None if measured is None else list(measured.range_hz),
         "passive_limit_n_per_m": plain(passive_limit_n_per_m(device)),
         "declared": list(declared(problem)),
         "warnings": [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)],
@@ -58,6 +59,9 @@ def _text(document: dict[str, Any]) -> str:
         f"  wall {number(document['environment_stiffness_n_per_m'])} N/m; "
         f"{passive_limit(document['passive_limit_n_per_m'])}"
     )
+    if document["bounds_measured_hz"]:
+        low, high = document["bounds_measured_hz"]
+        lines += f"\n  bounds of what feels real measured from {number(low)} to {number(high)} Hz"
     if document["declared"]:
         lines += f"\n  declared: {', '.join(document['declared'])}"
     return lines + "".join(f"\n  warning: {one['key']} {one['message']}" for one in document["warnings"])

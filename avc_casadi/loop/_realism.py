@@ -13,7 +13,7 @@ from avc_casadi.support import BoolArray, Comparable, ComplexArray, FloatArray
 
 if TYPE_CHECKING:
     from avc_casadi.loop._at_frequency import Loop
-    from avc_casadi.problem import Impedance, Objective, Problem
+    from avc_casadi.problem import Objective, Problem
 
 
 # Rounding of |Z|: an impedance that stands on a bound counts as inside.
@@ -78,17 +78,37 @@ def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray |
 
 
 def bound_magnitudes(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray]:
-    """|Z_h| where the bounds L and U themselves are rendered: the smaller and the larger of the two, (n,), N.s/m."""
-    bounds = problem.boundaries
-    ends = np.array([np.abs(_perceived(problem, loop, bound)) for bound in (bounds.upper, bounds.lower)])
-    return ends.min(axis=0), ends.max(axis=0)
+    """|Z_h| where the bounds L and U themselves are rendered: the smaller and the larger of the two, (n,), N.s/m.
+
+    Bounds that were measured draw together by what is not known of them: what lies between is real for sure.
+    """
+    ends = np.array([np.abs(bound) for bound in perceived_bounds(problem, loop)])
+    measured = problem.boundaries.measured
+    if measured is None:
+        return ends.min(axis=0), ends.max(axis=0)
+    frequency = np.asarray(loop.angle.turns / loop.angle.sample_time_s)
+    unknown = np.abs(loop.hold) * np.array([one.error_at(frequency) for one in (measured.upper, measured.lower)])
+    order = ends.argsort(axis=0)
+    low = np.take_along_axis(ends + unknown, order[:1], axis=0)[0]
+    high = np.take_along_axis(ends - unknown, order[1:], axis=0)[0]
+    return low, high
 
 
-def _perceived(problem: Problem, loop: Loop, bound: Impedance) -> ComplexArray:
-    rendered = environment_impedance(
-        loop.angle, problem.stability.model, bound.damping_ns_per_m, bound.stiffness_n_per_m
+def perceived_bounds(problem: Problem, loop: Loop) -> tuple[ComplexArray, ComplexArray]:
+    """Z_h where the bounds U and L themselves are rendered, each (n,), N.s/m."""
+    bounds, model = problem.boundaries, problem.stability.model
+    if bounds.measured is None:
+        upper, lower = (
+            environment_impedance(loop.angle, model, bound.damping_ns_per_m, bound.stiffness_n_per_m)
+            for bound in (bounds.upper, bounds.lower)
+        )
+    else:
+        frequency = np.asarray(loop.angle.turns / loop.angle.sample_time_s)
+        upper, lower = (bound.at(frequency) for bound in (bounds.measured.upper, bounds.measured.lower))
+    return (
+        np.asarray(perceived_impedance(loop.device, loop.hold, upper)),
+        np.asarray(perceived_impedance(loop.device, loop.hold, lower)),
     )
-    return np.asarray(perceived_impedance(loop.device, loop.hold, rendered))
 
 
 def relative_errors(

@@ -28,6 +28,8 @@ from avc_casadi.problem._dump import problem_of as problem_of
 from avc_casadi.problem._load import as_problem as as_problem
 from avc_casadi.problem._load import load_problem as load_problem
 from avc_casadi.problem._load import parse_problem as parse_problem
+from avc_casadi.problem._measured_bounds import MeasuredBounds as MeasuredBounds
+from avc_casadi.problem._measured_bounds import MeasuredImpedance as MeasuredImpedance
 from avc_casadi.problem._model import Boundaries as Boundaries
 from avc_casadi.problem._model import Contact as Contact
 from avc_casadi.problem._model import Frequency as Frequency

@@ -6,6 +6,7 @@ import codecs
 from pathlib import Path
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi.problem._bounds_reference import with_measured_bounds
 from avc_casadi.problem._catalogue import catalogue_names, catalogue_path
 from avc_casadi.problem._device_reference import with_device
 from avc_casadi.problem._findings import checked
@@ -101,7 +102,7 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
     """
     try:
         tables = with_device(tables_of(text, file), folder)
-        result = [tables] if isinstance(tables, tuple) else checked(Problem, tables, name)
+        result = [tables] if isinstance(tables, tuple) else checked(Problem, with_measured_bounds(tables, folder), name)
         if isinstance(result, Problem):
             return result
         lines = KeyLines(text.replace("\r\n", "\n"))

@@ -14,6 +14,7 @@ from pydantic import BaseModel, Field, model_validator
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.problem._device import Device
 from avc_casadi.problem._findings import checked
+from avc_casadi.problem._measured_bounds import MeasuredBounds
 from avc_casadi.problem._quantity import (
     Damping,
     DampingInterval,
@@ -54,10 +55,16 @@ class Impedance(Table):
 
 
 class Boundaries(Table):
-    """The range of impedance that feels real; its mean is the desired impedance   (10)."""
+    """The range of impedance that feels real; its mean is the desired impedance   (10).
+
+    Attributes:
+        measured: frequency responses of both bounds, which then are the bounds; upper and lower are what stands for
+            them where a spring and damper are needed.
+    """
 
     upper: Impedance
     lower: Impedance
+    measured: MeasuredBounds | None = None
 
 
 class GainBox(Table):

@@ -129,7 +129,8 @@ def _five(value: Any) -> Any:
     return tuple(value)
 
 
-def _sequence(value: Any) -> Any:
+def sequence(value: Any) -> Any:
+    """Return a list as a tuple, or refuse what is no list or empty."""
     if not isinstance(value, list | tuple) or not value:
         raise refusal(f"is {shown(value)}; allowed: a list of at least one number")
     return tuple(value)
@@ -193,10 +194,10 @@ MassShareInterval = Annotated[tuple[MassShare, MassShare], BeforeValidator(_pair
 DelayInterval = Annotated[tuple[DelaySamples, DelaySamples], BeforeValidator(_pair), AfterValidator(_ordered)]
 Coefficient = Annotated[float, BeforeValidator(Quantity("", 1e-15, 1e6, signed=True))]
 Section = Annotated[tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient], BeforeValidator(_five)]
-Sections = Annotated[tuple[Section, ...], BeforeValidator(_sequence)]
+Sections = Annotated[tuple[Section, ...], BeforeValidator(sequence)]
 Entry = Annotated[float, BeforeValidator(Quantity("", 1e-30, 1e12, signed=True))]
-Entries = Annotated[tuple[Entry, ...], BeforeValidator(_sequence)]
-EntryRows = Annotated[tuple[Entries, ...], BeforeValidator(_sequence)]
+Entries = Annotated[tuple[Entry, ...], BeforeValidator(sequence)]
+EntryRows = Annotated[tuple[Entries, ...], BeforeValidator(sequence)]
 Place = Annotated[int, BeforeValidator(Whole(0, 63))]
-Places = Annotated[tuple[Place, ...], BeforeValidator(_sequence)]
-Frequencies = Annotated[tuple[Hertz, ...], BeforeValidator(_sequence)]
+Places = Annotated[tuple[Place, ...], BeforeValidator(sequence)]
+Frequencies = Annotated[tuple[Hertz, ...], BeforeValidator(sequence)]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import (
     GainSchedule,
     Status,
@@ -69,6 +70,11 @@ def _desired(problem: Problem, loop: Loop, *, as_printed: bool) -> tuple[Complex
     if not as_printed:
         return loop.desired, loop.desired_gap
     bounds = problem.boundaries
+    if bounds.measured is not None:
+        raise UnsupportedError(
+            f"{problem.name}: as printed: the paper's (10) takes springs and dampers, and [boundaries] are measured; "
+            "take the closed form as it is corrected"
+        )
     b, k = (
         (getattr(bounds.upper, name) + getattr(bounds.lower, name)) / 2
         for name in ("damping_ns_per_m", "stiffness_n_per_m")

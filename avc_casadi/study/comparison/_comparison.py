@@ -13,7 +13,7 @@ from avc_casadi.coupling import (
     GainSchedule,
 )
 from avc_casadi.design import MethodName, method_named, solve
-from avc_casadi.loop import Loop, environment_impedance, loop_at, perceived_impedance
+from avc_casadi.loop import loop_at, perceived_bounds
 from avc_casadi.passivity import passive_limit_n_per_m
 from avc_casadi.problem import as_problem
 from avc_casadi.study.comparison._hand_tuned import HandTuned, constant_pair, judge_hand_tuned
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from avc_casadi.problem import Impedance, Problem
+    from avc_casadi.problem import Problem
 
 OPTIMISERS = ("direct", "exact")
 _SHARED = {"frequency_hz", "target_ns_per_m"}
@@ -185,6 +185,7 @@ def compare(
     both = all(method in gains for method in OPTIMISERS)
     tables = dict(gains) if mine is None else {**gains, "mine": constant_pair(problem, mine)}
     judged = {name: judge_gains(problem, table) for name, table in tables.items()}
+    upper, lower = perceived_bounds(problem, loop)
     return Comparison(
         problem=problem.name,
         title=problem.title,
@@ -196,8 +197,8 @@ def compare(
         methods=gains,
         without_coupling=np.asarray(loop.without_coupling),
         target=np.asarray(loop.target),
-        upper=_bound(problem, loop, problem.boundaries.upper),
-        lower=_bound(problem, loop, problem.boundaries.lower),
+        upper=upper,
+        lower=lower,
         optimum=optimum,
         delivered=optimum,
         verdict=verdict,
@@ -235,11 +236,3 @@ def _demanded(problem: Problem) -> str:
     """Name the scope of a problem, with the realism that it requires."""
     scope, require = problem.stability.scope, problem.realism.require
     return scope if require == "none" else f"{scope}, realism {require}"
-
-
-def _bound(problem: Problem, loop: Loop, bound: Impedance) -> ComplexArray:
-    """Perceived impedance where the realistic bound itself is rendered."""
-    rendered = environment_impedance(
-        loop.angle, problem.stability.model, bound.damping_ns_per_m, bound.stiffness_n_per_m
-    )
-    return np.asarray(perceived_impedance(loop.device, loop.hold, rendered))

@@ -38,7 +38,7 @@ def with_wall(problem: Problem, stiffness_n_per_m: float) -> Problem:
     bounds = problem.boundaries
     return problem.changed(
         environment=scaled(problem.environment),
-        boundaries={"upper": scaled(bounds.upper), "lower": scaled(bounds.lower)},
+        boundaries={"upper": scaled(bounds.upper), "lower": scaled(bounds.lower), "measured": None},
     )
 
 
