@@ -22,6 +22,7 @@ ROOMS = (
     "certificate",
     "scene",
     "identification",
+    "excitation",
     "trial",
     "design.pointwise",
     "design.joint",

@@ -54,6 +54,7 @@ from avc_casadi.loop._plant import TARGET as TARGET
 from avc_casadi.loop._plant import LinearPlant as LinearPlant
 from avc_casadi.loop._plant import Mechanics as Mechanics
 from avc_casadi.loop._plant import Plant as Plant
+from avc_casadi.loop._propagation import Transition as Transition
 from avc_casadi.loop._propagation import time_scale as time_scale
 from avc_casadi.loop._propagation import transition as transition
 from avc_casadi.loop._realism import RealismResult as RealismResult

@@ -11,7 +11,7 @@ from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 
 MODES = ("table", "ramp", "safe")
 _COUPLING_ID = 14  # place in STATUS
-_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHH")
+_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHHHH")
 _STATUS = struct.Struct("<II9fi14I4B")
 
 
@@ -40,6 +40,8 @@ class Device:
         figures: what its control tick was generated for.
         capacity_states: states that a table may feed back.
         table_states: that the running table feeds back.
+        capacity_tones: sines that an excitation may have.
+        kept_records: of an excitation, that wait for the host.
     """
 
     interface_version: int
@@ -62,6 +64,8 @@ class Device:
     figures: RuntimeFigures
     capacity_states: int
     table_states: int
+    capacity_tones: int
+    kept_records: int
 
     @classmethod
     def read(cls, payload: bytes) -> Device:
@@ -80,7 +84,7 @@ class Device:
             guard_damping_ns_per_m=guard,
         )
         running = (*values[13:16], bool(values[16]))
-        return cls(*[*values[:4], build, *values[5:7], *meant, *running, figures, *values[22:24]])
+        return cls(*[*values[:4], build, *values[5:7], *meant, *running, figures, *values[22:26]])
 
 
 @dataclass(frozen=True)

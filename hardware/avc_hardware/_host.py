@@ -121,10 +121,17 @@ class HostCore:
 class HostLink:
     """A `ByteLink` to a `HostCore`, one tick a sample of virtual time; bytes take no time."""
 
-    def __init__(self, core: HostCore, *, position: Callable[[int], int] = lambda _: 0) -> None:
-        """Connect; ``position`` gives the encoder's counts at a tick."""
+    def __init__(
+        self,
+        core: HostCore,
+        *,
+        position: Callable[[int], int] = lambda _: 0,
+        on_force: Callable[[float], None] = lambda _: None,
+    ) -> None:
+        """Connect; ``position`` gives the encoder's counts at a tick, ``on_force`` takes its force."""
         self.core = core
         self._position = position
+        self._on_force = on_force
         self._ticks = 0
 
     @property
@@ -144,7 +151,8 @@ class HostLink:
         """Let the device tick until it has sent something."""
         end = self._ticks + max(1, round(timeout_s / self.core.limits.sample_time_s))
         while not (data := self.core.read()) and self._ticks < end:
-            self.core.tick(np.array([self._position(self._ticks)], dtype=np.int32))
+            force, _ = self.core.tick(np.array([self._position(self._ticks)], dtype=np.int32))
+            self._on_force(float(force[0]))
             self._ticks += 1
         return data
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,6 +28,9 @@ class Kind(IntEnum):
     HEARTBEAT = 0x07
     SET_GAINS = 0x08
     ABORT = 0x09
+    EXCITE = 0x0A
+    RECORDS = 0x0B
+    STOP = 0x0C
     LOG = 0xFE
     REFUSED = 0xFF
 
@@ -38,6 +42,7 @@ _COMMIT = struct.Struct("<III")
 _READBACK = struct.Struct("<II")
 _SET_GAINS = struct.Struct("<II3f")
 _GAINS_TAKEN = struct.Struct("<II3f")
+_RECORDS = struct.Struct("<5Ii")
 _TWO = struct.Struct("<II")
 _ONE = struct.Struct("<I")
 
@@ -87,13 +92,56 @@ class GainsTaken:
 
 
 @dataclass(frozen=True)
+class Excited:
+    """EXCITE or STOP taken: number of the excitation and how it stands."""
+
+    number: int
+    state: int
+
+
+@dataclass(frozen=True)
+class Records:
+    """A part of the records of an excitation.
+
+    Attributes:
+        number: of the excitation.
+        state: how it stands.
+        start_tick: tick of its first record.
+        made: records so far.
+        first: index of the first record here.
+        counts: encoder.
+        units: force along +position, of the plan's largest divided by 32767.
+    """
+
+    number: int
+    state: int
+    start_tick: int
+    made: int
+    first: int
+    counts: tuple[int, ...]
+    units: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class Log:
     """A line of text from the firmware."""
 
     text: str
 
 
-Message = Refusal | Device | DeviceStatus | Acknowledged | Committed | Readback | HeartbeatSeen | GainsTaken | Log
+Message = (
+    Refusal
+    | Device
+    | DeviceStatus
+    | Acknowledged
+    | Committed
+    | Readback
+    | HeartbeatSeen
+    | GainsTaken
+    | Excited
+    | Records
+    | Log
+)
 
 
 def hello(session: int, interface_version: int = INTERFACE_VERSION) -> bytes:
@@ -136,6 +184,23 @@ def set_gains(number: int, ticks: int, b: float, k: float, b_p: float) -> bytes:
     return _SET_GAINS.pack(number, ticks, b, k, b_p)
 
 
+def records(number: int, first: int) -> bytes:
+    """Payload of RECORDS: those of an excitation from an index on."""
+    return _TWO.pack(number, first)
+
+
+def stop(number: int) -> bytes:
+    """Payload of STOP."""
+    return _ONE.pack(number)
+
+
+def _records(payload: bytes) -> Records:
+    number, state, start_tick, made, first, count = _RECORDS.unpack_from(payload)
+    pairs = list(struct.iter_unpack("<hh", payload[_RECORDS.size :]))
+    counts = itertools.accumulate((step for step, _ in pairs), initial=count)
+    return Records(number, state, start_tick, made, first, tuple(counts)[1:], tuple(unit for _, unit in pairs))
+
+
 def _readback(payload: bytes) -> Readback:
     table_id, offset = _TWO.unpack_from(payload)
     return Readback(table_id, offset, payload[_TWO.size :])
@@ -160,6 +225,9 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     Kind.STATUS | REPLY: DeviceStatus.read,
     Kind.HEARTBEAT | REPLY: _heartbeat,
     Kind.SET_GAINS | REPLY: lambda payload: GainsTaken(*_GAINS_TAKEN.unpack(payload)),
+    Kind.EXCITE | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),
+    Kind.STOP | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),
+    Kind.RECORDS | REPLY: _records,
     Kind.LOG: lambda payload: Log(payload.decode("utf-8", "replace")),
     Kind.REFUSED: Refusal.read,
 }

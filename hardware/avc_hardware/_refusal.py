@@ -8,7 +8,7 @@ from enum import IntEnum
 
 from avc_hardware._frames import PROTOCOL_VERSION
 
-INTERFACE_VERSION = 4  # of the messages' meaning
+INTERFACE_VERSION = 5  # of the messages' meaning
 _REFUSED = struct.Struct("<HHI")
 
 
@@ -31,6 +31,8 @@ class Reason(IntEnum):
     NO_TABLE = 14
     INTERFACE = 15
     STATES = 16
+    EXCITED = 17
+    NO_EXCITATION = 18
 
 
 _SENTENCES = {
@@ -50,8 +52,10 @@ _SENTENCES = {
     Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",
     Reason.NO_TABLE: "the device holds no table yet; push one first",
     Reason.STATES: "the table feeds back too many states; allowed: at most {detail}, beside a single row of gains",
+    Reason.EXCITED: "an excitation is running (number {detail:#010x}); wait for its end, or stop it",
+    Reason.NO_EXCITATION: "the device knows of another excitation or of none ({detail:#010x}); it may have been reset",
 }
-_PLACES = {0xFFFF: "the table's header", 0xFFFE: "the state feedback"}
+_PLACES = {0xFFFF: "the table's header", 0xFFFE: "the state feedback", 0xFFFD: "the plan of the excitation"}
 
 
 @dataclass(frozen=True)

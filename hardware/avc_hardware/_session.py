@@ -36,6 +36,8 @@ _FINAL = {
     Reason.NO_TABLE,
     Reason.STALE,
     Reason.STATES,
+    Reason.EXCITED,
+    Reason.NO_EXCITATION,
 }
 
 

@@ -30,9 +30,11 @@ CORE = (
     "avc_frame.c",
     "avc_table.c",
     "avc_feedback.c",
+    "avc_excite.c",
     "avc_control.c",
     "avc_answer.c",
     "avc_transfer.c",
+    "avc_excitation.c",
     "avc_device.c",
 )
 # Generated once, and once for every estimator; the numbers of the figures are in sources of their own.

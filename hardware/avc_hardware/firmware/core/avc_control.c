@@ -160,6 +160,17 @@ static void swap(avc_control_t *c)
     c->swap_wanted = 0u;
 }
 
+static float excite(avc_control_t *c, float x, int32_t encoder_count)
+{
+    if (c->excite.state != AVC_EXCITE_RUNS) {
+        avc_excite_start(&c->excite, &c->limits, encoder_count, c->state.ticks);
+        c->state.has_table = 0u; /* no force after it until a table is pushed anew */
+        c->state.contact = 0u;
+    }
+    rest(c, x);
+    return -avc_excite_tick(&c->excite, encoder_count);
+}
+
 float avc_control_tick(avc_control_t *c, int32_t encoder_count)
 {
     avc_state_t *s = &c->state;
@@ -185,7 +196,9 @@ float avc_control_tick(avc_control_t *c, int32_t encoder_count)
     s->lookup_hz = estimate.frequency_hz;
     supervise(c);
     float force = 0.0f;
-    if (s->has_table != 0u) {
+    if (c->excite.busy != 0u) {
+        force = excite(c, x, encoder_count);
+    } else if (s->has_table != 0u) {
         force = push(c, table, x);
     } else {
         rest(c, x);

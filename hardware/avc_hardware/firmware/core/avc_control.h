@@ -10,6 +10,7 @@
 
 #include "avc_couple.h"
 #include "avc_estimate.h"
+#include "avc_excite.h"
 #include "avc_feedback.h"
 #include "avc_guard.h"
 #include "avc_table.h"
@@ -71,6 +72,7 @@ typedef struct {
     float previous_force;
     avc_state_t state;
     avc_feedback_state_t feedback;
+    avc_excite_t excite;
 } avc_control_t;
 
 void avc_control_init(avc_control_t *control, const avc_limits_t *limits);

@@ -63,6 +63,8 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put16(&a, avc_figures.passive);
     avc_put16(&a, AVC_STATES_MAX);
     avc_put16(&a, has_table ? avc_states(&table->image.header) : 0u);
+    avc_put16(&a, AVC_TONES_MAX);
+    avc_put16(&a, AVC_RECORDS_KEPT);
     avc_send(&a);
 }
 
@@ -186,6 +188,9 @@ static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_HEARTBEAT, 4, 4, on_heartbeat},
     {AVC_MESSAGE_SET_GAINS, 20, 20, on_set_gains},
     {AVC_MESSAGE_ABORT, 4, 4, avc_on_abort},
+    {AVC_MESSAGE_EXCITE, AVC_PLAN_HEAD + sizeof(avc_tone_t), sizeof(avc_plan_t), avc_on_excite},
+    {AVC_MESSAGE_RECORDS, 8, 8, avc_on_records},
+    {AVC_MESSAGE_STOP, 4, 4, avc_on_stop},
 };
 
 static void on_frame(avc_device_t *device)

@@ -16,7 +16,7 @@
 
 enum {
     AVC_PROTOCOL_VERSION = 1,
-    AVC_INTERFACE_VERSION = 4,
+    AVC_INTERFACE_VERSION = 5,
     AVC_WINDOW = 1536,     /* bytes that the host may have on the way */
     AVC_CHUNK_MAX = 512  /* table bytes in one message */
 };
@@ -31,6 +31,9 @@ typedef enum {
     AVC_MESSAGE_HEARTBEAT = 0x07,
     AVC_MESSAGE_SET_GAINS = 0x08,
     AVC_MESSAGE_ABORT = 0x09,
+    AVC_MESSAGE_EXCITE = 0x0A,
+    AVC_MESSAGE_RECORDS = 0x0B,
+    AVC_MESSAGE_STOP = 0x0C,
     AVC_MESSAGE_REPLY = 0x80, /* set in the answer to each of the above */
     AVC_MESSAGE_LOG = 0xFE,
     AVC_MESSAGE_REFUSED = 0xFF

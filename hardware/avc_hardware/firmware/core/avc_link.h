@@ -27,6 +27,11 @@ void avc_put_gains(avc_answer_t *a, const avc_gains_t *gains);
 void avc_send(avc_answer_t *a);
 void avc_refuse(avc_device_t *device, uint16_t sequence, avc_reason_t reason, uint32_t detail);
 
+/* An excitation. */
+void avc_on_excite(avc_device_t *device, const avc_request_t *request);
+void avc_on_records(avc_device_t *device, const avc_request_t *request);
+void avc_on_stop(avc_device_t *device, const avc_request_t *request);
+
 /* The transfer of a table. */
 void avc_on_begin(avc_device_t *device, const avc_request_t *request);
 void avc_on_chunk(avc_device_t *device, const avc_request_t *request);

@@ -101,11 +101,13 @@ typedef enum {
     AVC_REFUSED_STALE = 13,
     AVC_REFUSED_NO_TABLE = 14,
     AVC_REFUSED_INTERFACE = 15,
-    AVC_REFUSED_STATES = 16
+    AVC_REFUSED_STATES = 16,
+    AVC_REFUSED_EXCITED = 17,
+    AVC_REFUSED_NO_EXCITATION = 18
 } avc_reason_t;
 
 /* What a refusal names in place of a row. */
-enum { AVC_AT_HEADER = 0xFFFF, AVC_AT_FEEDBACK = 0xFFFE };
+enum { AVC_AT_HEADER = 0xFFFF, AVC_AT_FEEDBACK = 0xFFFE, AVC_AT_EXCITATION = 0xFFFD };
 
 /* Number of states of a table's observer; 0 without one. */
 static inline uint32_t avc_states(const avc_table_header_t *header)

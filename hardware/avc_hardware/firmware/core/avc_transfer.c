@@ -117,6 +117,10 @@ void avc_on_commit(avc_device_t *device, const avc_request_t *request)
     if (!in_transfer(device, request)) {
         return;
     }
+    if (avc_excite_runs(&device->control.excite)) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_EXCITED, device->control.excite.plan.number);
+        return;
+    }
     if (transfer->committing) {
         transfer->commit_sequence = request->sequence;
         return;

@@ -39,6 +39,16 @@ static void check(void)
     must(avc_is_finite(control->state.force_n), "the force is a number");
     must(control->state.force_n <= limits.max_force_n && control->state.force_n >= -limits.max_force_n,
          "the force keeps its limit");
+    const avc_excite_t *excited = &control->excite;
+    must(excited->state <= AVC_EXCITE_SPEED, "an excitation ends in a known way");
+    if (excited->state == AVC_EXCITE_RUNS) {
+        const float most = excited->plan.max_force_n * 1.000001f;
+        must(control->state.force_n <= most && control->state.force_n >= -most, "an excitation keeps its force limit");
+        must(control->state.has_table == 0u, "no table runs beside an excitation");
+        must(excited->made <= excited->plan.ticks, "an excitation ends in time");
+    } else if (control->state.has_table == 0u) {
+        must(control->state.force_n == 0.0f, "no force after an excitation");
+    }
     if (control->state.has_table != 0u) {
         const avc_table_t *table = &control->tables[control->active];
         uint16_t row;
@@ -148,6 +158,43 @@ static void wild_chunk(const uint8_t *data, size_t size)
     message(AVC_MESSAGE_CHUNK, payload, 12u + length);
 }
 
+/* A plan that is nearly always good, of tones from the input; then a word from the host. */
+static void excite(const uint8_t *data, size_t size)
+{
+    avc_plan_t plan;
+    memset(&plan, 0, sizeof plan);
+    const uint8_t first = size > 0u ? data[0] : 1u;
+    plan.number = 1u + first;
+    plan.ticks = 100u + 16u * first;
+    plan.ramp_ticks = 1u + first / 8u;
+    plan.silent_ticks = 40u;
+    plan.growth = (uint32_t)first << 16;
+    plan.max_force_n = 3.0f;
+    plan.max_speed_m_per_s = 1.0f;
+    plan.max_travel_m = 0.05f;
+    plan.spring_n_per_m = 20.0f;
+    plan.damper_ns_per_m = 1.0f;
+    plan.window = (uint16_t)(1u + first % AVC_SPEED_WINDOW_MAX);
+    plan.shape = first & 1u;
+    plan.tones = (uint16_t)(1u + first % AVC_TONES_MAX);
+    for (uint32_t i = 0; i < AVC_KNOTS; i++) {
+        plan.knot[i] = (uint16_t)(size > 1u ? data[i % size] << 7 : 0x8000);
+    }
+    for (uint32_t i = 0; i < plan.tones && size > 1u; i++) {
+        const uint32_t value = data[(i + 1u) % size];
+        plan.tone[i] = (avc_tone_t){value << 22, (uint16_t)(value << 8), (int16_t)(uint16_t)(value * 257u)};
+    }
+    const size_t total = AVC_PLAN_HEAD + plan.tones * sizeof(avc_tone_t);
+    if (size > 2u) {
+        const size_t at = data[1] % total;
+        ((uint8_t *)&plan)[at] = (uint8_t)(((uint8_t *)&plan)[at] ^ data[2]);
+    }
+    message(AVC_MESSAGE_EXCITE, (const uint8_t *)&plan, total);
+    tick(0);
+    const uint32_t asked[2] = {device.control.excite.plan.number, size > 3u ? data[3] : 0u};
+    message(AVC_MESSAGE_RECORDS, (const uint8_t *)asked, sizeof asked);
+}
+
 /* A part of the running table, anywhere near its size. */
 static void wild_readback(const uint8_t *data, size_t size)
 {
@@ -176,9 +223,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         at += 2u;
         length = length < size - at ? length : size - at;
         if (kind < 0xC0u) {
-            message(kind % 12u, &data[at], length);
+            message(kind % 16u, &data[at], length);
         } else if (kind < 0xC8u) {
             wild_chunk(&data[at], length);
+        } else if (kind < 0xCCu) {
+            excite(&data[at], length);
         } else if (kind < 0xD0u) {
             wild_readback(&data[at], length);
         } else if (kind < 0xE0u) {

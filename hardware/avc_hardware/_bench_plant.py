@@ -1,0 +1,162 @@
+"""The plant of an emulated board: a device's linear mechanics, dry friction that sticks, delay, encoder and noise.
+
+What it leaves out: backlash, friction that depends on speed or direction, gravity, cable and gear ripple, heat.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.loop import LinearPlant, Transition, device_plant, transition
+from avc_hardware._emulator import EmulatedBoard
+from avc_hardware._host import BoardLimits
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Device
+    from avc_casadi.support import FloatArray
+
+_CODE_ZERO, _CODE_FULL = 2048, 2047
+# Parts of a sample in which friction is constant: it stops the mass within one of them.
+_PARTS = 16
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One part of a sample under a constant force."""
+
+    step: Transition
+    friction: FloatArray
+    newer: bool
+
+
+class BenchPlant:
+    """Moves from sample to sample under the force that has arrived.
+
+    Attributes:
+        state: position and velocity of the device first, shape (states,).
+    """
+
+    def __init__(
+        self, plant: LinearPlant, sample_time_s: float, *, friction_n: float = 0.0, delay_samples: float = 0.0
+    ) -> None:
+        """Discretise exactly, but for the moment inside a part in which friction stops the device.
+
+        Args:
+            plant: the linear part.
+            sample_time_s: T.
+            friction_n: Coulomb friction on the motor, sticking and sliding alike.
+            delay_samples: from command to force; may be fractional.
+        """
+        whole = int(delay_samples)
+        late = delay_samples - whole
+        self._friction_n = friction_n
+        self._parts = [
+            part
+            for share, newer in ((late, False), (1.0 - late, True))
+            for part in _parts(plant, share * sample_time_s, sample_time_s, newer, bool(friction_n))
+        ]
+        self.state: FloatArray = np.zeros(plant.states)
+        self._asked = [0.0] * (whole + 2)
+
+    def hold(self, force_n: float) -> None:
+        """Ask for a force, positive against +x, from now on."""
+        self._asked = [*self._asked[1:], force_n]
+
+    def advance(self, target: FloatArray) -> None:
+        """Move by one sample.
+
+        Args:
+            target: position and velocity of the hand's target, shape (2,).
+        """
+        older, newer = self._asked[:2]
+        state = self.state
+        for part in self._parts:
+            step = part.step
+            state = step.matrix @ state + step.force * (newer if part.newer else older) + step.target @ target
+            if self._friction_n:
+                stops = -state[1] / part.friction[1]
+                state = state + part.friction * min(max(stops, -self._friction_n), self._friction_n)
+        self.state = state
+
+
+def _parts(plant: LinearPlant, seconds: float, sample_time_s: float, newer: bool, sticks: bool) -> list[_Part]:
+    if seconds <= 1e-9 * sample_time_s:
+        return []
+    count = max(1, round(_PARTS * seconds / sample_time_s)) if sticks else 1
+    step = transition(plant, seconds / count)
+    rubbing = LinearPlant(plant.names, plant.matrix, plant.friction, plant.target, plant.friction)
+    return [_Part(step, transition(rubbing, seconds / count).force, newer)] * count
+
+
+class DeviceOnBench:
+    """A device without a hand on it: `count` is its encoder, read once a tick, `hold` its actuator.
+
+    Attributes:
+        plant: what moves.
+        travel_m, speed_m_per_s: true positions and velocities at every tick so far.
+    """
+
+    def __init__(self, device: Device, *, seed: int = 0) -> None:
+        """Put a device at rest at 0.
+
+        Args:
+            device: at its nominal values.
+            seed: of the encoder's noise.
+        """
+        linear = device_plant(device).linear()
+        self.limits = board_limits(device)
+        self.plant = BenchPlant(
+            linear,
+            device.sample_time_s,
+            friction_n=device.coulomb_friction_n,
+            delay_samples=device.delay_samples,
+        )
+        self._seen = 2 if device.resonance is not None and device.encoder_at == "handle" else 0
+        self._noise_m = device.position_noise_rms_m
+        self._random = np.random.default_rng(seed)
+        self._still = np.zeros(2)
+        self.travel_m: list[float] = []
+        self.speed_m_per_s: list[float] = []
+
+    def count(self) -> int:
+        """Move to the next tick; return what the encoder shows."""
+        self.plant.advance(self._still)
+        seen = float(self.plant.state[self._seen])
+        self.travel_m.append(seen)
+        self.speed_m_per_s.append(float(self.plant.state[1]))
+        if self._noise_m:
+            seen += self._noise_m * float(self._random.standard_normal())
+        return round(seen / self.limits.metres_per_count)
+
+    def hold(self, force_n: float) -> None:
+        """Take the force of this tick, positive against +x."""
+        self.plant.hold(force_n)
+
+    def board(self) -> EmulatedBoard:
+        """Return the firmware image on an emulated board with this device on it.
+
+        Raises:
+            MissingExtraError: the emulator is not installed.
+        """
+        full = self.limits.max_force_n
+        return EmulatedBoard(
+            limits=self.limits,
+            encoder=lambda _: self.count(),
+            on_force_code=lambda code: self.hold((code - _CODE_ZERO) / _CODE_FULL * full),
+        )
+
+
+def board_limits(device: Device) -> BoardLimits:
+    """Return the limits of a board for a device; where it says nothing, those of the boards."""
+    usual = BoardLimits()
+    return BoardLimits(
+        sample_time_s=device.sample_time_s,
+        metres_per_count=device.encoder_resolution_m or usual.metres_per_count,
+        max_force_n=device.max_force_n or usual.max_force_n,
+        max_damping_ns_per_m=usual.max_damping_ns_per_m,
+        max_stiffness_n_per_m=usual.max_stiffness_n_per_m,
+        max_contact_damping_ns_per_m=usual.max_contact_damping_ns_per_m,
+    )

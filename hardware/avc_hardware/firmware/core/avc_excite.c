@@ -1,0 +1,179 @@
+#include "avc_excite.h"
+
+#include <stdatomic.h>
+
+static const int32_t most_counts = 0x3FFFFFFF;
+
+/* Odd polynomial of a quarter turn, 30 bits after the point; within 1e-6 of the sine. */
+int32_t avc_sine(uint32_t phase)
+{
+    static const int64_t c[4] = {1686624950, 693528462, 85303417, 4658781};
+    const uint32_t quarter = 0x40000000u;
+    const uint32_t within = phase & (quarter - 1u);
+    const int64_t x = (phase & quarter) != 0u ? quarter - within : within;
+    const int64_t square = x * x >> 30;
+    const int64_t inner = c[1] - (square * (c[2] - (square * c[3] >> 30)) >> 30);
+    const int64_t value = x * (c[0] - (square * inner >> 30)) >> 30;
+    const int32_t rounded = (int32_t)((value * AVC_FULL + (quarter >> 1)) >> 30);
+    return (phase & 0x80000000u) != 0u ? -rounded : rounded;
+}
+
+/* Pulled slowly one way, let go, pulled the other way, let go. */
+static int32_t release(uint32_t phase)
+{
+    const int32_t pulled = (int32_t)((phase & 0x3FFFFFFFu) >> 15);
+    const uint32_t quadrant = phase >> 30;
+    return quadrant == 0u ? pulled : quadrant == 2u ? -pulled : 0;
+}
+
+static bool allowed(float x, float most)
+{
+    return avc_is_finite(x) && x > 0.0f && x <= most;
+}
+
+avc_reason_t avc_plan_check(const avc_plan_t *plan, const avc_limits_t *limits)
+{
+    const float numbers[] = {plan->max_force_n,    plan->max_speed_m_per_s, plan->max_travel_m,
+                             plan->spring_n_per_m, plan->damper_ns_per_m};
+    for (uint32_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
+        if (!avc_is_finite(numbers[i])) {
+            return AVC_REFUSED_NOT_FINITE;
+        }
+    }
+    bool good = allowed(plan->max_force_n, limits->max_force_n) && allowed(plan->max_speed_m_per_s, 10.0f) &&
+                allowed(plan->max_travel_m, 10.0f) && plan->spring_n_per_m >= 0.0f && plan->damper_ns_per_m >= 0.0f &&
+                plan->spring_n_per_m <= limits->max_stiffness_n_per_m &&
+                plan->damper_ns_per_m <= limits->max_damping_ns_per_m;
+    good = good && plan->number != 0u && plan->ramp_ticks >= 1u && plan->ramp_ticks <= 0xFFFFu &&
+           plan->ticks >= 2u * plan->ramp_ticks && plan->ticks <= 0x7FFFFFFFu;
+    const float silence_s = (float)plan->silent_ticks * limits->sample_time_s;
+    good = good && plan->silent_ticks >= 1u && silence_s <= 2.0f;
+    good = good && plan->window >= 1u && plan->window <= AVC_SPEED_WINDOW_MAX && plan->shape <= AVC_SHAPE_RELEASE;
+    good = good && plan->tones >= 1u && plan->tones <= AVC_TONES_MAX;
+    for (uint32_t i = 0; i < AVC_KNOTS; i++) {
+        good = good && plan->knot[i] <= 0x8000u;
+    }
+    return good ? AVC_OK : AVC_REFUSED_LIMIT;
+}
+
+static int32_t counts_of(float counts)
+{
+    return counts < (float)most_counts ? (int32_t)counts : most_counts;
+}
+
+void avc_excite_start(avc_excite_t *e, const avc_limits_t *limits, int32_t encoder_count, uint32_t tick)
+{
+    atomic_signal_fence(memory_order_acquire);
+    const avc_plan_t *plan = &e->plan;
+    const float window_s = (float)plan->window * limits->sample_time_s;
+    const float a_count = limits->metres_per_count;
+    e->most_away = counts_of(plan->max_travel_m / a_count);
+    e->most_moved = counts_of(plan->max_speed_m_per_s * window_s / a_count);
+    e->most_at_once = counts_of(plan->max_speed_m_per_s * limits->sample_time_s / a_count) + 1; /* an encoder steps early */
+    e->unit_n = plan->max_force_n / (float)AVC_FULL;
+    e->spring_units = plan->spring_n_per_m * a_count / e->unit_n;
+    e->damper_units = plan->damper_ns_per_m * a_count / window_s / e->unit_n;
+    e->envelope_at = 0u;
+    e->envelope_step = 0xFFFFFFFFu / plan->ticks;
+    for (uint32_t i = 0; i < plan->tones; i++) {
+        e->step[i] = (uint64_t)plan->tone[i].step << 32;
+        e->phase[i] = (uint32_t)plan->tone[i].phase << 16;
+    }
+    for (uint32_t i = 0; i < AVC_SPEED_WINDOW_MAX; i++) {
+        e->passed[i] = 0;
+    }
+    e->centre = encoder_count;
+    e->last = 0;
+    e->left = plan->silent_ticks;
+    e->start_tick = tick;
+    e->made = 0u;
+    e->state = AVC_EXCITE_RUNS;
+}
+
+static bool beyond(int32_t counts, int32_t most)
+{
+    return counts > most || counts < -most;
+}
+
+/* Why to stop at this tick; AVC_EXCITE_RUNS to go on. */
+static avc_excite_end_t judge(avc_excite_t *e, int32_t away, int32_t moved)
+{
+    if (e->heard != 0u) {
+        e->heard = 0u;
+        e->left = e->plan.silent_ticks;
+    }
+    if (e->stop_wanted != 0u) {
+        return AVC_EXCITE_STOPPED;
+    }
+    if (beyond(away, e->most_away)) {
+        return AVC_EXCITE_TRAVEL;
+    }
+    if (beyond(moved, e->most_moved) || beyond(away - e->last, e->most_at_once)) {
+        return AVC_EXCITE_SPEED;
+    }
+    if (e->left == 0u) {
+        return AVC_EXCITE_SILENT;
+    }
+    e->left--;
+    return e->made == e->plan.ticks ? AVC_EXCITE_PLAYED : AVC_EXCITE_RUNS;
+}
+
+/* The signal at this tick, units, under its envelope; the oscillators go on to the next. */
+static int32_t signal(avc_excite_t *e)
+{
+    const avc_plan_t *plan = &e->plan;
+    int64_t sum = 0;
+    for (uint32_t i = 0; i < plan->tones; i++) {
+        const int32_t value = plan->shape == AVC_SHAPE_SINE ? avc_sine(e->phase[i]) : release(e->phase[i]);
+        const uint32_t step = (uint32_t)(e->step[i] >> 32);
+        sum += plan->tone[i].amplitude * value;
+        e->phase[i] += step;
+        e->step[i] += (uint64_t)step * plan->growth;
+    }
+    const uint32_t at = e->envelope_at >> 27;
+    const int32_t share = (int32_t)(e->envelope_at >> 12 & 0x7FFFu);
+    const int32_t low = plan->knot[at];
+    const int32_t high = plan->knot[at + 1u];
+    e->envelope_at += e->envelope_step;
+    const int64_t envelope = low + (high - low) * share / 0x8000;
+    return (int32_t)(sum / AVC_FULL * envelope / 0x8000);
+}
+
+static int32_t units_of(float units)
+{
+    const float full = (float)AVC_FULL;
+    const float limited = units > full ? full : units < -full ? -full : units;
+    return (int32_t)(limited < 0.0f ? limited - 0.5f : limited + 0.5f);
+}
+
+static int32_t force_units(avc_excite_t *e, int32_t away, int32_t moved)
+{
+    const avc_plan_t *plan = &e->plan;
+    const float hold = e->spring_units * (float)away + e->damper_units * (float)moved;
+    const uint32_t gone = e->made + 1u;
+    const uint32_t left = plan->ticks - e->made;
+    const uint32_t near = gone < left ? gone : left;
+    const uint32_t ramp = near < plan->ramp_ticks ? (near << 15) / plan->ramp_ticks : 0x8000u;
+    const int32_t made = signal(e);
+    const int64_t whole = (int64_t)(made - units_of(hold)) * (int64_t)ramp / 0x8000;
+    return (int32_t)(whole > AVC_FULL ? AVC_FULL : whole < -AVC_FULL ? -AVC_FULL : whole);
+}
+
+float avc_excite_tick(avc_excite_t *e, int32_t encoder_count)
+{
+    const int32_t away = (int32_t)((uint32_t)encoder_count - (uint32_t)e->centre);
+    const uint32_t slot = e->made % e->plan.window;
+    const int32_t moved = (int32_t)((uint32_t)away - (uint32_t)e->passed[slot]);
+    const avc_excite_end_t end = judge(e, away, moved);
+    const int32_t units = end == AVC_EXCITE_RUNS ? force_units(e, away, moved) : 0;
+    e->passed[slot] = away;
+    e->last = away;
+    const uint32_t at = e->made % AVC_RECORDS;
+    e->count[at] = encoder_count;
+    e->force[at] = (int16_t)units;
+    atomic_signal_fence(memory_order_release);
+    e->made++;
+    e->state = (uint32_t)end;
+    e->busy = end == AVC_EXCITE_RUNS ? 1u : 0u;
+    return (float)units * e->unit_n;
+}

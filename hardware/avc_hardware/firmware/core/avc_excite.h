@@ -1,0 +1,106 @@
+/* Excitation: a signal played at the device's own ticks beside a weak spring and damper that hold it near where it began,
+ * within limits that every tick checks; a record of every tick waits for the host.
+ *
+ * The signal is made of a few numbers by integers alone: the same on every machine, as long as one likes. A force is a whole
+ * number of units of max_force_n/32767, so that what is told is what was put out. */
+#ifndef AVC_EXCITE_H
+#define AVC_EXCITE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "avc_table.h"
+
+enum {
+    AVC_TONES_MAX = 64,
+    AVC_KNOTS = 33,                        /* of the envelope, evenly spread over the time played */
+    AVC_FULL = 32767,                      /* units of the largest force */
+    AVC_RECORDS = 4096,                    /* a power of two */
+    AVC_RECORDS_KEPT = AVC_RECORDS - 64,   /* older ones may be overwritten while they are copied */
+    AVC_SPEED_WINDOW_MAX = 32
+};
+
+typedef enum { AVC_SHAPE_SINE = 0, AVC_SHAPE_RELEASE = 1 } avc_shape_t;
+
+typedef enum {
+    AVC_EXCITE_NEVER = 0,
+    AVC_EXCITE_RUNS = 1,
+    AVC_EXCITE_PLAYED = 2, /* to the end */
+    AVC_EXCITE_STOPPED = 3,
+    AVC_EXCITE_SILENT = 4, /* the host was not heard in time */
+    AVC_EXCITE_TRAVEL = 5, /* a limit was exceeded */
+    AVC_EXCITE_SPEED = 6
+} avc_excite_end_t;
+
+/* As it travels: little-endian, no padding. */
+typedef struct {
+    uint32_t step;    /* of the phase, a tick, in turns of 2^32 */
+    uint16_t phase;   /* at the beginning, in turns of 2^16 */
+    int16_t amplitude; /* units */
+} avc_tone_t;
+
+typedef struct {
+    uint32_t number; /* not 0; names the excitation */
+    uint32_t ticks;
+    uint32_t ramp_ticks;   /* in and out */
+    uint32_t silent_ticks; /* without a word from the host: stop */
+    uint32_t growth;       /* of every step, a tick, in 2^-32 */
+    float max_force_n;
+    float max_speed_m_per_s;
+    float max_travel_m; /* from where it began */
+    float spring_n_per_m;
+    float damper_ns_per_m;
+    uint16_t window; /* ticks over which a velocity is taken */
+    uint16_t shape;
+    uint16_t tones;
+    uint16_t none;
+    uint16_t knot[AVC_KNOTS]; /* envelope of the signal, of 2^15 */
+    uint16_t also_none;
+    avc_tone_t tone[AVC_TONES_MAX];
+} avc_plan_t;
+
+enum { AVC_PLAN_HEAD = 48 + 2 * (AVC_KNOTS + 1) };
+
+typedef struct {
+    avc_plan_t plan; /* changes while nothing runs */
+    volatile uint32_t busy; /* set by the link, cleared by the tick that ends it */
+    volatile uint32_t stop_wanted;
+    volatile uint32_t heard;
+    volatile uint32_t state;
+    volatile uint32_t made; /* records */
+    uint32_t start_tick;
+    uint32_t left; /* ticks until the host counts as silent */
+    int32_t centre;
+    int32_t last;
+    int32_t most_moved; /* counts in a window, and in a tick */
+    int32_t most_at_once;
+    int32_t most_away;
+    float unit_n;
+    float spring_units; /* a count */
+    float damper_units; /* a count moved in a window */
+    uint32_t envelope_at;
+    uint32_t envelope_step;
+    uint64_t step[AVC_TONES_MAX]; /* 32 bits after the point */
+    uint32_t phase[AVC_TONES_MAX];
+    int32_t passed[AVC_SPEED_WINDOW_MAX];
+    int32_t count[AVC_RECORDS];
+    int16_t force[AVC_RECORDS];
+} avc_excite_t;
+
+avc_reason_t avc_plan_check(const avc_plan_t *plan, const avc_limits_t *limits);
+
+static inline bool avc_excite_runs(const avc_excite_t *excite)
+{
+    return excite->busy != 0u;
+}
+
+/* From the first tick of an excitation. */
+void avc_excite_start(avc_excite_t *excite, const avc_limits_t *limits, int32_t encoder_count, uint32_t tick);
+
+/* One tick of a running excitation; returns the force along +position. */
+float avc_excite_tick(avc_excite_t *excite, int32_t encoder_count);
+
+/* Sine of a phase in turns of 2^32, of 32767. */
+int32_t avc_sine(uint32_t phase);
+
+#endif
