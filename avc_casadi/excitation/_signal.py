@@ -100,7 +100,7 @@ class Signal:
         at = np.arange(ticks, dtype=np.int64) * ((_TURN - 1) // ticks)
         knots = np.array(self.knots, dtype=np.int64)
         low, high = knots[at >> 27], knots[(at >> 27) + 1]
-        return low + _over((high - low) * (at >> 12 & 0x7FFF), WHOLE)
+        return np.asarray(low + _over((high - low) * (at >> 12 & 0x7FFF), WHOLE), dtype=np.int64)
 
 
 def ramp(ticks: int, ramp_ticks: int) -> Units:

@@ -5,6 +5,7 @@ What it leaves out: backlash, friction that depends on speed or direction, gravi
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from avc_casadi.support import FloatArray
 
 _CODE_ZERO, _CODE_FULL = 2048, 2047
-# Parts of a sample in which friction is constant: it stops the mass within one of them.
+# Parts of a sample in which the velocity changes evenly.
 _PARTS = 16
 
 
@@ -42,7 +43,7 @@ class BenchPlant:
     def __init__(
         self, plant: LinearPlant, sample_time_s: float, *, friction_n: float = 0.0, delay_samples: float = 0.0
     ) -> None:
-        """Discretise exactly, but for the moment inside a part in which friction stops the device.
+        """Discretise exactly, but for friction inside a sixteenth of a sample.
 
         Args:
             plant: the linear part.
@@ -74,12 +75,32 @@ class BenchPlant:
         older, newer = self._asked[:2]
         state = self.state
         for part in self._parts:
-            step = part.step
+            step, before = part.step, float(state[1])
             state = step.matrix @ state + step.force * (newer if part.newer else older) + step.target @ target
             if self._friction_n:
-                stops = -state[1] / part.friction[1]
-                state = state + part.friction * min(max(stops, -self._friction_n), self._friction_n)
+                held = _friction(before, float(state[1]), -float(part.friction[1]), self._friction_n)
+                state = state + part.friction * held
         self.state = state
+
+
+def _friction(before: float, free: float, ease: float, most_n: float) -> float:
+    """Return the mean friction over a part, against +x: it slides, or stops inside and is held or goes the other way.
+
+    Args:
+        before: velocity at the beginning.
+        free: velocity at the end without friction.
+        ease: change of velocity by 1 N.
+        most_n: largest friction.
+    """
+    held = min(max((free - before) / ease, -most_n), most_n)
+    if before == 0:
+        return held
+    slides = math.copysign(most_n, before)
+    after = free - slides * ease
+    if after * before >= 0:
+        return slides
+    share = before / (before - after)
+    return share * slides + (1 - share) * held
 
 
 def _parts(plant: LinearPlant, seconds: float, sample_time_s: float, newer: bool, sticks: bool) -> list[_Part]:
