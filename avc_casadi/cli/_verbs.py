@@ -19,6 +19,7 @@ VERBS: tuple[str, ...] = (
     "pareto",
     "accuracy",
     "table1",
+    "excite",
     "identify",
     "push",
     "stream",

@@ -60,6 +60,11 @@ class Excitation:
     forecast: Forecast
     crest: float
 
+    @property
+    def peak_force_n(self) -> float:
+        """Largest force of the signal alone."""
+        return peak_force_n(self.plan)
+
 
 def plan_excitation(
     device: Device,
@@ -107,6 +112,11 @@ def plan_excitation(
     )
     signal = _signal(empty, devices, centring)
     return _scaled(replace(empty, signal=signal), devices, force_n)
+
+
+def peak_force_n(plan: Plan) -> float:
+    """Return the largest force of a plan's signal alone."""
+    return float(np.abs(plan.signal.units(plan.ticks)).max()) / FULL * plan.max_force_n
 
 
 def check_plan(plan: Plan, device: Device) -> Forecast:
@@ -324,7 +334,7 @@ def _louder(signal: Signal, by: float) -> Signal:
 def _moves(plan: Plan, devices: Sequence[Device], found: Forecast) -> None:
     """Refuse a plan under which nothing would be seen."""
     steps = float((found.travel_m[:, 0] / plan.metres_per_count).min())
-    peak = float(np.abs(plan.signal.units(plan.ticks)).max() / FULL * plan.max_force_n)
+    peak = peak_force_n(plan)
     friction = max(one.coulomb_friction_n for one in devices)
     if steps < _MOVES_STEPS or peak < _MOVES_FRICTION * friction:
         raise InputError.of(

@@ -191,7 +191,7 @@ def _solver(tones: int, sizes: tuple[int, ...], limits: int) -> Any:
         "f": goal,
         "g": ca.vertcat(kept @ share, most),
     }
-    options = {
+    options: dict[str, Any] = {
         "ipopt.print_level": 0,
         "print_time": False,
         "ipopt.sb": "yes",

@@ -1,9 +1,11 @@
 """Serial link to the device: bytes, frames, messages, session; firmware in C beside it.
 
-`push` sends the table of a coupling, `stream` sends its gains live, `monitor` reads the device's state, `export_c`
-writes C for other firmware. A port is a device path or ``emulator``, the real firmware image on an emulated board.
+`push` sends the table of a coupling, `stream` sends its gains live, `monitor` reads the device's state, `excite` plays
+an excitation and logs it, `export_c` writes C for other firmware. A port is a device path or ``emulator``, the real
+firmware image on an emulated board.
 """
 
+from avc_hardware._bench_plant import DeviceOnBench as DeviceOnBench
 from avc_hardware._bytes import ByteLink as ByteLink
 from avc_hardware._bytes import SerialLink as SerialLink
 from avc_hardware._connection import DEFAULT_BAUD as DEFAULT_BAUD
@@ -16,6 +18,8 @@ from avc_hardware._device import DeviceStatus as DeviceStatus
 from avc_hardware._diagnose import Diagnosis as Diagnosis
 from avc_hardware._diagnose import diagnose as diagnose
 from avc_hardware._emulator import EmulatedBoard as EmulatedBoard
+from avc_hardware._excite import ExcitationLog as ExcitationLog
+from avc_hardware._excite import excite as excite
 from avc_hardware._export import export_c as export_c
 from avc_hardware._figures import RuntimeFigures as RuntimeFigures
 from avc_hardware._host import BoardLimits as BoardLimits

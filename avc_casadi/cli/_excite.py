@@ -1,0 +1,172 @@
+"""Excite a device safely and log it: a signal played by the firmware within limits, for `avc identify`.
+
+Before anything moves, the plan is simulated on the declared device and at every corner of [device.range]; one that
+would break a limit is refused. The firmware checks force, speed and travel at every tick and holds the device near
+where it stands by a weak spring and damper; hands off. After the end, a limit exceeded, Ctrl-C or a second without the
+host there is no force until a coupling is pushed.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi as avc
+from avc_casadi.cli._arguments import positive, positive_int
+from avc_casadi.cli._check_device import is_device
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._files import output_file
+from avc_casadi.cli._text import number, table
+
+if TYPE_CHECKING:
+    from avc_casadi.excitation import Excitation
+    from avc_casadi.problem import Device
+    from avc_hardware import ExcitationLog
+
+_SIGNALS = ("multisine", "chirp", "sweep", "release")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "device",
+        metavar="DEVICE",
+        help="what is known of it: a device, or a problem; a file or a name of the catalogue",
+    )
+    parser.add_argument(
+        "--port",
+        default="emulator",
+        help="serial port (avc ports); default `emulator`: the firmware image, with the declared device on its board",
+    )
+    parser.add_argument(
+        "--signal",
+        choices=_SIGNALS,
+        default="multisine",
+        help="multisine: tells the most (default); chirp; sweep: at constant speed; release: pulled and let go",
+    )
+    parser.add_argument("--seconds", type=positive, default=10.0, metavar="S", help="how long; default 10")
+    parser.add_argument(
+        "--force-n",
+        type=positive,
+        metavar="N",
+        help="largest force, taken as it is; default: as much as the limits allow, at most half of max_force_n",
+    )
+    parser.add_argument("--speed-m-per-s", type=positive, default=0.3, metavar="V", help="speed limit; default 0.3")
+    parser.add_argument(
+        "--travel-m", type=positive, default=0.02, metavar="X", help="travel limit to either side; default 0.02"
+    )
+    parser.add_argument("--out", metavar="FILE", help="write the log (.csv)")
+    parser.add_argument("--plan-only", action="store_true", help="say what would be done; nothing moves")
+    parser.add_argument(
+        "--on-bench", metavar="DEVICE", help="with --port emulator: the device on its board, if not the declared one"
+    )
+    parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Plan, say so, play, write; 1 if the device stopped before the end."""
+    out = output_file(args.out, "--out", (".csv",)) if args.out else None
+    device = _device(args.device)
+    on_bench = _device(args.on_bench) if args.on_bench else device
+    if args.on_bench and args.port != "emulator":
+        raise avc.InputError.of(
+            f"goes with --port emulator alone, not with {args.port}; leave it out", key="--on-bench"
+        )
+    from avc_casadi.excitation import plan_excitation
+    from avc_hardware import excite
+
+    with console.step("plan"):
+        made = plan_excitation(
+            device,
+            args.signal,
+            seconds=args.seconds,
+            force_n=args.force_n,
+            speed_m_per_s=args.speed_m_per_s,
+            travel_m=args.travel_m,
+        )
+    document: dict[str, Any] = {"schema": "avc-excite/1", "plan": _plan(made), "out": None, "log": None}
+    text = _plan_text(made, args.port)
+    if args.plan_only:
+        return Answer(document, text)
+    console.say(text)
+    with console.step(f"{args.signal} on {args.port}"):
+        log = excite(made.plan, args.port, on_bench=on_bench, baud=args.baud, progress=console)
+    document["log"] = log.document()
+    lines = [_log_text(log)]
+    if out is not None:
+        log.save(out)
+        document["out"] = str(out)
+        lines.append(f"written: {out}; next: avc identify {out} --device {args.device} --out mine.toml")
+    complaint = "" if log.whole else f"avc: {log.port}: {log.end}; {_advice(log)}"
+    return Answer(document, "\n".join(lines), 0 if log.whole else 1, complaint)
+
+
+def _device(source: str) -> Device:
+    return avc.load_device(source).device if is_device(source) else avc.load_problem(source).device
+
+
+def _plan(made: Excitation) -> dict[str, Any]:
+    from avc_casadi.support import plain
+
+    plan, found = made.plan, made.forecast
+    low, high = plan.band_hz
+    document: dict[str, Any] = plain(
+        {
+            "signal": plan.kind,
+            "seconds": plan.seconds,
+            "sample_time_s": plan.sample_time_s,
+            "lowest_hz": low,
+            "highest_hz": high,
+            "tones": len(plan.signal.step),
+            "peak_force_n": made.peak_force_n,
+            "crest_factor": made.crest,
+            "limits": {
+                "force_n": plan.max_force_n,
+                "speed_m_per_s": plan.max_speed_m_per_s,
+                "travel_m": plan.max_travel_m,
+            },
+            "centring": {"spring_n_per_m": plan.spring_n_per_m, "damper_ns_per_m": plan.damper_ns_per_m},
+            "devices": len(made.devices),
+            "forecast": {
+                "declared": {key: float(values[0, 0]) for key, values in vars(found).items()},
+                "worst": {key: float(values.max()) for key, values in vars(found).items()},
+            },
+        }
+    )
+    return document
+
+
+def _plan_text(made: Excitation, port: str) -> str:
+    plan, document = made.plan, _plan(made)
+    low, high = plan.band_hz
+    forecast = document["forecast"]
+    rows = [
+        (name, *(number(values[key]) for values in (document["limits"], forecast["declared"], forecast["worst"])))
+        for name, key in (("force, N", "force_n"), ("speed, m/s", "speed_m_per_s"), ("travel, m", "travel_m"))
+    ]
+    several = f"{len(made.devices) - 1} corners" if len(made.devices) > 1 else "no ranges"
+    return (
+        f"{plan.kind} of {plan.seconds:g} s on {port}: {number(low)} to {number(high)} Hz, peak "
+        f"{number(made.peak_force_n)} N; beside it a spring of {number(plan.spring_n_per_m)} N/m and a damper of "
+        f"{number(plan.damper_ns_per_m)} N.s/m, hands off\n"
+        + table(("at most", "limit", "declared\ndevice", f"worst of\n{several}"), rows, left=(0,))
+    )
+
+
+def _log_text(log: ExcitationLog) -> str:
+    document = log.document()
+    lost = f"; {log.lost} records lost, seen as gaps" if log.lost else "; no record lost"
+    return (
+        f"{log.end}: {document['records']} records in {document['seconds']:.4g} s{lost}; at most "
+        f"{number(document['peak_force_n'])} N, {number(document['peak_speed_m_per_s'])} m/s, "
+        f"{number(document['peak_travel_m'])} m"
+    )
+
+
+def _advice(log: ExcitationLog) -> str:
+    if "limit" in log.end:
+        return (
+            "the device is lighter, freer or otherwise held than declared: clear its way, widen [device.range], or "
+            "give less --force-n"
+        )
+    return "look at the link, then excite again"
