@@ -234,14 +234,17 @@ def _sweep_band(
     """Return the band in which a constant speed is within the travel below and the force above."""
     grid = np.geomspace(low, high, 200)
     travel, speed = _allowed(plan, devices, centring, grid)
-    good = grid[(speed <= travel) & (speed <= _MARGIN * plan.max_force_n)]
-    if good.size < 2 or good[-1] < 2 * good[0]:
+    good = (speed <= travel) & (speed <= _MARGIN * plan.max_force_n)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]])))
+    # Between two edges; a resonance may cut the band.
+    first, past = max(zip(edges[::2], edges[1::2], strict=True), key=lambda run: run[1] - run[0], default=(0, 1))
+    if grid[past - 1] < 2 * grid[first]:
         raise InputError.of(
             f"leave no octave for a sweep at {number(plan.max_speed_m_per_s)} m/s; allowed: less --speed-m-per-s, more "
             "--force-n or --travel-m",
             key="limits",
         )
-    return float(good[0]), float(good[-1])
+    return float(grid[first]), float(grid[past - 1])
 
 
 def _allowed(

@@ -22,15 +22,21 @@ if TYPE_CHECKING:
 _CODE_ZERO, _CODE_FULL = 2048, 2047
 # Parts of a sample in which the velocity changes evenly.
 _PARTS = 16
+# A share of a sample that is none.
+_NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
 class _Part:
-    """One part of a sample under a constant force."""
+    """A part of a sample under a constant force and constant friction."""
 
     step: Transition
     friction: FloatArray
-    newer: bool
+
+    def moved(self, state: FloatArray, force_n: float, target: FloatArray, friction_n: float) -> FloatArray:
+        """Return the state after it; both forces are positive against +x."""
+        step = self.step
+        return step.matrix @ state + step.force * force_n + step.target @ target + self.friction * friction_n
 
 
 class BenchPlant:
@@ -54,10 +60,11 @@ class BenchPlant:
         whole = int(delay_samples)
         late = delay_samples - whole
         self._friction_n = friction_n
-        self._parts = [
-            part
+        # Until the newer force arrives, and after: in one step, and in the short ones in which friction turns over.
+        self._halves = [
+            (_parts(plant, share * sample_time_s, 1)[0], _parts(plant, share * sample_time_s, _PARTS), newer)
             for share, newer in ((late, False), (1.0 - late, True))
-            for part in _parts(plant, share * sample_time_s, sample_time_s, newer, bool(friction_n))
+            if share > _NOTHING
         ]
         self.state: FloatArray = np.zeros(plant.states)
         self._asked = [0.0] * (whole + 2)
@@ -73,14 +80,17 @@ class BenchPlant:
             target: position and velocity of the hand's target, shape (2,).
         """
         older, newer = self._asked[:2]
-        state = self.state
-        for part in self._parts:
-            step, before = part.step, float(state[1])
-            state = step.matrix @ state + step.force * (newer if part.newer else older) + step.target @ target
-            if self._friction_n:
-                held = _friction(before, float(state[1]), -float(part.friction[1]), self._friction_n)
-                state = state + part.friction * held
-        self.state = state
+        for whole, parts, is_newer in self._halves:
+            force = newer if is_newer else older
+            before = float(self.state[1])
+            after = whole.moved(self.state, force, target, math.copysign(self._friction_n, before))
+            if self._friction_n and not before * after[1] > 0:
+                after = self.state
+                for part in parts:
+                    before, free = float(after[1]), part.moved(after, force, target, 0.0)
+                    held = _friction(before, float(free[1]), -float(part.friction[1]), self._friction_n)
+                    after = free + part.friction * held
+            self.state = after
 
 
 def _friction(before: float, free: float, ease: float, most_n: float) -> float:
@@ -103,13 +113,9 @@ def _friction(before: float, free: float, ease: float, most_n: float) -> float:
     return share * slides + (1 - share) * held
 
 
-def _parts(plant: LinearPlant, seconds: float, sample_time_s: float, newer: bool, sticks: bool) -> list[_Part]:
-    if seconds <= 1e-9 * sample_time_s:
-        return []
-    count = max(1, round(_PARTS * seconds / sample_time_s)) if sticks else 1
-    step = transition(plant, seconds / count)
+def _parts(plant: LinearPlant, seconds: float, count: int) -> list[_Part]:
     rubbing = LinearPlant(plant.names, plant.matrix, plant.friction, plant.target, plant.friction)
-    return [_Part(step, transition(rubbing, seconds / count).force, newer)] * count
+    return [_Part(transition(plant, seconds / count), transition(rubbing, seconds / count).force)] * count
 
 
 class DeviceOnBench:

@@ -1,0 +1,181 @@
+"""Force, speed and travel: the device itself stops at a limit, without its host, and pushes no more."""
+
+import numpy as np
+import pytest
+from excited import DECLARED, Bench, device, first_broken, planned
+from hardware_bench import coupling, push, require
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_casadi.excitation import check_plan, corners_of, forecast
+from avc_hardware import Connection, RefusedError, excite
+from avc_hardware import _messages as m
+from avc_hardware._excite import plan_bytes
+from avc_hardware._messages import Kind
+from avc_hardware._refusal import Reason
+
+
+@pytest.fixture(autouse=True)
+def _tools():
+    require("gcc")
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    kind=st.sampled_from(["multisine", "chirp"]),
+    mass=st.floats(0.004, 0.3),
+    damping=st.just(0.0) | st.floats(1e-3, 3.0),
+    friction=st.sampled_from([0.0, 0.05, 0.3]),
+    delay=st.integers(0, 6) | st.floats(0.01, 6.0),
+)
+def test_no_force_from_the_tick_at_which_a_limit_is_exceeded(kind, mass, damping, friction, delay):
+    """Devices drawn at random, up to 17 times lighter than the lightest declared."""
+    plan = planned(kind)
+    bench = Bench(device(mass_kg=mass, damping_ns_per_m=damping, coulomb_friction_n=friction, delay_samples=delay))
+    log = bench.excite(plan)
+    start = log.start_tick
+    force = np.array(bench.force_n[start:])
+    assert np.abs(force).max() <= plan.max_force_n * (1 + 1e-6)
+    broken = first_broken(plan, bench.counts, start)
+    end = plan.ticks if broken is None or broken >= plan.ticks else broken
+    assert log.whole == (end == plan.ticks)
+    assert log.index.size == end + 1
+    assert not force[end:].any()
+    speed = np.abs(bench.device.speed_m_per_s[start : start + end + 1]).max()
+    late = plan.window + delay + 2
+    allowed = plan.max_speed_m_per_s + plan.metres_per_count / plan.sample_time_s
+    assert speed <= allowed + late * plan.sample_time_s * plan.max_force_n / mass
+
+
+def test_devices_of_the_ranges_play_to_the_end():
+    for kind in ("multisine", "chirp", "release"):
+        plan = planned(kind)
+        for one in (corners_of(DECLARED)[1], corners_of(DECLARED)[-1]):
+            log = Bench(one).excite(plan)
+            assert log.whole, (kind, log.end)
+            told = log.document()
+            assert told["peak_speed_m_per_s"] <= plan.max_speed_m_per_s
+            assert told["peak_travel_m"] <= plan.max_travel_m
+
+
+def test_forecast_is_what_happens():
+    plan = planned()
+    devices = corners_of(DECLARED)
+    found = forecast(plan, devices)
+    for index in (0, 3, 8):
+        told = Bench(devices[index]).excite(plan).document()
+        assert told["peak_travel_m"] == pytest.approx(found.travel_m[index, 0], rel=0.02, abs=2e-5)
+        assert told["peak_force_n"] == pytest.approx(found.force_n[index, 0], rel=0.03)
+        assert told["peak_speed_m_per_s"] <= found.speed_m_per_s[index, 0] * 1.02
+
+
+def test_silent_host_stops_it_within_a_second():
+    plan = planned()
+    bench = Bench(device())
+    connection = Connection(bench.link)
+    began = len(bench.force_n)
+    bench.play_unheard(connection, plan, 1500)
+    force = np.array(bench.force_n[began:])
+    assert np.abs(force[500:1000]).max() > 0.5
+    assert not force[plan.silent_ticks + 1 :].any()
+    part = connection.run(connection.session.ask(Kind.RECORDS, m.records(7, 0), m.Records))
+    assert part.state == 4
+    assert part.made == plan.silent_ticks + 1
+
+
+def test_stop_takes_the_force_away_at_the_next_tick():
+    bench = Bench(device())
+    connection = Connection(bench.link)
+    bench.play_unheard(connection, planned(), 700)
+    assert bench.force_n[-1] != 0
+    connection.run(connection.session.ask(Kind.STOP, m.stop(7), m.Excited))
+    stopped = len(bench.force_n)
+    bench.pass_by(1500)
+    assert not np.any(bench.force_n[stopped:])
+
+
+def test_interrupt_of_the_host_stops_the_device_first():
+    class Impatient:
+        def advance(self, done, *_):
+            if done > 500:
+                raise KeyboardInterrupt
+
+    bench = Bench(device())
+    with pytest.raises(KeyboardInterrupt):
+        excite(planned(), bench.link, progress=Impatient())
+    stopped = len(bench.force_n)
+    bench.pass_by(300)
+    assert not np.any(bench.force_n[stopped:])
+    assert stopped < 1500
+
+
+def test_no_coupling_runs_beside_or_after_it_until_one_is_pushed():
+    bench = Bench(device(encoder_resolution_m=2e-6))
+    plan = planned().__class__(**(vars(planned()) | {"metres_per_count": 2e-6}))
+    made = coupling(5, encoder_resolution_m=2e-6)
+    push(made, bench.link)
+    assert bench.core.state().has_table
+    connection = Connection(bench.link)
+    bench.play_unheard(connection, plan, 200)
+    assert not bench.core.state().has_table
+    with pytest.raises(RefusedError) as caught:
+        push(made, bench.link)
+    assert caught.value.refusal.reason is Reason.EXCITED
+    bench.pass_by(2000)
+    assert bench.force_n[-1] == 0
+    assert not bench.core.state().has_table
+    push(made, bench.link)
+    assert bench.core.state().has_table
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"max_force_n": 9.0},
+        {"max_force_n": float("nan")},
+        {"max_speed_m_per_s": 0.0},
+        {"max_travel_m": float("inf")},
+        {"spring_n_per_m": -1.0},
+        {"window": 33},
+        {"ramp_ticks": 0},
+        {"ticks": 100},
+    ],
+    ids=str,
+)
+def test_device_refuses_a_plan_without_limits(wrong):
+    bench = Bench(device())
+    connection = Connection(bench.link)
+    plan = planned().__class__(**(vars(planned()) | wrong))
+    with pytest.raises(RefusedError, match="plan of the excitation"):
+        connection.run(connection.session.ask(Kind.EXCITE, plan_bytes(plan, 1), m.Excited))
+    bench.pass_by(50)
+    assert not np.any(bench.force_n)
+
+
+def test_same_excitation_is_not_played_twice():
+    """An answer that was lost is asked for again; a late copy of the question moves nothing."""
+    bench = Bench(device())
+    connection = Connection(bench.link)
+    bench.play_unheard(connection, planned(), 1100)
+    began = len(bench.force_n)
+    bench.play_unheard(connection, planned(), 300)
+    assert not np.any(bench.force_n[began:])
+    with pytest.raises(RefusedError, match="another excitation"):
+        connection.run(connection.session.ask(Kind.RECORDS, m.records(8, 0), m.Records))
+
+
+def test_plan_that_would_break_a_limit_on_a_corner_is_refused():
+    with pytest.raises(avc.InputError, match=r"(?s)would reach .* allowed: about"):
+        planned(force_n=8.0)
+    wider = DECLARED.model_copy(update={"range": type(DECLARED.range)(mass_kg=(0.02, 0.15))})
+    with pytest.raises(avc.InputError, match="on a device of the ranges"):
+        check_plan(planned(), wider)
+    check_plan(planned(), DECLARED)
+
+
+def test_faults_of_arguments_come_together(capsys):
+    assert main(["excite", "hapkit", "--seconds", "0.5", "--travel-m", "3"]) == 2
+    said = capsys.readouterr().err
+    assert all(key in said for key in ("--seconds", "--travel-m", "--force-n"))
