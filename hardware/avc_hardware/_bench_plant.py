@@ -6,7 +6,7 @@ What it leaves out: backlash, friction that depends on speed or direction, gravi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -168,22 +168,24 @@ class DeviceOnBench:
         Raises:
             MissingExtraError: the emulator is not installed.
         """
-        full = self.limits.max_force_n
         return EmulatedBoard(
             limits=self.limits,
             encoder=lambda _: self.count(),
-            on_force_code=lambda code: self.hold((code - _CODE_ZERO) / _CODE_FULL * full),
+            on_force_code=lambda code: self.hold(force_of_code(code, self.limits)),
         )
+
+
+def force_of_code(code: int, limits: BoardLimits) -> float:
+    """Return the force of a 12-bit code of the output, N."""
+    return (code - _CODE_ZERO) / _CODE_FULL * limits.max_force_n
 
 
 def board_limits(device: Device) -> BoardLimits:
     """Return the limits of a board for a device; where it says nothing, those of the boards."""
     usual = BoardLimits()
-    return BoardLimits(
+    return replace(
+        usual,
         sample_time_s=device.sample_time_s,
         metres_per_count=device.encoder_resolution_m or usual.metres_per_count,
         max_force_n=device.max_force_n or usual.max_force_n,
-        max_damping_ns_per_m=usual.max_damping_ns_per_m,
-        max_stiffness_n_per_m=usual.max_stiffness_n_per_m,
-        max_contact_damping_ns_per_m=usual.max_contact_damping_ns_per_m,
     )

@@ -7,7 +7,6 @@ depends on the computer's clock.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,10 +15,10 @@ import numpy as np
 
 from avc_casadi import InputError, UnsupportedError
 from avc_casadi.coupling import Coupling
-from avc_casadi.loop import DEVICE, GROUND, Plant, transition
-from avc_casadi.problem import whole_delay
+from avc_casadi.loop import DEVICE, GROUND, Plant
 from avc_casadi.scene import target_of
 from avc_casadi.scene.effects import Delay, Saturation, SceneEffect, build_effects
+from avc_hardware._bench_plant import BenchPlant, force_of_code
 from avc_hardware._connection import Connection
 from avc_hardware._device import DeviceStatus
 from avc_hardware._emulator import EmulatedBoard
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
 PLANT_KINDS = frozenset({"hand", "stylus-hand", "viscous-friction", "resonance", "amplifier", "delay"})
 """Effects of a scene that the bench has, beside what the firmware does itself."""
 _FIRMWARE_KINDS = frozenset({"wall", "encoder", "state-feedback", "estimator", "adaptation", "guard", "saturation"})
-_CODE_ZERO, _CODE_FULL = 2048, 2047
 
 
 @dataclass
@@ -85,13 +83,10 @@ class FirmwareInTheLoop:
         for effect in effects:
             effect.mechanics(plant)
         time_s = limits.sample_time_s
-        self._step = transition(plant.linear(), time_s)
         self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
-        self._state = np.zeros(self._step.matrix.shape[-1])
-        self._state[0] = self._target.device_start_m
         late = sum(effect.samples for effect in effects if isinstance(effect, Delay))
-        delay = whole_delay(late, "the bench of the firmware")
-        self._acting = deque([0.0] * (delay + 1))  # the force that acts, and those that are still to act
+        self._plant = BenchPlant(plant.linear(), time_s, delay_samples=late)
+        self._plant.state[0] = self._target.device_start_m
         self._sample = -1  # the motion has not begun
         self._limits = limits
         self.trace = LoopTrace()
@@ -147,20 +142,19 @@ class FirmwareInTheLoop:
         before = self._sample - 1  # the interval that ends now
         moves = self._target.velocity_m_per_s[before] if 0 <= before <= last else 0.0
         target = np.array([self._target.position_m[min(max(before, 0), last)], moves])
-        force = self._step.force * self._acting[0]
-        self._state = self._step.matrix @ self._state + force + self._step.target @ target
+        self._plant.advance(target)
+        position_m, velocity_m_per_s = map(float, self._plant.state[:2])
         if self._sample >= 0:
             self._sample += 1
-            self.trace.position_m.append(float(self._state[0]))
-            self.trace.velocity_m_per_s.append(float(self._state[1]))
-        return round(float(self._state[0]) / self._limits.metres_per_count)
+            self.trace.position_m.append(position_m)
+            self.trace.velocity_m_per_s.append(velocity_m_per_s)
+        return round(position_m / self._limits.metres_per_count)
 
     def _actuate(self, code: int) -> None:
-        self._hold((code - _CODE_ZERO) / _CODE_FULL * self._limits.max_force_n)
+        self._hold(force_of_code(code, self._limits))
 
     def _hold(self, force_n: float) -> None:
-        self._acting.append(force_n)
-        self._acting.popleft()
+        self._plant.hold(force_n)
         if self._sample >= 0 and self.trace.position_m:
             self.trace.force_n.append(force_n)
 

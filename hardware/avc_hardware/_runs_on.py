@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi import LinkError, NotDeployableError, UnsupportedError
 from avc_casadi.coupling import require_coupling
+from avc_hardware._bench_plant import board_limits
 from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._host import BoardLimits
@@ -168,13 +169,7 @@ def figures_of(coupling: Coupling) -> RuntimeFigures:
 
 def limits_of(problem: Problem) -> BoardLimits:
     """Return the limits of a board for a problem: its device's sample time, encoder and force."""
-    device, usual = problem.device, BoardLimits()
-    return replace(
-        usual,
-        sample_time_s=device.sample_time_s,
-        metres_per_count=device.encoder_resolution_m or usual.metres_per_count,
-        max_force_n=device.max_force_n or usual.max_force_n,
-    )
+    return board_limits(problem.device)
 
 
 def emulated_board(coupling: Coupling, **options: Any) -> EmulatedBoard:

@@ -16,6 +16,7 @@ from avc_hardware._in_the_loop import PLANT_KINDS, FirmwareInTheLoop
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
+    from avc_casadi.problem import Device
     from avc_casadi.scene import Judgement
     from avc_hardware._device import DeviceStatus
     from avc_hardware._push import PushResult
@@ -79,7 +80,7 @@ class LoopResult:
         }
 
 
-def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None) -> LoopResult:
+def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, device: Device | None = None) -> LoopResult:
     """Push a coupling into an emulated board of its device, and press the wall with the middle hand of ``[hands]``.
 
     The hand moves as the problem's scene says; of the scene's effects those of the plant stay. Dry friction is left
@@ -88,6 +89,7 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None) -> Lo
     Args:
         coupling: what is to run, at its own sample time, encoder and force limit.
         seconds: how long; None is the duration of the scene.
+        device: that is there in truth; None is the one that the coupling was made for.
 
     Raises:
         InputError: it is no coupling, or the duration is not a finite time above 0.
@@ -99,11 +101,12 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None) -> Lo
     lasts = scene.duration_s if seconds is None else seconds
     if not (math.isfinite(lasts) and lasts > 0):
         raise InputError.of(f"{lasts:g} s; allowed: a finite time above 0", key="seconds")
-    there = scene_effects(coupling.problem)
+    true = coupling.problem if device is None else coupling.problem.changed(device=device)
+    there = scene_effects(true)
     kept = tuple(effect for effect in there if effect.kind in PLANT_KINDS - _HANDS)
     own = {"wall", "environment", "encoder", "saturation", "state-feedback", "estimator", "adaptation", "guard"}
     left_out = tuple(effect.kind for effect in there if effect.kind not in PLANT_KINDS | own)
-    bench = coupling.problem.changed(
+    bench = true.changed(
         scene={"effects": (HandEffect(), WallEffect(), *kept), "duration_s": lasts, "integrator": "exact"}
     )
     loop = FirmwareInTheLoop(replace(coupling, problem=bench))
