@@ -22,7 +22,7 @@ def _tools():
     require("gcc")
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=18, deadline=None)
 @given(
     kind=st.sampled_from(["multisine", "chirp"]),
     mass=st.floats(0.004, 0.3),

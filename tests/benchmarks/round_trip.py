@@ -53,7 +53,7 @@ no backlash, no gravity, no resonance, and friction that is the same at every sp
 "Off by": mass, damping, friction in per cent, delay in samples. "Inside": intervals of 95 % that hold the truth, from
 the first log and from both.
 
-| | hidden: kg, N.s/m, samples, N | lost | off by, first log | off by, both | inside | wall N/m | felt | in loop | at rest |
+| | kg, N.s/m, samples, N | lost | off by, first log | off by, both | inside | wall N/m | felt | in loop | at rest |
 |--:|---|--:|---|---|---|--:|--:|--:|---|
 """
 
