@@ -1,5 +1,7 @@
 """Force, speed and travel: the device itself stops at a limit, without its host, and pushes no more."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from excited import DECLARED, Bench, device, first_broken, planned
@@ -9,7 +11,8 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.excitation import check_plan, corners_of, forecast
+from avc_casadi.excitation import check_plan, corners_of, forecast, plan_excitation
+from avc_casadi.problem import Device
 from avc_hardware import Connection, RefusedError, excite
 from avc_hardware import _messages as m
 from avc_hardware._excite import plan_bytes
@@ -113,7 +116,7 @@ def test_interrupt_of_the_host_stops_the_device_first():
 
 def test_no_coupling_runs_beside_or_after_it_until_one_is_pushed():
     bench = Bench(device(encoder_resolution_m=2e-6))
-    plan = planned().__class__(**(vars(planned()) | {"metres_per_count": 2e-6}))
+    plan = dataclasses.replace(planned(), metres_per_count=2e-6)
     made = coupling(5, encoder_resolution_m=2e-6)
     push(made, bench.link)
     assert bench.core.state().has_table
@@ -147,7 +150,7 @@ def test_no_coupling_runs_beside_or_after_it_until_one_is_pushed():
 def test_device_refuses_a_plan_without_limits(wrong):
     bench = Bench(device())
     connection = Connection(bench.link)
-    plan = planned().__class__(**(vars(planned()) | wrong))
+    plan = dataclasses.replace(planned(), **wrong)
     with pytest.raises(RefusedError, match="plan of the excitation"):
         connection.run(connection.session.ask(Kind.EXCITE, plan_bytes(plan, 1), m.Excited))
     bench.pass_by(50)
@@ -167,12 +170,24 @@ def test_same_excitation_is_not_played_twice():
 
 
 def test_plan_that_would_break_a_limit_on_a_corner_is_refused():
-    with pytest.raises(avc.InputError, match=r"(?s)would reach .* allowed: about"):
-        planned(force_n=8.0)
-    wider = DECLARED.model_copy(update={"range": type(DECLARED.range)(mass_kg=(0.02, 0.15))})
-    with pytest.raises(avc.InputError, match="on a device of the ranges"):
-        check_plan(planned(), wider)
-    check_plan(planned(), DECLARED)
+    """A plan is as strong as the worst corner allows; the same on a wider range, or louder, is refused."""
+    plan = planned()
+    check_plan(plan, DECLARED)
+    wider = Device.model_validate(DECLARED.model_dump() | {"range": {"mass_kg": (0.02, 0.15)}})
+    with pytest.raises(avc.InputError, match=r"would reach .* on a device of the ranges"):
+        check_plan(plan, wider)
+    louder = tuple(2 * one for one in plan.signal.amplitude)
+    with pytest.raises(avc.InputError, match=r"allowed: 0\.3 m/s"):
+        check_plan(dataclasses.replace(plan, signal=dataclasses.replace(plan.signal, amplitude=louder)), DECLARED)
+
+
+@pytest.mark.parametrize("limits", [{"force_n": 0.8}, {"speed_m_per_s": 0.1}, {"travel_m": 0.0015}], ids=str)
+def test_every_limit_is_kept_by_the_plan(limits):
+    made = plan_excitation(DECLARED, seconds=2.0, **limits)
+    (key, most), reached = *limits.items(), made.forecast
+    assert getattr(reached, key).max() <= most
+    assert made.held_back_by == key
+    assert made.peak_force_n > 0.24
 
 
 def test_faults_of_arguments_come_together(capsys):

@@ -1,5 +1,6 @@
 """From the command to the device file: what stands on the emulated board comes back inside the intervals told."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -117,7 +118,7 @@ def test_force_has_the_same_bits_on_every_processor(where):
     else:
         require("qemu-system-arm", "arm-none-eabi-gcc")
         there = DeviceOnBench(device(**HIDDEN, encoder_resolution_m=2e-6))
-        plan = plan.__class__(**(vars(plan) | {"metres_per_count": 2e-6}))
+        plan = dataclasses.replace(plan, metres_per_count=2e-6)
         with LockStepBoard(build_image("bench-m3", scratch()), "bench-m3", position=lambda _: there.count()) as board:
             board.on_force = there.hold
             log = excite(plan, board)

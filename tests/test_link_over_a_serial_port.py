@@ -1,8 +1,10 @@
 """The same session over pyserial: a pseudo-terminal with the compiled firmware core behind it."""
 
+import dataclasses
 import itertools
 import os
 import select
+import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,10 +13,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import serial
+from excited import planned
 from hardware_bench import coupling, host_core, push, stream
 
 from avc_casadi import LinkError
-from avc_hardware import TableImage, find_port, list_ports, monitor
+from avc_casadi.excitation import Plan
+from avc_hardware import TableImage, excite, find_port, list_ports, monitor
 from avc_hardware import _ports as ports_module
 from avc_hardware._host import HostCore
 
@@ -78,6 +82,37 @@ def test_stream_and_monitor_over_a_serial_port(bench: Bench) -> None:
     samples = list(monitor(bench.port, rate_hz=50, seconds=0.1))
     assert len(samples) == 6
     assert all(a.ticks <= b.ticks for a, b in itertools.pairwise(samples))
+
+
+def excitation(ticks: int) -> Plan:
+    """Of the core's own board, whose encoder stands still here."""
+    return dataclasses.replace(planned(), metres_per_count=2e-6, ticks=ticks)
+
+
+def test_excitation_over_a_serial_port(bench: Bench) -> None:
+    log = excite(excitation(800), bench.port)
+    assert log.whole
+    assert log.lost == 0
+    assert np.array_equal(log.index, np.arange(801))
+    assert np.abs(log.force_n).max() > 0.5
+
+
+def test_interrupt_of_an_excitation_stops_the_device_first(bench: Bench) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    timer = threading.Timer(0.4, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            excite(excitation(100_000), bench.port)
+    finally:
+        timer.join()
+        signal.signal(signal.SIGINT, before)
+    bench.unplug()
+    assert bench.core.state().ticks < 50_000
+    assert bench.core.state().force_n == 0
+    force, _ = bench.core.tick(np.zeros(200, dtype=np.int32))
+    assert not force.any()
 
 
 def test_port_in_use_is_reported(bench: Bench) -> None:

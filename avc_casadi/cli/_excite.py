@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Device
     from avc_hardware import ExcitationLog
 
+_WORDS = {"force_n": "force", "speed_m_per_s": "speed", "travel_m": "travel"}
 _SIGNALS = ("multisine", "chirp", "sweep", "release")
 
 
@@ -49,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--force-n",
         type=positive,
         metavar="N",
-        help="largest force, taken as it is; default: as much as the limits allow, at most half of max_force_n",
+        help="force limit; default: half of max_force_n",
     )
     parser.add_argument("--speed-m-per-s", type=positive, default=0.3, metavar="V", help="speed limit; default 0.3")
     parser.add_argument(
@@ -120,6 +121,7 @@ def _plan(made: Excitation) -> dict[str, Any]:
             "tones": len(plan.signal.step),
             "peak_force_n": made.peak_force_n,
             "crest_factor": made.crest,
+            "held_back_by": made.held_back_by,
             "limits": {
                 "force_n": plan.max_force_n,
                 "speed_m_per_s": plan.max_speed_m_per_s,
@@ -147,8 +149,9 @@ def _plan_text(made: Excitation, port: str) -> str:
     several = f"{len(made.devices) - 1} corners" if len(made.devices) > 1 else "no ranges"
     return (
         f"{plan.kind} of {plan.seconds:g} s on {port}: {number(low)} to {number(high)} Hz, peak "
-        f"{number(made.peak_force_n)} N; beside it a spring of {number(plan.spring_n_per_m)} N/m and a damper of "
-        f"{number(plan.damper_ns_per_m)} N.s/m, hands off\n"
+        f"{number(made.peak_force_n)} N, held back by the {_WORDS[made.held_back_by]} limit\n"
+        f"beside it a spring of {number(plan.spring_n_per_m)} N/m and a damper of {number(plan.damper_ns_per_m)} N.s/m hold "
+        "the device near where it stands; hands off\n"
         + table(("at most", "limit", "declared\ndevice", f"worst of\n{several}"), rows, left=(0,))
     )
 

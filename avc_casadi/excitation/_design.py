@@ -65,6 +65,17 @@ class Excitation:
         """Largest force of the signal alone."""
         return peak_force_n(self.plan)
 
+    @property
+    def held_back_by(self) -> str:
+        """The limit that the worst device of the ranges comes nearest: force_n, speed_m_per_s or travel_m."""
+        plan, found = self.plan, self.forecast
+        near = {
+            "force_n": float(found.force_n.max()) / plan.max_force_n,
+            "speed_m_per_s": float(found.speed_m_per_s.max()) / plan.max_speed_m_per_s,
+            "travel_m": float(found.travel_m.max()) / plan.max_travel_m,
+        }
+        return max(near, key=lambda key: near[key])
+
 
 def plan_excitation(
     device: Device,
@@ -81,13 +92,13 @@ def plan_excitation(
         device: as declared, with its ranges.
         kind: see `KINDS`.
         seconds: how long.
-        force_n: peak of the force, taken as it is; None is the largest that the limits allow, at most half of the
-            device's own.
+        force_n: limit, of signal and centring together; None is half of the device's own. The signal is as strong as
+            this and the limits of speed and travel allow on every device of the ranges.
         speed_m_per_s: limit.
         travel_m: limit, to either side of where the device stands.
 
     Raises:
-        InputError: an argument out of range, a force that would break a limit, or limits that leave nothing to see.
+        InputError: an argument out of range, or limits that leave nothing to see.
         UnsupportedError: no weights of the multisine are found.
     """
     _check(device, kind, seconds, force_n, speed_m_per_s, travel_m)
@@ -111,7 +122,7 @@ def plan_excitation(
         signal=Signal((0,), (0,), (0,)),
     )
     signal = _signal(empty, devices, centring)
-    return _scaled(replace(empty, signal=signal), devices, force_n)
+    return _scaled(replace(empty, signal=signal), devices)
 
 
 def peak_force_n(plan: Plan) -> float:
@@ -291,20 +302,12 @@ def _multisine(plan: Plan, devices: Sequence[Device], centring: Centring, low: f
     return Signal.of(frequency, share, phase, plan.sample_time_s)
 
 
-def _scaled(plan: Plan, devices: Sequence[Device], force_n: float | None) -> Excitation:
-    """Return the plan at the wanted peak, or at the largest that no device takes beyond a limit."""
+def _scaled(plan: Plan, devices: Sequence[Device]) -> Excitation:
+    """Return the plan at the largest peak that takes no device near a limit."""
     full = float(np.abs(plan.signal.units(plan.ticks)).max()) / FULL
     scales = _SCALES * _MARGIN / full
     best = _largest(plan, devices, scales)
     best = _largest(plan, devices, np.geomspace(best, min(best * scales[1] / scales[0], scales[-1]), _FINER))
-    if force_n is not None:
-        asked = replace(plan, signal=_louder(plan.signal, float(scales[-1])))
-        faults = _broken(asked, devices, forecast(asked, devices))
-        if faults:
-            most = best / scales[-1] * plan.max_force_n
-            faults.append(Fault("", None, "force_n", f"is {number(force_n)} N; allowed: about {number(most)} N"))
-            raise InputError(faults)
-        best = float(scales[-1])
     made = replace(plan, signal=_louder(plan.signal, best))
     after = _checked(made, devices)
     _moves(made, devices, after)
