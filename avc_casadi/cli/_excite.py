@@ -150,8 +150,8 @@ def _plan_text(made: Excitation, port: str) -> str:
     return (
         f"{plan.kind} of {plan.seconds:g} s on {port}: {number(low)} to {number(high)} Hz, peak "
         f"{number(made.peak_force_n)} N, held back by the {_WORDS[made.held_back_by]} limit\n"
-        f"beside it a spring of {number(plan.spring_n_per_m)} N/m and a damper of {number(plan.damper_ns_per_m)} N.s/m hold "
-        "the device near where it stands; hands off\n"
+        f"a spring of {number(plan.spring_n_per_m)} N/m and a damper of {number(plan.damper_ns_per_m)} N.s/m hold the "
+        "device near where it stands; hands off\n"
         + table(("at most", "limit", "declared\ndevice", f"worst of\n{several}"), rows, left=(0,))
     )
 

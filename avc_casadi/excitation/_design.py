@@ -35,7 +35,7 @@ _PERIOD_S = 4.0
 _RAMP_S = 0.3
 _LOWEST_HZ, _HIGHEST_HZ, _HIGHEST_SHARE = 0.5, 300.0, 0.3
 _MARGIN = 0.85  # of the limits that a forecast may reach
-_CENTRING_HZ, _CENTRING_RATIO = 1.0, 0.5
+_CENTRING_HZ, _CENTRING_RATIO, _LAG_RAD = 1.0, 0.5, 0.3
 _SPRING_SHARE = 0.5  # of the force, at the end of the travel
 _PULLED, _RELEASED_HZ, _RELEASE_S = 0.6, 5.0, 4.0
 _SCALES = np.geomspace(0.02, 1.0, 12)
@@ -105,7 +105,8 @@ def plan_excitation(
     most_n = force_n or _FORCE_SHARE * (device.max_force_n or math.inf)
     devices = corners_of(device)
     step_m = device.encoder_resolution_m or _USUAL_ENCODER_M
-    centring = _centring(devices, most_n, travel_m, kind)
+    window = speed_window(step_m, device.sample_time_s, speed_m_per_s)
+    centring = _centring(devices, most_n, travel_m, kind, window)
     ticks = round(seconds / device.sample_time_s)
     empty = Plan(
         kind=kind,
@@ -118,7 +119,7 @@ def plan_excitation(
         max_travel_m=travel_m,
         spring_n_per_m=centring.spring_n_per_m,
         damper_ns_per_m=centring.damper_ns_per_m,
-        window=speed_window(step_m, device.sample_time_s, speed_m_per_s),
+        window=window,
         signal=Signal((0,), (0,), (0,)),
     )
     signal = _signal(empty, devices, centring)
@@ -163,7 +164,7 @@ def _broken(plan: Plan, devices: Sequence[Device], found: Forecast) -> list[Faul
     ):
         worst = int(np.argmax(reached[:, 0]))
         value = float(reached[worst, 0])
-        if value > most:
+        if not value <= most:
             one = devices[worst]
             faults.append(
                 Fault(
@@ -185,7 +186,7 @@ def _check(
     if kind not in KINDS:
         faults.append(Fault("", None, "signal", f"is {kind!r}; allowed: {', '.join(KINDS)}"))
     for key, value, low, high, unit in (
-        ("seconds", seconds, 2.0, 600.0, "s"),
+        ("seconds", seconds, 2.0, 120.0, "s"),
         ("speed_m_per_s", speed_m_per_s, 1e-3, 5.0, "m/s"),
         ("travel_m", travel_m, 1e-4, 1.0, "m"),
     ):
@@ -206,7 +207,7 @@ def _check(
         raise InputError(faults)
 
 
-def _centring(devices: Sequence[Device], force_n: float, travel_m: float, kind: Kind) -> Centring:
+def _centring(devices: Sequence[Device], force_n: float, travel_m: float, kind: Kind, window: int) -> Centring:
     """Return a spring that friction does not hold far from the middle, and a damper that calms the lightest device."""
     mass = devices[0].mass_kg
     lightest = min(one.mass_kg for one in devices)
@@ -217,6 +218,9 @@ def _centring(devices: Sequence[Device], force_n: float, travel_m: float, kind: 
         return Centring(float(spring), float(spring * late * devices[0].sample_time_s))
     friction = max(one.coulomb_friction_n for one in devices)
     most = _SPRING_SHARE * force_n / travel_m
+    # The delay lags little at the frequency at which the lightest device swings on the spring.
+    late_s = (max(one.delay_samples for one in devices) + 1.5 + window / 2) * devices[0].sample_time_s
+    most = min(most, lightest * (_LAG_RAD / late_s) ** 2)
     spring = min(max(mass * (2 * np.pi * _CENTRING_HZ) ** 2, 2 * friction / travel_m), most)
     return Centring(float(spring), float(2 * _CENTRING_RATIO * np.sqrt(spring * lightest)))
 
