@@ -161,7 +161,6 @@ def test_a_wrong_reference_is_told_where_it_stands(head, line, key, words):
 @pytest.mark.parametrize(
     ("old", "new", "key", "words"),
     [
-        ('title = "mine"\n', "", "title", "is missing"),
         ('mass_kg = { grade = "measured", source = "scale" }\n', "", "sources.mass_kg", "a source and a grade"),
         ('"measured", source = "scale"', '"weighed", source = "scale"', "sources.mass_kg.grade", '"measured"'),
         ('"backlash_m"]', "]", "device.backlash_m", "neither given nor a gap"),
@@ -223,3 +222,15 @@ def test_devices_of_the_catalogue_keep_what_was_found():
         assert (device.damping_ns_per_m, device.coulomb_friction_n) == (damping, friction)
         assert (device.delay_samples, device.amplifier_bandwidth_hz) == (1, 1000.0)
         assert (device.resonance.frequency_hz, device.resonance.mass_ratio) == (150.0, 0.5)
+
+
+def test_a_file_of_guesses_needs_no_sources(tmp_path, capsys):
+    path = tmp_path / "guess.toml"
+    path.write_text("[device]\nmass_kg = 0.2\ndamping_ns_per_m = 1.0\nrange = { mass_kg = [0.1, 0.3] }\n")
+    assert avc.load_device(path).device.range.mass_kg == (0.1, 0.3)
+    assert main(["check", str(path)]) == 0
+    assert "guess\n  valid device file\n  mass_kg = 0.2, from 0.1 to 0.3\n" in capsys.readouterr().out
+    assert device_of('device = "guess.toml"\n', folder=tmp_path).mass_kg == 0.2
+    # Once one value has a source, all have.
+    path.write_text(path.read_text() + '[sources]\nmass_kg = { grade = "measured", source = "scale" }\n')
+    assert "sources.damping_ns_per_m" in faults_of(avc.load_device, path)

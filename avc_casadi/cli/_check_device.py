@@ -8,11 +8,12 @@ from typing import Any
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer
+from avc_casadi.cli._text import titled
 
 
 def is_device(source: str) -> bool:
     """Whether a name or a file is that of a device rather than a problem."""
-    from avc_casadi.problem import catalogue_names, device_names
+    from avc_casadi.problem import DeviceFile, catalogue_names, device_names
 
     if source.startswith("devices/") and not source.endswith(".toml"):
         return True
@@ -22,7 +23,7 @@ def is_device(source: str) -> bool:
         tables = tomllib.loads(Path(source).read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError):  # told where it is loaded as a problem
         return False
-    return "sources" in tables and "environment" not in tables
+    return isinstance(tables.get("device"), dict) and set(tables) <= set(DeviceFile.model_fields)
 
 
 def check_device(source: str) -> Answer:
@@ -55,7 +56,7 @@ def _reference(source: str, name: str) -> str:
 
 
 def _text(document: dict[str, Any]) -> str:
-    lines = [f"{document['device']}: {document['title']}", "  valid device file"]
+    lines = [titled(document["device"], document["title"]), "  valid device file"]
     for key, value in document["values"].items():
         source = document["sources"].get(key)
         ends = f", from {document['range'][key][0]} to {document['range'][key][1]}" if _pair(document, key) else ""

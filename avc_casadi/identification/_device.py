@@ -57,12 +57,14 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         ranges.pop(key, None)
     gaps = [key for key in _QUANTITIES if key not in device]
     for key in list(gaps):
-        if base is not None and getattr(base.device, key) is not None and getattr(base.sources, key) is not None:
+        if base is not None and _states(base, key):
             table = base.device.model_dump(exclude_none=True)
             device[key] = table[key]
             if key in table.get("range", {}):
                 ranges[key] = table["range"][key]
-            sources[key] = getattr(base.sources, key).model_dump()
+            source = getattr(base.sources, key)
+            guess = {"grade": "assumed", "source": f"{base.name}, which gives no source"}
+            sources[key] = guess if source is None else source.model_dump()
             if key not in base.gaps:
                 gaps.remove(key)
         elif key in _CAUTIOUS:
@@ -72,7 +74,7 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         device["amplifier_order"] = base.device.amplifier_order
     if "mass_kg" not in device or "damping_ns_per_m" not in device:
         return None
-    title = base.title if base is not None else "Device identified from its log"
+    title = base.title if base is not None and base.title else "Device identified from its log"
     tables = {
         "title": title,
         "device": {**device, "range": {key: value for key, value in ranges.items() if value}},
@@ -80,6 +82,11 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         "gaps": gaps,
     }
     return DeviceFile.model_validate({"name": "device", **tables})
+
+
+def _states(base: DeviceFile, key: str) -> bool:
+    """Whether a device file gives a value, a guess without a source included."""
+    return getattr(base.device, key) is not None and key in base.device.model_fields_set
 
 
 def _meaning(key: str, found: Identification) -> str:

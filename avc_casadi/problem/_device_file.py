@@ -71,15 +71,15 @@ class DeviceFile(Table):
         title: one line.
         device: the device; what is not known of it stands at a cautious value.
         gaps: keys of what is not known.
-        sources: of every value stated.
+        sources: of every value stated; or of none, in a file of one's own guesses.
         sdk_example: limits that an SDK ships.
     """
 
     name: Text = ""
-    title: Text
+    title: Text = ""
     device: Device
     gaps: Annotated[tuple[str, ...], BeforeValidator(_gaps)] = ()
-    sources: Sources
+    sources: Sources = Sources()
     sdk_example: SdkExample | None = None
 
     @model_validator(mode="after")
@@ -138,7 +138,9 @@ def device_path(source: str | Path, folder: Path | None = None) -> Path | str:
 
 
 def _sourced(values: Values) -> Iterator[Finding]:
-    """Every value has a source, every gap is named, and what stands in a gap is assumed."""
+    """Every value has a source, every gap is named, what stands in a gap is assumed; or no source is given at all."""
+    if not values.given("sources") and not values.given("gaps"):
+        return
     gaps = values["gaps"]
     for key in _QUANTITIES:
         stated = values.given("device", key) or values.given("device", "range", key)
