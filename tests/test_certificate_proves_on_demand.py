@@ -1,6 +1,10 @@
 """Levels L7 to L9 are there when they are asked for, say proved, refuted or open, and why a loop is open."""
 
+import dataclasses
+import functools
 import json
+import math
+import signal
 
 import numpy as np
 import pytest
@@ -9,12 +13,19 @@ from clip_last_simulator import Simulator
 from hardware_bench import believer
 
 import avc_casadi as avc
-from avc_casadi.certificate import certify, levels_table, prove, with_proofs
+from avc_casadi.certificate import certify, levels_table
+from avc_casadi.cli._console import Console
+from avc_casadi.cli._main import main
 from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.proof import HAND, ContactLaw, Rest, prove_rest, same_gains, wall_gap
+from avc_casadi.problem import Device
+from avc_casadi.proof import HAND, ContactLaw, HandsProof, Rest, prove_rest, same_gains, wall_gap
 
 SOFT = Gains(20.0, 8e3, 0.0)
 STIFF = Gains(287.4, 2.913e6, 84.82)
+RIGID = (math.inf, math.inf)
+SPRING_OF_TWO = avc.load_problem("figure5").changed(
+    environment={"stiffness_n_per_m": 5e3}, frequency={"start_hz": 1.0, "stop_hz": 30.0, "points": 2}
+)
 
 
 def coupling_of(gains=SOFT, contact="clip-last", runtime=None, problem="figure5", **changes):
@@ -22,8 +33,13 @@ def coupling_of(gains=SOFT, contact="clip-last", runtime=None, problem="figure5"
     return Coupling.constant(avc.load_problem(problem).changed(**changes), gains, "by hand", runtime)
 
 
+@functools.cache
+def proved(coupling):
+    return certify(coupling.problem, coupling, prove=True).levels
+
+
 def outcome(coupling, level="L7"):
-    return prove(coupling)[level]
+    return proved(coupling)[level]
 
 
 def test_the_same_gains_are_proved_clipped_last_and_refuted_behind_the_gate():
@@ -95,10 +111,11 @@ def test_an_observer_is_proved_without_its_dead_zone_and_open_with_it():
 
 def test_levels_stand_in_table_and_document_and_survive_json():
     coupling = coupling_of()
-    whole = with_proofs(certify(coupling.problem, coupling), prove(coupling))
+    whole = dataclasses.replace(certify(coupling.problem, coupling), levels=proved(coupling))
     document = json.loads(json.dumps(whole.document(), allow_nan=False))
     assert document["levels"]["L7"]["outcome"] == "proved"
-    assert document["levels"]["L5"]["outcome"] is None
+    assert document["levels"]["L5"]["outcome"] == "proved"
+    assert document["levels"]["L3"]["outcome"] is None
     text = levels_table(document).text()
     assert "proved" in text
     assert len(whole.to_dict()["level"]) == 9
@@ -111,7 +128,7 @@ def test_rows_of_a_table_are_proved_one_by_one_and_switching_is_not():
         coupling={"contact": "clip-last"}, frequency={"start_hz": 1.0, "stop_hz": 30.0, "points": 2}
     )
     schedule = avc.solve(problem, "exact")
-    found = prove(Coupling.of(problem, schedule))
+    found = proved(Coupling.of(problem, schedule))
     assert len(found["L7"].row_passed) == len(Coupling.of(problem, schedule).table)
     assert "nothing of gains that change" in found["L7"].claim
     assert found["L9"].outcome == "open"
@@ -119,12 +136,76 @@ def test_rows_of_a_table_are_proved_one_by_one_and_switching_is_not():
 
 def test_the_command_proves_when_asked(tmp_path):
     coupling = coupling_of()
-    file = tmp_path / "c.json"
+    file, out = tmp_path / "c.json", tmp_path / "proofs"
     avc.write_coupling(coupling, file)
-    plain, proved = (command("certify", str(file), *more, "--json") for more in ((), ("--prove",)))
-    levels = [set(json.loads(done.stdout)["levels"]) for done in (plain, proved)]
-    assert levels[1] - levels[0] == {"L7", "L8", "L9"}
-    assert plain.returncode == proved.returncode
+    asked = ((), ("--prove", "--proof-out", str(out)))
+    plain, found = (command("certify", str(file), *more, "--json") for more in asked)
+    levels = [json.loads(done.stdout)["levels"] for done in (plain, found)]
+    assert set(levels[1]) - set(levels[0]) == {"L7", "L8", "L9"}
+    assert plain.returncode == found.returncode
+    library = proved(coupling)
+    for level, one in library.items():
+        assert (levels[1][level]["outcome"] or "") == one.outcome
+        assert levels[1][level]["claim"].split(":")[0] == one.claim.split(":")[0]
+    files = {path.name: json.loads(path.read_text()) for path in out.iterdir()}
+    assert set(files) == {"L5.json", "L7.json"}
+    assert HandsProof.from_document(files["L5.json"]["proofs"][0]).replays()
+    assert Rest.from_document(files["L7.json"]["proofs"][0]).verified()
+    assert files["L5.json"]["problem"]["device"] == coupling.problem.device.model_dump(mode="json")
+
+
+def test_files_of_proofs_are_only_written_where_proofs_are_asked_for(tmp_path):
+    done = command("certify", "spring", "nothing.json", "--proof-out", str(tmp_path / "proofs"))
+    assert done.returncode == 2
+    assert b"--prove" in done.stderr
+    assert not (tmp_path / "proofs").exists()
+
+
+def test_ctrl_c_ends_a_search_for_proofs_as_itself_and_writes_nothing(tmp_path, monkeypatch, capsys):
+    """It comes while cells are verified, and again while patterns of rows are looked at."""
+    schedule = Coupling.of(SPRING_OF_TWO, avc.solve(SPRING_OF_TWO, "exact"))
+    file, out = tmp_path / "c.json", tmp_path / "proofs"
+    avc.write_coupling(schedule, file)
+    for what in ("verified", "every hand", "patterns of rows"):
+        asked = []
+
+        def advance(_self, _done, _total, told="", what=what, asked=asked):
+            asked.append(told)
+            if told == what:
+                signal.raise_signal(signal.SIGINT)
+
+        monkeypatch.setattr(Console, "advance", advance)
+        assert main(["certify", str(file), "--prove", "--proof-out", str(out)]) == 130
+        assert asked[-1] == what
+        assert capsys.readouterr() == ("", "avc: interrupted\n")
+        assert not out.exists()
+
+
+def test_state_feedback_is_not_proved_and_says_why():
+    runtime = Runtime(state_feedback=believer(0))
+    coupling = coupling_of(Gains(0.0, 1e8), runtime=runtime, environment={"stiffness_n_per_m": 2e3})
+    level = outcome(coupling, "L5")
+    assert level.outcome == "open"
+    assert "not proved: the enclosure knows gains, not an observer with state feedback" in level.claim
+
+
+def test_the_claim_says_which_device_it_covers():
+    claim = outcome(coupling_of()).claim
+    assert (
+        "of a rigid device, an ideal amplifier, 0 samples of delay; left out: dry friction (0.2 N), encoder (2e-06"
+        in (claim)
+    )
+    keys = {"delay_samples": 0.5, "amplifier_bandwidth_hz": 900.0, "coulomb_friction_n": 0.2}
+    keys["range"] = {"delay_samples": (0.25, 0.5), "coulomb_friction_n": (0.1, 0.3)}
+    law = ContactLaw.of(coupling_of().problem, *RIGID, 10.0)
+    found = prove_rest(
+        ContactLaw(**{**vars_of(law), "wall_stiffness_n_per_m": 2e3}),
+        "clip-last",
+        Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 2.0, **keys}),
+        {"mass_kg": (0.1, 0.12), "damping_ns_per_m": (5.0, 6.0), "stiffness_n_per_m": (300.0, 320.0)},
+    )
+    assert found.outcome == "proved"
+    assert "an amplifier of 900 Hz, 0.25 to 0.5 samples of delay; left out: dry friction (0.3 N)" in found.sentence
 
 
 def test_ripple_is_a_bound_that_the_worst_noise_comes_near_to():

@@ -12,7 +12,7 @@ from clip_last_simulator import Simulator
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.certificate import prove
+from avc_casadi.certificate import certify
 from avc_casadi.coupling import Coupling, GainTable
 from avc_casadi.proof import Changing, joint_spectral_radius, prove_changes
 
@@ -214,11 +214,11 @@ def test_what_the_proof_does_not_know_is_open_by_name():
 def test_the_level_is_there_when_it_is_asked_for():
     gains = avc.coupling.Gains(20.0, 8e3, 0.0)
     constant = Coupling.constant(SOFT, gains, "by hand")
-    level = prove(constant)["L8"]
+    level = certify(SOFT, constant, prove=True).levels["L8"]
     assert (level.outcome, level.claim) == ("proved", "no gains change")
     table = GainTable(np.array([[1.0, 1e3, 1e7, 92.0], [10.0, 1e3, 1e7, 118.0]]))
-    level = prove(dataclasses.replace(constant, problem=SPRING, table=table))["L8"]
+    level = certify(SPRING, dataclasses.replace(constant, table=table), prove=True).levels["L8"]
     assert level.outcome == "refuted"
     assert "pattern" in level.claim
-    first = Changing.from_document(json.loads(json.dumps(level.detail))["changes"][0])
+    first = Changing.from_document(json.loads(json.dumps(level.detail))["proofs"][0])
     assert first.replays(SPRING)

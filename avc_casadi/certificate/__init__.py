@@ -15,8 +15,7 @@ from avc_casadi.certificate._gate import require_deployable as require_deployabl
 from avc_casadi.certificate._levels_table import levels_table as levels_table
 from avc_casadi.certificate._llewellyn_table import LlewellynTable as LlewellynTable
 from avc_casadi.certificate._llewellyn_table import llewellyn_table as llewellyn_table
-from avc_casadi.certificate._proofs import prove as prove
-from avc_casadi.certificate._proofs import with_proofs as with_proofs
+from avc_casadi.certificate._proof_files import proof_files as proof_files
 from avc_casadi.certificate._rendered_wall import rendered_wall as rendered_wall
 from avc_casadi.certificate._zwidth import Curve as Curve
 from avc_casadi.certificate._zwidth import ZWidth as ZWidth

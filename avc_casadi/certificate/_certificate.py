@@ -32,7 +32,7 @@ class LevelResult(Comparable):
     """One level of a certificate; row arrays have shape (n,) in the order of the gains.
 
     Attributes:
-        level: L0 to L5; L7 to L9 where proofs were asked for (`prove`).
+        level: L0 to L5; L7 to L9 where proofs were asked for.
         passed: whether every row meets it.
         margin_ns_per_m: the worst margin, N.s/m; not a number where there is none to give.
         frequency_hz: where it stands; 0 is the limit of zero frequency.
@@ -45,7 +45,7 @@ class LevelResult(Comparable):
         row_frequency_hz: where it stands.
         detail: more numbers of this level.
         refused: why the level is not judged on this device; empty where it is.
-        outcome: proved, refuted or open, of a level that is a proof; empty of others.
+        outcome: proved, refuted or open, where a proof was asked for (L5, L7 to L9); empty of others.
     """
 
     level: Level

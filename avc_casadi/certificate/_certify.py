@@ -12,8 +12,9 @@ from avc_casadi.certificate._certificate import Certificate, Level, LevelResult
 from avc_casadi.certificate._device_levels import device_level, ideal
 from avc_casadi.certificate._feedback_claims import certify_feedback
 from avc_casadi.certificate._hands_level import hands_level
+from avc_casadi.certificate._hands_proof import not_proved, proved_level
 from avc_casadi.certificate._levels import Rows, llewellyn_level, not_judged, passivity_level
-from avc_casadi.certificate._prove import not_proved, proved_level
+from avc_casadi.certificate._on_demand import on_demand
 from avc_casadi.coupling import Coupling, GainSchedule, check_sample_time, require_coupling
 from avc_casadi.loop import least_damped
 from avc_casadi.passivity import SampledLoop, fractions, passive_limit_n_per_m
@@ -46,8 +47,11 @@ def certify(
             judged as a rigid coupling.
         draws: hands drawn for L5 beside the corners of the range.
         seed: seed of the draws.
-        prove: prove L5 over every hand and device of the ranges, or refute it, where a search alone has looked; a
-            second or two for a table. State feedback is not among what can be proved.
+        prove: prove L5 over every hand and device of the ranges, or refute it, where a search alone has looked; and
+            judge the table that runs, with what runs beside it, for rest (L7), gains that change (L8) and ripple (L9).
+            Each says proved, refuted or open, with the reason; what each can prove is told by `PROVABLE`. Proofs and
+            witnesses stand in the detail of the level as ``proofs`` and can be read again (`avc_casadi.proof`:
+            `HandsProof`, `Rest`, `Changing`). Seconds a row.
         progress: told of the rows that are judged.
 
     Raises:
@@ -58,7 +62,7 @@ def certify(
         >>> certificate.levels["L0"].passed
         True
     """
-    problem = as_problem(problem)
+    problem, whole = as_problem(problem), gains
     if not isinstance(gains, GainSchedule):
         require_coupling(gains)
         gains = gains.schedule
@@ -66,7 +70,9 @@ def certify(
     if gains.state_feedback is not None and gains.usable.any():
         certificate = certify_feedback(Coupling.of(problem, gains), draws=draws, seed=seed)
         if prove:
-            certificate.levels["L5"] = not_proved(certificate.levels["L5"], "state feedback is not enclosed")
+            why = "the enclosure knows gains, not an observer with state feedback"
+            certificate.levels["L5"] = not_proved(certificate.levels["L5"], why)
+            certificate.levels.update(on_demand(problem, whole, seed=seed, progress=progress))
         return certificate
     b, k, contact = (
         (gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m, gains.requested_contact_damping_ns_per_m)
@@ -87,6 +93,7 @@ def certify(
     }
     if prove:
         levels["L5"] = proved_level(rows, levels["L5"], progress)
+        levels |= on_demand(problem, whole, seed=seed, progress=progress)
     device = problem.device
     parts = fractions(SampledLoop.of(problem), rows.b, rows.k)
     return Certificate(

@@ -62,7 +62,6 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
     hand, device = found.hands.pick(only), found.devices[found.corner[worst]]
     margin = damping_reserve(device, parts.pick(only), rows.contact[only], hand)
     held = hand.values(0)
-    detail["verdict"] = "checked" if result.passed else "refuted"
     detail["worst_hand"] = held
     detail["worst_device"] = linear_values(device)
     if not found.stable[worst]:

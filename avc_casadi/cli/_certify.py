@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._subject import is_coupling, read_subject
 from avc_casadi.cli._text import number, passive_limit, rows_text
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from avc_casadi.coupling import Coupling, GainSchedule
 
 
@@ -30,24 +33,57 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--prove",
         action="store_true",
-        help="prove or refute L5 over every hand, rest (L7), changing gains (L8), ripple (L9): seconds a row",
+        help="ask for proofs, seconds a row: each says proved, refuted (with what breaks it) or open (with the reason)",
     )
+    parser.add_argument(
+        "--proof-out",
+        metavar="DIR",
+        help="with --prove: write the proofs and witnesses of L5, L7 and L8, a file a level",
+    )
+    parser.epilog = _PROVABLE
+
+
+_PROVABLE = """\
+what --prove can prove, each of the device as declared in its ranges:
+  L5  linearly stable with every hand: rigid device, ideal amplifier, delay whole or not; gains, each row held;
+      not with state feedback
+  L7  rest with every hand, making and breaking contact: delay, amplifier and resonance too, without friction;
+      gains, each row held, with or without state feedback, contact = "clip-last"; not with its dead zone, with an
+      observer between encoder steps, or a guard
+  L8  rows of a gain table that follow one another in kept contact: rigid device, ideal amplifier, whole delay known
+      exactly, a wall with a spring; nothing beside the gains; needs pip install 'avc-casadi[proof]'
+  L9  ripple of encoder, noise and friction in kept contact: constant gains, a device whose linear values are known
+      exactly, whole delay
+"""
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Certify; 1 if the coupling is not deployable."""
-    from avc_casadi.certificate import levels_table, prove, with_proofs
+    if args.proof_out is None:
+        return _certify(args, console, None)
+    if not args.prove:
+        raise avc.InputError.of("writes what --prove finds; give --prove too", key="--proof-out")
+    with output_folder(args.proof_out, "--proof-out") as folder:
+        return _certify(args, console, folder)
+
+
+def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) -> Answer:
+    from avc_casadi.certificate import levels_table, proof_files
     from avc_casadi.coupling import Coupling
+    from avc_casadi.support import json_text
 
     problem, gains, coupling, notes = _judged(args)
     file = args.problem if args.gains is None else args.gains
     with console.step(f"certificate of {rows_text(gains.rows)}"):
-        found = avc.certify(problem, gains, requested=args.requested, prove=args.prove, progress=console)
+        found = avc.certify(problem, coupling or gains, requested=args.requested, prove=args.prove, progress=console)
     if coupling is None and gains.usable.any():
         coupling = Coupling.of(problem, gains)
-    if args.prove and coupling is not None:
-        found = with_proofs(found, prove(coupling, progress=console))
     certificate = found.document()
+    written: list[str] = []
+    if proofs is not None:
+        for name, one in proof_files(problem, found).items():
+            write_text(proofs / name, json_text(one), "--proof-out")
+            written.append(name)
     with console.step("table that runs"):
         verdict = None if coupling is None else avc.deployable(coupling, console)
     claimed = claimed_level(problem)
@@ -59,6 +95,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "claimed": claimed,
         "gains": file,
         "notes": notes,
+        "proof_files": written,
         "deployable": deployment,
     } | certificate
     claims = "\n".join(f"  {note}" for note in levels_table(certificate).notes)
@@ -72,6 +109,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         f"{'met' if certificate['levels'][claimed]['pass'] else 'not met'}\n"
         f"{passive_limit(certificate['passive_limit_n_per_m'])}"
     )
+    if written:
+        text += f"\nwritten to {args.proof_out}: {', '.join(written)}"
     complaint = "" if deployment["pass"] else f"avc: {problem.name}: {file} is not deployable"
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
 

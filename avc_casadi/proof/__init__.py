@@ -6,10 +6,10 @@ from avc_casadi.proof._changing import Order as Order
 from avc_casadi.proof._changing import prove_changes as prove_changes
 from avc_casadi.proof._contraction import NormedCell as NormedCell
 from avc_casadi.proof._frozen_loop import FrozenGains as FrozenGains
+from avc_casadi.proof._hands_piece import Piece as Piece
 from avc_casadi.proof._hands_proof import BUDGET as BUDGET
 from avc_casadi.proof._hands_proof import HandsProof as HandsProof
 from avc_casadi.proof._hands_proof import Outcome as Outcome
-from avc_casadi.proof._hands_proof import Piece as Piece
 from avc_casadi.proof._hands_proof import prove_hands as prove_hands
 from avc_casadi.proof._held_device import HAND as HAND
 from avc_casadi.proof._held_device import STYLUS as STYLUS

@@ -147,7 +147,6 @@ def prove_changes(
         progress: told of corners and cells.
 
     Raises:
-        UnsupportedError: a device of more than the delay that whole loops are judged with.
         MissingExtraError: nothing refutes it, and clarabel, by which a proof is sought, is not installed.
         KeyboardInterrupt: Ctrl-C.
     """

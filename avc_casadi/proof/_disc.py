@@ -3,6 +3,9 @@
 A disc is a centre c and a radius r; what a function gives contains its value at every point of its arguments. Radii
 are rounded up by a factor that is far above what double precision can lose. exp, sin and cos are taken to be right to
 four units in the last place.
+
+Beside it stands `_interval`, whose rectangles fit real numbers and their signs: here numbers are turned and inverted
+many times over, by which a disc stays a disc.
 """
 
 from __future__ import annotations

@@ -13,18 +13,23 @@ polynomial whose zeros are the eigenvalues of the loop, and 0; its degree is the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from avc_casadi.proof._interval import ComplexInterval, Interval, cosine, sine
 from avc_casadi.proof._jet import Jet
 from avc_casadi.proof._oscillator import oscillator
-from avc_casadi.support import BoolArray, FloatArray, IndexArray
+from avc_casadi.support import BoolArray, FloatArray, IndexArray, plain
 
 ANGLE, MASS, DAMPING, STIFFNESS, LATE = range(5)
 """Rows of a cell: z = exp(j angle) in rad; M, kg; B, N.s/m; k, N/m; fraction of the delay, where it varies."""
+
+_NUMBERS = ("wall_damping_ns_per_m", "wall_stiffness_n_per_m", "sample_time_s")
+_GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,17 @@ class FrozenGains:
             stiffness_n_per_m=self.stiffness_n_per_m[rows],
             contact_damping_ns_per_m=self.contact_damping_ns_per_m[rows],
         )
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values; an infinite gain is null."""
+        return {name: plain(value) for name, value in vars(self).items()}
+
+    @classmethod
+    def from_document(cls, found: Mapping[str, Any]) -> FrozenGains:
+        """Read what `document` gives."""
+        b, k, contact = (np.array([np.inf if gain is None else float(gain) for gain in found[name]]) for name in _GAINS)
+        wall_b, wall_k, time = (float(found[name]) for name in _NUMBERS)
+        return cls(b, k, contact, wall_b, wall_k, time)
 
     def polynomials(self) -> tuple[Interval, Interval]:
         """Return the coefficients of E, shape (2, rows), and of G, shape (3, rows), in powers of eta."""

@@ -8,23 +8,25 @@ all eigenvalues lie inside, and by pi less for each that does not.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from avc_casadi.loop import Hand, device_corners, device_with, hand_ranges
 from avc_casadi.passivity import SampledLoop, fractions
+from avc_casadi.problem import Device
 from avc_casadi.proof._frozen_loop import FrozenGains, FrozenLoop
+from avc_casadi.proof._hands_piece import TOP, Piece, all_inside
 from avc_casadi.proof._interval import Interval
-from avc_casadi.proof._zero_exclusion import Cells, exclude_zeros, excludes
+from avc_casadi.proof._zero_exclusion import Cells, exclude_zeros
 from avc_casadi.stability import MAX_DELAY_SAMPLES, rigid, whole_stability, worst_hands
-from avc_casadi.support import SILENT, BoolArray, FloatArray, IndexArray, Progress
+from avc_casadi.support import SILENT, BoolArray, FloatArray, IndexArray, Progress, plain
 
 if TYPE_CHECKING:
     from avc_casadi.passivity import Fractions
-    from avc_casadi.problem import Device, Problem
+    from avc_casadi.problem import Problem
 
 Outcome = Literal["proved", "refuted", "open"]
 BUDGET = 40_000
@@ -32,31 +34,7 @@ BUDGET = 40_000
 _REFUTED = 1 + 1e-9
 """Eigenvalues of these matrices are right to about 1e-12."""
 _WITNESSES = 12
-_CLEAR_TURN = 3.0
-_TURN_TOLERANCE = 1e-3
-_TOP = float(np.nextafter(np.pi, 4.0))
 _NAMES = ("angle_rad", "mass_kg", "damping_ns_per_m", "stiffness_n_per_m", "delay_fraction")
-
-
-@dataclass(frozen=True)
-class Piece:
-    """What was proved for delays between two whole numbers of samples; rows of cells as in `Enclosed` functions.
-
-    Attributes:
-        whole_delay: samples of delay, less the fraction.
-        fraction: of the delay; None where it is a row of the cells.
-        low: lower corner of the box, shape (v,): angle, rad; all mass that moves, kg; damping; stiffness; fraction.
-        high: upper corner.
-        cells: cells that fill the box, none of which holds a zero.
-        member: cells along the unit circle at one point of the box.
-    """
-
-    whole_delay: int
-    fraction: float | None
-    low: FloatArray
-    high: FloatArray
-    cells: Cells
-    member: Cells
 
 
 @dataclass(frozen=True)
@@ -101,7 +79,39 @@ class HandsProof:
         """Whether the stored cells prove it, or the stored hand refutes it, once more and without any search."""
         if self.outcome == "refuted":
             return self.hand is not None and self.device is not None and _radius(self, self.device) > 1
-        return self.outcome == "proved" and bool(self.pieces) and all(_replays(self.gains, one) for one in self.pieces)
+        return (
+            self.outcome == "proved" and bool(self.pieces) and all(piece.replays(self.gains) for piece in self.pieces)
+        )
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values; `from_document` reads them. Cells are stored as the cuts that make them."""
+        kept = ("outcome", "hand", "radius", "left", "reason", "looked_at", "seconds")
+        return {
+            "schema": "avc-proof/1",
+            "claim": "stable with every hand",
+            "sentence": self.sentence(),
+            **{name: plain(getattr(self, name)) for name in kept},
+            "gains": self.gains.document(),
+            "device": None if self.device is None else self.device.model_dump(mode="json"),
+            "pieces": [piece.document(self.gains) for piece in self.pieces],
+        }
+
+    @classmethod
+    def from_document(cls, found: Mapping[str, Any]) -> HandsProof:
+        """Read what `document` gives; nothing of it is believed before `replays`."""
+        hand, device, radius, left = (found[name] for name in ("hand", "device", "radius", "left"))
+        return cls(
+            outcome=found["outcome"],
+            gains=FrozenGains.from_document(found["gains"]),
+            pieces=tuple(Piece.from_document(piece) for piece in found["pieces"]),
+            hand=None if hand is None else {name: float(value) for name, value in hand.items()},
+            device=None if device is None else Device.model_validate(device),
+            radius=float("nan") if radius is None else float(radius),
+            left=None if left is None else {name: float(value) for name, value in left.items()},
+            reason=str(found["reason"]),
+            looked_at=int(found["looked_at"]),
+            seconds=float(found["seconds"]),
+        )
 
 
 def prove_hands(
@@ -245,7 +255,7 @@ def _proved(
         loop = FrozenLoop(gains, whole, fraction)
         ends = ([first], [last]) if fraction is None else ([], [])
         low_corner, high_corner = (
-            np.array([angle, *hand, *late]) for angle, hand, late in zip((0.0, _TOP), (low, high), ends, strict=True)
+            np.array([angle, *hand, *late]) for angle, hand, late in zip((0.0, TOP), (low, high), ends, strict=True)
         )
 
         def worth(left: Cells) -> BoolArray:
@@ -267,7 +277,7 @@ def _proved(
                 found[int(row)] = _left_open(problem, own, left, whole, fraction)
             else:
                 piece = Piece(whole, fraction, low_corner, high_corner, mine, line)
-                if _all_inside(FrozenLoop(own, whole, fraction), line):
+                if all_inside(FrozenLoop(own, whole, fraction), line):
                     pieces[int(row)].append(piece)
                 else:
                     reason = "the eigenvalues with one hand could not be counted"
@@ -301,61 +311,3 @@ def _left_open(problem: Problem, gains: FrozenGains, left: Cells, whole: int, fr
     held = ", ".join(f"{value:.6g} {name}" for name, value in list(place.items())[1:4])
     reason = f"{len(left)} cells left when the budget was used up, one about {held} of all that moves"
     return HandsProof("open", gains, left=place, reason=reason)
-
-
-def _all_inside(loop: FrozenLoop, line: Cells) -> bool:
-    """Whether the argument of F grows by 2 pi along the cells: all eigenvalues lie inside the unit circle."""
-    order = np.argsort(line.low[0], kind="stable")
-    low, high = line.low[:, order], line.high[:, order]
-    if not len(line) or low[0, 0] != 0.0 or high[0, -1] != _TOP or (low[0, 1:] != high[0, :-1]).any():
-        return False
-    points = np.concatenate([low, high[:, -1:]], axis=1)
-    value = loop.at(points, np.zeros(points.shape[1], dtype=np.intp))
-    number = value.real.middle + 1j * value.imag.middle
-    # Both ends of a cell lie in one half plane: the argument between them is the principal one.
-    turn = np.angle(number[1:] * np.conj(number[:-1]))
-    whole = abs(float(turn.sum()) - 2 * np.pi) < _TURN_TOLERANCE
-    return bool(np.isfinite(turn).all() and (np.abs(turn) < _CLEAR_TURN).all() and whole)
-
-
-def _replays(gains: FrozenGains, piece: Piece) -> bool:
-    loop = FrozenLoop(gains, piece.whole_delay, piece.fraction)
-    cells, member = (replace(one, row=np.zeros(len(one), dtype=np.intp)) for one in (piece.cells, piece.member))
-    inside = (member.low[1:] >= piece.low[1:, None]) & (member.high[1:] <= piece.high[1:, None])
-    thin = member.low[1:] == member.high[1:]
-    whole = piece.low[0] == 0.0 and piece.high[0] == _TOP
-    return bool(
-        whole
-        and inside.all()
-        and thin.all()
-        and (member.low[1:] == member.low[1:, :1]).all()
-        and fills(piece.low, piece.high, cells)
-        and excludes(loop, cells).all()
-        and excludes(loop, member).all()
-        and _all_inside(loop, member)
-    )
-
-
-def fills(low: FloatArray, high: FloatArray, cells: Cells) -> bool:
-    """Whether cells fill a box: by halving it as the search did, along any side that cuts no cell."""
-    waiting = [(low, high, np.arange(len(cells)))]
-    while waiting:
-        first, last, some = waiting.pop()
-        if not len(some):
-            return False
-        if len(some) == 1:
-            one = int(some[0])
-            if (cells.low[:, one] > first).any() or (cells.high[:, one] < last).any():
-                return False
-            continue
-        middle = 0.5 * first + 0.5 * last
-        below, above = cells.high[:, some] <= middle[:, None], cells.low[:, some] >= middle[:, None]
-        clean = np.flatnonzero((below | above).all(axis=1) & (last > first))
-        if not clean.size:
-            return False
-        side = int(clean[0])
-        for half, upper in ((below[side], False), (above[side], True)):
-            ends = first.copy(), last.copy()
-            ends[0 if upper else 1][side] = middle[side]
-            waiting.append((*ends, some[half]))
-    return True

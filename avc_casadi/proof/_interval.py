@@ -7,6 +7,9 @@ Every result is widened by one to two units in the last place and by 2^-1022.
 An end that is not a number says that nothing is known. Every comparison with it is false, so that nothing follows from
 it: ask `x.low > 0`, never `not x.low <= 0`.
 
+Beside it stands `_disc`, for complex numbers that turn: a rectangle grows by up to the root of 2 with each turn, a disc
+does not. Rectangles keep real and imaginary parts apart, whose signs decide here, and trust no function of libm.
+
 mpmath and python-flint enclose one number at a time, a thousand times slower on the arrays of a search; the packages
 that work on arrays come as binaries for few platforms.
 """
@@ -14,7 +17,6 @@ that work on arrays come as binaries for few platforms.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from types import EllipsisType
@@ -99,16 +101,14 @@ class Interval:
     def __add__(self, other: Interval | FloatArray | float) -> Interval:
         if isinstance(other, ComplexInterval):
             return NotImplemented
-        low, high = _ends(other)
-        return _outwards(np.add, (self.low, low), (self.high, high))
+        low, high = (other.low, other.high) if isinstance(other, Interval) else (other, other)
+        with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+            return Interval(_below(self.low + low), _above(self.high + high))
 
     __radd__ = __add__
 
     def __sub__(self, other: Interval | FloatArray | float) -> Interval:
-        if isinstance(other, ComplexInterval):
-            return NotImplemented
-        low, high = _ends(other)
-        return _outwards(np.subtract, (self.low, high), (self.high, low))
+        return self + (-other)
 
     def __rsub__(self, other: FloatArray | float) -> Interval:
         return -self + other
@@ -302,19 +302,6 @@ def _over_range(angle: Interval, at_low: Interval, at_high: Interval, shift: flo
         top = 2 * np.ceil(first / 2) <= last
         bottom = 2 * np.ceil((first - 1) / 2) + 1 <= last
     return Interval(np.where(bottom, -1.0, ends.low), np.where(top, 1.0, ends.high))
-
-
-def _ends(value: Interval | FloatArray | float) -> tuple[FloatArray | float, FloatArray | float]:
-    return (value.low, value.high) if isinstance(value, Interval) else (value, value)
-
-
-def _outwards(
-    operation: Callable[..., Any],
-    low: tuple[FloatArray | float, FloatArray | float],
-    high: tuple[FloatArray | float, FloatArray | float],
-) -> Interval:
-    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
-        return Interval(_below(operation(*low)), _above(operation(*high)))
 
 
 def _below(value: FloatArray) -> FloatArray:

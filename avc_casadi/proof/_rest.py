@@ -16,6 +16,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, linear_values
 from avc_casadi.problem import Device
+from avc_casadi.proof._covered import covered
 from avc_casadi.proof._hands_proof import Outcome
 from avc_casadi.proof._held_device import HAND, HeldDevice
 from avc_casadi.proof._law import ContactLaw
@@ -177,7 +178,7 @@ def prove_rest(
     if found is not None and not open_for:
         sentence = (
             f"comes to rest with every hand of the box, wherever it rests and from any state, making and breaking "
-            f"contact: one multiplier of {len(found.taps)} taps, verified in {cells} cells"
+            f"contact ({covered(device)}): one multiplier of {len(found.taps)} taps, verified in {cells} cells"
         )
         return told("proved", sentence, multiplier=found, cells=cells)
     orbit = None

@@ -30,7 +30,7 @@ def proved_level(rows: Rows, checked: LevelResult, progress: Progress = SILENT) 
         The level: not met where a row is refuted. Rows that stay open keep what the search said, and are named.
     """
     if checked.refused or not len(rows.b):
-        return checked
+        return replace(checked, outcome="open")
     gains, inverse = np.unique(np.array([rows.b, rows.k, rows.contact]), axis=1, return_inverse=True)
     unique = prove_hands(rows.problem, *gains, progress=progress)
     proofs = [unique[index] for index in inverse.ravel()]
@@ -39,7 +39,6 @@ def proved_level(rows: Rows, checked: LevelResult, progress: Progress = SILENT) 
     passed = checked.row_passed & ~(rows.spread(refuted.astype(np.float64), 0.0) > 0)
     missing = len(rows.present) - len(proofs)
     detail: dict[str, Any] = checked.detail | {
-        "verdict": _verdict(counts, len(proofs)),
         "proof": {
             "proved": counts["proved"],
             "refuted": counts["refuted"],
@@ -50,6 +49,8 @@ def proved_level(rows: Rows, checked: LevelResult, progress: Progress = SILENT) 
             "seconds": sum(proof.seconds for proof in unique),
             "first_open": _first_open(proofs),
         },
+        # One for each row of gains that is not another's.
+        "proofs": [proof.document() for proof in unique],
     }
     whole = counts["proved"] == len(proofs) and not missing
     if whole:
@@ -65,18 +66,13 @@ def proved_level(rows: Rows, checked: LevelResult, progress: Progress = SILENT) 
     if checked.passed and worst is not None and worst.device is not None:
         detail |= {"worst_hand": worst.hand, "worst_device": linear_values(worst.device)}
     passed_whole = bool(passed.all()) and checked.passed
-    return replace(checked, passed=passed_whole, row_passed=passed, claim=claim, detail=detail)
+    outcome: Outcome = "refuted" if counts["refuted"] else "proved" if whole else "open"
+    return replace(checked, passed=passed_whole, row_passed=passed, claim=claim, detail=detail, outcome=outcome)
 
 
 def not_proved(checked: LevelResult, why: str) -> LevelResult:
-    """Say of a level why it is not among what can be proved."""
-    return replace(checked, claim=f"{checked.claim}; proof: open, {why}", detail=checked.detail | {"verdict": "open"})
-
-
-def _verdict(counts: Counter[Outcome], rows: int) -> str:
-    if counts["refuted"]:
-        return "refuted"
-    return "proved" if counts["proved"] == rows else "open"
+    """Say of a level why it is not among what can be proved; what was found without a proof stands beside it."""
+    return replace(checked, claim=f"{checked.claim}; not proved: {why}", outcome="open")
 
 
 def _told(proofs: list[HandsProof]) -> str:

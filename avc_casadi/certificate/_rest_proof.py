@@ -1,0 +1,95 @@
+"""L7: rest with every hand, making and breaking contact, at each row of the table that runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.certificate._proof_level import proof_level
+from avc_casadi.proof import HAND, ContactLaw, Rest, WallGap, prove_rest, same_gains, wall_gap
+from avc_casadi.support import SILENT, Progress, plain, rows_text
+
+if TYPE_CHECKING:
+    from avc_casadi.certificate._certificate import LevelResult
+    from avc_casadi.coupling import Coupling
+
+_WORST_FIRST = ("refuted", "open", "proved")
+
+
+def rests(coupling: Coupling, seed: int = 0, progress: Progress = SILENT) -> list[Rest]:
+    """Prove rest at each row of the table that runs, with its gains held, or refute it, or say why it is open.
+
+    Args:
+        coupling: what runs.
+        seed: of hands that are drawn and of the search for orbits.
+        progress: told of the rows.
+    """
+    rows = coupling.table.rows
+    found = []
+    for done, row in enumerate(rows.tolist()):
+        with progress.step(f"proof of rest, {done + 1} of {rows_text(len(rows))}"):
+            found.append(_of_row(coupling, row, seed, progress))
+    return found
+
+
+def rest_level(coupling: Coupling, found: list[Rest], progress: Progress = SILENT) -> LevelResult:
+    """Sum up the proofs of all rows; the one of constant gains, where it is open, with what a proof would cost.
+
+    Args:
+        coupling: what runs.
+        found: `rests` of it.
+        progress: told of the search for the stiffest wall.
+    """
+    outcomes = [one.outcome for one in found]
+    worst = min(range(len(found)), key=lambda row: _WORST_FIRST.index(outcomes[row]))
+    rows = coupling.table.rows
+    passed = np.array([outcome == "proved" for outcome in outcomes])
+    claim = found[worst].sentence
+    if len(found) > 1:
+        counts = ", ".join(f"{outcomes.count(one)} {one}" for one in _WORST_FIRST if one in outcomes)
+        claim = f"{counts} of {rows_text(len(found))}, each held; the row of {rows[worst, 0]:.5g} Hz: {claim}"
+        claim += "; this says nothing of gains that change"
+    detail: dict[str, Any] = {"proofs": [one.document() for one in found]}
+    if len(found) == 1 and outcomes[0] == "open" and found[0].multiplier is None:
+        gap = _gap(coupling, found[0], progress)
+        if gap is not None:
+            detail["gap"] = plain(vars(gap))
+            claim += (
+                f"; with these gains the stiffest wall that is proved has {gap.proved_n_per_m:.4g} N/m, the stiffest "
+                f"that is linearly stable {gap.linear_n_per_m:.4g} N/m"
+            )
+    return proof_level("L7", outcomes[worst], claim, passed, detail, worst)
+
+
+def _of_row(coupling: Coupling, row: list[float], seed: int, progress: Progress) -> Rest:
+    problem, runtime = coupling.problem, coupling.runtime
+    _, b, k, contact_damping = row
+    law = ContactLaw.of(problem, b, k, contact_damping, runtime.state_feedback)
+    box = {name: getattr(problem.hands, name) for name in HAND}
+    found = prove_rest(law, coupling.contact, problem.device, box, seed=seed, progress=progress)
+    beside = {
+        "the observer between encoder steps is not linear": runtime.observer_mass_kg is not None,
+        f"the guard {runtime.guard} changes the force by what it has seen": runtime.guard is not None,
+    }
+    lacking = [reason for reason, there in beside.items() if there]
+    if not lacking:
+        return found
+    without = found.sentence if found.outcome != "open" else f"open, {found.sentence}"
+    return replace(found, outcome="open", sentence=f"{'; '.join(lacking)}; without it: {without}")
+
+
+def _gap(coupling: Coupling, found: Rest, progress: Progress) -> WallGap | None:
+    """Say what a proof would cost in stiffness; None where the loop is of no kind that is proved."""
+    problem, observer = coupling.problem, found.law.state_feedback
+    if coupling.contact == "gated" or (observer is not None and observer.dead_zone_m > 0):
+        return None
+    with progress.step("stiffest wall that is proved"):
+        try:
+            return wall_gap(
+                same_gains(found.law), problem.device, found.hand, 2 * problem.environment.stiffness_n_per_m
+            )
+        except UnsupportedError:
+            return None
