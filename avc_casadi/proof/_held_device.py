@@ -70,6 +70,8 @@ class HeldDevice:
         fault = None
         if tuple(self.hand) not in (HAND, STYLUS):
             fault = f"hands of {', '.join(self.hand)} are not known here"
+        elif not all(one <= other for one, other in self.hand.values()):
+            fault = "the range of a hand ends below where it begins"
         elif not min(self.device.mass_kg, low.get("device.mass_kg", math.inf)) + self._moves * low["mass_kg"] > 0:
             fault = "a device without mass follows no sampled force that a proof could enclose"
         elif not all(low[name] > 0 for name in self.hand if name.endswith("stiffness_n_per_m")):

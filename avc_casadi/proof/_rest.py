@@ -85,12 +85,15 @@ class Rest:
     unstable: Unstable | None = None
 
     def verified(self, progress: Progress = SILENT) -> bool:
-        """Verify the stored multiplier anew."""
+        """Verify the stored multiplier anew; law and device have to mean one clock, the box hands that there are."""
         found = self.multiplier
-        if found is None or not found.valid or not self.law.stable:
+        if found is None or not found.valid or self.device.sample_time_s != self.law.sample_time_s:
             return False
-        held = HeldDevice(self.device, self.hand)
-        return verify(self.law, held, found, progress=progress).holds
+        try:
+            held = HeldDevice(self.device, self.hand)
+        except UnsupportedError:
+            return False
+        return self.law.stable and verify(self.law, held, found, progress=progress).holds
 
     def document(self) -> dict[str, Any]:
         """Return JSON values; `from_document` reads them."""
