@@ -17,6 +17,10 @@ from avc_casadi.certificate._llewellyn_table import LlewellynTable as LlewellynT
 from avc_casadi.certificate._llewellyn_table import llewellyn_table as llewellyn_table
 from avc_casadi.certificate._proof_files import proof_files as proof_files
 from avc_casadi.certificate._rendered_wall import rendered_wall as rendered_wall
+from avc_casadi.certificate._rest_proof import promises_rest as promises_rest
+from avc_casadi.certificate._rest_proof import proved_wall_n_per_m as proved_wall_n_per_m
+from avc_casadi.certificate._rest_proof import quick_rest_level as quick_rest_level
+from avc_casadi.certificate._rest_proof import quickly_proved as quickly_proved
 from avc_casadi.certificate._zwidth import Curve as Curve
 from avc_casadi.certificate._zwidth import ZWidth as ZWidth
 from avc_casadi.certificate._zwidth import zwidth as zwidth

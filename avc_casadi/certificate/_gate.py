@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
-def certified(coupling: Coupling, progress: Progress = SILENT) -> Coupling:
+def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:
     """Return the coupling with its certificate: the levels of its rows, and the verdict on the table that runs.
 
     The certificate is the `certify` document; ``deployable`` in it holds the verdict.
@@ -21,8 +21,9 @@ def certified(coupling: Coupling, progress: Progress = SILENT) -> Coupling:
     Args:
         coupling: the coupling.
         progress: told of the rows that are judged.
+        prove: ask for proofs too, as `certify` does.
     """
-    found = certify(coupling.problem, coupling.schedule, progress=progress)
+    found = certify(coupling.problem, coupling, prove=prove, progress=progress)
     return coupling.with_certificate(found.document() | {"deployable": deployable(coupling, progress).document()})
 
 

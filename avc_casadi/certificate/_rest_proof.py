@@ -9,7 +9,9 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.certificate._proof_level import proof_level
-from avc_casadi.proof import HAND, ContactLaw, Rest, WallGap, prove_rest, same_gains, wall_gap
+from avc_casadi.coupling import spring_before
+from avc_casadi.proof import HAND, ContactLaw, HeldDevice, Rest, WallGap, promising, prove_rest, same_gains, wall_gap
+from avc_casadi.stability import rigid
 from avc_casadi.support import SILENT, Progress, plain, rows_text
 
 if TYPE_CHECKING:
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 _WORST_FIRST = ("refuted", "open", "proved")
+# Of a proof that is to take a second or two.
+_FEW_CELLS, _FEW_STEPS = 60_000, 5
 
 
 def rests(coupling: Coupling, seed: int = 0, progress: Progress = SILENT) -> list[Rest]:
@@ -52,7 +56,7 @@ def rest_level(coupling: Coupling, found: list[Rest], progress: Progress = SILEN
         counts = ", ".join(f"{outcomes.count(one)} {one}" for one in _WORST_FIRST if one in outcomes)
         claim = f"{counts} of {rows_text(len(found))}, each held; the row of {rows[worst, 0]:.5g} Hz: {claim}"
         claim += "; this says nothing of gains that change"
-    detail: dict[str, Any] = {"proofs": [one.document() for one in found]}
+    detail = _detail(found)
     if len(found) == 1 and outcomes[0] == "open" and found[0].multiplier is None:
         gap = _gap(coupling, found[0], progress)
         if gap is not None:
@@ -64,12 +68,95 @@ def rest_level(coupling: Coupling, found: list[Rest], progress: Progress = SILEN
     return proof_level("L7", outcomes[worst], claim, passed, detail, worst)
 
 
+def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult | None:
+    """Prove L7 where a second or two tells: constant gains alone, clipped last, on a rigid device known exactly.
+
+    No orbit is looked for, so that it is proved, refuted by an unstable hand, or open.
+
+    Args:
+        coupling: what runs.
+        progress: told of the work.
+
+    Returns:
+        The level; None for any other coupling.
+    """
+    if not quickly_proved(coupling):
+        return None
+    law, box = _law(coupling, coupling.table.rows[0].tolist()), _box(coupling)
+    with progress.step("proof of rest"):
+        found = prove_rest(
+            law, coupling.contact, coupling.problem.device, box, most_cells=_FEW_CELLS, orbits=False, progress=progress
+        )
+    return proof_level("L7", found.outcome, found.sentence, np.array([found.outcome == "proved"]), _detail([found]))
+
+
+def quickly_proved(coupling: Coupling) -> bool:
+    """Whether `quick_rest_level` judges a coupling."""
+    runtime, device, spread = coupling.runtime, coupling.problem.device, coupling.problem.device.range
+    alone = runtime.state_feedback is None and runtime.observer_mass_kg is None and runtime.guard is None
+    known = (
+        rigid(device) and spread.mass_kg is None and spread.damping_ns_per_m is None and spread.delay_samples is None
+    )
+    return alone and known and coupling.table.constant and coupling.contact == "clip-last"
+
+
+def promises_rest(coupling: Coupling) -> bool:
+    """Whether a proof of rest is likely, told in a fraction of a second; of what is not quickly proved it is not."""
+    if not quickly_proved(coupling):
+        return False
+    try:
+        held = HeldDevice(coupling.problem.device, _box(coupling))
+        return promising(_law(coupling, coupling.table.rows[0].tolist()), held) > 0
+    except UnsupportedError:
+        return False
+
+
+def proved_wall_n_per_m(coupling: Coupling, progress: Progress = SILENT) -> float:
+    """Return the stiffest that such a coupling may feel at rest to be proved: 0 where none was.
+
+    Springs are put before the same wall, with the contact damper as it stands or in proportion.
+
+    Args:
+        coupling: what runs; one that `quick_rest_level` judges.
+        progress: told of the search.
+    """
+    law, wall = _law(coupling, coupling.table.rows[0].tolist()), coupling.wall.stiffness_n_per_m
+    felt = law.stiffness_at_rest_n_per_m
+
+    def softer(stiffness: float) -> list[ContactLaw]:
+        spring = spring_before(wall, stiffness)
+        return [
+            replace(law, stiffness_n_per_m=spring, contact_damping_ns_per_m=share * law.contact_damping_ns_per_m)
+            for share in dict.fromkeys((1.0, stiffness / felt))
+        ]
+
+    with progress.step("stiffest wall that is proved"):
+        try:
+            gap = wall_gap(
+                softer, coupling.problem.device, _box(coupling), felt, steps=_FEW_STEPS, most_cells=_FEW_CELLS
+            )
+        except UnsupportedError:
+            return 0.0
+    return gap.proved_n_per_m
+
+
+def _detail(found: list[Rest]) -> dict[str, Any]:
+    return {"proofs": [one.document() for one in found]}
+
+
+def _law(coupling: Coupling, row: list[float]) -> ContactLaw:
+    _, b, k, contact_damping = row
+    return ContactLaw.of(coupling.problem, b, k, contact_damping, coupling.runtime.state_feedback)
+
+
+def _box(coupling: Coupling) -> dict[str, tuple[float, float]]:
+    return {name: getattr(coupling.problem.hands, name) for name in HAND}
+
+
 def _of_row(coupling: Coupling, row: list[float], seed: int, progress: Progress) -> Rest:
     problem, runtime = coupling.problem, coupling.runtime
-    _, b, k, contact_damping = row
-    law = ContactLaw.of(problem, b, k, contact_damping, runtime.state_feedback)
-    box = {name: getattr(problem.hands, name) for name in HAND}
-    found = prove_rest(law, coupling.contact, problem.device, box, seed=seed, progress=progress)
+    law = _law(coupling, row)
+    found = prove_rest(law, coupling.contact, problem.device, _box(coupling), seed=seed, progress=progress)
     beside = {
         "the observer between encoder steps is not linear": runtime.observer_mass_kg is not None,
         f"the guard {runtime.guard} changes the force by what it has seen": runtime.guard is not None,

@@ -42,6 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="take the stiffest coupling whose hands rest with the declared dry friction, if not without it",
     )
+    parser.add_argument(
+        "--prove",
+        action="store_true",
+        help="prove what is chosen, as avc certify --prove does: minutes where it is robust",
+    )
     parser.add_argument("--hands", type=positive_int, metavar="N", help=f"simulated hands (default {_HANDS})")
 
 
@@ -59,6 +64,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             "go; leave one of them out",
             key="--hands",
         )
+    if args.stiffest and args.prove:
+        raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--prove")
     hands = _HANDS if args.hands is None else args.hands
     out = None if args.out is None else output_file(args.out, "--out", (".json",))
     problem = avc.load_problem(args.problem)
@@ -71,6 +78,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             problem,
             hands,
             lean_on_friction=args.lean_on_friction,
+            prove=args.prove,
             versions=package_versions(),
             progress=console,
         )
@@ -136,10 +144,20 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
             f"friction, {trial['quiet']} without a vibration that is felt; a tap reaches "
             f"{number(trial['tap_force_n'], 3)} N and {number(1e3 * trial['tap_depth_m'], 3)} mm"
         ),
+        rest_line(document["rest"]),
         *_limits(document),
         f"other hands, to whom nothing is promised: {_other_hands(document['other_hands'])}",
         f"why: {document['reason']}",
     ]
+
+
+def rest_line(rest: dict[str, Any]) -> str:
+    """Return what is known of rest with every hand: proved, refuted, open or simulated."""
+    wall = rest["proved_wall_n_per_m"]
+    ends = ""
+    if rest["word"] == "open" and wall is not None:
+        ends = f"; proof ends at {number(wall)} N/m felt" if wall else "; no softer wall of this kind is proved"
+    return f"rest with every hand: {rest['word']}: {rest['sentence']}{ends}"
 
 
 def _felt(felt: dict[str, Any], *, limited: bool) -> str:

@@ -27,6 +27,7 @@ from avc_casadi.proof._orbits import Orbit as Orbit
 from avc_casadi.proof._orbits import find_orbit as find_orbit
 from avc_casadi.proof._rest import Rest as Rest
 from avc_casadi.proof._rest import Unstable as Unstable
+from avc_casadi.proof._rest import promising as promising
 from avc_casadi.proof._rest import prove_rest as prove_rest
 from avc_casadi.proof._ripple import NOISE_BOUND as NOISE_BOUND
 from avc_casadi.proof._ripple import Ripple as Ripple

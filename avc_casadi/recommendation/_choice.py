@@ -11,6 +11,7 @@ from avc_casadi.certificate import deployable
 from avc_casadi.loop import device_corners, device_set
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._error_curve import error_curve
+from avc_casadi.recommendation._rest import proved_first
 from avc_casadi.support import SILENT, Progress
 from avc_casadi.trial import CouplingTrial, try_coupling, try_on_devices
 
@@ -120,7 +121,7 @@ def tried(
 
 
 def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
-    """Take the safest, of these the quiet, of these the stiffest, then the quietest and the nearest in motion.
+    """Take the safest, of these the quiet, of these the stiffest, then the quietest, the provable and the nearest.
 
     Args:
         judged: at least one.
@@ -142,7 +143,7 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
     as_stiff = [one for one, felt in zip(left, stiffness, strict=True) if felt >= (1 - AS_STIFF) * max(stiffness)]
     quiet = max(int(one.trial.quiet.sum()) for one in as_stiff)
     quietest = [one for one in as_stiff if int(one.trial.quiet.sum()) == quiet]
-    return min(quietest, key=lambda one: (round(_error(one.coupling), 3), one.order))
+    return min(proved_first(quietest), key=lambda one: (round(_error(one.coupling), 3), one.order))
 
 
 def confirmed(

@@ -17,6 +17,7 @@ from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import ERROR_HZ, Judged, best_of, reason_of
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
+from avc_casadi.recommendation._rest import RestKnown, with_rest
 from avc_casadi.recommendation._stages import judged_candidates
 from avc_casadi.stability import stiffest_wall
 from avc_casadi.support import SILENT, Comparable, Progress, plain, short
@@ -41,6 +42,7 @@ class Recommendation(Comparable):
         confirmed: how hands of [hands] fared that had no part in the choice; None where nothing was chosen.
         beside: how others fared, of whom nothing is promised, by how they hold the device.
         deployable: whether the coupling may go into the device.
+        rest: what is known of rest with every hand, making and breaking contact; None without a coupling.
         stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every hand and let go: with a plain
             spring and damper, or with one of the couplings that were judged, which are no stiffer than the wall asks.
         plain_wall_n_per_m: that of a plain spring and damper, linear stability alone.
@@ -63,6 +65,7 @@ class Recommendation(Comparable):
     confirmed: CouplingTrial | None
     beside: Mapping[str, CouplingTrial]
     deployable: bool
+    rest: RestKnown | None
     stiffest_wall_n_per_m: float
     plain_wall_n_per_m: float
     with_friction_n_per_m: float | None
@@ -101,6 +104,7 @@ class Recommendation(Comparable):
                 "schema": SCHEMA,
                 "problem": self.problem.name,
                 "deployable": self.deployable,
+                "rest": None if self.rest is None else self.rest.document(),
                 "reason": self.reason,
                 "coupling": None if self.coupling is None else coupling_document(self.coupling),
                 "felt": self.felt(),
@@ -150,6 +154,7 @@ def judged_as_recommended(
         progress: told of the rows that are judged and the motions that are tried.
     """
     found = certified(Coupling.of(problem, gains, versions=versions), progress)
+    found, rest = with_rest(found, felt_at_rest_n_per_m(found), progress)
     tried = try_coupling(found, people_of(problem.hands, hands, seed), seed, progress)
     verdict = deployable(found, progress)
     extreme = hand_corners(problem.hands)
@@ -161,6 +166,7 @@ def judged_as_recommended(
         confirmed=None,
         beside=_beside(found, hands, seed),
         deployable=verdict.passed,
+        rest=rest,
         stiffest_wall_n_per_m=limit,
         plain_wall_n_per_m=limit,
         with_friction_n_per_m=None,
@@ -178,6 +184,7 @@ def recommend(
     seed: int = 0,
     *,
     lean_on_friction: bool = False,
+    prove: bool = False,
     versions: Mapping[str, str] | None = None,
     progress: Progress = SILENT,
 ) -> Recommendation:
@@ -193,6 +200,8 @@ def recommend(
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw.
         lean_on_friction: whether rest that only the declared dry friction brings is enough.
+        prove: ask for proofs of the coupling that is chosen, as `certify` does; without it rest is proved where a
+            second or two tells, and simulated otherwise.
         versions: of what makes it, by package; written into the coupling.
         progress: told of the candidates that are tuned, judged and tried.
 
@@ -212,15 +221,19 @@ def recommend(
         )
     best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
     leaning = best_of(judged, lean_on_friction=True) if judged else None
+    coupling, rest = None, None
+    if best is not None:
+        known = certified(best.coupling, progress, prove=prove)
+        known, rest = with_rest(known, felt_at_rest_n_per_m(known), progress)
+        coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
     return Recommendation(
         problem=problem,
-        coupling=None
-        if best is None
-        else replace(certified(best.coupling, progress).with_trial(best.trial.document()), versions=versions or {}),
+        coupling=coupling,
         trial=None if best is None else best.trial,
         confirmed=None if best is None else best.others,
         beside={} if best is None else _beside(best.coupling, hands, seed),
         deployable=best is not None,
+        rest=rest,
         stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *(felt_at_rest_n_per_m(one.coupling) for one in judged)]),
         plain_wall_n_per_m=limit.stiffness_n_per_m,
         with_friction_n_per_m=None if leaning is None else felt_at_rest_n_per_m(leaning.coupling),

@@ -87,7 +87,10 @@ def _deployment(found: Mapping[str, Any]) -> str:
     parts = [
         _table(
             ("claim", "result", "what was found"),
-            [(claim["name"], "pass" if claim["pass"] else "FAIL", claim["sentence"]) for claim in claims],
+            [
+                *((claim["name"], "pass" if claim["pass"] else "FAIL", claim["sentence"]) for claim in claims),
+                *((("rest (L7)", found["rest"]["word"], found["rest"]["sentence"]),) if found["rest"] else ()),
+            ],
         ),
         _table(
             ("what would help", "stiffest wall, N/m"),

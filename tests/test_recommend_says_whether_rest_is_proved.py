@@ -1,0 +1,107 @@
+"""A recommendation says of rest with every hand: proved, refuted, open or simulated; and what a proof costs."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hardware_bench import believer
+
+import avc_casadi as avc
+from avc_casadi.certificate import certified, promises_rest, quick_rest_level
+from avc_casadi.cli._recommend import recommendation_lines, rest_line
+from avc_casadi.coupling import Coupling, Gains, Runtime, spring_before
+from avc_casadi.proof import Rest
+from avc_casadi.recommendation._rest import proved_first, with_rest
+
+WALL = 8.9e4
+
+
+def coupling_of(gains, runtime=None, contact="clip-last", wall=WALL, device=()):
+    problem = avc.load_problem("figure5").changed(
+        environment={"stiffness_n_per_m": wall}, device=dict(device), coupling={"contact": contact}
+    )
+    return Coupling.constant(problem, gains, "by hand", runtime)
+
+
+# Too little damping to be proved before this wall, and enough to be stable.
+LEAN = Gains(0.0, 1e8, 55.0)
+PROVED = Gains(0.0, 1e8, 84.0)
+
+
+def known(coupling):
+    return with_rest(certified(coupling), coupling.wall.stiffness_n_per_m)
+
+
+@pytest.fixture(scope="module")
+def lean():
+    return known(coupling_of(LEAN))
+
+
+def test_the_recommended_coupling_carries_its_proof():
+    found = avc.recommend("spring", hands=10)
+    document = json.loads(json.dumps(found.document(), allow_nan=False))
+    assert document["rest"]["word"] == "proved"
+    assert document["rest"]["proved_wall_n_per_m"] == pytest.approx(document["felt"]["stiffness_n_per_m"], rel=0.01)
+    level = document["certificate"]["levels"]["L7"]
+    assert (level["outcome"], level["claim"]) == ("proved", document["rest"]["sentence"])
+    assert Rest.from_document(level["proofs"][0]).verified()
+    assert sum(line.startswith("rest with every hand: proved: ") for line in recommendation_lines(document)) == 1
+
+
+def test_an_open_one_says_where_proof_ends_and_there_it_is_proved(lean):
+    coupling, rest = lean
+    assert rest.word == "open"
+    assert coupling.certificate["levels"]["L7"]["outcome"] == "open"
+    felt = rest.proved_wall_n_per_m
+    assert 0.3 * WALL < felt < WALL
+    softer = spring_before(WALL, felt)
+    levels = [
+        quick_rest_level(coupling_of(Gains(0.0, softer, share * LEAN.contact_damping_ns_per_m)))
+        for share in (1.0, felt / WALL)
+    ]
+    assert "proved" in {level.outcome for level in levels}
+    assert f"; proof ends at {felt:.4g}"[:22] in rest_line(rest.document())
+
+
+def test_what_takes_longer_is_simulated_until_a_proof_is_asked_for():
+    observer = Runtime(state_feedback=believer(0))
+    for coupling in (
+        coupling_of(Gains(0.0, 1e8), observer, wall=2e3),
+        coupling_of(PROVED, Runtime(guard="energy-tank")),
+        coupling_of(PROVED, contact="gated"),
+        coupling_of(PROVED, device={"amplifier_bandwidth_hz": 800.0}),
+    ):
+        found, rest = with_rest(coupling, WALL)
+        assert (rest.word, rest.proved_wall_n_per_m) == ("simulated", None)
+        assert found is coupling
+        assert not promises_rest(coupling)
+    asked = certified(coupling_of(Gains(0.0, 1e8), observer, wall=2e3), prove=True)
+    assert with_rest(asked, 2e3)[1].word in ("proved", "refuted", "open")
+
+
+def test_an_unstable_one_is_refuted():
+    _, rest = known(coupling_of(Gains(0.0, 1e8, 500.0)))
+    assert (rest.word, rest.proved_wall_n_per_m) == ("refuted", None)
+    assert "spectral radius" in rest.sentence
+
+
+def test_of_equals_those_with_a_proof_in_sight_come_first():
+    class Judged:
+        def __init__(self, coupling):
+            self.coupling = coupling
+
+    sure, unsure = Judged(coupling_of(PROVED)), Judged(coupling_of(LEAN))
+    beside = Judged(coupling_of(PROVED, Runtime(observer_mass_kg=0.16)))
+    assert proved_first([unsure, sure, beside]) == [sure]
+    assert proved_first([unsure, beside]) == [unsure, beside]
+    assert proved_first([beside]) == [beside]
+
+
+def test_the_promise_is_what_the_proof_keeps():
+    outcomes = []
+    for damping in np.linspace(40.0, 100.0, 4):
+        coupling = coupling_of(replace(PROVED, contact_damping_ns_per_m=float(damping)))
+        outcomes.append(quick_rest_level(coupling).outcome)
+        assert promises_rest(coupling) == (outcomes[-1] == "proved")
+    assert {"open", "proved"} <= set(outcomes)
