@@ -9,6 +9,7 @@ import signal
 import numpy as np
 import pytest
 from avc_process import avc as command
+from boxes_of_hands import brute_force
 from clip_last_simulator import Simulator
 from hardware_bench import believer
 
@@ -166,7 +167,7 @@ def test_ctrl_c_ends_a_search_for_proofs_as_itself_and_writes_nothing(tmp_path, 
     schedule = Coupling.of(SPRING_OF_TWO, avc.solve(SPRING_OF_TWO, "exact"))
     file, out = tmp_path / "c.json", tmp_path / "proofs"
     avc.write_coupling(schedule, file)
-    for what in ("verified", "every hand", "patterns of rows"):
+    for what in ("verified", "patterns of rows"):
         asked = []
 
         def advance(_self, _done, _total, told="", what=what, asked=asked):
@@ -255,3 +256,25 @@ def test_ripple_is_a_bound_that_the_worst_noise_comes_near_to():
     assert reached.max() > 0.75 * bound
     pushed = np.abs(moved(size * np.sign(pushed[::-1]))[1]).max(axis=0)
     assert (pushed <= size * ripple["force_per_error_n_per_m"]).all()
+
+
+@pytest.mark.parametrize(
+    ("device", "b_p", "wall", "word"),
+    [
+        ({"amplifier_bandwidth_hz": 700.0}, 6.0, 4e3, "proved"),
+        ({"resonance": {"frequency_hz": 200.0, "damping_ratio": 0.1, "mass_ratio": 0.4}}, 6.0, 4e3, "proved"),
+        ({"amplifier_bandwidth_hz": 700.0}, 0.0, 2e5, "refuted"),
+    ],
+)
+def test_what_excludes_no_zeros_is_linearly_stable_by_the_multiplier_of_rest(device, b_p, wall, word):
+    """Beside it brute force: the spectral radius of the whole loop over a lattice of hands."""
+    hands = {"mass_kg": [0.1, 0.12], "damping_ns_per_m": [6.0, 8.0], "stiffness_n_per_m": [300.0, 400.0]}
+    coupling = coupling_of(Gains(0.0, 1e8, b_p), device=device, environment={"stiffness_n_per_m": wall}, hands=hands)
+    levels = certify(coupling.problem, coupling, prove=True).levels
+    assert levels["L5"].outcome == word, levels["L5"].claim
+    radius = brute_force(coupling.problem, np.array([0.0]), np.array([1e8]), np.array([b_p]), 5)[0]
+    assert (radius < 1) == (word == "proved")
+    if word == "proved":
+        (document,) = levels["L5"].detail["proofs"]
+        assert Rest.from_document(document).verified()
+        assert "by the multipliers of L7" in levels["L5"].claim

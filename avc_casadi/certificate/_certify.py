@@ -70,9 +70,12 @@ def certify(
     if gains.state_feedback is not None and gains.usable.any():
         certificate = certify_feedback(Coupling.of(problem, gains), draws=draws, seed=seed)
         if prove:
+            demanded, rests = on_demand(problem, whole, seed=seed, progress=progress)
             why = "the enclosure knows gains, not an observer with state feedback"
+            if all(one.multiplier is not None for one in rests):
+                why += "; where all of the innovation passes, the multiplier of L7 proves it"
             certificate.levels["L5"] = not_proved(certificate.levels["L5"], why)
-            certificate.levels.update(on_demand(problem, whole, seed=seed, progress=progress))
+            certificate.levels.update(demanded)
         return certificate
     b, k, contact = (
         (gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m, gains.requested_contact_damping_ns_per_m)
@@ -92,8 +95,9 @@ def certify(
         "L5": hands_level(rows, draws=draws, seed=seed, progress=progress),
     }
     if prove:
-        levels["L5"] = proved_level(rows, levels["L5"], progress)
-        levels |= on_demand(problem, whole, seed=seed, progress=progress)
+        demanded, rests = on_demand(problem, whole, seed=seed, progress=progress)
+        levels["L5"] = proved_level(rows, levels["L5"], rests, progress)
+        levels |= demanded
     device = problem.device
     parts = fractions(SampledLoop.of(problem), rows.b, rows.k)
     return Certificate(

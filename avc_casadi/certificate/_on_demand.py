@@ -16,13 +16,14 @@ from avc_casadi.support import SILENT, Progress
 if TYPE_CHECKING:
     from avc_casadi.certificate._certificate import Level, LevelResult
     from avc_casadi.problem import Problem
+    from avc_casadi.proof import Rest
 
 _LEVELS: tuple[Level, ...] = ("L7", "L8", "L9")
 
 
 def on_demand(
     problem: Problem, gains: GainSchedule | Coupling, *, seed: int = 0, progress: Progress = SILENT
-) -> dict[Level, LevelResult]:
+) -> tuple[dict[Level, LevelResult], list[Rest]]:
     """Prove, refute or leave open L7 to L9 of the table that runs, with all that runs beside it.
 
     A device let go has no place of rest, and is no part of them.
@@ -32,11 +33,14 @@ def on_demand(
         gains: a table, or the coupling with it.
         seed: of hands that are drawn and of the search for orbits.
         progress: told of the rows.
+
+    Returns:
+        The levels, and what is known of the rest of each row of the table that runs.
     """
     if isinstance(gains, GainSchedule):
         if not gains.usable.any():
             none = np.zeros(gains.rows, dtype=bool)
-            return {level: proof_level(level, "open", "no row has gains", none, {}) for level in _LEVELS}
+            return {level: proof_level(level, "open", "no row has gains", none, {}) for level in _LEVELS}, []
         coupling = Coupling.of(problem, gains)
     else:
         coupling = gains.on(problem)
@@ -45,4 +49,4 @@ def on_demand(
         changing = changes_level(coupling, progress)
     with progress.step("bound of the ripple"):
         ripple = ripple_level(coupling, found, progress)
-    return {"L7": rest_level(coupling, found, progress), "L8": changing, "L9": ripple}
+    return {"L7": rest_level(coupling, found, progress), "L8": changing, "L9": ripple}, found

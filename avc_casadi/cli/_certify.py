@@ -45,8 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 _PROVABLE = """\
 what --prove can prove, each of the device as declared in its ranges:
-  L5  linearly stable with every hand: rigid device, ideal amplifier, delay whole or not; gains, each row held;
-      not with state feedback
+  L5  linearly stable with every hand: delay whole or not; amplifier and resonance where L7's multiplier is found;
+      gains, each row held; not with state feedback, whose innovation may pass in part
   L7  rest with every hand, making and breaking contact: delay, amplifier and resonance too, without friction;
       gains, each row held, with or without state feedback, contact = "clip-last"; not with its dead zone, with an
       observer between encoder steps, or a guard
