@@ -47,11 +47,11 @@ def certify(
             judged as a rigid coupling.
         draws: hands drawn for L5 beside the corners of the range.
         seed: seed of the draws.
-        prove: prove L5 over every hand and device of the ranges, or refute it, where a search alone has looked; and
-            judge the table that runs, with what runs beside it, for rest (L7), gains that change (L8) and ripple (L9).
-            Each says proved, refuted or open, with the reason; what each can prove is told by `PROVABLE`. Proofs and
-            witnesses stand in the detail of the level as ``proofs`` and can be read again (`avc_casadi.proof`:
-            `HandsProof`, `Rest`, `Changing`). Seconds a row.
+        prove: ask for proofs, seconds a row: L5 over every hand and device of the ranges, where a search alone has
+            looked; and of the table that runs, with what runs beside it, rest (L7), gains that change (L8) and ripple
+            (L9). Each says proved, refuted or open, with the reason. Proofs and witnesses stand in the detail of the
+            level as ``proofs`` and can be read again (`avc_casadi.proof`: `HandsProof`, `Rest`, `Changing`). On which
+            devices and laws each level can be proved stands in ``avc certify --help``.
         progress: told of the rows that are judged.
 
     Raises:

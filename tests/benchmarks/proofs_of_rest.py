@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from clip_last_simulator import Simulator, at_rest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling
+from avc_casadi.coupling import NEAR_RIGID_N_PER_M, Coupling, Gains
 from avc_casadi.loop import STYLUS_RANGES
 from avc_casadi.proof import HAND, ContactLaw, HeldDevice, rigid_with_damper, wall_gap
 from avc_casadi.recommendation import design
@@ -105,7 +105,10 @@ def design_cell(wall: str, name: str) -> dict[str, Any]:
     if found.gains is None:
         return {"reason": found.reason}
     if found.schedule is None:
-        return _known(Coupling.constant(problem, found.gains, name))
+        gains = found.gains
+        if gains.rigid:  # a coupling has finite gains: a spring that is nearly rigid
+            gains = Gains(0.0, NEAR_RIGID_N_PER_M, gains.contact_damping_ns_per_m)
+        return _known(Coupling.constant(problem, gains, name))
     return _known(Coupling.of(problem, found.schedule))
 
 
