@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from avc_casadi.certificate._certificate import LevelResult
     from avc_casadi.coupling import Coupling
 
+# Changes of rows times cells of hands: about a minute.
+_MOST_CHANGES = 2000
+
 
 def changes_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult:
     """Judge rows that follow one another; what runs beside the gains, and gains between rows, are told, not judged.
@@ -46,8 +49,11 @@ def changes_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResul
 
 def _order(coupling: Coupling, order: Order, progress: Progress) -> Changing:
     problem, gains = coupling.problem, coupling.table.gains
+    rows = len(coupling.table)
+    changes = rows**2 if order == "any" else 3 * rows - 2
     try:
-        return prove_changes(problem, gains, order, most_cells=MOST_CELLS, progress=progress)
+        cells = min(MOST_CELLS, _MOST_CHANGES // changes)
+        return prove_changes(problem, gains, order, most_cells=cells, progress=progress)
     except MissingExtraError as missing:
         found = prove_changes(problem, gains, order, most_cells=0, progress=progress)
         return replace(found, sentence=f"{found.sentence}; {missing}")

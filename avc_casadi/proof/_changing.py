@@ -193,7 +193,10 @@ def prove_changes(
             f"rows may change {words}, with every hand of the box, in kept contact ({len(cells)} cells; {bounds})"
         )
         return told("proved", sentence, tuple(cells))
-    return told("open", f"rows that change {words}: {bounds}; no proof for the whole box in {most_cells} cells")
+    tried = (
+        f"no proof for the whole box in {most_cells} cells" if most_cells else "no proof for the whole box was sought"
+    )
+    return told("open", f"rows that change {words}: {bounds}; {tried}")
 
 
 def _lacking(problem: Problem) -> str:
