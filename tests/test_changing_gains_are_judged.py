@@ -94,6 +94,7 @@ def test_nearer_rows_do_not_and_their_bounds_are_tight():
     found = prove_changes(SPRING, dampers(95.0, 105.0), most_cells=0)
     assert found.outcome == "open"
     assert 0.994 < found.low <= found.high < 0.9956
+    assert "no proof for the whole box was sought" in found.sentence
 
 
 def test_near_rows_may_jump_with_every_hand_of_the_box():

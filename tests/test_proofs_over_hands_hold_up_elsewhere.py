@@ -7,8 +7,11 @@ import mpmath
 import numpy as np
 import pytest
 from boxes_of_hands import FIGURE5
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from avc_casadi.proof import prove_hands
+from avc_casadi.proof._cover import cells_of, cover_of
 
 GAINS = 60.0, 2e3, 2.0
 
@@ -82,6 +85,32 @@ def test_cells_fill_the_box_exactly(proof):
             apart = (high[:, i : i + 1] <= low[:, i + 1 :]) | (low[:, i : i + 1] >= high[:, i + 1 :])
             assert apart.any(axis=0).all()
         assert whole == volume(piece.low, piece.high)
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 10**6), st.integers(1, 4), st.integers(0, 40))
+def test_cells_and_the_cuts_that_make_them_are_one_thing(seed, sides, halvings):
+    random = np.random.default_rng(seed)
+    box = np.sort(random.normal(size=(2, sides)), axis=0)
+    boxes = [tuple(box)]
+    for _ in range(halvings):
+        low, high = boxes.pop(int(random.integers(len(boxes))))
+        side = int(random.integers(sides))
+        below, above = high.copy(), low.copy()
+        below[side] = above[side] = 0.5 * low[side] + 0.5 * high[side]
+        boxes += [(low, below), (above, high)]
+    low, high = (np.array(ends).T for ends in zip(*boxes, strict=True))
+    found = cover_of(*box, low, high)
+    again = cells_of(*box, found.cuts)
+    np.testing.assert_array_equal(again, (low[:, found.order], high[:, found.order]))
+    one = int(random.integers(len(boxes)))
+    if len(boxes) > 1:
+        assert cover_of(*box, np.delete(low, one, axis=1), np.delete(high, one, axis=1)) is None
+    high[0, one] -= 0.1 * (high[0, one] - low[0, one])
+    assert cover_of(*box, low, high) is None
+    for cuts in (found.cuts + ".", found.cuts[:-1], found.cuts.replace(".", "x", 1), "9" + found.cuts):
+        with pytest.raises(ValueError, match="cut"):
+            cells_of(*box, cuts)
 
 
 def test_values_lie_in_the_half_plane_of_their_cell(proof):
