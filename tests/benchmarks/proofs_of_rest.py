@@ -132,6 +132,7 @@ def _known(coupling: Coupling) -> dict[str, Any]:
     return {
         "rows": rows,
         "levels": {level: {"outcome": levels[level].outcome, "claim": levels[level].claim} for level in LEVELS},
+        "rows_judged": {level: len(levels[level].row_passed) for level in LEVELS},
         "rows_proved": {level: int(levels[level].row_passed.sum()) for level in LEVELS},
         "gated": gated,
         "seconds": seconds,
@@ -161,7 +162,7 @@ its own, with the best of 6 dampers (bisection, to about 1%). s: time of both se
 
 What `avc certify --prove` says: L5, linearly stable with every hand; L7, rest with every hand, clipped last (beside it
 the law with a gate, of constant gains); L8, rows that follow one another; L9, ripple bounded. Figures in brackets: rows
-of the table that runs which are proved, of all. s: processor time of the certificate.
+that are proved, of all: those of the design (L5), or of the thinned table that runs. s: processor time.
 
 {designs}
 
@@ -179,7 +180,7 @@ def write_page(document: dict[str, Any]) -> None:
     def outcome(cell: dict[str, Any], level: str) -> str:
         if "levels" not in cell:
             return "-"
-        rows = f" ({cell['rows_proved'][level]} of {cell['rows']})" if cell["rows"] > 1 and level != "L9" else ""
+        rows = f" ({cell['rows_proved'][level]} of {cell['rows_judged'][level]})" if cell["rows"] > 1 and level != "L9" else ""
         return f"{cell['levels'][level]['outcome']}{rows}"
 
     walls = table(
