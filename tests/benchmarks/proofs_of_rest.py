@@ -180,7 +180,8 @@ def write_page(document: dict[str, Any]) -> None:
     def outcome(cell: dict[str, Any], level: str) -> str:
         if "levels" not in cell:
             return "-"
-        rows = f" ({cell['rows_proved'][level]} of {cell['rows_judged'][level]})" if cell["rows"] > 1 and level != "L9" else ""
+        several = cell["rows"] > 1 and level != "L9"
+        rows = f" ({cell['rows_proved'][level]} of {cell['rows_judged'][level]})" if several else ""
         return f"{cell['levels'][level]['outcome']}{rows}"
 
     walls = table(
