@@ -1,0 +1,295 @@
+"""Device and hand as they answered the commanded force: delay, hand and resonance, with their uncertainty."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, signal
+
+from avc_casadi.diagnosis._declared import Declared
+from avc_casadi.diagnosis._log import Log
+from avc_casadi.diagnosis._oscillation import Swing
+from avc_casadi.loop import Hand, device_with, no_hand, sampled_plant
+from avc_casadi.problem import Device
+from avc_casadi.support import BoolArray, FloatArray
+
+_LONGEST_DELAY = 14.0
+_WINDOW_S = 0.4
+_CYCLES = 6.0
+# Below a third of the oscillation, motion is the hand's own doing; within these frequencies.
+_SLOW_HZ = (2.5, 12.0)
+_SHORTEST_DELAY = 0.002
+# What an encoder leaves over is alike from cycle to cycle, and not fresh noise in every sample.
+_ALIKE = 3.0
+# No device is a mass, a spring and a damper more closely than this share of its motion.
+_NEVER_BETTER = 5e-3
+# ln of the odds against a resonance that nobody declared, for each of its three numbers.
+_ODDS = 4.0
+_MODE = ("ln_frequency", "ln_ratio", "share")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A device with the hand that holds it.
+
+    Attributes:
+        device: with its delay from the commanded force to the motion.
+        hand: None let go.
+    """
+
+    device: Device
+    hand: Hand | None
+
+    def without_mode(self) -> Answer:
+        """Return the same with rigid mechanics."""
+        return Answer(device_with(self.device, {"resonance": None}), self.hand)  # type: ignore[dict-item]
+
+    def delayed(self, samples: float) -> Answer:
+        """Return the same with another delay."""
+        return Answer(device_with(self.device, {"delay_samples": max(samples, 0.0)}), self.hand)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """One structure fitted to a log.
+
+    Attributes:
+        held: whether a hand holds the device.
+        mode: "none", "declared" or "found": where its resonance comes from.
+        answer: the best.
+        draws: others that the log bears out as well.
+        cost: half the sum of squares, with what was known before.
+        misfit: residual over what encoder and noise leave.
+    """
+
+    held: bool
+    mode: str
+    answer: Answer
+    draws: tuple[Answer, ...]
+    cost: float
+    misfit: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    position: FloatArray
+    past: FloatArray  # force, from `_LONGEST_DELAY` samples before
+    rub: FloatArray  # sign of the velocity, smoothed
+    use: BoolArray
+
+
+def fit_plants(log: Log, swing: Swing, declared: Declared, draws: int, seed: int) -> list[Fit]:
+    """Fit device and hand, held and let go, with and without a resonance, likeliest first.
+
+    Args:
+        log: on its grid.
+        swing: its oscillation.
+        declared: what is known before.
+        draws: others to draw of each.
+        seed: of the draws.
+    """
+    windows = _windows(log, swing)
+    swings = float(np.std(swing.fast_m[swing.first : swing.last]))
+    noise = math.hypot(log.encoder_m / math.sqrt(12), declared.device.position_noise_rms_m, _NEVER_BETTER * swings)
+    structures = [(True, "declared" if declared.device.resonance else "none")]
+    if declared.known:
+        structures.append((False, structures[0][1]))
+    searches = [_Search(windows, log, declared, held, mode, swing.found.frequency_hz) for held, mode in structures]
+    points = [search.begin(noise) for search in searches]
+    if declared.device.resonance is None:
+        held = searches[0] if len(points) == 1 or points[0][1] <= points[1][1] else searches[1]
+        if min(point[1] for point in points) > 2.0 * noise:
+            searches.append(_Search(windows, log, declared, held.held, "found", swing.found.frequency_hz))
+            points.append(searches[-1].begin(noise))
+    # What no structure explains is noise to all of them.
+    level = max(noise, min(point[1] for point in points)) * math.sqrt(_ALIKE)
+    fits = [search.finish(point[0], level, noise, draws, seed) for search, point in zip(searches, points, strict=True)]
+    return sorted(fits, key=lambda fit: fit.cost)
+
+
+def _windows(log: Log, swing: Swing) -> list[_Window]:
+    """Choose where to look: the end of the oscillation, its beginning, and the strongest motion before it if small."""
+    period, found = log.ticks.period_s, swing.found
+    hertz = found.frequency_hz
+    size = int(min(max(_WINDOW_S, _CYCLES / hertz) / period, log.position_m.size - _LONGEST_DELAY - 2))
+    places = [swing.last - size, swing.first]
+    if not found.steps > 12:
+        power = np.convolve(swing.fast_m**2, np.ones(size), mode="valid")
+        places.append(int(np.argmax(power)))
+    lead = int(_LONGEST_DELAY) + 2
+    chosen: list[int] = []
+    for place in places:
+        start = int(np.clip(place, lead, log.position_m.size - size))
+        if all(abs(start - other) > size // 3 for other in chosen):
+            chosen.append(start)
+    smooth = signal.savgol_filter(log.position_m, 9, 2, deriv=1)
+    least = 0.05 * max(log.encoder_m, 1e-9)
+    rub = np.tanh(smooth / least)
+    return [
+        _Window(
+            log.position_m[start : start + size] - log.position_m[start],
+            log.force_n[start - lead : start + size],
+            np.asarray(rub[start : start + size]),
+            log.ran[start : start + size],
+        )
+        for start in chosen
+    ]
+
+
+class _Search:
+    """One structure: its unknowns, what is known of them before, and what it leaves of the log."""
+
+    def __init__(
+        self, windows: Sequence[_Window], log: Log, declared: Declared, held: bool, mode: str, hertz: float
+    ) -> None:
+        self.held, self.mode = held, mode
+        self._slow_hz = float(np.clip(hertz / 3, *_SLOW_HZ))
+        self._windows, self._log, self._declared = windows, log, declared
+        self.names: list[str] = ["delay"]
+        device = declared.device
+        middle, spread = [declared.longest_delay * device.sample_time_s / log.ticks.period_s], [4.0]
+        if held:
+            self.names += ["ln_mass", "ln_damping", "ln_stiffness"]
+            centre, width = declared.hand_prior()
+            middle += centre.tolist()
+            spread += width.tolist()
+        else:
+            self.names += ["ln_device_mass", "ln_device_damping"]
+            middle += [0.0, 0.0]
+            spread += [0.1, 0.5]
+        if mode == "declared":
+            self.names.append("ln_frequency")
+            middle.append(math.log(device.resonance.frequency_hz if device.resonance else 1.0))
+            spread.append(0.05)
+        elif mode == "found":
+            self.names += _MODE
+            middle += [math.log(max(hertz, 40.0)), math.log(0.03), 0.4]
+            spread += [0.6, 0.6, 0.15]
+        self._middle, self._spread = np.array(middle), np.array(spread)
+        reach = np.where(self._spread > 0, 4 * self._spread, 1.0)
+        self._low, self._high = self._middle - reach, self._middle + reach
+        self._low[0], self._high[0] = _SHORTEST_DELAY, _LONGEST_DELAY
+        if mode == "found":
+            self._low[-1], self._high[-1] = 0.05, 0.9
+
+    def answer(self, point: FloatArray) -> Answer:
+        """Return device and hand at a point."""
+        value = dict(zip(self.names, point.tolist(), strict=True))
+        device = self._declared.device
+        changed: dict[str, float | Mapping[str, float]] = {
+            "delay_samples": max(value["delay"], _SHORTEST_DELAY),
+            "sample_time_s": self._log.ticks.period_s,
+        }
+        if not self.held:
+            changed["mass_kg"] = device.mass_kg * math.exp(value["ln_device_mass"])
+            changed["damping_ns_per_m"] = device.damping_ns_per_m * math.exp(value["ln_device_damping"])
+        if self.mode == "declared":
+            changed["resonance.frequency_hz"] = math.exp(value["ln_frequency"])
+        elif self.mode == "found":
+            changed["resonance"] = {
+                "frequency_hz": math.exp(value["ln_frequency"]),
+                "damping_ratio": min(math.exp(value["ln_ratio"]), 0.5),
+                "mass_ratio": value["share"],
+            }
+        hand = None
+        if self.held:
+            hand = Hand(*(math.exp(value[name]) for name in ("ln_mass", "ln_damping", "ln_stiffness")))
+        return Answer(device_with(device, changed), hand)  # type: ignore[arg-type]
+
+    def left(self, point: FloatArray) -> FloatArray:
+        """Return what a point leaves of the measured position, m."""
+        answer = self.answer(point)
+        plant = sampled_plant(answer.device, answer.hand or no_hand())
+        return np.concatenate([self._left_of(window, plant) for window in self._windows])
+
+    def _left_of(self, window: _Window, plant: object) -> FloatArray:
+        matrix, new, old = plant.matrix[0, 0], plant.new[0, 0], plant.old[0, 0]  # type: ignore[attr-defined]
+        row, whole = plant.measured, int(plant.whole_delay[0])  # type: ignore[attr-defined]
+        n = window.position.size
+        lead = window.past.size - n
+        scale = np.array([self._log.ticks.period_s if name.endswith("_per_s") else 1.0 for name in plant.names])  # type: ignore[attr-defined]
+        matrix = matrix * scale[:, None] / scale
+        new, old = new * scale, old * scale
+        poles = np.poly(matrix)
+        late = window.past[lead - whole : lead - whole + n]
+        later = window.past[lead - whole - 1 : lead - whole - 1 + n]
+        # Position before the force of its own sample acts: the answer begins a sample later.
+        forced = _filtered(matrix, new, row, poles, late) + _filtered(matrix, old, row, poles, later)
+        rubs = self._declared.device.coulomb_friction_n
+        if rubs:
+            forced = forced + _filtered(matrix, new + old, row, poles, rubs * window.rub)
+        # Free motion from any state, and what the hand does slowly.
+        free = np.empty((n, matrix.shape[0]))
+        state = row.copy()
+        for index in range(n):
+            free[index] = state
+            state = state @ matrix
+        seconds = n * self._log.ticks.period_s
+        orders = np.arange(int(2 * self._slow_hz * seconds) + 2)
+        slow = np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n)
+        basis = np.concatenate([free, slow], axis=1)[window.use]
+        basis = basis / np.sqrt(np.mean(basis**2, axis=0) + 1e-300)
+        rest = (window.position - forced)[window.use]
+        upright, _ = np.linalg.qr(basis)
+        return np.asarray(rest - upright @ (upright.T @ rest))
+
+    def begin(self, noise: float) -> tuple[FloatArray, float]:
+        """Return the best point from a few starts, and what it leaves, root mean square."""
+        best, least = self._middle, math.inf
+        starts = [self._middle[0], self._middle[0] + 2.5]
+        for delay in starts:
+            first = np.clip(self._middle.copy(), self._low + 1e-6, self._high - 1e-6)
+            first[0] = min(delay, _LONGEST_DELAY - 1)
+            for hertz in (60.0, 110.0, 200.0) if self.mode == "found" else (None,):
+                if hertz is not None:
+                    first[self.names.index("ln_frequency")] = math.log(hertz)
+                    first = np.clip(first, self._low + 1e-6, self._high - 1e-6)
+                solved = self._solve(first, noise, 14)
+                if solved.cost < least:
+                    best, least = solved.x, float(solved.cost)
+        return best, float(np.sqrt(np.mean(self.left(best) ** 2)))
+
+    def finish(self, point: FloatArray, level: float, noise: float, draws: int, seed: int) -> Fit:
+        """Polish at the level of what is not explained, and draw others that explain as much."""
+        solved = self._solve(point, level, 12)
+        curvature = solved.jac.T @ solved.jac
+        values, vectors = np.linalg.eigh(curvature)
+        random = np.random.default_rng(seed).standard_normal((draws, point.size))
+        spread = (random / np.sqrt(np.maximum(values, 1e-6))) @ vectors.T
+        some = np.clip(solved.x + spread, self._low + 1e-9, self._high - 1e-9)
+        odds = 3 * _ODDS if self.mode == "found" else 0.0
+        # An integral over the spread of the unknowns weighs structures of several of them.
+        volume = 0.5 * float(np.sum(np.log(np.maximum(values, 1e-6)))) + float(np.sum(np.log(self._spread)))
+        return Fit(
+            held=self.held,
+            mode=self.mode,
+            answer=self.answer(solved.x),
+            draws=tuple(self.answer(each) for each in some),
+            cost=float(solved.cost) + odds + volume,
+            misfit=float(np.sqrt(np.mean(self.left(solved.x) ** 2))) / noise,
+        )
+
+    def _solve(self, first: FloatArray, level: float, evaluations: int) -> optimize.OptimizeResult:
+        def gap(point: FloatArray) -> FloatArray:
+            return np.concatenate([self.left(point) / level, (point - self._middle) / self._spread])
+
+        return optimize.least_squares(
+            gap, first, bounds=(self._low, self._high), x_scale=self._spread, diff_step=1e-4, max_nfev=evaluations
+        )
+
+
+def _filtered(
+    matrix: FloatArray, push: FloatArray, row: FloatArray, poles: FloatArray, force: FloatArray
+) -> FloatArray:
+    """Return the answer of a position to a force that is positive against it."""
+    if not push.any():
+        return np.zeros(force.size)
+    markov, state = [0.0], push.copy()
+    for _ in range(poles.size - 1):
+        markov.append(float(row @ state))
+        state = matrix @ state
+    zeros = np.convolve(poles, markov)[: poles.size]
+    return np.asarray(signal.lfilter(zeros, poles, force))
