@@ -12,7 +12,7 @@ from avc_casadi.scene import simulate
 
 CAUSES = ("delay", "damping", "encoder", "resonance", "stiffness", "let-go", "ticks", "rate")
 _SECONDS = 1.6
-_TRIES = 400
+_TRIES = 2000
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def changed_loop(random, loop, cause):
     if cause == "stiffness":
         return replace(loop, stiffness=loop.stiffness * log_between(random, 1.5, 8.0)), None
     if cause == "encoder":
-        return replace(loop, encoder=min(loop.encoder * log_between(random, 4.0, 40.0), 1e-4)), None
+        return replace(loop, encoder=max(4 * loop.encoder, log_between(random, 2e-5, 1e-4))), None
     if cause == "resonance":
         mode = {
             "resonance": log_between(random, 60.0, 250.0),
@@ -85,7 +85,7 @@ def swings(time, position, step, cause):
     parts = [position[(time >= low) & (time <= high)] for low, high in zip(ends[:-1], ends[1:], strict=True)]
     moves = np.array([np.ptp(part) / step for part in parts])
     turns = min(np.count_nonzero(np.diff(part)) for part in parts)
-    return moves.min() > (1.5 if cause == "encoder" else 5.0) and turns > 3 and moves[3:].max() > 0.6 * moves[:3].max()
+    return moves.min() > (1.5 if cause == "encoder" else 5.0) and turns > 3 and moves[3:].max() > 0.85 * moves[:3].max()
 
 
 def rests(position, period, step):
@@ -112,15 +112,15 @@ def case_of(cause, seed, index):
     in_scene = cause in {"delay", "damping", "stiffness", "resonance", "encoder"} and random.random() < 0.5
     for _ in range(_TRIES):
         loop = healthy_loop(random)
-        if cause == "resonance":
+        if cause in {"resonance", "encoder"}:
             loop = replace(loop, friction=0.0)
         _, position, _ = logged(loop, _SECONDS)
         if not rests(position, loop.period, loop.encoder):
             continue
         wrong, missed = changed_loop(random, loop, cause)
-        played = _scene if in_scene else logged
-        more = {} if missed is None else {"missed": missed}
-        time, position, force = played(wrong, _SECONDS, **more)
+        time, position, force = logged(wrong, _SECONDS, missed)
+        if in_scene and swings(time, position, wrong.encoder, cause):
+            time, position, force = _scene(wrong, _SECONDS)
         if np.abs(position).max() > 0.5 or not swings(time, position, wrong.encoder, cause):
             continue
         if cause == "encoder":
@@ -128,7 +128,7 @@ def case_of(cause, seed, index):
             loop = replace(loop, encoder=wrong.encoder)
         elif not in_scene and random.random() < 0.5:
             wrong = replace(wrong, sway=float(random.uniform(0.0, 1e-3)))
-            time, position, force = played(wrong, _SECONDS, **more)
+            time, position, force = logged(wrong, _SECONDS, missed)
         source = "scene" if in_scene else "simulator"
         columns = Columns(f"{cause}-{index}", time, position, force)
         return Case(cause, columns, declared_of(loop), source, wrong)

@@ -43,7 +43,8 @@ _JITTER = 0.1
 _HELD = 0.8
 # Gains whose limits lie so near to each other, in logarithms, are one and the other.
 _NEAR = 0.15
-_LIGHT, _LOOSE = 0.35, 0.5
+# Shares of the lightest and the loosest hand of the box, below which hardly any hand holds.
+_LIGHT, _LOOSE = 0.35, 0.7
 _LIKELY = 1e-3
 
 

@@ -39,6 +39,8 @@ _SURE, _RIVAL = 0.8, 0.12
 # Logarithm of the ratio of measured and modelled frequency, in contact throughout, beyond which the model is not it.
 _FREQUENCY = 0.3
 _ALWAYS = 0.97
+# Answers that are played in the scene until one swings.
+_PLAYED = 5
 
 
 def diagnose(
@@ -162,7 +164,8 @@ class _Base:
                 f"the model swings at {number(measured.frequency_hz, 3)} Hz, the log at {number(found.frequency_hz, 3)}"
             )
         if first == "encoder":
-            doubts += self._replayed(answer, law, evidence)
+            some = [one.answer for one in asked if one.causes.get(first, 0.0) >= 0.5]
+            doubts += self._replayed([answer, *some[: _PLAYED - 1]], law, evidence)
         if doubts:
             candidates = tuple(cause for cause in causes if cause != OTHER)[:2]
             names = " or ".join(CAUSES[cause] for cause in candidates) or "none of the causes it knows"
@@ -191,15 +194,20 @@ class _Base:
             cures=cures_of(first, answer, law, log, declared),
         )
 
-    def _replayed(self, answer: Answer, law: Law, evidence: list[str]) -> list[str]:
-        """Play the scene with and without the encoder; return the doubts that are left."""
+    def _replayed(self, answers: Sequence[Answer], law: Law, evidence: list[str]) -> list[str]:
+        """Play the scene with and without the encoder until it swings; return the doubts that are left."""
         if not can_replay(law):
             return ["the law pushes on its own, which no scene renders"]
         log = self._log
-        stepped, smooth = replay(answer, law, log, log.encoder_m), replay(answer, law, log, 0.0)
-        evidence.append(f"played in the scene with the encoder: {_told(stepped)}; without it: {_told(smooth)}")
-        if not stepped.sustained:
+        for answer in answers:
+            stepped = replay(answer, law, log, log.encoder_m)
+            if stepped.sustained:
+                break
+        else:
+            evidence.append("played in the scene with the encoder: rests")
             return ["played in the scene with its encoder the loop rests"]
+        smooth = replay(answer, law, log, 0.0)
+        evidence.append(f"played in the scene with the encoder: {_told(stepped)}; without it: {_told(smooth)}")
         return ["played in the scene without the encoder it swings too"] if smooth.sustained else []
 
     def _made(

@@ -9,10 +9,10 @@ import numpy as np
 
 from avc_casadi.diagnosis._log import Log
 from avc_casadi.stability import Rendering
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import BoolArray, FloatArray, IndexArray
 
 _MOST_LAG = 8
-_FEWEST = 40
+_FEWEST = 25
 # A law is told where it leaves so little of the force.
 TOLD = 0.05
 # A filter, or a longer lag, must leave so much less to be believed.
@@ -81,28 +81,29 @@ def find_law(log: Log, limit_n: float | None) -> Law | None:
     touching = (np.abs(force) > 1e-9 * size) & (np.abs(force) < 0.9999 * limit)
     best: Law | None = None
     for lag in range(_MOST_LAG + 1):
-        rows = _rows(log.ran, touching, lag)
-        if rows.size < _FEWEST:
-            continue
         for filtered in (False, True):
+            rows = _rows(log.ran, touching, lag, filtered=filtered)
+            if rows.size < _FEWEST:
+                continue
             found = _fit(position, force, rows, lag, filtered=filtered, period=log.ticks.period_s)
             if found is not None and (best is None or found.misfit < _BETTER * best.misfit):
                 best = found
     return best
 
 
-def _rows(ran: BoolArray, touching: BoolArray, lag: int) -> FloatArray:
-    """Return the ticks whose own, last and lagged samples are all in the log, and in contact."""
-    whole = ran & touching
-    use = whole.copy()
+def _rows(ran: BoolArray, touching: BoolArray, lag: int, *, filtered: bool) -> IndexArray:
+    """Return the ticks in contact whose lagged samples are in the log; a filter needs the force before in contact."""
+    use = ran & touching
     use[: lag + 2] = False
-    for back in (1, lag, lag + 1):
-        use[back:] &= (ran if back > 1 else whole)[:-back] if back else ran
+    for back in {lag, lag + 1} - {0}:
+        use[back:] &= ran[:-back]
+    if filtered:
+        use[1:] &= (ran & touching)[:-1]
     return np.flatnonzero(use)
 
 
 def _fit(
-    position: FloatArray, force: FloatArray, rows: FloatArray, lag: int, *, filtered: bool, period: float
+    position: FloatArray, force: FloatArray, rows: IndexArray, lag: int, *, filtered: bool, period: float
 ) -> Law | None:
     middle = float(position[rows].mean())
     columns = [position[rows - lag] - middle, position[rows - lag] - position[rows - lag - 1], np.ones(rows.size)]

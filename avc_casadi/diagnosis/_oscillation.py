@@ -19,7 +19,7 @@ LOWEST_HZ = 4.0
 _WINDOW_S = 0.25
 # A sawtooth, which is what a slow motion over encoder steps leaves, has a fundamental of 0.32 steps; a position that
 # toggles between two has one of 0.64.
-_LEAST_STEPS = 0.45
+_LEAST_STEPS = 0.37
 _LEAST_M = 1e-7
 # Share of the power in a line and its harmonics.
 _LINE = 0.5
@@ -28,6 +28,9 @@ _SAME = 0.25
 # What a scene calls buzzing is a ripple of 7 % of the mean force.
 _RIPPLE, _LEAST_N = 0.07, 0.02
 _RESTLESS_HZ, _RESTLESS_STEPS = 8.0, 1.2
+# At the end it falls to this share of its beginning, or goes on: over so many cycles its logarithm changes little.
+_FALLS = 0.55
+_LEVEL_S, _LEVEL_CYCLES, _LEVEL = 0.35, 10.0, 0.25
 _FEWEST_CYCLES = 8.0
 _SHORTEST_S = 0.25
 
@@ -179,7 +182,11 @@ def _measured(
     decay, decay_error = _growth(envelope, reached, last - smooth, period, hertz)
     irregular = kind
     kind = "limit cycle" if irregular is None else irregular
-    if late < 0.4 * early and decay < -3 * decay_error:
+    level = _level_from(envelope, reached, last, smooth, period, hertz)
+    if late < 0.4 * early and level is not None:
+        begins = reached = level
+        growth, error = math.nan, math.nan
+    elif late < _FALLS * early and decay < -3 * decay_error:
         kind, growth, error = "decaying", decay, decay_error
     elif irregular is None and (late > 1.6 * early or (last - reached) * period * hertz < 3):
         kind = "growing"
@@ -248,6 +255,22 @@ def _runs(flags: BoolArray, frequency: FloatArray, *, together: bool) -> list[tu
         else:
             runs.append([int(index)])
     return [(run[0], run[-1] + 1) for run in runs]
+
+
+def _level_from(
+    envelope: FloatArray, first: int, last: int, smooth: int, period: float, hertz: float
+) -> int | None:
+    """Return where an oscillation that dies away goes on at one level, or None where it does not."""
+    size = round(max(_LEVEL_S, _LEVEL_CYCLES / hertz) / period)
+    end = last - smooth
+    if end - first < size:
+        return None
+    slope, _ = _growth(envelope, end - size, end, period, hertz)
+    if not abs(slope) * size * period < _LEVEL:
+        return None
+    level = float(np.mean(envelope[end - size : end]))
+    away = np.flatnonzero(np.abs(np.log(envelope[first:end] / level)) > 2 * _LEVEL)
+    return first + (int(away[-1]) + 1 if away.size else 0)
 
 
 def _growth(envelope: FloatArray, begins: int, ends: int, period: float, hertz: float) -> tuple[float, float]:

@@ -19,15 +19,22 @@ from avc_casadi.support import BoolArray, FloatArray
 _LONGEST_DELAY = 14.0
 _WINDOW_S = 0.4
 _CYCLES = 6.0
+_LATER_CYCLES = 2.0
 # Below a third of the oscillation, motion is the hand's own doing; within these frequencies.
 _SLOW_HZ = (2.5, 12.0)
 _SHORTEST_DELAY = 0.002
-# What an encoder leaves over is alike from cycle to cycle, and not fresh noise in every sample.
+# What an encoder leaves over is no fresh noise in every sample; over few steps it is alike from cycle to cycle.
 _ALIKE = 3.0
+_FEW_STEPS = 14.0
 # No device is a mass, a spring and a damper more closely than this share of its motion.
 _NEVER_BETTER = 5e-3
 # ln of the odds against a resonance that nobody declared, for each of its three numbers.
 _ODDS = 4.0
+# Where a search begins: frequencies of a resonance over that of the oscillation, and samples of more delay.
+_TRIED = (0.8, 1.1, 1.5)
+_LATER = 2.5
+# What is damped more than this is no resonance.
+_MOST_DAMPED = 0.15
 _MODE = ("ln_frequency", "ln_ratio", "share")
 
 
@@ -105,7 +112,9 @@ def fit_plants(log: Log, swing: Swing, declared: Declared, draws: int, seed: int
             searches.append(_Search(windows, log, declared, held.held, "found", swing.found.frequency_hz))
             points.append(searches[-1].begin(noise))
     # What no structure explains is noise to all of them.
-    level = max(noise, min(point[1] for point in points)) * math.sqrt(_ALIKE)
+    found = swing.found
+    cycles = max(_WINDOW_S * found.frequency_hz, _CYCLES) if found.steps < _FEW_STEPS else 0.0
+    level = max(noise, min(point[1] for point in points)) * math.sqrt(_ALIKE + cycles)
     fits = [search.finish(point[0], level, noise, draws, seed) for search, point in zip(searches, points, strict=True)]
     return sorted(fits, key=lambda fit: fit.cost)
 
@@ -115,7 +124,8 @@ def _windows(log: Log, swing: Swing) -> list[_Window]:
     period, found = log.ticks.period_s, swing.found
     hertz = found.frequency_hz
     size = int(min(max(_WINDOW_S, _CYCLES / hertz) / period, log.position_m.size - _LONGEST_DELAY - 2))
-    places = [swing.last - size, swing.first]
+    # What lets go of the device does so before it swings.
+    places = [swing.last - size, swing.first + round(_LATER_CYCLES / hertz / period)]
     if not found.steps > 12:
         power = np.convolve(swing.fast_m**2, np.ones(size), mode="valid")
         places.append(int(np.argmax(power)))
@@ -146,6 +156,7 @@ class _Search:
         self, windows: Sequence[_Window], log: Log, declared: Declared, held: bool, mode: str, hertz: float
     ) -> None:
         self.held, self.mode = held, mode
+        self._hertz = hertz
         self._slow_hz = float(np.clip(hertz / 3, *_SLOW_HZ))
         self._windows, self._log, self._declared = windows, log, declared
         self.names: list[str] = ["delay"]
@@ -173,7 +184,8 @@ class _Search:
         self._low, self._high = self._middle - reach, self._middle + reach
         self._low[0], self._high[0] = _SHORTEST_DELAY, _LONGEST_DELAY
         if mode == "found":
-            self._low[-1], self._high[-1] = 0.05, 0.9
+            self._low[-1], self._high[-1] = 0.1, 0.9
+            self._high[-2] = math.log(_MOST_DAMPED)
 
     def answer(self, point: FloatArray) -> Answer:
         """Return device and hand at a point."""
@@ -239,15 +251,14 @@ class _Search:
     def begin(self, noise: float) -> tuple[FloatArray, float]:
         """Return the best point from a few starts, and what it leaves, root mean square."""
         best, least = self._middle, math.inf
-        starts = [self._middle[0], self._middle[0] + 2.5]
-        for delay in starts:
+        for delay in (self._middle[0], self._middle[0] + _LATER):
             first = np.clip(self._middle.copy(), self._low + 1e-6, self._high - 1e-6)
             first[0] = min(delay, _LONGEST_DELAY - 1)
-            for hertz in (60.0, 110.0, 200.0) if self.mode == "found" else (None,):
-                if hertz is not None:
-                    first[self.names.index("ln_frequency")] = math.log(hertz)
+            for factor in _TRIED if self.mode == "found" else (1.0,):
+                if self.mode == "found":
+                    first[self.names.index("ln_frequency")] = math.log(factor * self._hertz)
                     first = np.clip(first, self._low + 1e-6, self._high - 1e-6)
-                solved = self._solve(first, noise, 14)
+                solved = self._solve(first, noise, 20)
                 if solved.cost < least:
                     best, least = solved.x, float(solved.cost)
         return best, float(np.sqrt(np.mean(self.left(best) ** 2)))
