@@ -99,7 +99,7 @@ def diagnose(
         return early
     assert law is not None  # noqa: S101 - without a law there is no model
     with progress.step("device and hand"):
-        fits = fit_plants(grid, swing, declared, _DRAWS, seed)
+        fits = fit_plants(grid, swing, declared, law.lag, _DRAWS, seed)
     with progress.step("causes"):
         shares, asked = weigh(fits, law, grid, swing.found, declared)
     with progress.step("cures"):

@@ -31,10 +31,14 @@ _NEVER_BETTER = 5e-3
 # ln of the odds against a resonance that nobody declared, for each of its three numbers.
 _ODDS = 4.0
 # Where a search begins: frequencies of a resonance over that of the oscillation, and samples of more delay.
-_TRIED = (0.8, 1.1, 1.5)
+_TRIED = (0.75, 0.95, 1.2, 1.6)
 _LATER = 2.5
 # What is damped more than this is no resonance.
 _MOST_DAMPED = 0.15
+# A resonance is looked for where rigid mechanics leave so many times what encoder and noise do.
+_UNEXPLAINED = 2.0
+# How far, in samples, a delay may lie from the declared one: where it may be what is wrong, and where it is as declared.
+_LATE, _PUNCTUAL = 4.0, 0.15
 _MODE = ("ln_frequency", "ln_ratio", "share")
 
 
@@ -66,6 +70,7 @@ class Fit:
     Attributes:
         held: whether a hand holds the device.
         mode: "none", "declared" or "found": where its resonance comes from.
+        late: whether the delay was free to be another than the declared one.
         answer: the best.
         draws: others that the log bears out as well.
         cost: half the sum of squares, with what was known before.
@@ -74,6 +79,7 @@ class Fit:
 
     held: bool
     mode: str
+    late: bool
     answer: Answer
     draws: tuple[Answer, ...]
     cost: float
@@ -88,29 +94,31 @@ class _Window:
     use: BoolArray
 
 
-def fit_plants(log: Log, swing: Swing, declared: Declared, draws: int, seed: int) -> list[Fit]:
+def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int, seed: int) -> list[Fit]:
     """Fit device and hand, held and let go, with and without a resonance, likeliest first.
 
     Args:
         log: on its grid.
         swing: its oscillation.
         declared: what is known before.
+        lag: samples of the declared delay that lie between position and logged force.
         draws: others to draw of each.
         seed: of the draws.
     """
     windows = _windows(log, swing)
     swings = float(np.std(swing.fast_m[swing.first : swing.last]))
     noise = math.hypot(log.encoder_m / math.sqrt(12), declared.device.position_noise_rms_m, _NEVER_BETTER * swings)
-    structures = [(True, "declared" if declared.device.resonance else "none")]
+    mode = "declared" if declared.device.resonance else "none"
+    hertz = swing.found.frequency_hz
+    # One thing at a time is wrong: the delay, a hand that is not there, or a resonance that nobody declared.
+    structures = [(True, mode, True), (True, mode, False)]
     if declared.known:
-        structures.append((False, structures[0][1]))
-    searches = [_Search(windows, log, declared, held, mode, swing.found.frequency_hz) for held, mode in structures]
+        structures.append((False, mode, False))
+    searches = [_Search(windows, log, declared, lag, *structure, hertz) for structure in structures]
     points = [search.begin(noise) for search in searches]
-    if declared.device.resonance is None:
-        held = searches[0] if len(points) == 1 or points[0][1] <= points[1][1] else searches[1]
-        if min(point[1] for point in points) > 2.0 * noise:
-            searches.append(_Search(windows, log, declared, held.held, "found", swing.found.frequency_hz))
-            points.append(searches[-1].begin(noise))
+    if mode == "none" and min(point[1] for point in points) > _UNEXPLAINED * noise:
+        searches.append(_Search(windows, log, declared, lag, True, "found", False, hertz))
+        points.append(searches[-1].begin(noise))
     # What no structure explains is noise to all of them.
     found = swing.found
     cycles = max(_WINDOW_S * found.frequency_hz, _CYCLES) if found.steps < _FEW_STEPS else 0.0
@@ -153,15 +161,24 @@ class _Search:
     """One structure: its unknowns, what is known of them before, and what it leaves of the log."""
 
     def __init__(
-        self, windows: Sequence[_Window], log: Log, declared: Declared, held: bool, mode: str, hertz: float
+        self,
+        windows: Sequence[_Window],
+        log: Log,
+        declared: Declared,
+        lag: int,
+        held: bool,
+        mode: str,
+        late: bool,
+        hertz: float,
     ) -> None:
-        self.held, self.mode = held, mode
+        self.held, self.mode, self.late = held, mode, late
         self._hertz = hertz
         self._slow_hz = float(np.clip(hertz / 3, *_SLOW_HZ))
         self._windows, self._log, self._declared = windows, log, declared
         self.names: list[str] = ["delay"]
         device = declared.device
-        middle, spread = [declared.longest_delay * device.sample_time_s / log.ticks.period_s], [4.0]
+        meant = declared.longest_delay * device.sample_time_s / log.ticks.period_s - lag
+        middle, spread = [max(meant, 0.0)], [_LATE if late else _PUNCTUAL]
         if held:
             self.names += ["ln_mass", "ln_damping", "ln_stiffness"]
             centre, width = declared.hand_prior()
@@ -251,13 +268,13 @@ class _Search:
     def begin(self, noise: float) -> tuple[FloatArray, float]:
         """Return the best point from a few starts, and what it leaves, root mean square."""
         best, least = self._middle, math.inf
-        for delay in (self._middle[0], self._middle[0] + _LATER):
-            first = np.clip(self._middle.copy(), self._low + 1e-6, self._high - 1e-6)
-            first[0] = min(delay, _LONGEST_DELAY - 1)
+        for delay in (self._middle[0], self._middle[0] + _LATER)[: 2 if self.late else 1]:
             for factor in _TRIED if self.mode == "found" else (1.0,):
+                first = self._middle.copy()
+                first[0] = delay
                 if self.mode == "found":
                     first[self.names.index("ln_frequency")] = math.log(factor * self._hertz)
-                    first = np.clip(first, self._low + 1e-6, self._high - 1e-6)
+                first = np.clip(first, self._low + 1e-6, self._high - 1e-6)
                 solved = self._solve(first, noise, 20)
                 if solved.cost < least:
                     best, least = solved.x, float(solved.cost)
@@ -277,6 +294,7 @@ class _Search:
         return Fit(
             held=self.held,
             mode=self.mode,
+            late=self.late,
             answer=self.answer(solved.x),
             draws=tuple(self.answer(each) for each in some),
             cost=float(solved.cost) + odds + volume,
