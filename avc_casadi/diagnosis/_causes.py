@@ -41,6 +41,8 @@ _MISSED = 0.01
 _JITTER = 0.1
 # Share of the hands of the box with which the loop must rest for the hand to be what is missing.
 _HELD = 0.8
+# From one encoder step, an oscillation fills the device's travel after so many time constants.
+_TOO_LONG = 6.0
 # Gains whose limits lie so near to each other, in logarithms, are one and the other.
 _NEAR = 0.15
 # Shares of the lightest and the loosest hand of the box, below which hardly any hand holds.
@@ -113,10 +115,19 @@ def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: 
     whole = float(answer.device.delay_samples) + law.lag
     if whole > meant + _DELAY and _rests(answer.delayed(meant - law.lag), shorter(law, meant)):
         return {"delay": 1.0}
+    gone = 0.0
     if let_go(answer, declared):
         held = worst_growth_of_hands(answer, law, declared.box())
-        if np.mean(held < 0) >= _HELD:
+        gone = 1.0 if _changed(log, found, even.growth_per_s) else float(np.mean(held < 0))
+        gone = 1.0 if gone >= _HELD else gone if gone > 1 - _HELD else 0.0
+        if gone == 1:
             return {"let-go": 1.0}
+    left = _declared_itself(answer, law)
+    return {cause: share * (1 - gone) for cause, share in left.items()} | ({"let-go": gone} if gone else {})
+
+
+def _declared_itself(answer: Answer, law: Law) -> dict[str, float]:
+    """Return what of the declared loop is too much."""
     if answer.device.resonance is not None and _rests(answer.without_mode(), law):
         return {"resonance": 1.0}
     away = {gain: _away(limit_of(answer, law, gain)) for gain in ("stiffness", "damping")}
@@ -126,6 +137,13 @@ def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: 
     if abs(away["stiffness"] - away["damping"]) < _NEAR:
         return {"stiffness": 0.5, "damping": 0.5}
     return {nearer: 1.0}
+
+
+def _changed(log: Log, found: Oscillation, growth_per_s: float) -> bool:
+    """Whether a loop that grows so fast has been in contact too long before it swings to have been like this."""
+    touching = np.flatnonzero(log.force_n)
+    rested = found.begins_s - log.time_s[touching[0]] if touching.size else 0.0
+    return bool(rested * growth_per_s > _TOO_LONG)
 
 
 def let_go(answer: Answer, declared: Declared) -> bool:

@@ -41,6 +41,8 @@ _FREQUENCY = 0.3
 _ALWAYS = 0.97
 # Answers that are played in the scene until one swings.
 _PLAYED = 5
+# Share of a swing that is still the same swing.
+_STILL = 0.3
 
 
 def diagnose(
@@ -208,7 +210,8 @@ class _Base:
             return ["played in the scene with its encoder the loop rests"]
         smooth = replay(answer, law, log, 0.0)
         evidence.append(f"played in the scene with the encoder: {_told(stepped)}; without it: {_told(smooth)}")
-        return ["played in the scene without the encoder it swings too"] if smooth.sustained else []
+        still = smooth.sustained and smooth.peak_to_peak_m > _STILL * stepped.peak_to_peak_m
+        return ["played in the scene without the encoder it swings too"] if still else []
 
     def _made(
         self,

@@ -39,6 +39,8 @@ _MOST_DAMPED = 0.15
 _UNEXPLAINED = 2.0
 # How far, in samples, a delay may lie from the declared one: where it may be what is wrong, and where it is as declared.
 _LATE, _PUNCTUAL = 4.0, 0.15
+# Numbers that have died away further only make the arithmetic slow.
+_NOTHING = 1e-60
 _MODE = ("ln_frequency", "ln_ratio", "share")
 
 
@@ -259,8 +261,11 @@ class _Search:
         seconds = n * self._log.ticks.period_s
         orders = np.arange(int(2 * self._slow_hz * seconds) + 2)
         slow = np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n)
-        basis = np.concatenate([free, slow], axis=1)[window.use]
+        # A weight, or a target that moves on evenly, is a force that the log does not hold.
+        even = np.stack([_filtered(matrix, new + old, row, poles, push) for push in (np.ones(n), np.arange(n) / n)], 1)
+        basis = np.concatenate([free, even, slow], axis=1)[window.use]
         basis = basis / np.sqrt(np.mean(basis**2, axis=0) + 1e-300)
+        basis[np.abs(basis) < _NOTHING] = 0.0
         rest = (window.position - forced)[window.use]
         upright, _ = np.linalg.qr(basis)
         return np.asarray(rest - upright @ (upright.T @ rest))
