@@ -41,6 +41,8 @@ _FREQUENCY = 0.3
 _ALWAYS = 0.97
 # Answers that are played in the scene until one swings.
 _PLAYED = 5
+# What a model may leave of the position, over what encoder and noise do.
+_UNEXPLAINED = 12.0
 # Share of a swing that is still the same swing.
 _STILL = 0.3
 
@@ -165,6 +167,8 @@ class _Base:
             doubts.append(
                 f"the model swings at {number(measured.frequency_hz, 3)} Hz, the log at {number(found.frequency_hz, 3)}"
             )
+        if measured.misfit > _UNEXPLAINED and first not in {"ticks", "rate"}:
+            doubts.append(f"the model leaves {number(measured.misfit, 2)} times what encoder and noise do")
         if first == "encoder":
             some = [one.answer for one in asked if one.causes.get(first, 0.0) >= 0.5]
             doubts += self._replayed([answer, *some[: _PLAYED - 1]], law, evidence)

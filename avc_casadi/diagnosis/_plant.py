@@ -261,9 +261,12 @@ class _Search:
         seconds = n * self._log.ticks.period_s
         orders = np.arange(int(2 * self._slow_hz * seconds) + 2)
         slow = np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n)
-        # A weight, or a target that moves on evenly, is a force that the log does not hold.
-        even = np.stack([_filtered(matrix, new + old, row, poles, push) for push in (np.ones(n), np.arange(n) / n)], 1)
-        basis = np.concatenate([free, even, slow], axis=1)[window.use]
+        columns = [free, slow]
+        if not self.held:
+            # A weight is a force that the log does not hold; a hand's spring gives in to it at once.
+            pushes = (np.ones(n), np.arange(n) / n)
+            columns.append(np.stack([_filtered(matrix, new + old, row, poles, push) for push in pushes], axis=1))
+        basis = np.concatenate(columns, axis=1)[window.use]
         basis = basis / np.sqrt(np.mean(basis**2, axis=0) + 1e-300)
         basis[np.abs(basis) < _NOTHING] = 0.0
         rest = (window.position - forced)[window.use]
