@@ -1,6 +1,7 @@
 """Logs that buzz for one known reason: a loop that rests, drawn at random, with one thing of it changed."""
 
-from dataclasses import dataclass, field, replace
+import itertools
+from dataclasses import dataclass, replace
 
 import numpy as np
 from buzzing_device import Buzzing, logged
@@ -24,7 +25,6 @@ class Case:
     declared: Device
     source: str
     loop: Buzzing
-    told: dict = field(default_factory=dict)
 
 
 def log_between(random, low, high):
@@ -52,37 +52,59 @@ def healthy_loop(random):
     )
 
 
+def _later(random, loop):
+    more = float(random.uniform(1.0, 6.0))
+    lag = min(int(random.integers(0, 3)), int(more))
+    return {"delay": loop.delay + more - lag, "lag": float(lag)}
+
+
+def _resonant(random, _):
+    return {
+        "resonance": log_between(random, 60.0, 250.0),
+        "ratio": log_between(random, 0.01, 0.05),
+        "share": float(random.uniform(0.2, 0.6)),
+    }
+
+
+_CHANGES = {
+    "delay": _later,
+    "damping": lambda random, loop: {"damper": loop.damper * log_between(random, 1.5, 6.0)},
+    "stiffness": lambda random, loop: {"stiffness": loop.stiffness * log_between(random, 1.5, 8.0)},
+    "encoder": lambda random, loop: {"encoder": max(4 * loop.encoder, log_between(random, 2e-5, 1e-4))},
+    "resonance": _resonant,
+    "let-go": lambda random, _: {
+        "release": float(random.uniform(0.4, 0.8)),
+        "weight": float(random.uniform(0.3, 1.5)),
+    },
+    "ticks": lambda _, __: {},
+    "rate": lambda random, loop: {"period": loop.period * int(random.integers(2, 4))},
+}
+
+
 def changed_loop(random, loop, cause):
     """Change one thing; returns the loop, and the ticks that are missed, or None."""
+    wrong = replace(loop, **_CHANGES[cause](random, loop))
+    if cause != "ticks":
+        return wrong, None
     samples = round(_SECONDS / loop.period)
-    if cause == "delay":
-        more, lag = float(random.uniform(1.0, 6.0)), int(random.integers(0, 3))
-        lag = min(lag, int(more))
-        return replace(loop, delay=loop.delay + more - lag, lag=float(lag)), None
-    if cause == "damping":
-        return replace(loop, damper=loop.damper * log_between(random, 1.5, 6.0)), None
-    if cause == "stiffness":
-        return replace(loop, stiffness=loop.stiffness * log_between(random, 1.5, 8.0)), None
-    if cause == "encoder":
-        return replace(loop, encoder=max(4 * loop.encoder, log_between(random, 2e-5, 1e-4))), None
-    if cause == "resonance":
-        mode = {
-            "resonance": log_between(random, 60.0, 250.0),
-            "ratio": log_between(random, 0.01, 0.05),
-            "share": float(random.uniform(0.2, 0.6)),
-        }
-        return replace(loop, **mode), None
-    if cause == "let-go":
-        return replace(loop, release=float(random.uniform(0.4, 0.8)), weight=float(random.uniform(0.3, 1.5))), None
-    if cause == "ticks":
-        return loop, (random.random(samples) < random.uniform(0.2, 0.7)).astype(float)
-    return replace(loop, period=loop.period * int(random.integers(2, 4))), None
+    return wrong, (random.random(samples) < random.uniform(0.2, 0.7)).astype(float)
+
+
+def healthy_case(seed, index):
+    """A loop with nothing wrong with it, that rests at the end."""
+    random = np.random.default_rng([seed, index, len(CAUSES)])
+    while True:
+        loop = healthy_loop(random)
+        time, position, force = logged(loop, _SECONDS)
+        if rests(position, loop.period, loop.encoder):
+            columns = Columns(f"nothing-{index}", time, position, force)
+            return Case("nothing wrong", columns, declared_of(loop), "simulator", loop)
 
 
 def swings(time, position, step, cause):
     """Whether every tenth of the last 0.6 s moves by steps, those at the end as much as those before."""
     ends = time[-1] - np.arange(7)[::-1] * 0.1
-    parts = [position[(time >= low) & (time <= high)] for low, high in zip(ends[:-1], ends[1:], strict=True)]
+    parts = [position[(time >= low) & (time <= high)] for low, high in itertools.pairwise(ends)]
     moves = np.array([np.ptp(part) / step for part in parts])
     turns = min(np.count_nonzero(np.diff(part)) for part in parts)
     return moves.min() > (1.5 if cause == "encoder" else 5.0) and turns > 3 and moves[3:].max() > 0.85 * moves[:3].max()

@@ -9,3 +9,7 @@ from avc_casadi.diagnosis._model import Diagnosis as Diagnosis
 from avc_casadi.diagnosis._model import Measured as Measured
 from avc_casadi.diagnosis._model import Trace as Trace
 from avc_casadi.diagnosis._oscillation import Oscillation as Oscillation
+from avc_casadi.diagnosis._told import cure_text as cure_text
+from avc_casadi.diagnosis._told import diagnosis_document as diagnosis_document
+from avc_casadi.diagnosis._told import diagnosis_text as diagnosis_text
+from avc_casadi.diagnosis._told import shares_text as shares_text

@@ -35,7 +35,9 @@ def cures_of(cause: str, answer: Answer, law: Law, log: Log, declared: Declared)
     """
     own: Callable[[], list[Cure]] = {
         "delay": lambda: _delay(answer, law, log, declared),
-        "resonance": lambda: [_of("mechanics without the resonance", "resonance", math.nan, answer.without_mode(), law)],
+        "resonance": lambda: [
+            _of("mechanics without the resonance", "resonance", math.nan, answer.without_mode(), law)
+        ],
         "ticks": lambda: _ticks(answer, law, log),
         "rate": lambda: _rate(answer, law, log, declared),
         "encoder": lambda: _encoder(answer, law, log),
@@ -76,9 +78,7 @@ def _delay(answer: Answer, law: Law, log: Log, declared: Declared) -> list[Cure]
     if longest is None or longest >= own:
         return []
     most = min(meant, longest) if meant <= longest else longest
-    change = (
-        f"a delay of {number(most, 2)} samples in place of {number(own, 3)} (it rests below {number(longest, 3)})"
-    )
+    change = f"a delay of {number(most, 2)} samples in place of {number(own, 3)} (it rests below {number(longest, 3)})"
     return [_of(change, "delay_samples", most, answer.delayed(most), shorter(law, 0.0))]
 
 
@@ -120,9 +120,7 @@ def _encoder(answer: Answer, law: Law, log: Log) -> list[Cure]:
     for factor in _SOFTER:
         softer = replace(law, damping_ns_per_m=factor * law.damping_ns_per_m)
         if worst_mode(answer, softer).stable and small(softer, step):
-            change = (
-                f"b = {number(softer.damping_ns_per_m, 3)} N.s/m in place of {number(law.damping_ns_per_m, 3)}"
-            )
+            change = f"b = {number(softer.damping_ns_per_m, 3)} N.s/m in place of {number(law.damping_ns_per_m, 3)}"
             found.append(Cure(change, "damping_ns_per_m", softer.damping_ns_per_m, math.nan, rests=True))
             break
     if law.keep == 0:
@@ -139,4 +137,3 @@ def _encoder(answer: Answer, law: Law, log: Log) -> list[Cure]:
             found.append(Cure(change, "encoder_resolution_m", step / finer, math.nan, rests=True))
             break
     return found
-

@@ -145,9 +145,7 @@ class _Base:
             return self._made("cannot tell", said, decides=decides)
         return None
 
-    def judged(
-        self, law: Law, fits: Sequence[Fit], shares: Mapping[str, float], asked: Sequence[Asked]
-    ) -> Diagnosis:
+    def judged(self, law: Law, fits: Sequence[Fit], shares: Mapping[str, float], asked: Sequence[Asked]) -> Diagnosis:
         """Return the verdict by the shares of the causes."""
         found, log, declared = self._swing.found, self._log, self._declared
         causes = list(shares)
@@ -157,7 +155,9 @@ class _Base:
         evidence = [*self._evidence, *measured_sentences(measured, declared)]
         doubts = []
         if first == OTHER:
-            doubts.append("no single change of those that were tried brings this loop to rest, or it rests on the model")
+            doubts.append(
+                "no single change of those that were tried brings this loop to rest, or it rests on the model"
+            )
         elif shares[first] < _SURE or (second is not None and shares[second] > _RIVAL):
             doubts.append(f"of the answers that the log bears out {_shares_text(shares)}")
         apart = abs(math.log(max(measured.frequency_hz, 0.1) / found.frequency_hz))
@@ -176,9 +176,7 @@ class _Base:
             candidates = tuple(cause for cause in causes if cause != OTHER)[:2]
             names = " or ".join(CAUSES[cause] for cause in candidates) or "none of the causes it knows"
             said = f"cannot tell: {names}; {'; '.join(doubts)}"
-            cures = tuple(
-                cure for cause in candidates for cure in cures_of(cause, answer, law, log, declared)
-            )
+            cures = tuple(cure for cause in candidates for cure in cures_of(cause, answer, law, log, declared))
             return self._made(
                 "cannot tell",
                 said,
@@ -279,7 +277,9 @@ def _measured(answer: Answer, fit: Fit, law: Law, log: Log, declared: Declared) 
 
 def _shares_text(shares: Mapping[str, float]) -> str:
     return ", ".join(
-        f"{100 * share:.0f} % say {CAUSES.get(cause, 'none of them')}" for cause, share in shares.items() if share > 0.01
+        f"{100 * share:.0f} % say {CAUSES.get(cause, 'none of them')}"
+        for cause, share in shares.items()
+        if share > 0.01
     )
 
 

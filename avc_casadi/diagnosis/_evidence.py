@@ -88,9 +88,7 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
         lines.append("the device answers its force as it does when nobody holds it")
     else:
         mass, damping, stiffness = measured.hand.values()
-        lines.append(
-            f"held by about {number(1e3 * mass, 2)} g, {number(damping, 2)} N.s/m, {number(stiffness, 2)} N/m"
-        )
+        lines.append(f"held by about {number(1e3 * mass, 2)} g, {number(damping, 2)} N.s/m, {number(stiffness, 2)} N/m")
     if measured.resonance is not None:
         frequency, ratio, share = measured.resonance.values()
         lines.append(

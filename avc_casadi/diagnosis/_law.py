@@ -50,8 +50,12 @@ class Law:
         """Return the cut-off of the velocity filter, or None without one."""
         return None if self.keep <= 0 else -math.log(self.keep) / (2 * math.pi * sample_time_s)
 
-    def rendering(self, sample_time_s: float, stiffness: FloatArray | float = 1.0, damping: FloatArray | float = 1.0,
-                  ) -> Rendering:
+    def rendering(
+        self,
+        sample_time_s: float,
+        stiffness: FloatArray | float = 1.0,
+        damping: FloatArray | float = 1.0,
+    ) -> Rendering:
         """Return the law as the loop takes it, its gains times some factors of shape (n,)."""
         k, b = np.broadcast_arrays(
             np.atleast_1d(np.asarray(stiffness, dtype=np.float64)) * self.stiffness_n_per_m,

@@ -54,8 +54,9 @@ def worst_mode(answer: Answer, law: Law, *, stiffness: float = 1.0, damping: flo
 
 def worst_growth_of_hands(answer: Answer, law: Law, hands: Hand) -> FloatArray:
     """Return the growth of the loop with each of some hands in place of its own, shape (hands,)."""
-    return np.array([worst_mode(Answer(answer.device, hands.pick(slice(i, i + 1))), law).growth_per_s
-                     for i in range(len(hands))])
+    return np.array(
+        [worst_mode(Answer(answer.device, hands.pick(slice(i, i + 1))), law).growth_per_s for i in range(len(hands))]
+    )
 
 
 def at_period(answer: Answer, law: Law, sample_time_s: float) -> tuple[Answer, Law]:

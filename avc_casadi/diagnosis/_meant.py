@@ -42,7 +42,9 @@ def law_differs(
         return ["the coupling feeds a state back, which is not compared with the log's spring and damper"]
     if coupling is not None:
         at = coupling.table.at_rest
-        gains = (np.array([value]) for value in (at.damping_ns_per_m, at.stiffness_n_per_m, at.contact_damping_ns_per_m))
+        gains = (
+            np.array([value]) for value in (at.damping_ns_per_m, at.stiffness_n_per_m, at.contact_damping_ns_per_m)
+        )
         rendering = joint_rendering(coupling.problem, *gains)
         hertz = found.frequency_hz if math.isfinite(found.frequency_hz) else 10.0
         angle = 2 * math.pi * hertz * period

@@ -217,7 +217,9 @@ def _measured(
 
 def _above(position: FloatArray, period: float) -> FloatArray:
     filtered = signal.butter(3, LOWEST_HZ, "highpass", fs=1 / period, output="sos")
-    return np.asarray(signal.sosfiltfilt(filtered, position - position.mean(), padtype="even", padlen=min(position.size - 1, 600)))
+    return np.asarray(
+        signal.sosfiltfilt(filtered, position - position.mean(), padtype="even", padlen=min(position.size - 1, 600))
+    )
 
 
 def _line(part: FloatArray, period: float) -> tuple[float, float, float]:
@@ -239,7 +241,7 @@ def _line(part: FloatArray, period: float) -> tuple[float, float, float]:
         if turn * peak < spectrum.size and turn * peak - 2 > peak + 2
     )
     # Hann's window spreads a line over three bins: power in them is a quarter of n times its energy times the square.
-    amplitude = 2 * math.sqrt(power / (n * float(np.sum(window**2))) )
+    amplitude = 2 * math.sqrt(power / (n * float(np.sum(window**2))))
     exact = float(np.sum(hertz[near] * spectrum[near]) / power)
     return amplitude, exact, (power + harmonics) / total
 
@@ -257,9 +259,7 @@ def _runs(flags: BoolArray, frequency: FloatArray, *, together: bool) -> list[tu
     return [(run[0], run[-1] + 1) for run in runs]
 
 
-def _level_from(
-    envelope: FloatArray, first: int, last: int, smooth: int, period: float, hertz: float
-) -> int | None:
+def _level_from(envelope: FloatArray, first: int, last: int, smooth: int, period: float, hertz: float) -> int | None:
     """Return where an oscillation that dies away goes on at one level, or None where it does not."""
     size = round(max(_LEVEL_S, _LEVEL_CYCLES / hertz) / period)
     end = last - smooth

@@ -37,7 +37,7 @@ _LATER = 2.5
 _MOST_DAMPED = 0.15
 # A resonance is looked for where rigid mechanics leave so many times what encoder and noise do.
 _UNEXPLAINED = 2.0
-# How far, in samples, a delay may lie from the declared one: where it may be what is wrong, and where it is as declared.
+# How far, in samples, a delay may lie from the declared one: where it may be what is wrong, and where it is not.
 _LATE, _PUNCTUAL = 4.0, 0.15
 # Numbers that have died away further only make the arithmetic slow.
 _NOTHING = 1e-60
