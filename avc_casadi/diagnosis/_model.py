@@ -44,7 +44,7 @@ class Measured:
         lag_samples: the part of it that lies between position and logged force.
         hand: mass, damping and stiffness of the hand by name, None let go.
         resonance: frequency_hz, damping_ratio and mass_ratio, None with rigid mechanics.
-        misfit: what the model leaves of the position, over what encoder and noise leave.
+        misfit: what the model leaves of the position where it explains it best, over what encoder and noise leave.
         growth_per_s, frequency_hz: of the loop with these numbers, by its eigenvalues.
     """
 

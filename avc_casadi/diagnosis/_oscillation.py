@@ -31,7 +31,7 @@ _RESTLESS_HZ, _RESTLESS_STEPS = 8.0, 1.2
 # At the end it falls to this share of its beginning, or goes on: over so many cycles its logarithm changes little.
 _FALLS = 0.55
 _LEVEL_S, _LEVEL_CYCLES, _LEVEL = 0.35, 10.0, 0.25
-_FEWEST_CYCLES = 8.0
+_FEWEST_CYCLES = 5.0
 _SHORTEST_S = 0.25
 
 
@@ -107,7 +107,8 @@ def find_oscillation(log: Log) -> Swing:
     least = max(_LEAST_STEPS * log.encoder_m, _LEAST_M)
     swings = (amplitude > least) & (share > _LINE)
     found = _swings(log, fast, starts, size, swings, amplitude, frequency, kind=None)
-    if not any(swing.found.sustained for swing in found):
+    dying = any(swing.found.kind == "decaying" and swing.last >= n - 2 * hop for swing in found)
+    if not dying and not any(swing.found.sustained for swing in found):
         restless = np.array([_restless(log, fast, slice(start, start + size)) for start in starts])
         found += _swings(log, fast, starts, size, restless, amplitude, frequency, kind="irregular")
     # Of several the one that goes on counts, and of those the fastest motion.
@@ -183,10 +184,10 @@ def _measured(
     irregular = kind
     kind = "limit cycle" if irregular is None else irregular
     level = _level_from(envelope, reached, last, smooth, period, hertz)
-    if late < 0.4 * early and level is not None:
+    if irregular is None and late < _FALLS * early and level is not None:
         begins = reached = level
         growth, error = math.nan, math.nan
-    elif late < _FALLS * early and decay < -3 * decay_error:
+    elif irregular is None and late < _FALLS * early and decay < -3 * decay_error:
         kind, growth, error = "decaying", decay, decay_error
     elif irregular is None and (late > 1.6 * early or (last - reached) * period * hertz < 3):
         kind = "growing"

@@ -21,7 +21,7 @@ _WINDOW_S = 0.4
 _CYCLES = 6.0
 _LATER_CYCLES = 2.0
 # Below a third of the oscillation, motion is the hand's own doing; within these frequencies.
-_SLOW_HZ = (2.5, 12.0)
+_SLOW_HZ = (2.5, 40.0)
 _SHORTEST_DELAY = 0.002
 # What an encoder leaves over is no fresh noise in every sample; over few steps it is alike from cycle to cycle.
 _ALIKE = 3.0
@@ -33,6 +33,7 @@ _ODDS = 4.0
 # Where a search begins: frequencies of a resonance over that of the oscillation, and samples of more delay.
 _TRIED = (0.75, 0.95, 1.2, 1.6)
 _LATER = 2.5
+_REWEIGHED = 2
 # What is damped more than this is no resonance.
 _MOST_DAMPED = 0.15
 # A resonance is looked for where rigid mechanics leave so many times what encoder and noise do.
@@ -76,7 +77,7 @@ class Fit:
         answer: the best.
         draws: others that the log bears out as well.
         cost: half the sum of squares, with what was known before.
-        misfit: residual over what encoder and noise leave.
+        misfit: residual of the window that it explains best, over what encoder and noise leave.
     """
 
     held: bool
@@ -118,13 +119,14 @@ def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int,
         structures.append((False, mode, False))
     searches = [_Search(windows, log, declared, lag, *structure, hertz) for structure in structures]
     points = [search.begin(noise) for search in searches]
-    if mode == "none" and min(point[1] for point in points) > _UNEXPLAINED * noise:
+    if mode == "none" and min(float(point[1].max()) for point in points) > _UNEXPLAINED * noise:
         searches.append(_Search(windows, log, declared, lag, True, "found", False, hertz))
         points.append(searches[-1].begin(noise))
-    # What no structure explains is noise to all of them.
+    # What no structure explains of a window is noise to all of them.
     found = swing.found
     cycles = max(_WINDOW_S * found.frequency_hz, _CYCLES) if found.steps < _FEW_STEPS else 0.0
-    level = max(noise, min(point[1] for point in points)) * math.sqrt(_ALIKE + cycles)
+    unexplained = np.min([point[1] for point in points], axis=0)
+    level = np.maximum(noise, unexplained) * math.sqrt(_ALIKE + cycles)
     fits = [search.finish(point[0], level, noise, draws, seed) for search, point in zip(searches, points, strict=True)]
     return sorted(fits, key=lambda fit: fit.cost)
 
@@ -189,7 +191,7 @@ class _Search:
         else:
             self.names += ["ln_device_mass", "ln_device_damping"]
             middle += [0.0, 0.0]
-            spread += [0.1, 0.5]
+            spread += [0.06, 0.5]
         if mode == "declared":
             self.names.append("ln_frequency")
             middle.append(math.log(device.resonance.frequency_hz if device.resonance else 1.0))
@@ -273,22 +275,30 @@ class _Search:
         upright, _ = np.linalg.qr(basis)
         return np.asarray(rest - upright @ (upright.T @ rest))
 
-    def begin(self, noise: float) -> tuple[FloatArray, float]:
-        """Return the best point from a few starts, and what it leaves, root mean square."""
+    def begin(self, noise: float) -> tuple[FloatArray, FloatArray]:
+        """Return the best point from a few starts, and what it leaves of each window, root mean square."""
         best, least = self._middle, math.inf
+        even = np.full(len(self._windows), noise)
         for delay in (self._middle[0], self._middle[0] + _LATER)[: 2 if self.late else 1]:
             for factor in _TRIED if self.mode == "found" else (1.0,):
                 first = self._middle.copy()
                 first[0] = delay
                 if self.mode == "found":
                     first[self.names.index("ln_frequency")] = math.log(factor * self._hertz)
-                first = np.clip(first, self._low + 1e-6, self._high - 1e-6)
-                solved = self._solve(first, noise, 20)
+                solved = self._solve(first, even, 20)
                 if solved.cost < least:
                     best, least = solved.x, float(solved.cost)
-        return best, float(np.sqrt(np.mean(self.left(best) ** 2)))
+        # A hand that moves at once within a window spoils that window, and not what the others say.
+        for _ in range(_REWEIGHED):
+            best = self._solve(best, np.maximum(noise, self.of_windows(best)), 12).x
+        return best, self.of_windows(best)
 
-    def finish(self, point: FloatArray, level: float, noise: float, draws: int, seed: int) -> Fit:
+    def of_windows(self, point: FloatArray) -> FloatArray:
+        """Return what a point leaves of each window, root mean square."""
+        ends = np.cumsum([np.count_nonzero(window.use) for window in self._windows])[:-1]
+        return np.array([math.sqrt(float(np.mean(part**2))) for part in np.split(self.left(point), ends)])
+
+    def finish(self, point: FloatArray, level: FloatArray, noise: float, draws: int, seed: int) -> Fit:
         """Polish at the level of what is not explained, and draw others that explain as much."""
         solved = self._solve(point, level, 12)
         curvature = solved.jac.T @ solved.jac
@@ -306,12 +316,15 @@ class _Search:
             answer=self.answer(solved.x),
             draws=tuple(self.answer(each) for each in some),
             cost=float(solved.cost) + odds + volume,
-            misfit=float(np.sqrt(np.mean(self.left(solved.x) ** 2))) / noise,
+            misfit=float(self.of_windows(solved.x).min()) / noise,
         )
 
-    def _solve(self, first: FloatArray, level: float, evaluations: int) -> optimize.OptimizeResult:
+    def _solve(self, first: FloatArray, level: FloatArray, evaluations: int) -> optimize.OptimizeResult:
+        first = np.clip(first, self._low + 1e-6, self._high - 1e-6)
+        levels = np.repeat(level, [np.count_nonzero(window.use) for window in self._windows])
+
         def gap(point: FloatArray) -> FloatArray:
-            return np.concatenate([self.left(point) / level, (point - self._middle) / self._spread])
+            return np.concatenate([self.left(point) / levels, (point - self._middle) / self._spread])
 
         return optimize.least_squares(
             gap, first, bounds=(self._low, self._high), x_scale=self._spread, diff_step=1e-4, max_nfev=evaluations
