@@ -1,4 +1,4 @@
-"""But for what would the loop be at rest? Each answer that the log bears out is asked; their shares weigh the causes."""
+"""But for what would the loop be at rest? Every answer that the log bears out is asked; their shares weigh causes."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def let_go(answer: Answer, declared: Declared) -> bool:
 
 
 def meant_period(log: Log, declared: Declared) -> float:
-    """Return the sample time that was meant: the declared one, or that of the log where forces are held over samples."""
+    """Return the sample time that was meant: as declared, or that of the log where forces are held over samples."""
     slower = declared.known and log.ticks.period_s > 1.3 * declared.device.sample_time_s
     return declared.device.sample_time_s if slower else log.ticks.sample_time_s
 

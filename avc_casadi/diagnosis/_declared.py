@@ -58,7 +58,11 @@ class Declared:
     def box(self) -> Hand:
         """Return the corners and the middle of the ranges of hands."""
         middle = [float(np.mean(ends)) for ends in self._ends()]
-        return joined(hand_corners(self.hands.model_copy(update={"let_go": False})), Hand(*middle))
+        ranges = self.hands
+        held = Hands(
+            mass_kg=ranges.mass_kg, damping_ns_per_m=ranges.damping_ns_per_m, stiffness_n_per_m=ranges.stiffness_n_per_m
+        )
+        return joined(hand_corners(held), Hand(*middle))
 
     def hand_prior(self) -> tuple[FloatArray, FloatArray]:
         """Return middle and spread of ln mass, damping and stiffness of the hand."""

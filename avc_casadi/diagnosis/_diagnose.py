@@ -68,7 +68,8 @@ def diagnose(
         device: as declared; None assumes one.
         hands: those that the loop was meant for; None takes the usual ranges.
         coupling: what was meant to run; the device and the hands it was made for are taken where none are given.
-        stiffness_n_per_m, damping_ns_per_m: the same as two numbers.
+        stiffness_n_per_m: k that was meant to run, in place of a coupling.
+        damping_ns_per_m: b that was meant to run.
         flip_force: whether the log counts the force against +position.
         seed: of the draws.
         progress: who is told.
@@ -189,7 +190,7 @@ class _Base:
             )
         return self._made(
             "named",
-            named_sentence(first, measured, law, found, log),
+            named_sentence(first, measured, law, log),
             cause=first,
             candidates=(first,),
             shares=shares,
@@ -303,6 +304,6 @@ def _trace(log: Log, swing: Swing) -> Trace:
         fast_m=swing.fast_m,
         envelope_m=swing.envelope_m,
         force_n=-log.force_n,
-        frequency_hz=np.fft.rfftfreq(part.size, log.ticks.period_s),
+        frequency_hz=np.asarray(np.fft.rfftfreq(part.size, log.ticks.period_s), dtype=np.float64),
         spectrum_m=np.asarray(amplitude),
     )

@@ -17,8 +17,7 @@ from avc_casadi.support import number
 from avc_casadi.trial import threshold_m
 
 _DECIDES = {
-    "delay": "a log of the same loop with a force pulse commanded in free space (the delay is then read directly), or "
-    "the declared delay of the device (--device)",
+    "delay": "a log of a force pulse commanded in free space, which tells the delay, or the device's file (--device)",
     "damping": "the same press with b halved and k as it is",
     "stiffness": "the same press with k halved and b as it is",
     "encoder": "the same press with the encoder's positions smoothed by a velocity filter, or with b halved",
@@ -80,10 +79,11 @@ def law_sentence(law: Law, sample_time_s: float) -> str:
 def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
     """Say what device and hand answered."""
     known = "declared" if declared.known else "assumed"
-    lines = [
+    late = (
         f"from position to motion {number(measured.delay_samples, 3)} +- {number(measured.delay_error_samples, 1)} "
         f"samples of delay beside the hold; {known} {number(measured.declared_delay_samples, 3)}"
-    ]
+    )
+    lines = [late]
     if measured.hand is None:
         lines.append("the device answers its force as it does when nobody holds it")
     else:
@@ -103,24 +103,20 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
     return lines
 
 
-def named_sentence(cause: str, measured: Measured, law: Law, found: Oscillation, log: Log) -> str:
+def named_sentence(cause: str, measured: Measured, law: Law, log: Log) -> str:
     """Say what the cause is and why."""
     words = CAUSES[cause]
+    smallest = "is more than the loop bears, and less of it is the smallest change that brings it to rest"
+    shape, meant = measured.resonance, measured.declared_delay_samples
     why = {
-        "delay": f"{number(measured.delay_samples, 3)} samples where {number(measured.declared_delay_samples, 3)} were "
-        "meant; with those the loop rests",
-        "damping": f"b = {number(law.damping_ns_per_m, 3)} N.s/m is more than the loop bears, and less of it is the "
-        "smallest change that brings it to rest",
-        "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} N/m is more than the loop bears, and less of it is the "
-        "smallest change that brings it to rest",
-        "encoder": f"the loop rests without the encoder's steps of {number(1e6 * log.encoder_m, 3)} um; with them it "
-        f"swings over {number(found.steps, 2)} of them",
-        "resonance": "without it the loop rests"
-        if measured.resonance is None
-        else f"{number(measured.resonance['frequency_hz'], 3)} Hz; with rigid mechanics the loop rests",
+        "delay": f"{number(measured.delay_samples, 3)} samples, meant {number(meant, 3)}; with those the loop rests",
+        "damping": f"b = {number(law.damping_ns_per_m, 3)} N.s/m {smallest}",
+        "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} N/m {smallest}",
+        "encoder": f"the loop rests without steps of {number(1e6 * log.encoder_m, 3)} um, and swings with them",
+        "resonance": f"{'' if shape is None else number(shape['frequency_hz'], 3)} Hz; with rigid mechanics it rests",
         "let-go": "nobody holds the device; with a hand the loop rests",
         "ticks": f"{100 * log.ticks.missed_share:.2g} % of the ticks are missing; with all of them the loop rests",
-        "rate": f"a new force every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was meant the loop rests",
+        "rate": f"a new force every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was meant it rests",
     }[cause]
     return f"{words}: {why}"
 

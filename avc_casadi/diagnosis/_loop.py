@@ -43,7 +43,8 @@ def worst_mode(answer: Answer, law: Law, *, stiffness: float = 1.0, damping: flo
     Args:
         answer: device and hand; the lag of the law comes on top of its delay.
         law: what the computer makes of the position.
-        stiffness, damping: factors of its gains.
+        stiffness: factor of its stiffness.
+        damping: factor of its damping.
     """
     period = answer.device.sample_time_s
     matrix = _loops(answer, law, np.array([stiffness]), np.array([damping]))[0]

@@ -32,7 +32,8 @@ def law_differs(
         found: the oscillation, at whose frequency springs and dampers are compared.
         log: on its grid.
         coupling: what was meant, or None.
-        stiffness_n_per_m, damping_ns_per_m: the same as numbers.
+        stiffness_n_per_m: k that was meant, or None.
+        damping_ns_per_m: b that was meant, or None.
     """
     if not law.told:
         return []

@@ -12,7 +12,7 @@ from scipy import optimize, signal
 from avc_casadi.diagnosis._declared import Declared
 from avc_casadi.diagnosis._log import Log
 from avc_casadi.diagnosis._oscillation import Swing
-from avc_casadi.loop import Hand, device_with, no_hand, sampled_plant
+from avc_casadi.loop import Hand, SampledPlant, no_hand, sampled_plant
 from avc_casadi.problem import Device
 from avc_casadi.support import BoolArray, FloatArray
 
@@ -59,11 +59,11 @@ class Answer:
 
     def without_mode(self) -> Answer:
         """Return the same with rigid mechanics."""
-        return Answer(device_with(self.device, {"resonance": None}), self.hand)  # type: ignore[dict-item]
+        return Answer(_device(self.device, {"resonance": None}), self.hand)
 
     def delayed(self, samples: float) -> Answer:
         """Return the same with another delay."""
-        return Answer(device_with(self.device, {"delay_samples": max(samples, 0.0)}), self.hand)
+        return Answer(_device(self.device, {"delay_samples": max(samples, 0.0)}), self.hand)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +212,7 @@ class _Search:
         """Return device and hand at a point."""
         value = dict(zip(self.names, point.tolist(), strict=True))
         device = self._declared.device
-        changed: dict[str, float | Mapping[str, float]] = {
+        changed: dict[str, object] = {
             "delay_samples": max(value["delay"], _SHORTEST_DELAY),
             "sample_time_s": self._log.ticks.period_s,
         }
@@ -220,7 +220,8 @@ class _Search:
             changed["mass_kg"] = device.mass_kg * math.exp(value["ln_device_mass"])
             changed["damping_ns_per_m"] = device.damping_ns_per_m * math.exp(value["ln_device_damping"])
         if self.mode == "declared":
-            changed["resonance.frequency_hz"] = math.exp(value["ln_frequency"])
+            shape = {} if device.resonance is None else device.resonance.model_dump()
+            changed["resonance"] = {**shape, "frequency_hz": math.exp(value["ln_frequency"])}
         elif self.mode == "found":
             changed["resonance"] = {
                 "frequency_hz": math.exp(value["ln_frequency"]),
@@ -230,7 +231,7 @@ class _Search:
         hand = None
         if self.held:
             hand = Hand(*(math.exp(value[name]) for name in ("ln_mass", "ln_damping", "ln_stiffness")))
-        return Answer(device_with(device, changed), hand)  # type: ignore[arg-type]
+        return Answer(_device(device, changed), hand)
 
     def left(self, point: FloatArray) -> FloatArray:
         """Return what a point leaves of the measured position, m."""
@@ -238,15 +239,15 @@ class _Search:
         plant = sampled_plant(answer.device, answer.hand or no_hand())
         return np.concatenate([self._left_of(window, plant) for window in self._windows])
 
-    def _left_of(self, window: _Window, plant: object) -> FloatArray:
-        matrix, new, old = plant.matrix[0, 0], plant.new[0, 0], plant.old[0, 0]  # type: ignore[attr-defined]
-        row, whole = plant.measured, int(plant.whole_delay[0])  # type: ignore[attr-defined]
+    def _left_of(self, window: _Window, plant: SampledPlant) -> FloatArray:
+        row, whole = plant.measured, int(plant.whole_delay[0])
         n = window.position.size
         lead = window.past.size - n
-        scale = np.array([self._log.ticks.period_s if name.endswith("_per_s") else 1.0 for name in plant.names])  # type: ignore[attr-defined]
-        matrix = matrix * scale[:, None] / scale
-        new, old = new * scale, old * scale
-        poles = np.poly(matrix)
+        period = self._log.ticks.period_s
+        scale = np.array([period if name.endswith("_per_s") else 1.0 for name in plant.names], dtype=np.float64)
+        matrix = plant.matrix[0, 0] * scale[:, None] / scale
+        new, old = plant.new[0, 0] * scale, plant.old[0, 0] * scale
+        poles = np.asarray(np.poly(matrix), dtype=np.float64)
         late = window.past[lead - whole : lead - whole + n]
         later = window.past[lead - whole - 1 : lead - whole - 1 + n]
         # Position before the force of its own sample acts: the answer begins a sample later.
@@ -260,7 +261,7 @@ class _Search:
         for index in range(n):
             free[index] = state
             state = state @ matrix
-        seconds = n * self._log.ticks.period_s
+        seconds = n * period
         orders = np.arange(int(2 * self._slow_hz * seconds) + 2)
         slow = np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n)
         columns = [free, slow]
@@ -327,8 +328,18 @@ class _Search:
             return np.concatenate([self.left(point) / levels, (point - self._middle) / self._spread])
 
         return optimize.least_squares(
-            gap, first, bounds=(self._low, self._high), x_scale=self._spread, diff_step=1e-4, max_nfev=evaluations
+            gap,
+            first,
+            bounds=(self._low, self._high),
+            x_scale=self._spread,
+            diff_step=np.full(first.size, 1e-4),
+            max_nfev=evaluations,
         )
+
+
+def _device(device: Device, changed: Mapping[str, object]) -> Device:
+    """Return a device with some keys changed, known exactly."""
+    return Device.model_validate({**device.model_dump(exclude={"range"}), **changed})
 
 
 def _filtered(

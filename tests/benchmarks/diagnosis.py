@@ -70,6 +70,13 @@ def page(rows: list[dict[str, Any]], seed: int) -> str:
     wrong = [row for row in logs if row["answer"] in WORDS and row["answer"] != row["truth"]]
     answers = [*CAUSES, UNDECIDED, HEALTHY]
     share = 100 / max(len(logs), 1)
+    summary = (
+        f"{len(logs)} logs, seed {seed}: **{len(right)} named right ({share * len(right):.1f} %), {len(undecided)} "
+        f'"cannot tell" ({share * len(undecided):.1f} %; the truth among its candidates in {len(among)}), '
+        f"{len(unseen)} taken for healthy ({share * len(unseen):.1f} %), {len(wrong)} confident and wrong "
+        f"({share * len(wrong):.1f} %)**. Of {len(quiet)} logs with nothing wrong "
+        f"{sum(row['answer'] == HEALTHY for row in quiet)} were called so."
+    )
     lines = [
         "# Diagnosis of logs that buzz for one known reason",
         "",
@@ -77,11 +84,7 @@ def page(rows: list[dict[str, Any]], seed: int) -> str:
         "",
         " ".join((__doc__ or "").split("\n\n")[2].partition(" With --write")[0].split()),
         "",
-        f"{len(logs)} logs, seed {seed}: **{len(right)} named right ({share * len(right):.1f} %), {len(undecided)} "
-        f'"cannot tell" ({share * len(undecided):.1f} %; the truth among its candidates in {len(among)}), '
-        f"{len(unseen)} taken for healthy ({share * len(unseen):.1f} %), {len(wrong)} confident and wrong "
-        f"({share * len(wrong):.1f} %)**. Of {len(quiet)} logs with nothing wrong "
-        f"{sum(row['answer'] == HEALTHY for row in quiet)} were called so.",
+        summary,
         "",
         "Rows: what was changed; columns: what was said.",
         "",
@@ -98,12 +101,11 @@ def page(rows: list[dict[str, Any]], seed: int) -> str:
         lines.append(f"| {source} | {len(of)} | {' | '.join(map(str, counted))} |")
     time = [row["cpu_s"] for row in rows]
     cured = sum(row["cures"] > 0 for row in right)
-    lines += [
-        "",
-        f"A change that cures the loop, checked, stands beside {cured} of the {len(right)} causes named right. Processor "
-        f"time a log: median {np.median(time):.1f} s, 95 % below {np.quantile(time, 0.95):.1f} s.",
-        "",
-    ]
+    closing = (
+        f"A change that cures the loop, checked, stands beside {cured} of the {len(right)} causes named right. "
+        f"Processor time a log: median {np.median(time):.1f} s, 95 % below {np.quantile(time, 0.95):.1f} s."
+    )
+    lines += ["", closing, ""]
     return "\n".join(lines)
 
 
