@@ -103,17 +103,25 @@ def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: 
     ticks = log.ticks
     irregular = ticks.missed_share > _MISSED or ticks.jitter_rms_s > _JITTER * ticks.sample_time_s
     even = worst_mode(answer, law)
-    if even.stable:
-        if irregular and (growth_over(answer, law, log.ran) > 0 or not found.steps < _STEPS):
-            return {"ticks": 1.0}
-        return {"encoder": 1.0} if found.steps < _STEPS else {OTHER: 1.0}
     device = declared.device
     slower = declared.known and ticks.period_s > 1.3 * device.sample_time_s
+    meant = declared.longest_delay * (device.sample_time_s / ticks.period_s if slower else 1.0)
+    late = float(answer.device.delay_samples) + law.lag > meant + _DELAY
+    if even.stable:
+        # Over few steps the encoder swings the loop, and what is not as declared may be why it can.
+        beside = {
+            "ticks": irregular,
+            "rate": slower or ticks.held > 1,
+            "delay": late,
+            "let-go": let_go(answer, declared),
+        }
+        some = ["encoder", *(cause for cause, there in beside.items() if there)] if found.steps < _STEPS else [OTHER]
+        if irregular and (growth_over(answer, law, log.ran) > 0 or some == [OTHER]):
+            some = ["ticks"]
+        return dict.fromkeys(some, 1 / len(some))
     if (slower or ticks.held > 1) and _rests(*at_period(answer, law, meant_period(log, declared))):
         return {"rate": 1.0}
-    meant = declared.longest_delay * (device.sample_time_s / ticks.period_s if slower else 1.0)
-    whole = float(answer.device.delay_samples) + law.lag
-    if whole > meant + _DELAY and _rests(answer.delayed(meant - law.lag), shorter(law, meant)):
+    if late and _rests(answer.delayed(meant - law.lag), shorter(law, meant)):
         return {"delay": 1.0}
     gone = 0.0
     if let_go(answer, declared):

@@ -77,7 +77,7 @@ def _delay(answer: Answer, law: Law, log: Log, declared: Declared) -> list[Cure]
     longest = longest_delay(Answer(answer.delayed(own).device, answer.hand), shorter(law, 0.0))
     if longest is None or longest >= own:
         return []
-    most = min(meant, longest) if meant <= longest else longest
+    most = meant if meant <= longest else _RESERVE * longest
     change = f"a delay of {number(most, 2)} samples in place of {number(own, 3)} (it rests below {number(longest, 3)})"
     return [_of(change, "delay_samples", most, answer.delayed(most), shorter(law, 0.0))]
 

@@ -95,7 +95,9 @@ def diagnose(
             key="force",
         )
     evidence = [oscillation_sentence(swing.found), ticks_sentence(grid.ticks, declared)]
-    if law is not None:
+    if law is None:
+        evidence.append("hardly any force is commanded" if grid.force_n.any() else "no force is commanded")
+    else:
         evidence.append(law_sentence(law, grid.ticks.period_s))
         notes += law_differs(law, swing.found, grid, coupling, stiffness_n_per_m, damping_ns_per_m)
     base = _Base(grid, swing, law, declared, evidence, [*declared.notes, *notes])

@@ -72,7 +72,7 @@ def law_sentence(law: Law, sample_time_s: float) -> str:
     late = f", {law.lag} samples after the position" if law.lag else ""
     return (
         f"the computer rendered k = {number(law.stiffness_n_per_m, 4)} N/m and b = {number(law.damping_ns_per_m, 3)} "
-        f"N.s/m{filtered}{late}; {100 * law.misfit:.1g} % of the force is left"
+        f"N.s/m{filtered}{late}, which is the force to {number(max(100 * law.misfit, 0.1), 2)} %"
     )
 
 

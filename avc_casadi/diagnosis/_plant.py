@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize, signal
@@ -74,7 +74,8 @@ class Fit:
         held: whether a hand holds the device.
         mode: "none", "declared" or "found": where its resonance comes from.
         late: whether the delay was free to be another than the declared one.
-        answer: the best.
+        point: the best, in the unknowns of the search.
+        answer: the same as device and hand.
         draws: others that the log bears out as well.
         cost: half the sum of squares, with what was known before.
         misfit: residual of the window that it explains best, over what encoder and noise leave.
@@ -83,6 +84,7 @@ class Fit:
     held: bool
     mode: str
     late: bool
+    point: FloatArray
     answer: Answer
     draws: tuple[Answer, ...]
     cost: float
@@ -95,6 +97,7 @@ class _Window:
     past: FloatArray  # force, from `_LONGEST_DELAY` samples before
     rub: FloatArray  # sign of the velocity, smoothed
     use: BoolArray
+    before: bool  # whether it lies before the oscillation, when a hand may still have held the device
 
 
 def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int, seed: int) -> list[Fit]:
@@ -125,9 +128,13 @@ def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int,
     # What no structure explains of a window is noise to all of them.
     found = swing.found
     cycles = max(_WINDOW_S * found.frequency_hz, _CYCLES) if found.steps < _FEW_STEPS else 0.0
-    unexplained = np.min([point[1] for point in points], axis=0)
+    unexplained = np.min([search.of_all(point[1]) for search, point in zip(searches, points, strict=True)], axis=0)
     level = np.maximum(noise, unexplained) * math.sqrt(_ALIKE + cycles)
     fits = [search.finish(point[0], level, noise, draws, seed) for search, point in zip(searches, points, strict=True)]
+    # Whoever let go held the device before: that part of the log is as well explained as by the best hand.
+    hands = [(search, fit) for search, fit in zip(searches, fits, strict=True) if fit.held]
+    before = min(search.cost_before(fit.point, level) for search, fit in hands)
+    fits = [fit if fit.held else replace(fit, cost=fit.cost + before) for fit in fits]
     return sorted(fits, key=lambda fit: fit.cost)
 
 
@@ -156,6 +163,7 @@ def _windows(log: Log, swing: Swing) -> list[_Window]:
             log.force_n[start - lead : start + size],
             np.asarray(rub[start : start + size]),
             log.ran[start : start + size],
+            start < swing.first,
         )
         for start in chosen
     ]
@@ -178,7 +186,10 @@ class _Search:
         self.held, self.mode, self.late = held, mode, late
         self._hertz = hertz
         self._slow_hz = float(np.clip(hertz / 3, *_SLOW_HZ))
-        self._windows, self._log, self._declared = windows, log, declared
+        # The first window is the end of the oscillation.
+        self._kept = np.array([held or index == 0 or not window.before for index, window in enumerate(windows)])
+        self._windows = [window for window, kept in zip(windows, self._kept, strict=True) if kept]
+        self._log, self._declared = log, declared
         self.names: list[str] = ["delay"]
         device = declared.device
         meant = declared.longest_delay * device.sample_time_s / log.ticks.period_s - lag
@@ -294,6 +305,20 @@ class _Search:
             best = self._solve(best, np.maximum(noise, self.of_windows(best)), 12).x
         return best, self.of_windows(best)
 
+    def of_all(self, left: FloatArray) -> FloatArray:
+        """Return what is left of every window, without bound of those that this structure says nothing of."""
+        found = np.full(self._kept.size, np.inf)
+        found[self._kept] = left
+        return found
+
+    def cost_before(self, point: FloatArray, level: FloatArray) -> float:
+        """Return the share of the cost from before the oscillation."""
+        rows = zip(self._windows, self.of_windows(point), level[self._kept], strict=True)
+        return sum(
+            (float(0.5 * np.count_nonzero(one.use) * (left / scale) ** 2) for one, left, scale in rows if one.before),
+            0.0,
+        )
+
     def of_windows(self, point: FloatArray) -> FloatArray:
         """Return what a point leaves of each window, root mean square."""
         ends = np.cumsum([np.count_nonzero(window.use) for window in self._windows])[:-1]
@@ -301,7 +326,7 @@ class _Search:
 
     def finish(self, point: FloatArray, level: FloatArray, noise: float, draws: int, seed: int) -> Fit:
         """Polish at the level of what is not explained, and draw others that explain as much."""
-        solved = self._solve(point, level, 12)
+        solved = self._solve(point, level[self._kept], 12)
         curvature = solved.jac.T @ solved.jac
         values, vectors = np.linalg.eigh(curvature)
         random = np.random.default_rng(seed).standard_normal((draws, point.size))
@@ -314,6 +339,7 @@ class _Search:
             held=self.held,
             mode=self.mode,
             late=self.late,
+            point=solved.x,
             answer=self.answer(solved.x),
             draws=tuple(self.answer(each) for each in some),
             cost=float(solved.cost) + odds + volume,

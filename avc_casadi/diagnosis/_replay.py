@@ -80,6 +80,7 @@ def _problem(answer: Answer, law: Law, log: Log, encoder_m: float, filter_hz: fl
             "title": "the loop of a log",
             "device": device.model_dump(mode="json", exclude={"range"}, exclude_none=True),
             "environment": {"damping_ns_per_m": law.damping_ns_per_m, "stiffness_n_per_m": law.stiffness_n_per_m},
+            "frequency": {"values_hz": [1.0]},
             "scene": {
                 "duration_s": _SECONDS,
                 "coupling": "none",

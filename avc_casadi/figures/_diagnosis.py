@@ -92,6 +92,7 @@ def _spectrum(axes: Axes, found: Diagnosis) -> None:
     axes.plot(trace.frequency_hz[use], size * trace.spectrum_m[use], color=_BLUE, linewidth=0.9)
     axes.set_yscale("log")
     axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
     top = size * float(trace.spectrum_m[use].max(initial=1e-12))
     axes.set_ylim(1e-4 * top, 3 * top)
     if found.encoder_m:
