@@ -77,7 +77,8 @@ class Fit:
         point: the best, in the unknowns of the search.
         answer: the same as device and hand.
         draws: others that the log bears out as well.
-        cost: half the sum of squares, with what was known before.
+        cost: minus the logarithm of the evidence: half the sum of squares, with what was known before, and `volume`.
+        volume: logarithm of how much of what was thought possible the log leaves.
         misfit: residual of the window that it explains best, over what encoder and noise leave.
     """
 
@@ -88,6 +89,7 @@ class Fit:
     answer: Answer
     draws: tuple[Answer, ...]
     cost: float
+    volume: float
     misfit: float
 
 
@@ -134,6 +136,9 @@ def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int,
     # Whoever let go held the device before: that part of the log is as well explained as by the best hand.
     hands = [(search, fit) for search, fit in zip(searches, fits, strict=True) if fit.held]
     before = min(search.cost_before(fit.point, level) for search, fit in hands)
+    if any(window.before for window in windows):
+        # Then that hand is part of the explanation, with its own unknowns.
+        before += min(fit.volume for _, fit in hands)
     fits = [fit if fit.held else replace(fit, cost=fit.cost + before) for fit in fits]
     return sorted(fits, key=lambda fit: fit.cost)
 
@@ -343,6 +348,7 @@ class _Search:
             answer=self.answer(solved.x),
             draws=tuple(self.answer(each) for each in some),
             cost=float(solved.cost) + odds + volume,
+            volume=volume,
             misfit=float(self.of_windows(solved.x).min()) / noise,
         )
 
