@@ -84,12 +84,13 @@ def growth_over(answer: Answer, law: Law, ran: BoolArray) -> float:
     state = np.random.default_rng(0).standard_normal(size)
     grown = 0.0
     ticks = np.resize(ran, _MOST_TICKS)
-    for ticked in ticks:
+    # The first half forgets where it began.
+    for count, ticked in enumerate(ticks):
         state = (run if ticked else missed) @ state
         length = float(np.linalg.norm(state))
-        grown += math.log(length)
+        grown += math.log(length) if 2 * count >= _MOST_TICKS else 0.0
         state /= length
-    return grown / (_MOST_TICKS * answer.device.sample_time_s)
+    return 2 * grown / (_MOST_TICKS * answer.device.sample_time_s)
 
 
 def limit_of(answer: Answer, law: Law, gain: str) -> float | None:

@@ -187,7 +187,7 @@ def _measured(
     if irregular is None and late < _FALLS * early and level is not None:
         begins = reached = level
         growth, error = math.nan, math.nan
-    elif irregular is None and late < _FALLS * early and decay < -3 * decay_error:
+    elif (irregular is None or log.ran.all()) and late < _FALLS * early and decay < -3 * decay_error:
         kind, growth, error = "decaying", decay, decay_error
     elif irregular is None and (late > 1.6 * early or (last - reached) * period * hertz < 3):
         kind = "growing"
