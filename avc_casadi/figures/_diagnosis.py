@@ -20,7 +20,7 @@ _BLUE, _ORANGE, _GREY = "#08306b", "#d1600a", "0.55"
 _TITLES = (
     "(a) position",
     "(b) what swings, and its envelope",
-    "(c) some cycles: position and commanded force",
+    "(c) force against position, some cycles",
     "(d) amplitudes while it swings",
 )
 _CYCLES = 6.0
@@ -43,7 +43,7 @@ def draw_diagnosis(found: Diagnosis, axes: GivenAxes = None) -> Figure:
     _whole(position, swing, found)
     _some_cycles(cycles, found)
     _spectrum(spectrum, found)
-    panels.legend(*cycles.get_legend_handles_labels(), 2)
+    panels.legend(*swing.get_legend_handles_labels(), 2)
     return panels.figure
 
 
@@ -51,12 +51,15 @@ def _whole(position: Axes, swing: Axes, found: Diagnosis) -> None:
     trace, size, unit = found.trace, *_unit(found)
     position.plot(trace.time_s, 1e3 * trace.position_m, color=_BLUE, linewidth=0.8)
     position.set_ylabel("position (mm)")
-    swing.plot(trace.time_s, size * trace.fast_m, color=_BLUE, linewidth=0.6)
+    swing.plot(trace.time_s, size * trace.fast_m, color=_BLUE, linewidth=0.6, label="position above 4 Hz")
     begins, ends = found.oscillation.begins_s, found.oscillation.ends_s
     if math.isfinite(begins):
         inside = (trace.time_s >= begins) & (trace.time_s <= ends)
         for sign in (1, -1):
-            swing.plot(trace.time_s[inside], sign * size * trace.envelope_m[inside], color=_ORANGE, linewidth=1.2)
+            envelope = sign * size * trace.envelope_m[inside]
+            swing.plot(
+                trace.time_s[inside], envelope, color=_ORANGE, linewidth=1.2, label="envelope" if sign > 0 else "_"
+            )
         top = 1.3 * size * float(np.abs(trace.fast_m[inside]).max(initial=1e-12))
         swing.set_ylim(-top, top)
         for one in (position, swing):
@@ -73,17 +76,9 @@ def _some_cycles(axes: Axes, found: Diagnosis) -> None:
     end = 0.5 * (found.oscillation.begins_s + ends) if math.isfinite(ends) else float(trace.time_s[-1])
     length = _CYCLES / hertz if math.isfinite(hertz) else _STILL_S
     inside = (trace.time_s >= end - length) & (trace.time_s <= end)
-    axes.step(
-        trace.time_s[inside], size * trace.fast_m[inside], where="post", color=_BLUE, linewidth=1.0, label="position"
-    )
-    axes.set_ylabel(f"position ({unit})")
-    axes.set_xlabel("time (s)")
-    other = axes.twinx()
-    other.step(trace.time_s[inside], trace.force_n[inside], where="post", color=_ORANGE, linewidth=0.9)
-    axes.plot([], [], color=_ORANGE, linewidth=0.9, label="commanded force")
-    other.set_ylabel("force (N)")
-    other.grid(visible=False)
-    other.spines["right"].set_visible(True)
+    axes.plot(size * trace.position_m[inside], trace.force_n[inside], color=_BLUE, linewidth=0.8)
+    axes.set_xlabel(f"position ({unit})")
+    axes.set_ylabel("commanded force (N)")
 
 
 def _spectrum(axes: Axes, found: Diagnosis) -> None:

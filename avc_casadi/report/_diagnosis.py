@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _CAPTION = (
     "the grey stretch is the oscillation (a); the position without the hand's slow motion, with the envelope of the "
-    "oscillation (b); position and commanded force in its middle (c); its spectrum, with the frequency of the loop "
+    "oscillation (b); commanded force against position in its middle (c); its spectrum, with the frequency of the loop "
     "model (d)"
 )
 
