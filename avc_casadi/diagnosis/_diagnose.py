@@ -101,10 +101,11 @@ def diagnose(
         evidence.append(law_sentence(law, grid.ticks.period_s))
         notes += law_differs(law, swing.found, grid, coupling, stiffness_n_per_m, damping_ns_per_m)
     base = _Base(grid, swing, law, declared, evidence, [*declared.notes, *notes])
-    early = base.without_model()
+    early = base.at_once()
     if early is not None:
         return early
-    assert law is not None  # noqa: S101 - without a law there is no model
+    if law is None or not law.told:
+        return base.without_model()
     with progress.step("device and hand"):
         fits = fit_plants(grid, swing, declared, law.lag, _DRAWS, seed)
     with progress.step("causes"):
@@ -130,23 +131,25 @@ class _Base:
         self._log, self._swing, self._law, self._declared = log, swing, law, declared
         self._evidence, self._notes = evidence, notes
 
-    def without_model(self) -> Diagnosis | None:
-        """Return the verdict where no loop model is needed, or none can be made."""
-        found, log, law = self._swing.found, self._log, self._law
+    def at_once(self) -> Diagnosis | None:
+        """Return the verdict where no loop model is needed."""
+        found, log = self._swing.found, self._log
         if not found.sustained:
             what = "an oscillation comes and dies away" if found.kind == "decaying" else "nothing swings"
             return self._made("nothing wrong", f"nothing wrong: {what} in {number(_seconds(log), 3)} s")
         if found.contact_share == 0:
             said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
             return self._made("not the loop", said)
-        if law is None or not law.told:
-            said = (
-                "cannot tell: the force of this log is not that of a spring and a damper on its position, so that no "
-                "loop model can be made"
-            )
-            decides = "a log of the position that the computer used and the force that it commanded, tick by tick"
-            return self._made("cannot tell", said, decides=decides)
         return None
+
+    def without_model(self) -> Diagnosis:
+        """Return the verdict where no loop model can be made."""
+        said = (
+            "cannot tell: the force of this log is not that of a spring and a damper on its position, so that no loop "
+            "model can be made"
+        )
+        decides = "a log of the position that the computer used and the force that it commanded, tick by tick"
+        return self._made("cannot tell", said, decides=decides)
 
     def judged(self, law: Law, fits: Sequence[Fit], shares: Mapping[str, float], asked: Sequence[Asked]) -> Diagnosis:
         """Return the verdict by the shares of the causes."""
