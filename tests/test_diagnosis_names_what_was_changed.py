@@ -258,5 +258,5 @@ def test_a_force_that_drives_the_device_away_is_refused():
 def test_a_coupling_that_did_not_run_is_noticed():
     problem = avc.load_problem("figure5")
     coupling = avc.Coupling.constant(problem, Gains(5.0, 2000.0), "mine")
-    found = diagnose(columns(replace(HEALTHY, stiffness=777.0)), coupling=coupling)
+    found = diagnose(columns(Buzzing(encoder=2e-5)), coupling=coupling)
     assert any("does not run the coupling" in note for note in found.notes)
