@@ -68,6 +68,9 @@ def _problem(answer: Answer, law: Law, log: Log, encoder_m: float, filter_hz: fl
     if device.max_force_n is not None:
         effects.append({"kind": "saturation"})
     delay = float(device.delay_samples) + law.lag
+    if log.ticks.missed_share > 0:
+        # A scene that misses ticks is late by whole samples.
+        delay = round(delay)
     if delay > 0:
         effects.append({"kind": "delay", "samples": delay})
     if log.ticks.missed_share > 0:
