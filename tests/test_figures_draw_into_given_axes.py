@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 import avc_casadi as avc
 from avc_casadi import figures
 from avc_casadi.certificate import llewellyn_table
-from avc_casadi.identification import Record, identify
+from avc_casadi.diagnosis import diagnose
+from avc_casadi.identification import Columns, Record, identify
 from avc_casadi.study.accuracy import Accuracy, GridMiss, SolverCost, TableError
 from avc_casadi.study.estimators import EstimatorTraces
 from avc_casadi.study.pareto import Pareto, Point
@@ -86,10 +87,18 @@ def _identified():
     return identify([Record("drawn", 1e-3, position, force)])
 
 
+@functools.cache
+def _diagnosed():
+    time = np.arange(800) * 1e-3
+    position = np.round((1e-3 + 2e-4 * np.sin(2 * np.pi * 30 * time)) / 1e-5) * 1e-5
+    return diagnose(Columns("still", time, position, np.zeros(800)))
+
+
 CALLS = {
     "draw_accuracy": (3, lambda axes: figures.draw_accuracy(_accuracy(), axes)),
     "draw_boundaries": (2, lambda axes: figures.draw_boundaries(COMPARISON, axes)),
     "draw_comparison": (3, lambda axes: figures.draw_comparison(COMPARISON, axes)),
+    "draw_diagnosis": (4, lambda axes: figures.draw_diagnosis(_diagnosed(), axes)),
     "draw_estimators": (4, lambda axes: figures.draw_estimators(_estimates(), axes)),
     "draw_correlations": (1, lambda axes: figures.draw_correlations(_identified(), axes)),
     "draw_identification": (6, lambda axes: figures.draw_identification(_identified(), axes)),

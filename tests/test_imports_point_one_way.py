@@ -24,6 +24,7 @@ ROOMS = (
     "identification",
     "excitation",
     "trial",
+    "diagnosis",
     "design.pointwise",
     "design.joint",
     "design.constant",

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from avc_casadi.identification import Layout
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
@@ -35,3 +39,39 @@ def positive_int(text: str) -> int:
     if value <= 0:
         raise argparse.ArgumentTypeError(f"{text!r} is no whole number above 0")
     return value
+
+
+def add_log_layout(parser: argparse.ArgumentParser) -> None:
+    """Declare what a user may say of the columns of a log."""
+    parser.add_argument(
+        "--columns",
+        action="append",
+        default=[],
+        metavar="Q=C",
+        help="columns by header or number, 1 is the first: time=1,position=2,force=3",
+    )
+    parser.add_argument(
+        "--units",
+        action="append",
+        default=[],
+        metavar="Q=U",
+        help="units where no header says them: time=ms,position=um",
+    )
+    parser.add_argument("--sample-time", type=positive, metavar="S", help="sample time in seconds of logs without time")
+    parser.add_argument("--flip-force", action="store_true", help="the logs count the force against +position")
+
+
+def log_layout(args: argparse.Namespace) -> Layout:
+    """Return what was said of the columns.
+
+    Raises:
+        InputError: with every pair that is none.
+    """
+    from avc_casadi import InputError
+    from avc_casadi.identification import Layout, pairs_of
+
+    columns, wrong = pairs_of(args.columns, "--columns")
+    units, also = pairs_of(args.units, "--units")
+    if wrong or also:
+        raise InputError([*wrong, *also])
+    return Layout(columns, units, args.sample_time)

@@ -12,12 +12,12 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import positive
+from avc_casadi.cli._arguments import add_log_layout, log_layout
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
 
 if TYPE_CHECKING:
-    from avc_casadi.identification import Identification, Layout
+    from avc_casadi.identification import Identification
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,22 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--device", metavar="BASE", help="device file or name: what the logs do not tell is taken from it"
     )
-    parser.add_argument(
-        "--columns",
-        action="append",
-        default=[],
-        metavar="Q=C",
-        help="columns by header or number, 1 is the first: time=1,position=2,force=3",
-    )
-    parser.add_argument(
-        "--units",
-        action="append",
-        default=[],
-        metavar="Q=U",
-        help="units where no header says them: time=ms,position=um",
-    )
-    parser.add_argument("--sample-time", type=positive, metavar="S", help="sample time in seconds of logs without time")
-    parser.add_argument("--flip-force", action="store_true", help="the logs count the force against +position")
+    add_log_layout(parser)
     parser.add_argument(
         "--added-mass", metavar="KG,...", help="known mass on the device, one of each log: tells the force's scale"
     )
@@ -57,7 +42,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Read, identify, write."""
     out = output_file(args.out, "--out", (".toml",)) if args.out else None
     page = output_file(args.report, "--report", (".html",)) if args.report else None
-    layout, masses, known = _layout(args), _masses(args), _known(args)
+    layout, masses, known = log_layout(args), _masses(args), _known(args)
     base = avc.load_device(args.device) if args.device else None
     from avc_casadi.identification import device_text, identification_document, identification_text, identify
 
@@ -96,16 +81,6 @@ def _report(found: Identification, page: Any, console: Console) -> None:
         from avc_casadi.report import identification_html
 
         write_text(page, identification_html(found, package_versions()), "--report")
-
-
-def _layout(args: argparse.Namespace) -> Layout:
-    from avc_casadi.identification import Layout, pairs_of
-
-    columns, wrong = pairs_of(args.columns, "--columns")
-    units, also = pairs_of(args.units, "--units")
-    if wrong or also:
-        raise avc.InputError([*wrong, *also])
-    return Layout(columns, units, args.sample_time)
 
 
 def _masses(args: argparse.Namespace) -> tuple[float, ...]:

@@ -21,6 +21,7 @@ VERBS: tuple[str, ...] = (
     "table1",
     "excite",
     "identify",
+    "diagnose",
     "push",
     "stream",
     "export",

@@ -10,6 +10,7 @@ changes lines, scales, limits and labels, and nothing else of their figure:
 from avc_casadi.figures._accuracy import draw_accuracy as draw_accuracy
 from avc_casadi.figures._boundaries import draw_boundaries as draw_boundaries
 from avc_casadi.figures._comparison import draw_comparison as draw_comparison
+from avc_casadi.figures._diagnosis import draw_diagnosis as draw_diagnosis
 from avc_casadi.figures._estimators import draw_estimators as draw_estimators
 from avc_casadi.figures._frontier import draw_frontier as draw_frontier
 from avc_casadi.figures._identification import draw_correlations as draw_correlations

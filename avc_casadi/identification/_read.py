@@ -14,7 +14,7 @@ import scipy.io
 from scipy.io.matlab import MatReadError
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.identification._record import Columns, Record, records_of
+from avc_casadi.identification._record import Columns, Record, backwards_of, implausible, records_of
 from avc_casadi.identification._units import QUANTITIES, Layout, chosen_columns
 
 _MOST_FAULTS = 200
@@ -60,6 +60,28 @@ def read_logs(
     if faults:
         raise InputError(faults)
     return [replace(record, sample_time_s=records[0].sample_time_s) for record in records], told
+
+
+def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns]:
+    """Read a log with its time stamps as they are: gaps, uneven steps and a device that rests are no faults of it.
+
+    Args:
+        path: a file that ends in ``.csv``, ``.txt``, ``.npz`` or ``.mat``.
+        layout: what is said of its columns.
+
+    Returns:
+        The columns, of each record where a column counts records.
+
+    Raises:
+        InputError: every fault of the file, each with its line.
+    """
+    found, faults = _columns(Path(path), str(path), layout or Layout())
+    for columns in found:
+        wrong = implausible(columns, idle=True)
+        faults += wrong or backwards_of(columns)
+    if faults:
+        raise InputError(_few(faults, str(path)))
+    return found
 
 
 def _few(faults: list[Fault], file: str) -> list[Fault]:

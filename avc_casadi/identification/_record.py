@@ -73,27 +73,14 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     Returns:
         Records, faults, and what the user should know.
     """
-    faults = _implausible(columns)
+    faults = implausible(columns)
     if columns.time_s.size < _SHORTEST:
-        message = f"has {columns.time_s.size} samples; allowed: at least {_SHORTEST}"
-        return [], [*faults, Fault(columns.file, None, "", message)], []
+        return [], faults, []
+    backwards = backwards_of(columns)
+    faults += backwards
     steps = np.diff(columns.time_s)
     usual = float(np.median(steps))
-    backwards = np.flatnonzero(steps <= 0)
-    faults += [
-        Fault(
-            columns.file,
-            columns.at(int(row) + 1),
-            "time",
-            f"is {number(columns.time_s[row + 1])} s after {number(columns.time_s[row])} s; allowed: increasing times, "
-            "or one file for each record",
-        )
-        for row in backwards[:_TOLD]
-    ]
-    if backwards.size > _TOLD:
-        more = f"does not increase in {backwards.size - _TOLD} more places; allowed: increasing times"
-        faults.append(Fault(columns.file, None, "time", more))
-    if backwards.size or usual <= 0:
+    if backwards or usual <= 0:
         return [], faults, []
     # Clocks are written with few digits: a step is compared with the mean of those about it.
     gaps = np.flatnonzero(steps > (1.5 * usual))
@@ -138,6 +125,25 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     )
 
 
+def backwards_of(columns: Columns) -> list[Fault]:
+    """Return where the time of a log does not increase."""
+    backwards = np.flatnonzero(np.diff(columns.time_s) <= 0)
+    faults = [
+        Fault(
+            columns.file,
+            columns.at(int(row) + 1),
+            "time",
+            f"is {number(columns.time_s[row + 1])} s after {number(columns.time_s[row])} s; allowed: increasing times, "
+            "or one file for each record",
+        )
+        for row in backwards[:_TOLD]
+    ]
+    if backwards.size > _TOLD:
+        more = f"does not increase in {backwards.size - _TOLD} more places; allowed: increasing times"
+        faults.append(Fault(columns.file, None, "time", more))
+    return faults
+
+
 def _round(period: float) -> float:
     """Return a sample time of few digits where the clock means one."""
     for digits in range(1, 5):
@@ -154,7 +160,13 @@ _LIKELY: tuple[tuple[str, str, float, float, str], ...] = (
 )
 
 
-def _implausible(columns: Columns) -> list[Fault]:
+def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
+    """Return what cannot be: numbers that are none, too few samples, magnitudes of another unit.
+
+    Args:
+        columns: the log.
+        idle: whether a device that stands still, or is commanded no force, is a log too.
+    """
     faults = [
         Fault(columns.file, columns.at(int(row)), key, f"is {values[row]}; allowed: a finite number")
         for key, values in (
@@ -164,7 +176,10 @@ def _implausible(columns: Columns) -> list[Fault]:
         )
         for row in np.flatnonzero(~np.isfinite(values))
     ]
-    if faults or columns.time_s.size < _SHORTEST:
+    if columns.time_s.size < _SHORTEST:
+        message = f"has {columns.time_s.size} samples; allowed: at least {_SHORTEST}"
+        return [*faults, Fault(columns.file, None, "", message)]
+    if faults:
         return faults
     step = float(np.median(np.diff(columns.time_s)))
     if not 1e-5 <= step <= 0.05:
@@ -173,7 +188,7 @@ def _implausible(columns: Columns) -> list[Fault]:
     sizes = {"position": np.ptp(columns.position_m), "force": np.abs(columns.force_n).max()}
     for key, verb, low, high, unit in _LIKELY:
         size = float(sizes[key])
-        if size == 0 or not low <= size <= high:
+        if size > high or (size < low and not idle):
             what = "never changes" if key == "position" and size == 0 else "is 0 throughout" if size == 0 else ""
             message = what or f"{verb} {number(size)} {unit}"
             question = "" if size == 0 else "; is the unit right?"

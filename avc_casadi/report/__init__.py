@@ -1,5 +1,6 @@
 """The report: one self-contained HTML page, and the summary that stands at its head."""
 
+from avc_casadi.report._diagnosis import diagnosis_html as diagnosis_html
 from avc_casadi.report._identification import identification_html as identification_html
 from avc_casadi.report._page import ReportContents as ReportContents
 from avc_casadi.report._page import report_html as report_html

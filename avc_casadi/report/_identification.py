@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from html import escape
-from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING
 
 from avc_casadi.figures import draw_correlations, draw_identification, figure_svg
 from avc_casadi.identification import TERMS, device_text
+from avc_casadi.report._log_page import figure_html, filled, items_html, log_page
 from avc_casadi.support import Table, number
 
 if TYPE_CHECKING:
     from avc_casadi.identification import Identification
-
-_PAGE = Path(__file__).with_name("identification.html")
 
 
 def identification_html(found: Identification, versions: Mapping[str, str]) -> str:
@@ -63,24 +59,18 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
     )
     device = "No device file: mass or damping is not told." if found.device is None else device_text(found.device)
     source = f"{', '.join(found.sources)}: {number(found.seconds, 3)} s at {number(1 / found.sample_time_s)} Hz"
-    return Template(_PAGE.read_text(encoding="utf-8")).substitute(
-        title=escape("Device identified from its log" if found.device is None else found.device.title),
-        source=escape(source),
+    body = filled(
+        "identification",
         model=escape(
             f"Model: {', '.join(TERMS[term].words for term in found.terms)}. Intervals of 95 % from "
             f"{found.spread_from}."
         ),
         estimates=estimates.html(),
-        notes="\n".join(f"<li>{escape(note)}</li>" for note in found.notes),
+        notes=items_html(found.notes),
         refused=refused.html(),
-        figures="\n".join(_figure(caption, svg) for caption, svg in figures),
+        figures="\n".join(figure_html(caption, svg) for caption, svg in figures),
         evidence=evidence.html(),
         device=escape(device),
-        versions=Table(("package", "version"), tuple(versions.items()), (0, 1)).html(),
     )
-
-
-def _figure(caption: str, svg: str) -> str:
-    data = base64.b64encode(svg.encode()).decode()
-    text = escape(caption)
-    return f'<figure><img src="data:image/svg+xml;base64,{data}" alt="{text}"><figcaption>{text}</figcaption></figure>'
+    title = "Device identified from its log" if found.device is None else found.device.title
+    return log_page(title, source, body, versions)

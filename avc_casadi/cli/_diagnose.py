@@ -1,0 +1,110 @@
+"""Diagnose a log of a loop that buzzes: the nearest single cause, the evidence, and what would cure it.
+
+Reads the logs that `avc identify` reads. Names one of: delay, too much damping, encoder limit cycle, resonance,
+stiffness over the limit, hand let go, dropped ticks, halved rate; or says that nothing is wrong, or that it cannot
+tell, between which two, and the log that would decide.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi as avc
+from avc_casadi.cli._arguments import add_log_layout, log_layout, positive
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._files import output_file, write_text
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.diagnosis import Diagnosis
+    from avc_casadi.problem import Device, Hands
+
+_PICTURES = (".png", ".svg", ".pdf")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .npz or .mat (v5): one record each")
+    add_log_layout(parser)
+    parser.add_argument("--device", metavar="NAME|FILE", help="device file or name: what it was declared to be")
+    parser.add_argument("--problem", metavar="P", help="problem: its device and its hands")
+    parser.add_argument("--coupling", metavar="FILE", help="coupling.json that was meant to run")
+    parser.add_argument("--stiffness", type=positive, metavar="N/m", help="stiffness that was meant to run")
+    parser.add_argument("--damping", type=positive, metavar="N.s/m", help="damping that was meant to run")
+    parser.add_argument("--plot", metavar="FILE", help="write a picture of each log (.png, .svg, .pdf)")
+    parser.add_argument("--report", metavar="FILE", help="write a page with figures (.html)")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Read, diagnose, write."""
+    picture = output_file(args.plot, "--plot", _PICTURES) if args.plot else None
+    page = output_file(args.report, "--report", (".html",)) if args.report else None
+    if args.coupling and (args.stiffness or args.damping):
+        raise avc.InputError.of("stands beside --stiffness or --damping; allowed: one of the two", key="--coupling")
+    if args.device and args.problem:
+        raise avc.InputError.of("stands beside --problem, which has a device; allowed: one of them", key="--device")
+    layout = log_layout(args)
+    device, hands = _declared(args)
+    coupling = _coupling(args.coupling)
+    from avc_casadi.diagnosis import diagnose, diagnosis_document, diagnosis_text
+
+    found = [
+        diagnose(
+            log,
+            layout=layout,
+            device=device,
+            hands=hands,
+            coupling=coupling,
+            stiffness_n_per_m=args.stiffness,
+            damping_ns_per_m=args.damping,
+            flip_force=args.flip_force,
+            progress=console,
+        )
+        for log in args.log
+    ]
+    lines = ["\n\n".join(map(diagnosis_text, found))]
+    documents = [diagnosis_document(each) for each in found]
+    document: dict[str, Any] = documents[0] if len(found) == 1 else {"schema": "avc-diagnose/1", "logs": documents}
+    if picture is not None:
+        lines += [f"picture: {path}" for path in _pictures(found, picture)]
+    if page is not None:
+        _report(found, page, console)
+        lines.append(f"page: {page}")
+    healthy = all(each.verdict == "nothing wrong" for each in found)
+    return Answer(document, "\n".join(lines), 0 if healthy or all(each.cause for each in found) else 1)
+
+
+def _declared(args: argparse.Namespace) -> tuple[Device | None, Hands | None]:
+    if args.problem:
+        problem = avc.load_problem(args.problem)
+        return problem.device, problem.hands
+    return (avc.load_device(args.device).device if args.device else None), None
+
+
+def _coupling(file: str | None) -> Coupling | None:
+    if file is None:
+        return None
+    from avc_casadi.cli._subject import read_subject
+
+    return read_subject("diagnose", file)
+
+
+def _pictures(found: list[Diagnosis], picture: Path) -> list[Path]:
+    from avc_casadi.figures import draw_diagnosis, save_figure
+
+    written = []
+    for index, each in enumerate(found, start=1):
+        path = picture if len(found) == 1 else picture.with_stem(f"{picture.stem}-{index}")
+        save_figure(draw_diagnosis(each), path)
+        written.append(path)
+    return written
+
+
+def _report(found: list[Diagnosis], page: Path, console: Console) -> None:
+    with console.step("page"):
+        from avc_casadi.cli._versions import package_versions
+        from avc_casadi.report import diagnosis_html
+
+        write_text(page, diagnosis_html(found, package_versions()), "--report")

@@ -1,0 +1,182 @@
+"""But for what would the loop be at rest? Every answer that the log bears out is asked; their shares weigh causes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avc_casadi.diagnosis._declared import Declared
+from avc_casadi.diagnosis._law import Law
+from avc_casadi.diagnosis._log import Log
+from avc_casadi.diagnosis._loop import (
+    at_period,
+    growth_over,
+    limit_of,
+    worst_growth_of_hands,
+    worst_mode,
+)
+from avc_casadi.diagnosis._oscillation import Oscillation
+from avc_casadi.diagnosis._plant import Answer, Fit
+
+CAUSES: Mapping[str, str] = {
+    "delay": "delay",
+    "damping": "too much damping",
+    "encoder": "encoder limit cycle",
+    "resonance": "resonance",
+    "stiffness": "stiffness over the limit",
+    "let-go": "hand let go",
+    "ticks": "dropped ticks",
+    "rate": "halved rate",
+}
+"""Causes by key, in words."""
+OTHER = "other"
+# A delay beyond the declared one by less than this, in samples, is no finding.
+_DELAY = 0.35
+# Peak to peak, in encoder steps, beyond which an encoder alone does not swing a loop.
+_STEPS = 14.0
+_MISSED = 0.01
+_JITTER = 0.1
+# Share of the hands of the box with which the loop must rest for the hand to be what is missing.
+_HELD = 0.8
+# From one encoder step, an oscillation fills the device's travel after so many time constants.
+_TOO_LONG = 6.0
+# Gains whose limits lie so near to each other, in logarithms, are one and the other.
+_NEAR = 0.15
+# Shares of the lightest and the loosest hand of the box, below which hardly any hand holds.
+_LIGHT, _LOOSE = 0.35, 0.7
+_LIKELY = 1e-3
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One answer of many.
+
+    Attributes:
+        answer: device and hand.
+        weight: how far the log bears it out.
+        causes: what its loop would rest but for, with shares.
+    """
+
+    answer: Answer
+    weight: float
+    causes: Mapping[str, float]
+
+
+def weigh(
+    fits: Sequence[Fit], law: Law, log: Log, found: Oscillation, declared: Declared
+) -> tuple[dict[str, float], list[Asked]]:
+    """Ask every answer that the log bears out.
+
+    Args:
+        fits: of the log, likeliest first.
+        law: what the computer makes of the position.
+        log: on its grid.
+        found: its oscillation.
+        declared: the loop as it was meant.
+
+    Returns:
+        Shares of the causes, largest first, and the answers.
+    """
+    odds = np.exp(-np.minimum(np.array([fit.cost for fit in fits]) - fits[0].cost, 700.0))
+    odds /= odds.sum()
+    asked = []
+    for fit, weight in zip(fits, odds, strict=True):
+        if weight < _LIKELY:
+            continue
+        some = (fit.answer, *fit.draws)
+        asked += [
+            Asked(answer, float(weight) / len(some), causes_of(answer, law, log, found, declared)) for answer in some
+        ]
+    total = sum(one.weight for one in asked)
+    shares: dict[str, float] = {}
+    for one in asked:
+        for cause, share in one.causes.items():
+            shares[cause] = shares.get(cause, 0.0) + share * one.weight / total
+    return dict(sorted(shares.items(), key=lambda item: -item[1])), asked
+
+
+def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: Declared) -> dict[str, float]:
+    """Return what a loop would rest but for: what differs from the declaration first, then what was declared itself."""
+    ticks = log.ticks
+    irregular = ticks.missed_share > _MISSED or ticks.jitter_rms_s > _JITTER * ticks.sample_time_s
+    even = worst_mode(answer, law)
+    device = declared.device
+    slower = declared.known and ticks.period_s > 1.3 * device.sample_time_s
+    meant = declared.longest_delay * (device.sample_time_s / ticks.period_s if slower else 1.0)
+    late = float(answer.device.delay_samples) + law.lag > meant + _DELAY
+    if even.stable:
+        # Over few steps the encoder swings the loop, and what is not as declared may be why it can.
+        beside = {
+            "ticks": irregular,
+            "rate": slower or ticks.held > 1,
+            "delay": late,
+            "let-go": let_go(answer, declared),
+        }
+        some = ["encoder", *(cause for cause, there in beside.items() if there)] if found.steps < _STEPS else [OTHER]
+        if irregular and (growth_over(answer, law, log.ran) > 0 or some == [OTHER]):
+            some = ["ticks"]
+        return dict.fromkeys(some, 1 / len(some))
+    if (slower or ticks.held > 1) and _rests(*at_period(answer, law, meant_period(log, declared))):
+        return {"rate": 1.0}
+    if late and _rests(answer.delayed(meant - law.lag), shorter(law, meant)):
+        return {"delay": 1.0}
+    gone = 0.0
+    if let_go(answer, declared):
+        held = worst_growth_of_hands(answer, law, declared.box())
+        gone = 1.0 if _changed(log, found, even.growth_per_s) else float(np.mean(held < 0))
+        gone = 1.0 if gone >= _HELD else gone if gone > 1 - _HELD else 0.0
+        if gone == 1:
+            return {"let-go": 1.0}
+    left = _declared_itself(answer, law)
+    return {cause: share * (1 - gone) for cause, share in left.items()} | ({"let-go": gone} if gone else {})
+
+
+def _declared_itself(answer: Answer, law: Law) -> dict[str, float]:
+    """Return what of the declared loop is too much."""
+    if answer.device.resonance is not None and _rests(answer.without_mode(), law):
+        return {"resonance": 1.0}
+    away = {gain: _away(limit_of(answer, law, gain)) for gain in ("stiffness", "damping")}
+    nearer = min(away, key=lambda gain: away[gain])
+    if math.isinf(away[nearer]):
+        return {OTHER: 1.0}
+    if abs(away["stiffness"] - away["damping"]) < _NEAR:
+        return {"stiffness": 0.5, "damping": 0.5}
+    return {nearer: 1.0}
+
+
+def _changed(log: Log, found: Oscillation, growth_per_s: float) -> bool:
+    """Whether a loop that grows so fast has been in contact too long before it swings to have been like this."""
+    touching = np.flatnonzero(log.force_n)
+    rested = found.begins_s - log.time_s[touching[0]] if touching.size else 0.0
+    return bool(rested * growth_per_s > _TOO_LONG)
+
+
+def let_go(answer: Answer, declared: Declared) -> bool:
+    """Whether hardly any hand holds the device."""
+    hand, box = answer.hand, declared.hands
+    if hand is None:
+        return True
+    light = float(hand.mass_kg) < _LIGHT * box.mass_kg[0]
+    return declared.known and light and float(hand.damping_ns_per_m) < _LOOSE * box.damping_ns_per_m[0]
+
+
+def meant_period(log: Log, declared: Declared) -> float:
+    """Return the sample time that was meant: as declared, or that of the log where forces are held over samples."""
+    slower = declared.known and log.ticks.period_s > 1.3 * declared.device.sample_time_s
+    return declared.device.sample_time_s if slower else log.ticks.sample_time_s
+
+
+def _rests(answer: Answer, law: Law) -> bool:
+    return worst_mode(answer, law).stable
+
+
+def shorter(law: Law, meant: float) -> Law:
+    """Return the law with no more lag than the whole delay that was meant."""
+    return replace(law, lag=min(law.lag, int(meant)))
+
+
+def _away(limit: float | None) -> float:
+    return math.inf if limit is None else -math.log(limit)

@@ -1,0 +1,314 @@
+"""Diagnose a log that buzzes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from avc_casadi._errors import InputError
+from avc_casadi.coupling import Coupling
+from avc_casadi.diagnosis._causes import CAUSES, OTHER, Asked, weigh
+from avc_casadi.diagnosis._cures import cures_of
+from avc_casadi.diagnosis._declared import Declared
+from avc_casadi.diagnosis._evidence import (
+    deciding_log,
+    law_sentence,
+    measured_sentences,
+    named_sentence,
+    oscillation_sentence,
+    ticks_sentence,
+)
+from avc_casadi.diagnosis._law import Law, find_law
+from avc_casadi.diagnosis._log import Log, log_of
+from avc_casadi.diagnosis._loop import worst_mode
+from avc_casadi.diagnosis._meant import law_differs
+from avc_casadi.diagnosis._model import Cure, Diagnosis, Measured, Trace, Verdict
+from avc_casadi.diagnosis._oscillation import Oscillation, Swing, find_oscillation
+from avc_casadi.diagnosis._plant import Answer, Fit, fit_plants
+from avc_casadi.diagnosis._replay import can_replay, replay
+from avc_casadi.identification import Columns, Layout, read_columns
+from avc_casadi.problem import Device, Hands
+from avc_casadi.support import SILENT, Progress, number
+
+_DRAWS = 16
+# A cause is named where so large a share of the answers agrees, and no other has more than this.
+_SURE, _RIVAL = 0.8, 0.12
+# Logarithm of the ratio of measured and modelled frequency, in contact throughout, beyond which the model is not it.
+_FREQUENCY = 0.3
+_ALWAYS = 0.97
+# Answers that are played in the scene until one swings.
+_PLAYED = 5
+# What a model may leave of the position, over what encoder and noise do.
+_UNEXPLAINED = 12.0
+# Share of a swing that is still the same swing.
+_STILL = 0.3
+
+
+def diagnose(
+    log: str | Path | Columns,
+    *,
+    layout: Layout | None = None,
+    device: Device | None = None,
+    hands: Hands | None = None,
+    coupling: Coupling | None = None,
+    stiffness_n_per_m: float | None = None,
+    damping_ns_per_m: float | None = None,
+    flip_force: bool = False,
+    seed: int = 0,
+    progress: Progress = SILENT,
+) -> Diagnosis:
+    """Diagnose one log of time, position and commanded force.
+
+    Args:
+        log: a file, or its columns.
+        layout: columns and units of the file.
+        device: as declared; None assumes one.
+        hands: those that the loop was meant for; None takes the usual ranges.
+        coupling: what was meant to run; the device and the hands it was made for are taken where none are given.
+        stiffness_n_per_m: k that was meant to run, in place of a coupling.
+        damping_ns_per_m: b that was meant to run.
+        flip_force: whether the log counts the force against +position.
+        seed: of the draws.
+        progress: who is told.
+
+    Raises:
+        InputError: every fault of the log, or a force that drives the device away from where it rests.
+    """
+    columns = log if isinstance(log, Columns) else _one(read_columns(log, layout), log)
+    grid, notes = log_of(columns, flip_force=flip_force)
+    if coupling is not None:
+        device = device or coupling.problem.device
+        hands = hands or coupling.problem.hands
+    declared = Declared.of(device, hands, grid.ticks.sample_time_s)
+    with progress.step("oscillation"):
+        swing = find_oscillation(grid)
+    law = find_law(grid, declared.device.max_force_n)
+    if law is not None and law.told and law.stiffness_n_per_m < 0 and law.damping_ns_per_m < 0:
+        raise InputError.of(
+            f"gives k = {number(law.stiffness_n_per_m, 3)} N/m and b = {number(law.damping_ns_per_m, 3)} N.s/m: the "
+            "force drives the device away; allowed: force along +position, or --flip-force; or the sign of the loop "
+            "is wrong, and that is what is wrong with it",
+            file=columns.file,
+            key="force",
+        )
+    evidence = [oscillation_sentence(swing.found), ticks_sentence(grid.ticks, declared)]
+    if law is None:
+        evidence.append("hardly any force is commanded" if grid.force_n.any() else "no force is commanded")
+    else:
+        evidence.append(law_sentence(law, grid.ticks.period_s))
+        notes += law_differs(law, swing.found, grid, coupling, stiffness_n_per_m, damping_ns_per_m)
+    base = _Base(grid, swing, law, declared, evidence, [*declared.notes, *notes])
+    early = base.at_once()
+    if early is not None:
+        return early
+    if law is None or not law.told:
+        return base.without_model()
+    with progress.step("device and hand"):
+        fits = fit_plants(grid, swing, declared, law.lag, _DRAWS, seed)
+    with progress.step("causes"):
+        shares, asked = weigh(fits, law, grid, swing.found, declared)
+    with progress.step("cures"):
+        return base.judged(law, fits, shares, asked)
+
+
+def _one(columns: Sequence[Columns], file: str | Path) -> Columns:
+    if len(columns) > 1:
+        raise InputError.of(
+            f"holds {len(columns)} records; allowed: one record a log, in files of their own", file=str(file)
+        )
+    return columns[0]
+
+
+class _Base:
+    """What is known of a log before anything is judged."""
+
+    def __init__(
+        self, log: Log, swing: Swing, law: Law | None, declared: Declared, evidence: list[str], notes: list[str]
+    ) -> None:
+        self._log, self._swing, self._law, self._declared = log, swing, law, declared
+        self._evidence, self._notes = evidence, notes
+
+    def at_once(self) -> Diagnosis | None:
+        """Return the verdict where no loop model is needed."""
+        found, log = self._swing.found, self._log
+        if not found.sustained:
+            what = "an oscillation comes and dies away" if found.kind == "decaying" else "nothing swings"
+            return self._made("nothing wrong", f"nothing wrong: {what} in {number(_seconds(log), 3)} s")
+        if found.contact_share == 0:
+            said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
+            return self._made("not the loop", said)
+        return None
+
+    def without_model(self) -> Diagnosis:
+        """Return the verdict where no loop model can be made."""
+        said = (
+            "cannot tell: the force of this log is not that of a spring and a damper on its position, so that no loop "
+            "model can be made"
+        )
+        decides = "a log of the position that the computer used and the force that it commanded, tick by tick"
+        return self._made("cannot tell", said, decides=decides)
+
+    def judged(self, law: Law, fits: Sequence[Fit], shares: Mapping[str, float], asked: Sequence[Asked]) -> Diagnosis:
+        """Return the verdict by the shares of the causes."""
+        found, log, declared = self._swing.found, self._log, self._declared
+        causes = list(shares)
+        first, second = causes[0], causes[1] if len(causes) > 1 else None
+        answer, fit = _likeliest(first, asked, fits)
+        measured = _measured(answer, fit, law, log, declared)
+        evidence = [*self._evidence, *measured_sentences(measured, declared)]
+        doubts = []
+        if first == OTHER:
+            doubts.append(
+                "no single change of those that were tried brings this loop to rest, or it rests on the model"
+            )
+        elif shares[first] < _SURE or (second is not None and shares[second] > _RIVAL):
+            doubts.append(f"of the answers that the log bears out {_shares_text(shares)}")
+        apart = abs(math.log(max(measured.frequency_hz, 0.1) / found.frequency_hz))
+        limited = np.mean(np.abs(log.force_n) > 0.999 * np.abs(log.force_n).max()) > 1 - _ALWAYS
+        linear = found.contact_share > _ALWAYS and not limited
+        if first not in {"encoder", "ticks", OTHER} and linear and apart > _FREQUENCY:
+            doubts.append(
+                f"the model swings at {number(measured.frequency_hz, 3)} Hz, the log at {number(found.frequency_hz, 3)}"
+            )
+        if measured.misfit > _UNEXPLAINED and first not in {"ticks", "rate"}:
+            doubts.append(f"the model leaves {number(measured.misfit, 2)} times what encoder and noise do")
+        if first == "encoder":
+            some = [one.answer for one in asked if one.causes.get(first, 0.0) >= 0.5]
+            doubts += self._replayed([answer, *some[: _PLAYED - 1]], law, evidence)
+        if doubts:
+            candidates = tuple(cause for cause in causes if cause != OTHER)[:2]
+            names = " or ".join(CAUSES[cause] for cause in candidates) or "none of the causes it knows"
+            said = f"cannot tell: {names}; {'; '.join(doubts)}"
+            cures = tuple(cure for cause in candidates for cure in cures_of(cause, answer, law, log, declared))
+            return self._made(
+                "cannot tell",
+                said,
+                candidates=candidates,
+                shares=shares,
+                measured=measured,
+                evidence=evidence,
+                cures=tuple(dict.fromkeys(cures)),
+                decides=deciding_log(candidates),
+            )
+        return self._made(
+            "named",
+            named_sentence(first, measured, law, log),
+            cause=first,
+            candidates=(first,),
+            shares=shares,
+            measured=measured,
+            evidence=evidence,
+            cures=cures_of(first, answer, law, log, declared),
+        )
+
+    def _replayed(self, answers: Sequence[Answer], law: Law, evidence: list[str]) -> list[str]:
+        """Play the scene with and without the encoder until it swings; return the doubts that are left."""
+        if not can_replay(law):
+            return ["the law pushes on its own, which no scene renders"]
+        log = self._log
+        for answer in answers:
+            stepped = replay(answer, law, log, log.encoder_m)
+            if stepped.sustained:
+                break
+        else:
+            evidence.append("played in the scene with the encoder: rests")
+            return ["played in the scene with its encoder the loop rests"]
+        smooth = replay(answer, law, log, 0.0)
+        evidence.append(f"played in the scene with the encoder: {_told(stepped)}; without it: {_told(smooth)}")
+        still = smooth.sustained and smooth.peak_to_peak_m > _STILL * stepped.peak_to_peak_m
+        return ["played in the scene without the encoder it swings too"] if still else []
+
+    def _made(
+        self,
+        verdict: Verdict,
+        conclusion: str,
+        *,
+        cause: str | None = None,
+        candidates: tuple[str, ...] = (),
+        shares: Mapping[str, float] | None = None,
+        measured: Measured | None = None,
+        evidence: Sequence[str] | None = None,
+        cures: tuple[Cure, ...] = (),
+        decides: str = "",
+    ) -> Diagnosis:
+        log = self._log
+        return Diagnosis(
+            source=log.name,
+            seconds=_seconds(log),
+            ticks=log.ticks,
+            encoder_m=log.encoder_m,
+            oscillation=self._swing.found,
+            law=self._law,
+            measured=measured,
+            verdict=verdict,
+            cause=cause,
+            candidates=candidates,
+            shares=dict(shares or {}),
+            conclusion=conclusion,
+            evidence=tuple(self._evidence if evidence is None else evidence),
+            cures=cures,
+            decides=decides,
+            notes=tuple(self._notes),
+            trace=_trace(log, self._swing),
+        )
+
+
+def _likeliest(cause: str, asked: Sequence[Asked], fits: Sequence[Fit]) -> tuple[Answer, Fit]:
+    """Return the likeliest answer of a cause, and the fit that it is from."""
+    of_cause = [one for one in asked if one.causes.get(cause, 0.0) >= 0.5] or list(asked)
+    # The best of each fit stands before those drawn about it.
+    best = max(of_cause, key=lambda one: one.weight).answer
+    fit = next(fit for fit in fits if best is fit.answer or any(best is draw for draw in fit.draws))
+    return best, fit
+
+
+def _measured(answer: Answer, fit: Fit, law: Law, log: Log, declared: Declared) -> Measured:
+    mode = worst_mode(answer, law)
+    shape = answer.device.resonance
+    return Measured(
+        delay_samples=float(answer.device.delay_samples) + law.lag,
+        delay_error_samples=float(np.std([float(draw.device.delay_samples) for draw in fit.draws])),
+        declared_delay_samples=declared.longest_delay * declared.device.sample_time_s / log.ticks.period_s,
+        lag_samples=law.lag,
+        hand=None if answer.hand is None else answer.hand.values(0),
+        resonance=None if shape is None else shape.model_dump(),
+        misfit=fit.misfit,
+        growth_per_s=mode.growth_per_s,
+        frequency_hz=mode.frequency_hz,
+    )
+
+
+def _shares_text(shares: Mapping[str, float]) -> str:
+    return ", ".join(
+        f"{100 * share:.0f} % say {CAUSES.get(cause, 'none of them')}"
+        for cause, share in shares.items()
+        if share > 0.01
+    )
+
+
+def _told(played: Oscillation) -> str:
+    if not played.sustained:
+        return "rests"
+    return f"{number(1e6 * played.peak_to_peak_m, 3)} um at {number(played.frequency_hz, 3)} Hz"
+
+
+def _seconds(log: Log) -> float:
+    return float(log.position_m.size * log.ticks.period_s)
+
+
+def _trace(log: Log, swing: Swing) -> Trace:
+    part = swing.fast_m[swing.first : swing.last]
+    window = np.hanning(part.size)
+    amplitude = 2 * np.abs(np.fft.rfft(part * window)) / window.sum()
+    return Trace(
+        time_s=log.time_s,
+        position_m=log.position_m,
+        fast_m=swing.fast_m,
+        envelope_m=swing.envelope_m,
+        force_n=-log.force_n,
+        frequency_hz=np.asarray(np.fft.rfftfreq(part.size, log.ticks.period_s), dtype=np.float64),
+        spectrum_m=np.asarray(amplitude),
+    )

@@ -1,0 +1,130 @@
+"""The evidence for a verdict, as sentences with numbers, and the log that would decide."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from avc_casadi.diagnosis._causes import CAUSES
+from avc_casadi.diagnosis._declared import Declared
+from avc_casadi.diagnosis._law import Law
+from avc_casadi.diagnosis._log import Log, Ticks
+from avc_casadi.diagnosis._model import Measured
+from avc_casadi.diagnosis._oscillation import Oscillation
+from avc_casadi.support import number
+from avc_casadi.trial import threshold_m
+
+_DECIDES = {
+    "delay": "a log of a force pulse commanded in free space, which tells the delay, or the device's file (--device)",
+    "damping": "the same press with b halved and k as it is",
+    "stiffness": "the same press with k halved and b as it is",
+    "encoder": "the same press with the encoder's positions smoothed by a velocity filter, or with b halved",
+    "resonance": "a slow sine sweep of the force in free space (its peak is the resonance), for avc identify",
+    "let-go": "the same with the device held firmly, and once let go, in one log",
+    "ticks": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
+    "rate": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
+}
+
+
+def oscillation_sentence(found: Oscillation) -> str:
+    """Say what swings."""
+    if not math.isfinite(found.frequency_hz):
+        return f"no oscillation: above 4 Hz the position moves by {_um(found.at_rest_m)} rms"
+    felt = found.peak_to_peak_m / 2 / float(threshold_m(np.array([found.frequency_hz]))[0])
+    steps = f", {number(found.steps, 3)} encoder steps" if math.isfinite(found.steps) else ""
+    grows = ""
+    if math.isfinite(found.growth_per_s) and found.growth_error_per_s < 0.5 * abs(found.growth_per_s):
+        what = "grew" if found.growth_per_s > 0 else "decays"
+        grows = f"; it {what} by {number(abs(found.growth_per_s), 2)} +- {number(found.growth_error_per_s, 1)} 1/s"
+    return (
+        f"{found.kind} at {number(found.frequency_hz, 3)} +- {number(found.frequency_error_hz, 1)} Hz from "
+        f"{number(found.begins_s, 3)} to {number(found.ends_s, 3)} s: {_um(found.peak_to_peak_m)} peak to peak{steps}, "
+        f"{number(found.force_peak_to_peak_n, 3)} N, in contact {100 * found.contact_share:.0f} % of the time, "
+        f"{number(felt, 2)} times what a hand on a stylus detects{grows}"
+    )
+
+
+def ticks_sentence(ticks: Ticks, declared: Declared) -> str:
+    """Say what the time stamps tell."""
+    parts = [f"ticks of {number(1e3 * ticks.sample_time_s, 4)} ms"]
+    if ticks.held > 1:
+        parts.append(f"a new force only every {ticks.held} samples, {number(1 / ticks.period_s)} Hz")
+    if declared.known and abs(ticks.period_s / declared.device.sample_time_s - 1) > 0.02:
+        parts.append(f"declared {number(1e3 * declared.device.sample_time_s)} ms")
+    if ticks.missed_share > 0:
+        parts.append(f"{100 * ticks.missed_share:.2g} % missing, at most {ticks.longest_gap} in a row")
+    if ticks.jitter_rms_s > 0.02 * ticks.sample_time_s:
+        parts.append(f"stamps scatter by {number(1e6 * ticks.jitter_rms_s, 2)} us rms")
+    return ", ".join(parts)
+
+
+def law_sentence(law: Law, sample_time_s: float) -> str:
+    """Say how the force follows the position."""
+    if not law.told:
+        return (
+            f"the force is no spring and damper of the position: {100 * law.misfit:.0f} % of it is left "
+            "(another force, a filter of higher order, or a position that is not the one measured)"
+        )
+    cut = law.filter_hz(sample_time_s)
+    filtered = "" if cut is None else f", velocity filter {number(cut, 3)} Hz"
+    late = f", {law.lag} samples after the position" if law.lag else ""
+    return (
+        f"the computer rendered k = {number(law.stiffness_n_per_m, 4)} N/m and b = {number(law.damping_ns_per_m, 3)} "
+        f"N.s/m{filtered}{late}, which is the force to {number(max(100 * law.misfit, 0.1), 2)} %"
+    )
+
+
+def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
+    """Say what device and hand answered."""
+    known = "declared" if declared.known else "assumed"
+    late = (
+        f"from position to motion {number(measured.delay_samples, 3)} +- {number(measured.delay_error_samples, 1)} "
+        f"samples of delay beside the hold; {known} {number(measured.declared_delay_samples, 3)}"
+    )
+    lines = [late]
+    if measured.hand is None:
+        lines.append("the device answers its force as it does when nobody holds it")
+    else:
+        mass, damping, stiffness = measured.hand.values()
+        lines.append(f"held by about {number(1e3 * mass, 2)} g, {number(damping, 2)} N.s/m, {number(stiffness, 2)} N/m")
+    if measured.resonance is not None:
+        frequency, ratio, share = measured.resonance.values()
+        lines.append(
+            f"a resonance of {number(frequency, 3)} Hz, damping ratio {number(ratio, 2)}, {100 * share:.0f} % of the "
+            "mass beyond it"
+        )
+    what = "grow by" if measured.growth_per_s > 0 else "decay by"
+    lines.append(
+        f"the loop model with these numbers would {what} {number(abs(measured.growth_per_s), 2)} 1/s at "
+        f"{number(measured.frequency_hz, 3)} Hz in contact"
+    )
+    return lines
+
+
+def named_sentence(cause: str, measured: Measured, law: Law, log: Log) -> str:
+    """Say what the cause is and why."""
+    words = CAUSES[cause]
+    smallest = "is more than the loop bears, and less of it is the smallest change that brings it to rest"
+    shape, meant = measured.resonance, measured.declared_delay_samples
+    why = {
+        "delay": f"{number(measured.delay_samples, 3)} samples, meant {number(meant, 3)}; with those the loop rests",
+        "damping": f"b = {number(law.damping_ns_per_m, 3)} N.s/m {smallest}",
+        "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} N/m {smallest}",
+        "encoder": f"the loop rests without steps of {number(1e6 * log.encoder_m, 3)} um, and swings with them",
+        "resonance": f"{'' if shape is None else number(shape['frequency_hz'], 3)} Hz; with rigid mechanics it rests",
+        "let-go": "nobody holds the device; with a hand the loop rests",
+        "ticks": f"{100 * log.ticks.missed_share:.2g} % of the ticks are missing; with all of them the loop rests",
+        "rate": f"a new force every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was meant it rests",
+    }[cause]
+    return f"{words}: {why}"
+
+
+def deciding_log(candidates: Sequence[str]) -> str:
+    """Return what would tell between candidates."""
+    return "; ".join(dict.fromkeys(_DECIDES[cause] for cause in candidates if cause in _DECIDES))
+
+
+def _um(length_m: float) -> str:
+    return f"{number(1e3 * length_m, 3)} mm" if length_m >= 1e-3 else f"{number(1e6 * length_m, 3)} um"

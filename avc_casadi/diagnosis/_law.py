@@ -1,0 +1,131 @@
+"""The force as the computer made it of the position: stiffness, damping, filter of the velocity, lag."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from avc_casadi.diagnosis._log import Log
+from avc_casadi.stability import Rendering
+from avc_casadi.support import BoolArray, FloatArray, IndexArray
+
+_MOST_LAG = 8
+_FEWEST = 25
+# A law is told where it leaves so little of the force.
+TOLD = 0.05
+# A filter, or a longer lag, must leave so much less to be believed.
+_BETTER = 0.3
+
+
+@dataclass(frozen=True)
+class Law:
+    """F(n) = k x(n-lag) + b v(n-lag) + offset; v(n) = keep v(n-1) + (1 - keep) (x(n) - x(n-1))/T.
+
+    Attributes:
+        stiffness_n_per_m: k.
+        damping_ns_per_m: b.
+        keep: share of the old velocity, 0 without a filter.
+        lag: samples from a position to the force that was computed from it, in the log.
+        wall_m: position at which the spring is slack.
+        misfit: what it leaves of the force in contact, root mean square, as a share.
+        samples: samples in contact that tell it.
+    """
+
+    stiffness_n_per_m: float
+    damping_ns_per_m: float
+    keep: float
+    lag: int
+    wall_m: float
+    misfit: float
+    samples: int
+
+    @property
+    def told(self) -> bool:
+        """Whether the force is that of a spring and a damper."""
+        return self.misfit < TOLD
+
+    def filter_hz(self, sample_time_s: float) -> float | None:
+        """Return the cut-off of the velocity filter, or None without one."""
+        return None if self.keep <= 0 else -math.log(self.keep) / (2 * math.pi * sample_time_s)
+
+    def rendering(
+        self,
+        sample_time_s: float,
+        stiffness: FloatArray | float = 1.0,
+        damping: FloatArray | float = 1.0,
+    ) -> Rendering:
+        """Return the law as the loop takes it, its gains times some factors of shape (n,)."""
+        k, b = np.broadcast_arrays(
+            np.atleast_1d(np.asarray(stiffness, dtype=np.float64)) * self.stiffness_n_per_m,
+            np.atleast_1d(np.asarray(damping, dtype=np.float64)) * self.damping_ns_per_m,
+        )
+        rate = b * (1 - self.keep) / sample_time_s
+        force = np.stack([k + rate, -(k * self.keep + rate), np.full_like(k, self.keep)], axis=-1)
+        return Rendering(force, force)
+
+
+def find_law(log: Log, limit_n: float | None) -> Law | None:
+    """Fit the law to the samples in contact.
+
+    Args:
+        log: on its grid.
+        limit_n: force limit of the device, at which forces are cut.
+
+    Returns:
+        The law, told or not; None without enough samples in contact.
+    """
+    force, position = log.force_n, log.position_m
+    size = float(np.abs(force).max())
+    if size == 0:
+        return None
+    limit = size if limit_n is None else min(size, limit_n)
+    # Beside the largest force, which may be a limit, that of the last sample before the limit cut it is left in.
+    touching = (np.abs(force) > 1e-9 * size) & (np.abs(force) < 0.9999 * limit)
+    best: Law | None = None
+    for lag in range(_MOST_LAG + 1):
+        for filtered in (False, True):
+            rows = _rows(log.ran, touching, lag, filtered=filtered)
+            if rows.size < _FEWEST:
+                continue
+            found = _fit(position, force, rows, lag, filtered=filtered, period=log.ticks.period_s)
+            if found is not None and (best is None or found.misfit < _BETTER * best.misfit):
+                best = found
+    return best
+
+
+def _rows(ran: BoolArray, touching: BoolArray, lag: int, *, filtered: bool) -> IndexArray:
+    """Return the ticks in contact whose lagged samples are in the log; a filter needs the force before in contact."""
+    use = ran & touching
+    use[: lag + 2] = False
+    for back in {lag, lag + 1} - {0}:
+        use[back:] &= ran[:-back]
+    if filtered:
+        use[1:] &= (ran & touching)[:-1]
+    return np.flatnonzero(use)
+
+
+def _fit(
+    position: FloatArray, force: FloatArray, rows: IndexArray, lag: int, *, filtered: bool, period: float
+) -> Law | None:
+    middle = float(position[rows].mean())
+    columns = [position[rows - lag] - middle, position[rows - lag] - position[rows - lag - 1], np.ones(rows.size)]
+    if filtered:
+        columns.append(force[rows - 1])
+    matrix = np.stack(columns, axis=1)
+    scale = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-300
+    (*told,), _, rank, _ = np.linalg.lstsq(matrix / scale, force[rows], rcond=1e-10)
+    values = np.array(told) / scale
+    changes = float(np.std(force[rows]))
+    if rank < len(columns) or changes == 0:
+        return None
+    keep = float(values[3]) if filtered else 0.0
+    if not 0 <= keep < 0.98:
+        return None
+    left = float(np.sqrt(np.mean((matrix @ values - force[rows]) ** 2))) / changes
+    k = float(values[0]) / (1 - keep)
+    # F = keep F_before + k (1 - keep) x + (b (1 - keep)/T + k keep)(x - x_before)
+    b = (float(values[1]) - k * keep) * period / (1 - keep)
+    wall = middle - float(values[2]) / (1 - keep) / k if k else math.nan
+    return Law(k, b, keep, lag, wall, max(left, 1e-12), int(rows.size))

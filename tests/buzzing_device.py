@@ -1,0 +1,67 @@
+"""Logs of loops that buzz, by a simulator in C that shares no code with the project."""
+
+import ctypes
+import functools
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from hardware_bench import require, run, scratch
+
+_SOURCE = Path(__file__).with_name("buzzing_device.c")
+
+
+@dataclass(frozen=True)
+class Buzzing:
+    """A loop in SI units; `lag` delays the force before it is logged, `delay` after that, both in samples."""
+
+    mass: float = 0.1
+    damping: float = 2.0
+    friction: float = 0.0
+    delay: float = 1.0
+    lag: float = 0.0
+    bandwidth: float = 0.0
+    resonance: float = 0.0
+    ratio: float = 0.03
+    share: float = 0.4
+    encoder: float = 1e-6
+    limit: float = 50.0
+    period: float = 1e-3
+    stiffness: float = 1000.0
+    damper: float = 5.0
+    keep: float = 0.0
+    two_sided: float = 0.0
+    hand_mass: float = 0.12
+    hand_damping: float = 8.0
+    hand_stiffness: float = 400.0
+    release: float = 1e9
+    weight: float = 0.0
+    start: float = -0.005
+    speed: float = 0.07
+    end: float = 0.01
+    sway: float = 0.0
+
+
+class _Device(ctypes.Structure):
+    _fields_ = [(field.name, ctypes.c_double) for field in fields(Buzzing)]
+
+
+@functools.cache
+def _library():
+    require("gcc")
+    target = scratch() / "buzzing_device.so"
+    flags = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared")
+    run("gcc", *flags, str(_SOURCE), "-lm", "-o", str(target))
+    return ctypes.CDLL(str(target))
+
+
+def logged(loop, seconds=1.5, missed=None, noise_m=0.0, random=None):
+    """Return time, measured position and commanded force of the ticks that ran; `missed` marks those that did not."""
+    samples = round(seconds / loop.period)
+    missed = np.zeros(samples) if missed is None else np.ascontiguousarray(missed, dtype=float)
+    noise = np.zeros(samples) if random is None else noise_m * random.standard_normal(samples)
+    position, force = np.empty(samples), np.empty(samples)
+    arrays = [each.ctypes.data_as(ctypes.c_void_p) for each in (noise, missed, position, force)]
+    _library().buzzing_device(ctypes.byref(_Device(**asdict(loop))), samples, *arrays)
+    ran = missed == 0
+    return (np.arange(samples) * loop.period)[ran], position[ran], force[ran]
