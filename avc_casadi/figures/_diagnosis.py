@@ -92,8 +92,14 @@ def _spectrum(axes: Axes, found: Diagnosis) -> None:
     axes.set_ylim(1e-4 * top, 3 * top)
     if found.encoder_m:
         axes.axhline(size * found.encoder_m / 2, color=_GREY, linewidth=0.9, linestyle=(0, (4, 2)))
+        # Where an oscillation seldom has anything to say: at the right, above the line.
         axes.text(
-            0.02, size * found.encoder_m / 2, "half an encoder step", transform=axes.get_yaxis_transform(), fontsize=7
+            0.98,
+            1.15 * size * found.encoder_m / 2,
+            "half an encoder step",
+            transform=axes.get_yaxis_transform(),
+            fontsize=7,
+            ha="right",
         )
     measured = found.measured
     if measured is not None and math.isfinite(measured.frequency_hz) and measured.frequency_hz > 2:
