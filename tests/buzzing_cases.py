@@ -13,7 +13,7 @@ from avc_casadi.scene import simulate
 
 CAUSES = ("delay", "damping", "encoder", "resonance", "stiffness", "let-go", "ticks", "rate")
 _SECONDS = 1.6
-_TRIES = 2000
+_TRIES = 4000
 
 
 @dataclass(frozen=True)

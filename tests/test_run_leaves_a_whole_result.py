@@ -39,18 +39,19 @@ def test_conclusion_first_then_the_papers_question_and_every_file(results):
         "deploy on figure5: ",
         "felt: ",
         "trial: ",
+        "rest with every hand: ",
         "other hands, ",
         "why: ",
         "wall ",
         "direct: 200 of 200 frequencies",
     )
-    assert len(lines) == 15
+    assert len(lines) == 16
     assert all(line.startswith(start) for line, start in zip(lines, starts, strict=False))
-    assert "agree" in lines[9]
-    assert lines[12].startswith("certificate of direct: passes L0")
-    assert "read back equal" in lines[13]
-    assert "it came to rest" in lines[13]
-    assert "avc-figure5" in lines[14]
+    assert "agree" in lines[10]
+    assert lines[13].startswith("certificate of direct: passes L0")
+    assert "read back equal" in lines[14]
+    assert "it came to rest" in lines[14]
+    assert "avc-figure5" in lines[15]
     assert {path.name for path in (folder / "avc-figure5").iterdir()} == FILES
 
 
