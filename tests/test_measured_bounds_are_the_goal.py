@@ -150,3 +150,12 @@ def test_what_is_wrong_with_a_file_is_told_with_its_line(tmp_path, upper, told):
 def test_the_printed_closed_form_needs_springs_and_dampers():
     with pytest.raises(avc.UnsupportedError, match="measured"):
         avc.solve(measured(), "closed-form", as_printed=True)
+
+
+def test_bounds_the_wrong_way_round_and_columns_in_the_wrong_order_are_refused():
+    upper, lower = (response(FREQUENCY, rendered(getattr(FIGURE5.boundaries, side))) for side in ("upper", "lower"))
+    with pytest.raises(avc.InputError, match=r"\|upper\| below \|lower\| over 100 %"):
+        FIGURE5.changed(boundaries={"measured": {"upper": lower, "lower": upper}})
+    swapped = upper | {"real_ns_per_m": upper["imag_ns_per_m"], "imag_ns_per_m": upper["real_ns_per_m"]}
+    with pytest.raises(avc.InputError, match="real part far below 0 at 200 of 200"):
+        FIGURE5.changed(boundaries={"measured": {"upper": swapped, "lower": lower}})

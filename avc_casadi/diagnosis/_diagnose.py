@@ -19,6 +19,7 @@ from avc_casadi.diagnosis._evidence import (
     measured_sentences,
     named_sentence,
     oscillation_sentence,
+    thresholds,
     ticks_sentence,
 )
 from avc_casadi.diagnosis._law import Law, find_law
@@ -45,6 +46,8 @@ _PLAYED = 5
 _UNEXPLAINED = 12.0
 # Share of a swing that is still the same swing.
 _STILL = 0.3
+# An encoder that toggles between two counts moves by no more steps than that.
+_TOGGLES = 1.5
 
 
 def diagnose(
@@ -137,6 +140,9 @@ class _Base:
         if not found.sustained:
             what = "an oscillation comes and dies away" if found.kind == "decaying" else "nothing swings"
             return self._made("nothing wrong", f"nothing wrong: {what} in {number(_seconds(log), 3)} s")
+        if found.steps < _TOGGLES and thresholds(found) < 1:
+            said = "nothing wrong: it toggles by one step of the encoder, which no hand feels; a finer one would rest"
+            return self._made("nothing wrong", said)
         if found.contact_share == 0:
             said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
             return self._made("not the loop", said)

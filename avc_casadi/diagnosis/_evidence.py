@@ -28,11 +28,16 @@ _DECIDES = {
 }
 
 
+def thresholds(found: Oscillation) -> float:
+    """Return the amplitude as a multiple of what a hand on a stylus detects."""
+    return found.peak_to_peak_m / 2 / float(threshold_m(np.array([found.frequency_hz]))[0])
+
+
 def oscillation_sentence(found: Oscillation) -> str:
     """Say what swings."""
     if not math.isfinite(found.frequency_hz):
         return f"no oscillation: above 4 Hz the position moves by {_um(found.at_rest_m)} rms"
-    felt = found.peak_to_peak_m / 2 / float(threshold_m(np.array([found.frequency_hz]))[0])
+    felt = thresholds(found)
     steps = f", {number(found.steps, 3)} encoder steps" if math.isfinite(found.steps) else ""
     grows = ""
     if math.isfinite(found.growth_per_s) and found.growth_error_per_s < 0.5 * abs(found.growth_per_s):

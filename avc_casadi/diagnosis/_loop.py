@@ -123,10 +123,17 @@ def longest_delay(answer: Answer, law: Law) -> float | None:
     """Return the longest delay, at most its own, at which the loop comes to rest; None where it does at none."""
     own = float(answer.device.delay_samples)
     some = np.linspace(own, 0.0, max(2, math.ceil(4 * own) + 1))
-    for delay in some:
-        if worst_mode(answer.delayed(delay), law).stable:
-            return float(delay)
-    return None
+    stable = [worst_mode(answer.delayed(float(delay)), law).stable for delay in some]
+    if not any(stable):
+        return None
+    first = stable.index(True)
+    if first == 0:
+        return own
+    low, high = float(some[first]), float(some[first - 1])
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if worst_mode(answer.delayed(middle), law).stable else (low, middle)
+    return low
 
 
 def _loops(answer: Answer, law: Law, stiffness: FloatArray, damping: FloatArray) -> FloatArray:

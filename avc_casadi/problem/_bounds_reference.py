@@ -54,7 +54,7 @@ def with_measured_bounds(tables: Mapping[str, Any], folder: Path | None) -> Mapp
         if isinstance(source, str):
             path = (folder or Path()) / source
             try:
-                read[side] = response_of(text_of(path), str(path))
+                read[side] = response_of(text_of(path, "give a path relative to the problem file"), str(path))
             except InputError as error:
                 faults += error.faults
     if faults:

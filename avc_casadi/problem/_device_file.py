@@ -106,7 +106,7 @@ def load_device(source: str | Path) -> DeviceFile:
     path = device_path(source)
     if isinstance(path, str):
         raise InputError.of(path, file=str(source))
-    file, text = str(source), text_of(path)
+    file, text = str(source), text_of(path, "give the path of a device file or the name of a device from `avc list`")
     found = checked(DeviceFile, tables_of(text, file), path.stem, _RULES)
     if isinstance(found, DeviceFile):
         return found

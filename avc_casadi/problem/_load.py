@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import codecs
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.problem._bounds_reference import with_measured_bounds
@@ -58,6 +60,16 @@ def _refuse_gains(path: Path) -> None:
         raise InputError.of(message, file=str(path))
 
 
+def _refuse_device(tables: Mapping[str, Any], file: str) -> None:
+    """Answer a device file in place of a problem file with what refers to it."""
+    if "sources" in tables and "environment" not in tables:
+        message = (
+            f'is a device, not a problem; allowed: a problem file with device = "{Path(file).name}" and the wall in '
+            "[environment]. The verbs check, excite and identify --device take it"
+        )
+        raise InputError.of(message, file=file)
+
+
 def as_problem(problem: Problem | str | Path) -> Problem:
     """Return a problem as it is, or load the file or the name of the catalogue.
 
@@ -101,7 +113,9 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
         0.1
     """
     try:
-        tables = with_device(tables_of(text, file), folder)
+        parsed = tables_of(text, file)
+        _refuse_device(parsed, file)
+        tables = with_device(parsed, folder)
         result = [tables] if isinstance(tables, tuple) else checked(Problem, with_measured_bounds(tables, folder), name)
         if isinstance(result, Problem):
             return result

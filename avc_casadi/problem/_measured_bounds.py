@@ -16,6 +16,12 @@ if TYPE_CHECKING:
 _Part = Annotated[float, BeforeValidator(Quantity("N.s/m", 1e-12, LARGEST_DAMPING_NS_PER_M, signed=True))]
 
 
+# Share of |Z| below 0 beyond which a real part is no error of measurement.
+_ACTIVE = 0.3
+# Frequencies at which the bounds are compared.
+_COMPARED = 200
+
+
 class MeasuredImpedance(Table):
     """A frequency response Z(j omega) of n points, between which real and imaginary part go straight over log f.
 
@@ -40,6 +46,13 @@ class MeasuredImpedance(Table):
             raise refusal(f"has columns of {lengths} points; allowed: two points at least, as many in each column")
         if not (np.diff(self.frequency_hz) > 0).all():
             raise refusal("has frequencies that do not rise; allowed: each higher than the one before")
+        real, imag = np.array(self.real_ns_per_m), np.array(self.imag_ns_per_m)
+        active = int(np.count_nonzero(real < -_ACTIVE * np.hypot(real, imag)))
+        if 2 * active > points:
+            raise refusal(
+                f"has a real part far below 0 at {active} of {points} points, which no passive environment has; "
+                "allowed: Re and Im of force over velocity, in these columns"
+            )
         return self
 
     @property
@@ -74,6 +87,18 @@ class MeasuredBounds(Table):
 
     upper: MeasuredImpedance
     lower: MeasuredImpedance
+
+    @model_validator(mode="after")
+    def _is_ordered(self) -> Self:
+        low, high = self.range_hz
+        if low > high:
+            raise refusal("has no frequency at which both bounds were measured; allowed: ranges that overlap")
+        both = np.geomspace(low, high, _COMPARED)
+        below = int(np.count_nonzero(np.abs(self.upper.at(both)) < np.abs(self.lower.at(both))))
+        if 2 * below > _COMPARED:
+            share = 100 * below / _COMPARED
+            raise refusal(f"has |upper| below |lower| over {share:.3g} % of their range; allowed: the other way round")
+        return self
 
     @property
     def range_hz(self) -> tuple[float, float]:

@@ -40,13 +40,14 @@ def _bounds(quantity: str) -> Rule:
 
 
 def _measured(values: Values) -> Any:
-    return values.get("boundaries.measured", None) if values.given("boundaries") else None
+    """Return the measured bounds; () where they are faulty, None where there are none."""
+    return values.get("boundaries.measured", ()) if values.given("boundaries") else None
 
 
 def _measured_where_asked(values: Values) -> Iterator[Finding]:
     """Nothing is known of a bound beyond the frequencies at which it was measured."""
     measured = _measured(values)
-    if measured is None:
+    if not measured:
         return
     sides = [_inside(_inside(measured, side), "frequency_hz") for side in ("upper", "lower")]
     low, high = max(side[0] for side in sides), min(side[-1] for side in sides)

@@ -12,7 +12,8 @@ from avc_casadi.problem._quantity import visible
 
 MAX_BYTES = 2**20
 
-_NEXT_STEP = "give the path of a problem file or a name from `avc list`"
+NEXT_STEP = "give the path of a problem file or a name from `avc list`"
+"""What to do about a problem file that cannot be read."""
 
 # What the parser says of a key or table that it has seen before.
 _TWICE = re.compile(r"Cannot overwrite a value|Cannot declare .* twice")
@@ -21,22 +22,30 @@ _TWICE = re.compile(r"Cannot overwrite a value|Cannot declare .* twice")
 _LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""", re.ASCII)
 
 
-def text_of(path: Path) -> str:
-    """Read a file of at most `MAX_BYTES`, without reading a larger one."""
+def text_of(path: Path, next_step: str = NEXT_STEP) -> str:
+    """Read a file of at most `MAX_BYTES`, without reading a larger one.
+
+    Args:
+        path: the file.
+        next_step: what to do where it cannot be read.
+
+    Raises:
+        InputError: it cannot be read, or is no text.
+    """
     file = str(path)
     try:
         size = path.stat().st_size
         regular = path.is_file()
         content = path.read_bytes() if regular and size <= MAX_BYTES else b""
     except FileNotFoundError as error:
-        raise InputError.of(f"does not exist; {_NEXT_STEP}", file=file) from error
+        raise InputError.of(f"does not exist; {next_step}", file=file) from error
     except OSError as error:
-        raise InputError.of(f"cannot be read: {error.strerror}; {_NEXT_STEP}", file=file) from error
+        raise InputError.of(f"cannot be read: {error.strerror}; {next_step}", file=file) from error
     except ValueError as error:  # a NUL in the path
-        raise InputError.of(f"is no path: {error}; {_NEXT_STEP}", file=repr(file)) from error
+        raise InputError.of(f"is no path: {error}; {next_step}", file=repr(file)) from error
     if not regular:
         kind = "a directory" if path.is_dir() else "no regular file"
-        raise InputError.of(f"is {kind}; {_NEXT_STEP}", file=file)
+        raise InputError.of(f"is {kind}; {next_step}", file=file)
     if size > MAX_BYTES:
         raise InputError.of(f"has {size} bytes; allowed: at most {MAX_BYTES}", file=file)
     try:

@@ -164,7 +164,9 @@ class Machine:
 
     def _execute(self, start: int, until: int, count: int) -> None:
         try:
-            self._core.emu_start(start, until, count=count)
+            # An exception that is raised in a callback of the emulator is lost, and Ctrl-C with it.
+            with HeldInterrupt():
+                self._core.emu_start(start, until, count=count)
         except self._error as error:
             place = self._core.reg_read(self._arm.UC_ARM_REG_PC)
             raise LinkError(f"the emulated firmware crashed at {place:#010x}: {error}") from error
