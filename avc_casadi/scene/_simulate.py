@@ -27,7 +27,7 @@ from avc_casadi.scene._judge import Judgement, judge
 from avc_casadi.scene._ledger import energy_ledger
 from avc_casadi.scene._run import Claim, Run
 from avc_casadi.scene.effects import CoulombFriction, Grip, SceneEffect, build_effects
-from avc_casadi.support import FloatArray
+from avc_casadi.support import FloatArray, HeldInterrupt
 
 if TYPE_CHECKING:
     from avc_casadi.loop import Hand, StylusHand
@@ -205,13 +205,15 @@ def settled(
 
 def compile_for(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
     """Compile with what the gains need and nothing more."""
-    return compile_scene(
-        problem,
-        effects,
-        coupled=not gains.rigid,
-        damped=gains.contact_damping_ns_per_m > 0,
-        stiffness_n_per_m=gains.stiffness_n_per_m,
-    )
+    # CasADi asks Python for shapes while it builds an expression, and passes over what is raised then.
+    with HeldInterrupt():
+        return compile_scene(
+            problem,
+            effects,
+            coupled=not gains.rigid,
+            damped=gains.contact_damping_ns_per_m > 0,
+            stiffness_n_per_m=gains.stiffness_n_per_m,
+        )
 
 
 def without(effects: tuple[SceneEffect, ...], kind: str) -> tuple[SceneEffect, ...]:

@@ -58,8 +58,10 @@ class Machine:
             MissingExtraError: Unicorn is not installed.
         """
         try:
-            unicorn: Any = importlib.import_module("unicorn")
-            arm_const: Any = importlib.import_module("unicorn.arm_const")
+            # On import it passes over whatever goes wrong with a copy of its library, Ctrl-C included.
+            with HeldInterrupt():
+                unicorn: Any = importlib.import_module("unicorn")
+                arm_const: Any = importlib.import_module("unicorn.arm_const")
         except ImportError as error:
             raise MissingExtraError(
                 "the emulated board needs the extra 'emulator': pip install 'avc-casadi[emulator]'"

@@ -13,7 +13,7 @@ from typing import Any
 from avc_casadi.runtime import AdaptationSettings, EstimatorSettings, GuardSettings, HoldSettings
 from avc_casadi.scene.effects import Adaptation, Estimator, Guard
 from avc_casadi.scene.loop import Environment, Tick, wall_force
-from avc_casadi.support import Float32Array
+from avc_casadi.support import Float32Array, HeldInterrupt
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._float_program import FloatProgram
 
@@ -108,11 +108,13 @@ class AnyTable:
 
 def runtime_programs(figures: RuntimeFigures) -> tuple[RuntimeProgram, RuntimeProgram, RuntimeProgram]:
     """Return the parts estimate, couple and guard."""
-    ticks = [_ticks(figures, start) for start in (0.0, 1.0, -1.0)]
     parts = []
-    for name, (tick, inputs, outputs) in ticks[0].items():
-        starts = [[slot.initial for slot in other[name][0].states] for other in ticks]
-        parts.append(_program(name, tick, inputs, outputs, list(zip(*starts, strict=True))))
+    # CasADi asks Python for shapes while it builds an expression, and passes over what is raised then.
+    with HeldInterrupt():
+        ticks = [_ticks(figures, start) for start in (0.0, 1.0, -1.0)]
+        for name, (tick, inputs, outputs) in ticks[0].items():
+            starts = [[slot.initial for slot in other[name][0].states] for other in ticks]
+            parts.append(_program(name, tick, inputs, outputs, list(zip(*starts, strict=True))))
     estimate, couple, guard = parts
     return estimate, couple, guard
 
