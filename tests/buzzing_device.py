@@ -1,14 +1,10 @@
 """Logs of loops that buzz, by a simulator in C that shares no code with the project."""
 
 import ctypes
-import functools
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
 
 import numpy as np
-from hardware_bench import require, run, scratch
-
-_SOURCE = Path(__file__).with_name("buzzing_device.c")
+from simulator_in_c import doubles, pointers, simulator
 
 
 @dataclass(frozen=True)
@@ -42,17 +38,7 @@ class Buzzing:
     sway: float = 0.0
 
 
-class _Device(ctypes.Structure):
-    _fields_ = [(field.name, ctypes.c_double) for field in fields(Buzzing)]
-
-
-@functools.cache
-def _library():
-    require("gcc")
-    target = scratch() / "buzzing_device.so"
-    flags = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared")
-    run("gcc", *flags, str(_SOURCE), "-lm", "-o", str(target))
-    return ctypes.CDLL(str(target))
+_Device = doubles(each.name for each in fields(Buzzing))
 
 
 def logged(loop, seconds=1.5, missed=None, noise_m=0.0, random=None):
@@ -61,7 +47,7 @@ def logged(loop, seconds=1.5, missed=None, noise_m=0.0, random=None):
     missed = np.zeros(samples) if missed is None else np.ascontiguousarray(missed, dtype=float)
     noise = np.zeros(samples) if random is None else noise_m * random.standard_normal(samples)
     position, force = np.empty(samples), np.empty(samples)
-    arrays = [each.ctypes.data_as(ctypes.c_void_p) for each in (noise, missed, position, force)]
-    _library().buzzing_device(ctypes.byref(_Device(**asdict(loop))), samples, *arrays)
+    arrays = pointers(noise, missed, position, force)
+    simulator("buzzing_device")(ctypes.byref(_Device(**asdict(loop))), samples, *arrays)
     ran = missed == 0
     return (np.arange(samples) * loop.period)[ran], position[ran], force[ran]

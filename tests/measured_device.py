@@ -1,14 +1,10 @@
 """Logs of devices that never were, by a simulator in C that shares no code with the project."""
 
 import ctypes
-import functools
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
 
 import numpy as np
-from hardware_bench import require, run, scratch
-
-_SOURCE = Path(__file__).with_name("measured_device.c")
+from simulator_in_c import doubles, pointers, simulator
 
 
 @dataclass(frozen=True)
@@ -37,17 +33,7 @@ class Truth:
     damper: float = 0.0
 
 
-class _Device(ctypes.Structure):
-    _fields_ = [(field.name, ctypes.c_double) for field in fields(Truth)]
-
-
-@functools.cache
-def _library():
-    require("gcc")
-    target = scratch() / "measured_device.so"
-    flags = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared")
-    run("gcc", *flags, str(_SOURCE), "-lm", "-o", str(target))
-    return ctypes.CDLL(str(target))
+_Device = doubles(each.name for each in fields(Truth))
 
 
 def multisine(random, seconds, period, low, high, rms, tones=60):
@@ -65,6 +51,5 @@ def measured(truth, wanted, random, noise=0.0, tremble=0.0):
     device = _Device(**asdict(truth))
     added = [np.ascontiguousarray(rms * random.standard_normal(size)) for rms in (noise, tremble)]
     position, force = np.empty(size), np.empty(size)
-    pointers = [each.ctypes.data_as(ctypes.c_void_p) for each in (wanted, *added, position, force)]
-    _library().measured_device(ctypes.byref(device), size, *pointers)
+    simulator("measured_device")(ctypes.byref(device), size, *pointers(wanted, *added, position, force))
     return np.arange(size) * truth.period, position, force

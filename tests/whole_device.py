@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from hardware_bench import require, run, scratch
+from simulator_in_c import doubles
 
 _SOURCE = Path(__file__).with_name("whole_device.c")
 _DEVICE = (
@@ -30,12 +31,7 @@ _DEED = ("mass", "damping", "stiffness", "weight", "start", "velocity", "speed",
 _FOUND = ("motor_speed", "handle_speed", "force", "motor", "handle", "most")
 SECONDS, TAIL_S, REST = 3.0, 0.5, 5e-3
 
-
-def _doubles(names):
-    return type("Doubles", (ctypes.Structure,), {"_fields_": [(name, ctypes.c_double) for name in names]})
-
-
-_Device, _Deed, _Found = _doubles(_DEVICE), _doubles(_DEED), _doubles(_FOUND)
+_Device, _Deed, _Found = doubles(_DEVICE), doubles(_DEED), doubles(_FOUND)
 
 
 def declared(device, **changed):

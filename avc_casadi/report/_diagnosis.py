@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from avc_casadi.diagnosis import CAUSES
 from avc_casadi.figures import draw_diagnosis, figure_svg
-from avc_casadi.report._log_page import figure_html, filled, items_html, log_page
+from avc_casadi.report._frame import figure_html, filled, items_html, page_html
 from avc_casadi.support import Table, number
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def diagnosis_html(found: Sequence[Diagnosis], versions: Mapping[str, str]) -> s
         f"{each.source}: {number(each.seconds, 3)} s at {number(1 / each.ticks.period_s)} Hz" for each in found
     )
     title = "Diagnosis of a log" if len(found) == 1 else f"Diagnosis of {len(found)} logs"
-    return log_page(title, sources, "\n".join(map(_body, found)), versions)
+    return page_html(title, sources, "\n".join(map(_body, found)), versions)
 
 
 def _body(found: Diagnosis) -> str:

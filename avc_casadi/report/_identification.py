@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from avc_casadi.figures import draw_correlations, draw_identification, figure_svg
 from avc_casadi.identification import TERMS, device_text
-from avc_casadi.report._log_page import figure_html, filled, items_html, log_page
+from avc_casadi.report._frame import figure_html, filled, items_html, page_html
 from avc_casadi.support import Table, number
 
 if TYPE_CHECKING:
@@ -73,4 +73,4 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
         device=escape(device),
     )
     title = "Device identified from its log" if found.device is None else found.device.title
-    return log_page(title, source, body, versions)
+    return page_html(title, source, body, versions)

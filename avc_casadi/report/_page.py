@@ -1,17 +1,15 @@
-"""One self-contained HTML page: figures inside, nothing loaded from elsewhere."""
+"""The report of a run: what to deploy first, then the paper's question and all that stands behind both."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.certificate import levels_table
 from avc_casadi.loop import ASSUMPTIONS, PAPER_ERRORS
+from avc_casadi.report._frame import figure_html, filled, items_html, page_html
 from avc_casadi.report._summary import device_line, injection_line, scope_line, summary_lines
 from avc_casadi.study.comparison import comparison_document, comparison_tables
 from avc_casadi.support import Cell, Table, number
@@ -19,8 +17,6 @@ from avc_casadi.support import Cell, Table, number
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
     from avc_casadi.study.comparison import Comparison
-
-_PAGE = Path(__file__).with_name("page.html")
 
 
 @dataclass(frozen=True)
@@ -54,13 +50,12 @@ def report_html(contents: ReportContents) -> str:
     best = comparison["methods"][comparison["delivered"]]
     push = contents.summary["push"]
     tables = comparison_tables(comparison)
-    return Template(_PAGE.read_text(encoding="utf-8")).substitute(
-        title=escape(f"{contents.problem.name}: {contents.problem.title}"),
-        source=escape(contents.problem.source),
-        conclusion="\n".join(f"<li>{escape(line)}</li>" for line in contents.conclusion),
+    body = filled(
+        "page",
+        conclusion=items_html(contents.conclusion),
         deployment=_deployment(contents.deployment),
-        summary="\n".join(f"<li>{escape(line)}</li>" for line in summary_lines(contents.summary)),
-        figures="\n".join(_figure(caption, svg) for caption, svg in contents.figures),
+        summary=items_html(summary_lines(contents.summary)),
+        figures="\n".join(figure_html(caption, svg) for caption, svg in contents.figures),
         scope=escape(scope_line(contents.summary)),
         verdicts=_told(tables.verdicts),
         injection=escape(f"The closed form: {injection_line(contents.summary)}."),
@@ -77,8 +72,9 @@ def report_html(contents: ReportContents) -> str:
             ("equation", "as printed", "correct", "effect"),
             [(item.equation, item.as_printed, item.correct, item.effect) for item in PAPER_ERRORS],
         ),
-        versions=_table(("package", "version"), list(contents.versions.items())),
     )
+    title = f"{contents.problem.name}: {contents.problem.title}"
+    return page_html(title, contents.problem.source, body, contents.versions)
 
 
 def _deployment(found: Mapping[str, Any]) -> str:
@@ -102,12 +98,6 @@ def _deployment(found: Mapping[str, Any]) -> str:
     return "\n".join(parts)
 
 
-def _figure(caption: str, svg: str) -> str:
-    data = base64.b64encode(svg.encode()).decode()
-    text = escape(caption)
-    return f'<figure><img src="data:image/svg+xml;base64,{data}" alt="{text}"><figcaption>{text}</figcaption></figure>'
-
-
 def _table(header: tuple[str, ...], rows: Iterable[tuple[Cell, ...]], left: tuple[int, ...] | None = None) -> str:
     """Return an HTML table; columns are texts where ``left`` is None."""
     return Table(header, tuple(rows), tuple(range(len(header))) if left is None else left).html()
@@ -115,8 +105,7 @@ def _table(header: tuple[str, ...], rows: Iterable[tuple[Cell, ...]], left: tupl
 
 def _told(table: Table) -> str:
     """Return a table under its title, with its notes below."""
-    notes = "\n".join(f"<li>{escape(note)}</li>" for note in table.notes)
-    below = f"\n<ul>\n{notes}\n</ul>" if notes else ""
+    below = f"\n<ul>\n{items_html(table.notes)}\n</ul>" if table.notes else ""
     return f'<p>{escape(table.title)}</p>\n<div class="wide">\n{table.html()}\n</div>{below}'
 
 

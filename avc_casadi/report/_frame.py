@@ -1,4 +1,4 @@
-"""The page of a log: one head and one foot for what is identified from it and what is diagnosed."""
+"""One self-contained HTML page: one head and one foot for whatever it tells."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from avc_casadi.support import Table
 _HERE = Path(__file__).parent
 
 
-def log_page(title: str, source: str, body: str, versions: Mapping[str, str]) -> str:
+def page_html(title: str, source: str, body: str, versions: Mapping[str, str]) -> str:
     """Return a self-contained page.
 
     Args:
         title: of the page, a text.
-        source: the logs, a text.
+        source: what it is about, a text.
         body: HTML.
         versions: versions by package.
     """
     told = Table(("package", "version"), tuple(versions.items()), (0, 1)).html()
-    return filled("log", title=escape(title), source=escape(source), body=body, versions=told)
+    return filled("frame", title=escape(title), source=escape(source), body=body, versions=told)
 
 
 def filled(name: str, **parts: str) -> str:
