@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,13 +24,15 @@ from avc_casadi.stability import RADIUS_TOLERANCE, frozen_parts, whole_stability
 from avc_casadi.support import SILENT, Progress, plain
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling, GainTable
+    from avc_casadi.coupling import Coupling, GainTable, Runtime
     from avc_casadi.problem import Device, Problem
     from avc_casadi.support import BoolArray, FloatArray
 
 # Points judged between two neighbouring rows, where the device interpolates.
 _BETWEEN = 3
 _DRAWS = 24
+# Verbs judge before they push, export or tell: tables are immutable, and what was judged stays so.
+_VERDICTS: WeakKeyDictionary[GainTable, tuple[Problem, Runtime, Deployable]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -119,8 +122,17 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
         False
     """
     require_coupling(coupling)
-    problem, table = coupling.problem, coupling.table
-    frequency, gains = _judged(table)
+    known = _VERDICTS.get(coupling.table)
+    if known is not None and known[0] is coupling.problem and known[1] is coupling.runtime:
+        return known[2]
+    verdict = _verdict(coupling, progress)
+    _VERDICTS[coupling.table] = (coupling.problem, coupling.runtime, verdict)
+    return verdict
+
+
+def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
+    problem = coupling.problem
+    frequency, gains = _judged(coupling.table)
     try:
         if coupling.runtime.state_feedback is not None:
             return Deployable(_feedback_claims(coupling))

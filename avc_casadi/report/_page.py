@@ -61,7 +61,7 @@ def report_html(contents: ReportContents) -> str:
         injection=escape(f"The closed form: {injection_line(contents.summary)}."),
         comparison=_told(tables.frequencies),
         certificate="\n".join(map(_told, (levels_table(contents.certificate), tables.safety, tables.realism))),
-        rows=len(best["frequency_hz"]),
+        rows=str(len(best["frequency_hz"])),
         method=escape(comparison["delivered"]),
         gains=_gains(best),
         device=escape(device_line(push)),

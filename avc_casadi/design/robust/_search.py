@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -97,12 +95,11 @@ def _evolve(
     }
     evolution = cma.CMAEvolutionStrategy(np.clip(start, *bounds), spread, options)
     least, best = function(start), start
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        while not evolution.stop():
-            points = evolution.ask()
-            values = list(pool.map(function, points))
-            evolution.tell(points, values)
-            place = int(np.argmin(values))
-            if values[place] < least:
-                least, best = values[place], np.asarray(points[place])
+    while not evolution.stop():
+        points = evolution.ask()
+        values = [function(point) for point in points]
+        evolution.tell(points, values)
+        place = int(np.argmin(values))
+        if values[place] < least:
+            least, best = values[place], np.asarray(points[place])
     return best
