@@ -29,14 +29,14 @@ def test_rows_that_hold_every_hand(number):
     rng = np.random.default_rng((0, number))
     problem = drawn_device_problem(rng, structure=("series", "damped")[number % 2], scope="hands", rows=4)
     gains = solve(problem)
-    excess = [row_excess(problem, gains, row, rng, 4000) for row in range(gains.rows)]
+    excess = [row_excess(problem, gains, row, rng, 1500) for row in range(gains.rows)]
     assert max(excess) <= 1e-4
     for row in np.flatnonzero(gains.usable):
         assert scope_slack(problem, gains.frequency_hz[row], *gain_rows(gains)[:, row]).met.all()
 
 
 def test_pair_without_spring_betters_no_row_of_figure_5():
-    problem = figure5(points=200, stability={"scope": "hands"})
+    problem = figure5(points=50, stability={"scope": "hands"})
     gains = solve(problem)
     assert scope_slack(problem, 1.0, 405.25, 0.0).met.all()
     error = np.abs(np.abs(loop_at(problem, gains.frequency_hz).perceived(405.25, 0.0)) - np.abs(gains.target))

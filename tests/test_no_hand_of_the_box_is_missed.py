@@ -65,7 +65,7 @@ def test_the_search_finds_what_a_lattice_finds():
 def test_no_proof_is_contradicted_and_no_refutation_fails_to_replay():
     generator = np.random.default_rng(11)
     outcomes = []
-    for _ in range(5):
+    for _ in range(3):
         problem = random_problem(generator)
         b, _, contact = random_gains(generator, 6)
         k = edges(problem, b, contact, points=3) * np.array([0.5, 0.9, 0.99, 0.999, 1.001, 1.1])
@@ -75,8 +75,8 @@ def test_no_proof_is_contradicted_and_no_refutation_fails_to_replay():
             assert proof.outcome != "proved" or largest < 1
             assert proof.outcome == "open" or proof.replays()
             assert proof.outcome != "open" or proof.reason
-    assert outcomes.count("proved") > 10
-    assert outcomes.count("refuted") > 4
+    assert outcomes.count("proved") > 6
+    assert outcomes.count("refuted") > 2
 
 
 def test_ranges_of_the_device_are_part_of_the_box():

@@ -75,8 +75,8 @@ def test_a_stiffer_wall_is_never_felt_softer():
 @pytest.mark.parametrize(
     ("key", "values"),
     [
-        ("delay_samples", (2, 1, 0)),
-        ("damping_ns_per_m", (0.5, 2.0, 8.0)),
+        ("delay_samples", (1, 0.5, 0)),
+        ("damping_ns_per_m", (1.0, 2.0, 8.0)),
         ("encoder_resolution_m", (5e-5, 5e-6, 0.0)),
     ],
 )

@@ -20,6 +20,9 @@ FILES = {
     *(f"{name}{ending}" for name in ("boundaries", "perceived", "comparison") for ending in (".png", ".svg")),
 }
 
+# A wall that a contact damper holds, so that the coupling to deploy is found at once.
+HELD_PLAINLY = {"stiffness_n_per_m": 5e4}
+
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
@@ -66,13 +69,15 @@ def test_the_device_gets_the_recommended_coupling(results):
 
 
 def test_a_method_that_is_not_deployable_is_not_pushed_unless_asked(tmp_path):
-    done = avc("run", "figure5", "--method", "direct", "--json", cwd=tmp_path)
+    few = load_problem("figure5").changed(frequency={"points": 12}, environment=HELD_PLAINLY)
+    (tmp_path / "few.toml").write_text(dump_problem(few))
+    done = avc("run", "few.toml", "--method", "direct", "--json", cwd=tmp_path)
     assert done.returncode == 1
     document = strict_json(done.stdout)
     assert "hands" in document["push"]["refused"]
     assert "push refused" in done.stderr.decode()
 
-    done = avc("run", "figure5", "--method", "direct", "--unsafe", cwd=tmp_path)
+    done = avc("run", "few.toml", "--method", "direct", "--unsafe", cwd=tmp_path)
     text = done.stdout.decode()
     assert "UNSAFE" in text
     assert "read back equal" in text
@@ -121,10 +126,8 @@ def test_gain_files_hold_the_direct_gains(results):
 @pytest.mark.parametrize("scope", ["hands", "all"])
 def test_the_gains_of_the_problems_own_scope_are_those_drawn_and_told(scope, tmp_path):
     problem = load_problem("figure5")
-    # A wall that a contact damper holds, so that the coupling to deploy is found at once.
-    wall = {"stiffness_n_per_m": 5e4}
     stability = {"scope": scope, "model": "sampled-data"}
-    changed = problem.changed(stability=stability, frequency={"points": 12}, environment=wall)
+    changed = problem.changed(stability=stability, frequency={"points": 12}, environment=HELD_PLAINLY)
     (tmp_path / "wide.toml").write_text(dump_problem(changed))
     done = avc("run", "wide.toml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
