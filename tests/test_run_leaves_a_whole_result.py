@@ -186,7 +186,7 @@ def test_a_folder_that_cannot_be_written_is_found_before_the_work(tmp_path, monk
 
     monkeypatch.setattr("avc_casadi.cli._run.compared", worked)
     (tmp_path / "file").write_text("")
-    for folder in ("", "/sys/avc", "/sys", str(tmp_path / "file"), "\0"):
+    for folder in ("", "/sys/avc", "/sys", str(tmp_path / "file"), "\0", str(tmp_path / "report.html")):
         assert main(["run", "soft", "--json", "--out", folder]) == 2
         (error,) = json.loads(capsys.readouterr().out)["errors"]
         assert error["key"] == "--out"

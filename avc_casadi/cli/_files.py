@@ -11,6 +11,9 @@ from pathlib import Path
 
 from avc_casadi import AvcError, InputError
 
+# A folder called so is one that was meant to be a file.
+_FILE_ENDINGS = {".json", ".csv", ".toml", ".html", ".png", ".svg", ".c", ".h", ".txt"}
+
 
 def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
     """Check where a file is to be written.
@@ -47,11 +50,13 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
         key: its option, for the message.
 
     Raises:
-        InputError: it cannot be made or written to.
+        InputError: it is called like a file, or cannot be made or written to.
     """
     if not text or "\0" in text:
         raise InputError.of(f"{text!r} is no name; give the name of a folder", key=key)
     path = Path(text)
+    if path.suffix.lower() in _FILE_ENDINGS and not path.is_dir():
+        raise InputError.of(f"{text!r} is the name of a file; give that of a folder", key=key)
     missing = [folder for folder in (path, *path.parents) if not folder.exists()]
     try:
         path.mkdir(parents=True, exist_ok=True)

@@ -39,7 +39,7 @@ def simulation_text(document: dict[str, Any], *, plot: str | None, explained: bo
         f"  position at the end           {number(_times(document['position_peak_to_peak_m'], 1e3))} mm peak to peak",
         f"  force at the end              {number(document['mean_force_n'])} N",
         f"  force between 20 and 500 Hz   {number(document['force_ripple_n'])} N rms",
-        f"  apparent stiffness            {number(document['apparent_stiffness_n_per_m'])} N/m",
+        f"  stiffness, at the sensor      {number(document['apparent_stiffness_n_per_m'])} N/m",
         f"  rate-hardness at contact      {number(document['rate_hardness_n_per_m'])} N/m",
         f"  energy given out beyond that taken in   {number(_times(document['energy_generated_j'], 1e3))} mJ",
         f"  {document['criterion']}",

@@ -58,7 +58,7 @@ class LoopResult:
     def sentence(self) -> str:
         """What came of it, in one line."""
         stiffness = self.apparent_stiffness_n_per_m
-        felt = f", {stiffness:.4g} N/m felt in the end" if self.at_rest and math.isfinite(stiffness) else ""
+        felt = f", {stiffness:.4g} N/m at the sensor in the end" if self.at_rest and math.isfinite(stiffness) else ""
         rest = "came to rest" if self.at_rest else "DID NOT COME TO REST"
         return f"with a hand for {self.seconds:g} s it {rest}; at most {self.peak_force_n:.3g} N{felt}"
 

@@ -74,8 +74,9 @@ def solve_direct(
     for row in np.flatnonzero(failed):
         reasons[row] = _why(name, quality, excess, int(row))
     if not np.isnan(quality.kkt_residual).all():
+        of = ", nominal device" if problem.device.range.model_dump(exclude_none=True) else ""
         notes.append(
-            f"recomputed: largest violation of (12) {np.nanmax(quality.violation_ns_per_m):.3g} N.s/m,"
+            f"recomputed{of}: largest violation of (12) {np.nanmax(quality.violation_ns_per_m):.3g} N.s/m,"
             f" largest KKT residual {np.nanmax(quality.kkt_residual):.3g}"
         )
     if name != EDGES and not np.isnan(excess).all():
