@@ -12,10 +12,13 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains, spring_before
 from avc_casadi.design.robust import Space
-from avc_casadi.loop import device_with
-from avc_casadi.recommendation import _choice
+from avc_casadi.loop import device_with, hand_corners, with_let_go
+from avc_casadi.recommendation import _candidates, _choice, _stages
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import Judged, best_of, confirmed
+from avc_casadi.recommendation._stages import judged_candidates
+from avc_casadi.stability import stiffest_wall
+from avc_casadi.support import SILENT
 from avc_casadi.trial import CouplingTrial, people_of, try_coupling, try_on_devices
 
 HANDS = 10
@@ -95,6 +98,28 @@ def test_hands_that_had_no_part_in_the_choice_can_refute_it(monkeypatch):
     assert [one[0] for one in asked] == [lucky.coupling.id, honest.coupling.id]
     assert {one[1:] for one in asked} == {("others", 1, 3)}
     assert found[0].safety == 2
+
+
+@pytest.mark.parametrize("held", [0.7, 0.5, 0.3, 0.2])
+def test_where_others_refute_a_softened_wall_a_softer_one_is_looked_for(held, monkeypatch):
+    """Those who choose rest at every wall below 0.9 of what spring and damper hold, the others only at `held`."""
+    people = people_of(PROBLEM.hands, HANDS)
+    limit = stiffest_wall(PROBLEM.device, with_let_go(hand_corners(PROBLEM.hands)))
+
+    def rests(coupling, most):
+        everybody = HANDS if felt_at_rest_n_per_m(coupling) < most * limit.stiffness_n_per_m else HANDS - 1
+        return trial(everybody, everybody, everybody)
+
+    monkeypatch.setattr(_choice, "try_coupling", lambda coupling, *_: rests(coupling, 0.9))
+    monkeypatch.setattr(_choice, "try_on_devices", lambda coupling, *_: rests(coupling, held))
+    monkeypatch.setattr(_choice, "proved_first", lambda left: left)
+    monkeypatch.setattr(_candidates, "robust_ladder", lambda *_: iter(()))
+    monkeypatch.setattr(_candidates, "softer_robust", lambda *_: iter(()))
+    monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
+    found, _ = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False)
+    best = best_of(found)
+    assert best.safety == 0
+    assert 0.75 * held < felt_at_rest_n_per_m(best.coupling) / limit.stiffness_n_per_m < held
 
 
 @pytest.mark.parametrize("free", [10, 4])

@@ -28,8 +28,8 @@ _RESERVES = (1.0, 3.0)
 _SHARES = (0.5, 0.25, 0.1, 0.03, 0.01)
 # Stiffness felt before a wall that is too stiff, as a share of the stiffest that is stable with everybody.
 _OF_STIFFEST = (0.9, 0.82, 0.75)
-# The same where nothing stiffer brings everybody to rest: of the wall, if that is softer.
-_SAFER = (0.6, 0.45, 0.33, 0.24, 0.15)
+SAFER = (0.6, 0.45, 0.33, 0.24, 0.15)
+"""The same where nothing stiffer brings everybody to rest: of the wall, if that is softer."""
 SOFTENED = "softened wall"
 # How much stiffer another wall is at least.
 _BARELY = 1.02
@@ -58,19 +58,6 @@ def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
         yield from _with_observer(Coupling.constant(problem, gains, name))
 
 
-def safer_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange) -> Iterator[Coupling]:
-    """Yield springs before the wall that are softer still, for a device on which nothing stiffer is at rest.
-
-    Args:
-        problem: device, wall and hands.
-        subjects: the extreme hands.
-        stiffest: the stiffest wall that is stable with everybody and let go.
-    """
-    reached = min(stiffest.stiffness_n_per_m, problem.environment.stiffness_n_per_m)
-    for gains, name in _softened(problem, with_let_go(subjects), [share * reached for share in _SAFER]):
-        yield from _with_observer(Coupling.constant(problem, gains, name))
-
-
 def stiffer_rung_n_per_m(problem: Problem, stiffest: DampingRange, best: Coupling) -> float | None:
     """Return the next stiffer wall of those that were softened by a spring; None where the best is none of these.
 
@@ -80,8 +67,8 @@ def stiffer_rung_n_per_m(problem: Problem, stiffest: DampingRange, best: Couplin
         best: a coupling.
     """
     wall, limit, felt = problem.environment.stiffness_n_per_m, stiffest.stiffness_n_per_m, felt_at_rest_n_per_m(best)
-    ladder = [share * limit for share in _OF_STIFFEST] + [share * min(limit, wall) for share in _SAFER]
-    above = [one for one in (*ladder, wall) if _BARELY * felt < one <= wall]
+    ladder = [share * limit for share in _OF_STIFFEST] + [share * min(limit, wall) for share in SAFER]
+    above = [one for one in (*ladder, limit, wall) if _BARELY * felt < one <= wall]
     return min(above) if best.method == SOFTENED and above else None
 
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from avc_casadi.design.robust import MOST_SOFTER, SOFTER
 from avc_casadi.loop import hand_corners
 from avc_casadi.recommendation._candidates import (
+    SAFER,
     RobustCandidates,
     felt_at_rest_n_per_m,
     plain_candidates,
-    safer_candidates,
     softened_to,
     stiffer_rung_n_per_m,
     tuned_candidates,
@@ -46,21 +46,22 @@ def judged_candidates(
     judged: list[Judged] = []
     considered = 0
     plainly = min(wall, limit.stiffness_n_per_m)
-    plain = (plain_candidates(problem, hand_corners(problem.hands), limit), wall)
+    corners = hand_corners(problem.hands)
+    plain = (plain_candidates(problem, corners, limit), wall)
     first = (islice(robust.stiff, 1), wall)
     # A wall beyond what spring and damper hold is robust from the start; one that nothing holds is softened until
     # everybody rests quietly. Tuned gains come last: what holds spring and damper back holds them back too.
     for more, ceiling in (
         *((plain, first) if wall <= limit.stiffness_n_per_m else (first, plain)),
         (robust.stiff, wall),
-        (safer_candidates(problem, hand_corners(problem.hands), limit), 0.0),
+        *((softened_to(problem, corners, share * plainly), 0.0) for share in SAFER),
         *((islice(robust.soft, 1), SOFTER ** (1 + step) * plainly) for step in range(MOST_SOFTER)),
         (tuned_candidates(problem, progress), 0.0),
     ):
         if _reached(judged, lean_on_friction=lean_on_friction) >= (1 - AS_STIFF) * ceiling:
             judged = confirmed(judged, people, others, seed, lean_on_friction=lean_on_friction)
             if _reached(judged, lean_on_friction=lean_on_friction) >= (1 - AS_STIFF) * ceiling:
-                break
+                continue
         every = list(more)
         considered += len(every)
         judged = tried(every, judged, people, seed, progress, lean_on_friction=lean_on_friction)
