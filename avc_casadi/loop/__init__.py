@@ -62,6 +62,7 @@ from avc_casadi.loop._realism import bound_magnitudes as bound_magnitudes
 from avc_casadi.loop._realism import judge_realism as judge_realism
 from avc_casadi.loop._realism import perceived_bounds as perceived_bounds
 from avc_casadi.loop._realism import relative_errors as relative_errors
+from avc_casadi.loop._sampled_plant import Mode as Mode
 from avc_casadi.loop._sampled_plant import SampledPlant as SampledPlant
 from avc_casadi.loop._sampled_plant import device_plant as device_plant
 from avc_casadi.loop._sampled_plant import sampled_plant as sampled_plant

@@ -85,7 +85,7 @@ class Plant:
         k, b = (np.asarray(value, dtype=np.float64) for value in (stiffness_n_per_m, damping_ns_per_m))
         self._links.append((one, other, k, b))
 
-    def split(self, frequency_hz: float, damping_ratio: float, mass_ratio: float) -> None:
+    def split(self, frequency_hz: float | FloatArray, damping_ratio: float | FloatArray, mass_ratio: float) -> None:
         """Move a share of the device's mass to a handle on a spring, which is what a hand then holds.
 
         Args:

@@ -17,7 +17,24 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Device
 
 
-def device_plant(device: Device, hand: Mechanics | None = None, damping_shift_ns_per_m: float = 0.0) -> Plant:
+@dataclass(frozen=True)
+class Mode:
+    """A resonance between motor and handle; its numbers may be arrays over hands.
+
+    Attributes:
+        frequency_hz: of the two against each other, the device free.
+        damping_ratio: as a share of the critical.
+        mass_ratio: share of the device's mass on the side of the hand.
+    """
+
+    frequency_hz: float | FloatArray
+    damping_ratio: float | FloatArray
+    mass_ratio: float
+
+
+def device_plant(
+    device: Device, hand: Mechanics | None = None, damping_shift_ns_per_m: float = 0.0, mode: Mode | None = None
+) -> Plant:
     """Return motor, handle and amplifier of a device, and the hand that holds it, as a continuous plant.
 
     Dry friction, backlash, encoder, noise and force limit are no part of it: they are not linear.
@@ -26,13 +43,14 @@ def device_plant(device: Device, hand: Mechanics | None = None, damping_shift_ns
         device: the device at its nominal values, with a mass.
         hand: what holds it, whose numbers may be arrays over hands; None leaves the device alone.
         damping_shift_ns_per_m: added to the damping of the device; the sum may be negative.
+        mode: in place of the resonance of the device; None leaves that.
     """
     plant = Plant()
     plant.add_mass(DEVICE, device.mass_kg)
     plant.join(DEVICE, GROUND, 0.0, device.damping_ns_per_m + damping_shift_ns_per_m)
-    mode = device.resonance
-    if mode is not None:
-        plant.split(mode.frequency_hz, mode.damping_ratio, mode.mass_ratio)
+    split = device.resonance if mode is None else mode
+    if split is not None:
+        plant.split(split.frequency_hz, split.damping_ratio, split.mass_ratio)
     if hand is not None:
         hand.mechanics(plant)
     if device.amplifier_bandwidth_hz is not None:
@@ -97,7 +115,10 @@ class SampledPlant:
 
 
 def sampled_plant(
-    devices: Device | Sequence[Device], hand: Mechanics | None = None, damping_shift_ns_per_m: float = 0.0
+    devices: Device | Sequence[Device],
+    hand: Mechanics | None = None,
+    damping_shift_ns_per_m: float = 0.0,
+    mode: Mode | None = None,
 ) -> SampledPlant:
     """Discretise devices with a hand exactly.
 
@@ -105,10 +126,11 @@ def sampled_plant(
         devices: one device, or corners of one (`device_corners`), all with the same sample time and structure.
         hand: what holds each of them, whose numbers may be arrays of shape (hands,); None leaves them alone.
         damping_shift_ns_per_m: added to the damping of each device; the sum may be negative.
+        mode: in place of the resonance of each device; None leaves that.
     """
     some = devices if isinstance(devices, Sequence) else (devices,)
     first = some[0]
-    plants = [device_plant(device, hand, damping_shift_ns_per_m) for device in some]
+    plants = [device_plant(device, hand, damping_shift_ns_per_m, mode) for device in some]
     grip = plants[0].grip
     parts = [_sampled(plant.linear(), device) for plant, device in zip(plants, some, strict=True)]
     names = parts[0][0]

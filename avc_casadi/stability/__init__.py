@@ -14,10 +14,13 @@ from avc_casadi.stability._spectral import LinearStability as LinearStability
 from avc_casadi.stability._spectral import frozen_parts as frozen_parts
 from avc_casadi.stability._spectral import frozen_rendering as frozen_rendering
 from avc_casadi.stability._spectral import linear_stability as linear_stability
+from avc_casadi.stability._state_feedback import Laws as Laws
 from avc_casadi.stability._state_feedback import force_over_innovation as force_over_innovation
 from avc_casadi.stability._state_feedback import force_over_position as force_over_position
 from avc_casadi.stability._state_feedback import largest_radius as largest_radius
+from avc_casadi.stability._state_feedback import poles as poles
 from avc_casadi.stability._state_feedback import state_feedback_loop as state_feedback_loop
+from avc_casadi.stability._state_feedback import state_feedback_loops as state_feedback_loops
 from avc_casadi.stability._state_feedback import stiffness_at_rest as stiffness_at_rest
 from avc_casadi.stability._stiffest_wall import DampingRange as DampingRange
 from avc_casadi.stability._stiffest_wall import damping_range as damping_range
@@ -35,3 +38,4 @@ from avc_casadi.stability._whole_device import sampled_stability as sampled_stab
 from avc_casadi.stability._whole_device import whole_stability as whole_stability
 from avc_casadi.stability._worst_hand import WorstHands as WorstHands
 from avc_casadi.stability._worst_hand import worst_hands as worst_hands
+from avc_casadi.stability._worst_radius import worst_radius as worst_radius

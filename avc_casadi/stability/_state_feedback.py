@@ -6,15 +6,52 @@ held: damped for every share is what a loop without buzz between two encoder ste
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.support import ComplexArray, FloatArray
+from avc_casadi.support import ComplexArray, FloatArray, IndexArray
 
 if TYPE_CHECKING:
     from avc_casadi.runtime import StateFeedback
     from avc_casadi.stability._transition import Rendering
+
+
+@dataclass(frozen=True)
+class Laws:
+    """Laws of one structure, as arrays.
+
+    Attributes:
+        state: A, shape (laws, n, n).
+        force_m_per_n: B, shape (laws, n).
+        innovation: L, shape (laws, n).
+        feedback: R, shape (laws, n).
+        measures: the state that stands for the measured position.
+    """
+
+    state: FloatArray
+    force_m_per_n: FloatArray
+    innovation: FloatArray
+    feedback: FloatArray
+    measures: int
+
+    @classmethod
+    def of(cls, law: StateFeedback) -> Laws:
+        """Take one law."""
+        state, asked, gain, weight = (
+            np.array(part)[None] for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
+        )
+        return cls(state, asked, gain, weight, law.measures)
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+    def pick(self, rows: IndexArray) -> Laws:
+        """Take some of them."""
+        return Laws(
+            self.state[rows], self.force_m_per_n[rows], self.innovation[rows], self.feedback[rows], self.measures
+        )
 
 
 def state_feedback_loop(
@@ -35,70 +72,82 @@ def state_feedback_loop(
         Shape (a, p, s + n + 2, s + n + 2); two less where the rendering is a spring alone. States: those of the plant,
         of the observer, the position seen before, the rendering's own.
     """
+    return np.asarray(state_feedback_loops(plants, Laws.of(law), rendering, shares)[0])
+
+
+def state_feedback_loops(
+    plants: tuple[FloatArray, FloatArray, FloatArray],
+    laws: Laws,
+    rendering: Rendering,
+    shares: FloatArray | tuple[float, ...] = (1.0,),
+) -> FloatArray:
+    """Do the same for many laws, shape (laws, a, p, s + n + 2, s + n + 2)."""
     matrix, push, measured = plants
-    state, asked, gain, weight = (
-        np.array(part) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
-    )
     now, before, own = rendering.force[0]
     remembers = bool(before or own)
-    s, n = len(measured), law.states
+    s, n = len(measured), laws.state.shape[-1]
     size = s + n + 2 * remembers
-    loop = np.zeros((len(shares), len(matrix), size, size))
-    loop[:, :, :s, :s] = matrix
     plant, observer = slice(0, s), slice(s, s + n)
-    for index, share in enumerate(shares):
-        passed = share * gain
-        kept = np.eye(n)
-        kept[:, law.measures] -= passed
-        # Rows over (plant, observer): the corrected states, the position that is seen, the force.
-        seen = np.zeros(size)
-        seen[plant], seen[observer] = (weight @ passed) * measured, weight @ kept
-        force = now * seen
-        if remembers:
-            force[-2:] = before, own
-        part = loop[index]
-        part[:, plant, :] += push[:, :, None] * force
-        part[:, observer, plant] += np.outer(state @ passed, measured)
-        part[:, observer, observer] += state @ kept
-        part[:, observer, :] += np.outer(asked, force)
-        if remembers:
-            part[:, -2] = seen
-            part[:, -1] = rendering.state[0, 0] * seen
-            part[:, -1, -2:] += rendering.state[0, 1:]
+    passed = np.asarray(shares)[:, None] * laws.innovation[:, None]
+    kept = np.empty((*passed.shape[:2], n, n))
+    kept[:] = np.eye(n)
+    kept[..., laws.measures] -= passed
+    # Rows over (plant, observer): the corrected states, the position that is seen, the force.
+    weight, state = laws.feedback[:, None, None, :], laws.state[:, None]
+    seen = np.zeros((*passed.shape[:2], size))
+    seen[..., plant] = (weight @ passed[..., None])[..., 0] * measured
+    seen[..., observer] = (weight @ kept)[..., 0, :]
+    force = now * seen
+    if remembers:
+        force[..., -2:] = before, own
+    loop = np.zeros((*passed.shape[:2], len(matrix), size, size))
+    loop[..., plant, plant] = matrix
+    loop[..., plant, :] += push[:, :, None] * force[:, :, None, None, :]
+    loop[..., observer, plant] += ((state @ passed[..., None]) * measured)[:, :, None]
+    loop[..., observer, observer] += (state @ kept)[:, :, None]
+    loop[..., observer, :] += (laws.force_m_per_n[:, None, :, None] * force[..., None, :])[:, :, None]
+    if remembers:
+        loop[..., -2, :] = seen[:, :, None]
+        loop[..., -1, :] = (rendering.state[0, 0] * seen)[:, :, None]
+        loop[..., -1, -2:] += rendering.state[0, 1:]
     return loop
 
 
+def poles(loop: FloatArray) -> ComplexArray:
+    """Return the eigenvalues of each loop, shape (..., s)."""
+    return np.asarray(np.linalg.eigvals(loop), dtype=np.complex128)
+
+
 def largest_radius(loop: FloatArray) -> FloatArray:
-    """Return the spectral radius of each loop, shape (a, p)."""
-    return np.asarray(np.abs(np.linalg.eigvals(loop)).max(axis=-1))
+    """Return the spectral radius of each loop, one axis for the two of a matrix less."""
+    return np.asarray(np.abs(poles(loop)).max(axis=-1))
 
 
 def force_over_innovation(
-    law: StateFeedback, rendering: Rendering, frequency_hz: FloatArray, sample_time_s: float
+    laws: Laws, rendering: Rendering, frequency_hz: FloatArray, sample_time_s: float
 ) -> tuple[ComplexArray, ComplexArray]:
     """Return force and believed position over the innovation at each frequency, the dead zone passing all.
 
     Returns:
-        F/e and s_m/e, each of shape (f,): F/x is F/e over 1 + s_m/e.
+        F/e and s_m/e, each of shape (laws, f): F/x is F/e over 1 + s_m/e.
     """
-    state, asked, gain, weight = (
-        np.array(part) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
-    )
     z = np.exp(2j * np.pi * frequency_hz * sample_time_s)
     wall = _rendered(rendering, z)
-    n = law.states
-    closed = state + wall[:, None, None] * np.outer(asked, weight)
-    pencil = z[:, None, None] * np.eye(n) - closed
-    believed = np.linalg.solve(pencil, closed @ gain[:, None])[..., 0]
-    return wall * ((believed + gain) @ weight), believed[:, law.measures]
+    weight, gain = laws.feedback[:, :, None], laws.innovation[:, None, :]
+    closed = (
+        laws.state[:, None] + wall[:, None, None] * (laws.force_m_per_n[:, :, None] * laws.feedback[:, None])[:, None]
+    )
+    pencil = z[:, None, None] * np.eye(laws.state.shape[-1]) - closed
+    believed = np.linalg.solve(pencil, closed @ gain[..., None])[..., 0]
+    return np.asarray(wall * ((believed + gain) @ weight)[..., 0]), np.asarray(believed[..., laws.measures])
 
 
 def force_over_position(
     law: StateFeedback, rendering: Rendering, frequency_hz: FloatArray, sample_time_s: float
 ) -> ComplexArray:
     """Return force over the measured position at each frequency, N/m, shape (f,), the dead zone passing all."""
-    force, believed = force_over_innovation(law, rendering, frequency_hz, sample_time_s)
-    return np.asarray(force / (1 + believed))
+    force, believed = force_over_innovation(Laws.of(law), rendering, frequency_hz, sample_time_s)
+    return np.asarray(force[0] / (1 + believed[0]))
 
 
 def stiffness_at_rest(rendering: Rendering) -> float:

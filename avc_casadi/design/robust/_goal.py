@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.stability import force_over_innovation, largest_radius, state_feedback_loop, stiffness_at_rest
+from avc_casadi.stability import (
+    Laws,
+    force_over_innovation,
+    largest_radius,
+    poles,
+    state_feedback_loops,
+    stiffness_at_rest,
+    worst_radius,
+)
 
 if TYPE_CHECKING:
     from avc_casadi.design.robust._loops import Loops
@@ -71,49 +79,108 @@ def cost_of(law: StateFeedback, rendering: Rendering, loops: Loops) -> Cost:
         rendering: coupling and wall behind it.
         loops: what it must hold.
     """
-    t, stiffness = loops.sample_time_s, stiffness_at_rest(rendering)
-    force, believed = force_over_innovation(law, rendering, loops.frequency_hz, t)
-    cut = believed - loops.response * force
+    return costs_of(Laws.of(law), rendering, loops)[0]
+
+
+def costs_of(laws: Laws, rendering: Rendering, loops: Loops) -> list[Cost]:
+    """Weigh many laws at once; one of numbers that are not finite costs infinitely much."""
+    costs = [Cost(math.inf)] * len(laws)
+    defined = np.flatnonzero(np.isfinite(laws.innovation).all(axis=1) & np.isfinite(laws.feedback).all(axis=1))
+    felt = _felt(laws.pick(defined), rendering, loops)
+    left = []
+    for row, one in zip(defined.tolist(), felt, strict=True):
+        if one.over > _HOPELESS_SOFTNESS:
+            costs[row] = Cost(2000 + 1000 * one.over, facts=one.facts)
+        else:
+            left.append((row, one))
+    rows = np.array([row for row, _ in left], dtype=np.intp)
+    for (row, one), damped in zip(left, _damped(laws.pick(rows), rendering, loops), strict=True):
+        total = 0.0 if damped.radius > _HOPELESS_RADIUS else _PER_SOFTNESS * one.over + _paid(one.facts)
+        costs[row] = Cost(total + damped.cost, damped.radius, damped.radius_any_share, one.facts)
+    return costs
+
+
+@dataclass(frozen=True)
+class _Felt:
+    """How a law feels: the facts of a cost, and softness beyond its bounds."""
+
+    facts: dict[str, float]
+    over: float
+
+
+@dataclass(frozen=True)
+class _Damped:
+    """How its loops are damped, and what that costs."""
+
+    cost: float
+    radius: float
+    radius_any_share: float = math.inf
+
+
+def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
+    t, stiffness, frequency = loops.sample_time_s, stiffness_at_rest(rendering), loops.frequency_hz
+    force, believed = force_over_innovation(laws, rendering, frequency, t)
+    cut = believed[:, None] - loops.response * force[:, None]
     rendered = force / (1 + believed) / stiffness
     softness = np.abs(rendered - 1)
     share = np.clip(-cut.real / np.maximum(np.abs(cut) ** 2, 1e-30), 0, 1)
-    buzz = loops.frequency_hz > min(_BUZZ_HZ, float(loops.frequency_hz[-2]))
-    facts = {
-        "sensitivity": float(1 / np.abs(1 + cut).min()),
-        "sensitivity_any_share": float(1 / np.abs(1 + share * cut)[:, buzz].min()),
-        "gain": float(np.abs(rendered).max()),
-        "softness_3hz": float(np.interp(3, loops.frequency_hz, softness)),
-        "softness_10hz": float(np.interp(10, loops.frequency_hz, softness)),
-    }
+    buzz = frequency > min(_BUZZ_HZ, float(frequency[-2]))
+    sensitivity = 1 / np.abs(1 + cut).min(axis=(1, 2))
+    any_share = 1 / np.abs(1 + share * cut)[..., buzz].min(axis=(1, 2))
+    gain = np.abs(rendered).max(axis=1)
     bound = _SOFTNESS_10HZ + 2 * math.pi * 10 * _DAMPING_NS_PER_M / stiffness
-    over = max(0.0, facts["softness_3hz"] - _SOFTNESS_3HZ) + max(0.0, facts["softness_10hz"] - bound)
-    if over > _HOPELESS_SOFTNESS:
-        return Cost(2000 + 1000 * over, facts=facts)
-    every = state_feedback_loop(loops.nominal, law, rendering, tuple(_DECAY_PER_S))
-    held = largest_radius(state_feedback_loop(loops.varied, law, rendering, tuple(VARIED_DECAY_PER_S)))
-    free = largest_radius(state_feedback_loop(loops.free, law, rendering))
-    beside = max(float(largest_radius(state_feedback_loop(part, law, rendering)).max()) for part in loops.beside)
-    worst_held, asked = held.max(axis=-1), VARIED_DECAY_PER_S.values()
-    radius = float(max(worst_held[0], free.max()))
-    if radius > _HOPELESS_RADIUS:
-        return Cost(1000 + 1000 * (radius - 1), radius, facts=facts)
-    total = (
-        _PER_SOFTNESS * over
-        + _PER_SENSITIVITY * facts["sensitivity"]
+    found = []
+    for row in range(len(laws)):
+        facts = {
+            "sensitivity": float(sensitivity[row]),
+            "sensitivity_any_share": float(any_share[row]),
+            "gain": float(gain[row]),
+            "softness_3hz": float(np.interp(3, frequency, softness[row])),
+            "softness_10hz": float(np.interp(10, frequency, softness[row])),
+        }
+        over = max(0.0, facts["softness_3hz"] - _SOFTNESS_3HZ) + max(0.0, facts["softness_10hz"] - bound)
+        found.append(_Felt(facts, over))
+    return found
+
+
+def _paid(facts: dict[str, float]) -> float:
+    """Return what sensitivity and gain cost."""
+    return (
+        _PER_SENSITIVITY * facts["sensitivity"]
         + _PER_SENSITIVITY * max(0.0, facts["sensitivity_any_share"] - _USUAL_SENSITIVITY)
         + _PER_GAIN * facts["gain"]
-        + _PER_DECAY * sum(_missing(one, decay, t) for one, decay in zip(worst_held, asked, strict=True))
-        + _PER_DECAY * _missing(float(free.max()), _FREE_DECAY_PER_S, t)
-        + _PER_DECAY * _missing(beside, _BESIDE_DECAY_PER_S, t)
     )
-    worst = 0.0
-    for part, (passed, decay) in zip(every, _DECAY_PER_S.items(), strict=True):
-        poles = np.linalg.eigvals(part)
-        size, quick = np.abs(poles), np.abs(np.angle(poles)) > 2 * math.pi * _SLOW_HZ * t
-        worst = max(worst, float(size.max()))
-        total += _PER_DECAY * _missing(size[quick].max(initial=0), decay, t)
-        total += _PER_DECAY * _missing(size[~quick].max(initial=0), _SLOW_DECAY_PER_S * passed, t)
-    return Cost(total, radius, worst, facts)
+
+
+def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
+    """Judge the loops of some laws, of hopeless ones the first alone."""
+    if len(laws) == 0:
+        return []
+    t = loops.sample_time_s
+    held = worst_radius(state_feedback_loops(loops.varied, laws, rendering, tuple(VARIED_DECAY_PER_S)))
+    free = largest_radius(state_feedback_loops(loops.free, laws, rendering))[:, 0].max(axis=-1)
+    radius = np.maximum(held[:, 0], free)
+    found = [_Damped(1000 + 1000 * (one - 1), one) for one in radius.tolist()]
+    rows = np.flatnonzero(radius <= _HOPELESS_RADIUS)
+    if len(rows) == 0:
+        return found
+    some = laws.pick(rows)
+    every = poles(state_feedback_loops(loops.nominal, some, rendering, tuple(_DECAY_PER_S)))
+    beside = [largest_radius(state_feedback_loops(part, some, rendering)).max(axis=(1, 2)) for part in loops.beside]
+    size, quick = np.abs(every), np.abs(np.angle(every)) > 2 * math.pi * _SLOW_HZ * t
+    largest = [np.where(part, size, 0.0).max(axis=(2, 3)) for part in (quick, ~quick)]
+    for place, row in enumerate(rows.tolist()):
+        cost = sum(
+            _PER_DECAY * _missing(one, decay, t)
+            for one, decay in zip(held[row].tolist(), VARIED_DECAY_PER_S.values(), strict=True)
+        )
+        cost += _PER_DECAY * _missing(float(free[row]), _FREE_DECAY_PER_S, t)
+        cost += _PER_DECAY * _missing(max(float(part[place]) for part in beside), _BESIDE_DECAY_PER_S, t)
+        for index, (passed, decay) in enumerate(_DECAY_PER_S.items()):
+            cost += _PER_DECAY * _missing(float(largest[0][place, index]), decay, t)
+            cost += _PER_DECAY * _missing(float(largest[1][place, index]), _SLOW_DECAY_PER_S * passed, t)
+        found[row] = _Damped(cost, float(radius[row]), float(size[place].max()))
+    return found
 
 
 def _missing(radius: float, decay_per_s: float, sample_time_s: float) -> float:

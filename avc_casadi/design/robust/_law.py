@@ -7,14 +7,17 @@ stiffness at rest is the wall's, exactly.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.loop import DEVICE, Hand, device_plant, device_with, sampled_plant, transition
+from avc_casadi.loop import DEVICE, Hand, Mode, device_plant, sampled_plant, transition
 from avc_casadi.runtime import StateFeedback
+from avc_casadi.stability import Laws
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
@@ -25,6 +28,11 @@ DEAD_ZONE_STEPS = 0.75
 
 # Regularises states without weight or noise.
 _NOTHING = 1e-9
+# Doublings of a Riccati equation at most, and the relative change that ends them.
+_DOUBLINGS, _CHANGE = 40, 1e-14
+
+# A of shape (points, n, n), b (points, n) and Q (points, n, n) to P.
+Solver = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -108,25 +116,44 @@ class Space:
         Raises:
             numpy.linalg.LinAlgError: the point has no law.
         """
-        value = dict(zip([knob.name for knob in self.knobs], np.exp(logarithms), strict=True))
-        device, t = self.device, self.device.sample_time_s
-        believed = device
+        value = dict(zip([knob.name for knob in self.knobs], np.exp(logarithms).tolist(), strict=True))
+        model, weights, sizes = self._believed(value, stiffness_n_per_m)
+        found = model.laws(*weights, *sizes, solve=_precisely)
+        known = self.device.range.encoder_resolution_m
+        coarsest = self.device.encoder_resolution_m if known is None else known[1]
+        return model.law(found, coarsest * DEAD_ZONE_STEPS)
+
+    def laws(self, points: FloatArray, stiffness_n_per_m: float) -> Laws:
+        """Return the laws of many points, quickly, to about ten digits.
+
+        Args:
+            points: logarithms of the knobs, shape (points, knobs).
+            stiffness_n_per_m: K of the wall as it is rendered.
+
+        Returns:
+            A law of numbers that are not finite stands for a point that has none.
+        """
+        value = dict(zip([knob.name for knob in self.knobs], np.exp(points).T, strict=True))
+        model, weights, sizes = self._believed(value, stiffness_n_per_m)
+        return model.laws(*weights, *sizes, solve=_by_doubling)
+
+    def _believed(
+        self, value: dict[str, Any], stiffness_n_per_m: float
+    ) -> tuple[_Model, tuple[Any, Any], tuple[Any, Any, Any]]:
+        """Return what the observer believes, the weights of the regulator, and the sizes of the filter's noises."""
+        device, t, mode = self.device, self.device.sample_time_s, None
         if device.resonance is not None:
-            frequency = device.resonance.frequency_hz * value["believed frequency of the resonance"]
-            damping = value["believed damping of the resonance"]
-            mode = {"resonance.frequency_hz": frequency, "resonance.damping_ratio": damping}
-            believed = device_with(device, mode)
+            mode = Mode(
+                device.resonance.frequency_hz * value["believed frequency of the resonance"],
+                value["believed damping of the resonance"],
+                device.resonance.mass_ratio,
+            )
         hand = Hand(*(value[f"believed {name}"] for name in ("mass", "damping", "stiffness")))
-        model = _Model.of(believed, hand, stiffness_n_per_m)
-        speed = value["velocity weight"] * np.sqrt(self._light_kg / stiffness_n_per_m) / t
-        feedback = model.feedback(value["position weight"], float(speed))
+        model = _Model.of(device, hand, mode, stiffness_n_per_m)
+        speed = value["velocity weight"] * math.sqrt(self._light_kg / stiffness_n_per_m) / t
         unit = self._light_kg / t**2 / stiffness_n_per_m
-        motor = unit * value["force on the motor"]
-        handle = unit * value.get("force on the handle", 0.0)
-        innovation = model.innovation(unit * value["walk of the push"], motor, handle)
-        known = device.range.encoder_resolution_m
-        coarsest = device.encoder_resolution_m if known is None else known[1]
-        return model.law(innovation, feedback, coarsest * DEAD_ZONE_STEPS)
+        sizes = ("walk of the push", "force on the motor", "force on the handle")
+        return model, (value["position weight"], speed), tuple(unit * value.get(name, 0.0) for name in sizes)
 
 
 _HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
@@ -135,14 +162,16 @@ _LEAST = (0.01, 1.0, 10.0)
 
 @dataclass(frozen=True)
 class _Model:
-    """What the observer believes: s+ = A s + B u in metres; rates times T, forces over K. The push comes last.
+    """What the observers of some points believe: s+ = A s + B u in metres; rates times T, forces over K.
+
+    The push comes last.
 
     Attributes:
-        state: A, shape (n, n).
-        asked: B of u = F/K, shape (n,).
+        state: A, shape (points, n, n).
+        asked: B of u = F/K, shape (points, n).
         names: of the states.
         measured: place of the measured position.
-        kicks: what a force of K times a metre on motor and handle for a sample leaves behind, shape (2, n).
+        kicks: what a force of K times a metre on motor and handle for a sample leaves behind, shape (points, 2, n).
         stiffness_n_per_m: K.
     """
 
@@ -154,24 +183,26 @@ class _Model:
     stiffness_n_per_m: float
 
     @classmethod
-    def of(cls, device: Device, hand: Hand, stiffness_n_per_m: float) -> _Model:
+    def of(cls, device: Device, hand: Hand, mode: Mode | None, stiffness_n_per_m: float) -> _Model:
+        """Believe in hands and modes, whose numbers may be arrays over points."""
         t, k = device.sample_time_s, stiffness_n_per_m
-        plant = device_plant(device, hand)
+        plant = device_plant(device, hand, mode=mode)
         linear = plant.linear()
-        sampled = sampled_plant(device, hand)
-        matrix, push = (part[0, 0] for part in sampled.with_forces_under_way())
-        s, n = len(linear.names), len(push) + 1
-        names = (*linear.names, *(f"force_under_way_{place + 1}_n" for place in range(len(push) - s)), "push_n")
+        sampled = sampled_plant(device, hand, mode=mode)
+        matrix, push = (part[0] for part in sampled.with_forces_under_way())
+        s, n = len(linear.names), push.shape[-1] + 1
+        names = (*linear.names, *(f"force_under_way_{place + 1}_n" for place in range(n - 1 - s)), "push_n")
         # The hand's spring turns a target that is moved by 1/k_h into a push of 1 N.
-        pushed = transition(linear, t).target.reshape(s, 2)[:, 0] / float(hand.stiffness_n_per_m)
-        state, asked = np.zeros((n, n)), np.zeros(n)
-        state[:-1, :-1], state[:s, -1], state[-1, -1], asked[:-1] = matrix, pushed, 1.0, push
+        spring = np.reshape(hand.stiffness_n_per_m, (-1, 1))
+        pushed = transition(linear, t).target.reshape(-1, s, 2)[..., 0] / spring
+        state, asked = np.zeros((len(push), n, n)), np.zeros((len(push), n))
+        state[:, :-1, :-1], state[:, :s, -1], state[:, -1, -1], asked[:, :-1] = matrix, pushed, 1.0, push
         unit = np.array([_unit(name, t, k) for name in names])
-        half = transition(linear, t / 2).matrix.reshape(s, s)
-        kicks = np.zeros((2, n))
+        half = transition(linear, t / 2).matrix.reshape(-1, s, s)
+        kicks = np.zeros((len(push), 2, n))
         for row, body in enumerate((DEVICE, plant.grip)):
             place = names.index(f"{body}_velocity_m_per_s")
-            kicks[row, :s] = half[:, place] * t / float(np.ravel(plant.mass_kg(body))[0]) * k
+            kicks[:, row, :s] = half[..., place] * t / np.reshape(plant.mass_kg(body), (-1, 1)) * k
         return cls(
             state * unit[:, None] / unit,
             asked * unit * k,
@@ -181,47 +212,94 @@ class _Model:
             stiffness_n_per_m,
         )
 
-    def feedback(self, position: float, velocity: float) -> FloatArray:
-        """Return R: the regulator towards the place of rest that belongs to the push."""
-        from scipy.linalg import solve_discrete_are  # noqa: PLC0415
+    def laws(self, position: Any, velocity: Any, walk: Any, motor: Any, handle: Any, *, solve: Solver) -> Laws:
+        """Return observers and regulators; every argument is one number, or one for each point.
 
-        a, b, n = self.state[:-1, :-1], self.asked[:-1], len(self.asked)
+        Args:
+            position: weight of the position.
+            velocity: weight of the velocity.
+            walk: of the push.
+            motor: noise of the force on the motor.
+            handle: noise of the force on the handle.
+            solve: of Riccati equations.
+        """
+        feedback = self._feedback(position, velocity, solve)
+        innovation = self._innovation(walk, (motor, handle), solve)
+        return Laws(self.state, self.asked / self.stiffness_n_per_m, innovation, feedback, self.measured)
+
+    def _feedback(self, position: Any, velocity: Any, solve: Solver) -> FloatArray:
+        """Return R: the regulator towards the place of rest that belongs to the push."""
+        a, b, n = self.state[:, :-1, :-1], self.asked[:, :-1], self.asked.shape[-1]
         seen = np.zeros(n - 1)
         seen[self.measured] = 1.0
         # Where u = the measured position holds the push: the wall's own stiffness.
-        rest = np.linalg.solve(np.eye(n - 1) - a - np.outer(b, seen), self.state[:-1, -1])
-        weight = np.full(n - 1, _NOTHING)
-        weight[0] += position**2
-        weight[1] += velocity**2
-        cost = solve_discrete_are(a, b[:, None], np.diag(weight), np.ones((1, 1)))
-        gain = -(b @ cost @ a) / (1 + b @ cost @ b)
-        return np.append(gain, rest[self.measured] - gain @ rest)
+        rest = np.linalg.solve(np.eye(n - 1) - a - b[..., None] * seen, self.state[:, :-1, -1:])
+        weight = np.full((len(a), n - 1), _NOTHING)
+        weight[:, 0] += position**2
+        weight[:, 1] += velocity**2
+        cost = solve(a, b, weight[..., None] * np.eye(n - 1))
+        pushed = b[:, None] @ cost
+        gain = -(pushed @ a) / (1 + pushed @ b[..., None])
+        return np.concatenate([gain, rest[:, self.measured, None] - gain @ rest], axis=-1)[:, 0]
 
-    def innovation(self, walk: float, motor: float, handle: float) -> FloatArray:
+    def _innovation(self, walk: Any, forces: tuple[Any, Any], solve: Solver) -> FloatArray:
         """Return L: the stationary Kalman gain, with the encoder's noise for the unit of length."""
-        from scipy.linalg import solve_discrete_are  # noqa: PLC0415
+        points, n = self.asked.shape
+        noise = np.zeros((points, n, n))
+        noise[:] = np.diag(np.full(n, _NOTHING))
+        noise[:, -1, -1] += walk**2
+        for row, size in enumerate(forces):
+            kick = self.kicks[:, row]
+            noise += np.reshape(size**2, (-1, 1, 1)) * (kick[:, :, None] * kick[:, None])
+        seen = np.zeros((points, n))
+        seen[:, self.measured] = 1.0
+        spread = solve(np.swapaxes(self.state, -1, -2), seen, noise)[..., self.measured]
+        return np.asarray(spread / (1 + spread[:, self.measured, None]))
 
-        n = len(self.asked)
-        noise = np.diag(np.full(n, _NOTHING))
-        noise[-1, -1] += walk**2
-        for kick, size in zip(self.kicks, (motor, handle), strict=True):
-            noise += size**2 * np.outer(kick, kick)
-        seen = np.zeros((n, 1))
-        seen[self.measured] = 1.0
-        spread = solve_discrete_are(self.state.T, seen, noise, np.ones((1, 1)))
-        return np.asarray(spread[:, self.measured] / (1 + spread[self.measured, self.measured]))
-
-    def law(self, innovation: FloatArray, feedback: FloatArray, dead_zone_m: float) -> StateFeedback:
+    def law(self, laws: Laws, dead_zone_m: float) -> StateFeedback:
+        """Return the first of the laws."""
         return StateFeedback(
-            state=tuple(tuple(row) for row in self.state.tolist()),
-            force_m_per_n=tuple((self.asked / self.stiffness_n_per_m).tolist()),
-            innovation=tuple(innovation.tolist()),
-            feedback=tuple(feedback.tolist()),
+            state=tuple(tuple(row) for row in laws.state[0].tolist()),
+            force_m_per_n=tuple(laws.force_m_per_n[0].tolist()),
+            innovation=tuple(laws.innovation[0].tolist()),
+            feedback=tuple(laws.feedback[0].tolist()),
             positions=tuple(place for place, name in enumerate(self.names) if name.endswith("_position_m")),
             measures=self.measured,
             dead_zone_m=dead_zone_m,
             face_m=dead_zone_m,
         )
+
+
+def _precisely(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
+    """Solve P = A'PA - A'Pb b'PA / (1 + b'Pb) + Q by ordered Schur vectors.
+
+    Raises:
+        numpy.linalg.LinAlgError: there is no solution.
+    """
+    from scipy.linalg import solve_discrete_are  # noqa: PLC0415
+
+    one = np.ones((1, 1))
+    return np.stack([solve_discrete_are(*each, one) for each in zip(a, b[..., None], weight, strict=True)])
+
+
+def _by_doubling(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
+    """Do the same for all of many at once, to about ten digits, by structured doubling (Chu et al. 2004).
+
+    What does not converge is not finite.
+    """
+    eye, power, cost, left = np.eye(a.shape[-1]), a, weight, b[..., None] * b[:, None]
+    change = np.full(len(a), np.inf)
+    for _ in range(_DOUBLINGS):
+        whole = np.linalg.solve(eye + left @ cost, np.concatenate([power, left], axis=-1))
+        power_left, left_left = np.split(whole, 2, axis=-1)
+        turned = np.swapaxes(power, -1, -2)
+        step = turned @ cost @ power_left
+        cost, left, power = cost + step, left + power @ left_left @ turned, power @ power_left
+        change = np.abs(step).max(axis=(-2, -1)) / np.abs(cost).max(axis=(-2, -1))
+        if not (change > _CHANGE).any():
+            break
+    cost[~(change <= _CHANGE)] = np.nan
+    return cost
 
 
 def _unit(name: str, sample_time_s: float, stiffness_n_per_m: float) -> float:
