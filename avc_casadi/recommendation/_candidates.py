@@ -92,13 +92,13 @@ class RobustCandidates:
         soft: walls softer than these, to be asked for after them.
     """
 
-    def __init__(self, problem: Problem, progress: Progress = SILENT) -> None:
+    def __init__(self, problem: Problem, stiffest: DampingRange, progress: Progress = SILENT) -> None:
         self._softest: Rung | None = None
-        self.stiff = self._coupled(problem, robust_ladder(problem, progress))
-        self.soft = self._coupled(problem, self._softer(problem, progress))
+        self.stiff = self._coupled(problem, robust_ladder(problem, progress, stiffest))
+        self.soft = self._coupled(problem, self._softer(problem, stiffest, progress))
 
-    def _softer(self, problem: Problem, progress: Progress) -> Iterator[Rung]:
-        yield from softer_robust(problem, self._softest, progress)
+    def _softer(self, problem: Problem, stiffest: DampingRange, progress: Progress) -> Iterator[Rung]:
+        yield from softer_robust(problem, self._softest, progress, stiffest)
 
     def _coupled(self, problem: Problem, rungs: Iterator[Rung]) -> Iterator[Coupling]:
         with suppress(UnsupportedError):

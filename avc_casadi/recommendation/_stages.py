@@ -42,7 +42,7 @@ def judged_candidates(
     """Try the likeliest couplings first, and the others only where none is the wall itself."""
     wall = problem.environment.stiffness_n_per_m
     others = draw_hands(problem.hands, 2 * len(people), seed, "training")
-    robust = RobustCandidates(problem, progress)
+    robust = RobustCandidates(problem, limit, progress)
     judged: list[Judged] = []
     considered = 0
     plainly = min(wall, limit.stiffness_n_per_m)

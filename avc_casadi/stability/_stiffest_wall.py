@@ -9,7 +9,7 @@ stiffer wall: it only softens it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +29,8 @@ _HALVINGS = 40
 # Up to so many devices with hands all are looked at every time; of more those alone that once decided, the others at
 # the end.
 _FEW = 32
+# Of few, those that were the worst somewhere say which of so many dampings are looked at first with all.
+_PROBED, _PROMISING = 9, 4
 
 
 def loop_radius(
@@ -57,6 +59,7 @@ class _Loops:
         sample_time_s: T.
         most_damping_ns_per_m: more no wall can have: 2 m/T of all that moves.
         deciding: the pairs that are looked at every time.
+        worst_seen: pairs of few that were the worst somewhere.
     """
 
     matrix: FloatArray
@@ -65,6 +68,7 @@ class _Loops:
     sample_time_s: float
     most_damping_ns_per_m: float
     deciding: set[int]
+    worst_seen: set[int] = field(default_factory=set)
 
     @classmethod
     def of(cls, device: Device, subjects: Hand | StylusHand) -> _Loops:
@@ -108,9 +112,33 @@ class _Loops:
     def start(self, stiffness_n_per_m: float) -> None:
         """Let those decide first that are the worst with some damping."""
         if not self.deciding:
-            damping = np.linspace(0.0, self.most_damping_ns_per_m, 9)
+            damping = np.linspace(0.0, self.most_damping_ns_per_m, _PROBED)
             every = self.radius(np.full(len(damping), stiffness_n_per_m), damping)
             self.deciding.update(int(pair) for pair in np.argmax(every, axis=1))
+
+    def least(self, stiffness_n_per_m: float, damping_ns_per_m: FloatArray) -> tuple[int, float]:
+        """Return with which of some dampings the worst pair has the smallest radius, and that radius.
+
+        All pairs are looked at only where those that were the worst elsewhere leave less than is found already.
+        """
+
+        def radii(rows: IndexArray, pairs: IndexArray | None = None) -> FloatArray:
+            damping = damping_ns_per_m[rows]
+            return self.radius(np.full(len(damping), stiffness_n_per_m), damping, pairs)
+
+        every = np.arange(len(damping_ns_per_m))
+        if not self.worst_seen:
+            self.worst_seen.update(np.argmax(radii(every[:: len(every) // _PROBED]), axis=1).tolist())
+        at_least = radii(every, np.array(sorted(self.worst_seen))).max(axis=1)
+        found = np.full(len(every), np.inf)
+        rows = np.argsort(at_least, kind="stable")[:_PROMISING]
+        while len(rows):
+            all_pairs = radii(rows)
+            found[rows] = all_pairs.max(axis=1)
+            self.worst_seen.update(np.argmax(all_pairs, axis=1).tolist())
+            rows = every[(at_least <= found.min()) & np.isinf(found)]
+        best = int(np.argmin(found))
+        return best, float(found[best])
 
 
 @dataclass(frozen=True)
@@ -157,12 +185,25 @@ def _stable_dampings(loops: _Loops, stiffness_n_per_m: float) -> tuple[FloatArra
         scan = np.linspace(0.0, loops.most_damping_ns_per_m, _SCAN)
         found = radius(scan)
         if not (found < 1).any():
-            best = int(np.argmin(found))
-            scan = np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, _SCAN - 1)], _SCAN)
+            scan = _about(scan, int(np.argmin(found)))
             found = radius(scan)
         inside = np.flatnonzero(found < 1)
         if len(inside) == 0 or loops.confirmed(stiffness_n_per_m, scan[inside[[0, -1]]]):
             return scan, inside
+
+
+def _about(scan: FloatArray, best: int) -> FloatArray:
+    """Scan finer between the neighbours of the best."""
+    return np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], _SCAN)
+
+
+def _stable(loops: _Loops, stiffness_n_per_m: float) -> bool:
+    """Whether `_stable_dampings` finds any."""
+    if len(loops.deciding) < len(loops.matrix):
+        return len(_stable_dampings(loops, stiffness_n_per_m)[1]) > 0
+    scan = np.linspace(0.0, loops.most_damping_ns_per_m, _SCAN)
+    best, least = loops.least(stiffness_n_per_m, scan)
+    return least < 1 or loops.least(stiffness_n_per_m, _about(scan, best))[1] < 1
 
 
 def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: float) -> float:
@@ -181,7 +222,7 @@ def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
     low, high = 1.0, 4 * loops.most_damping_ns_per_m / device.sample_time_s
     while high > 1.0001 * low:
         middle = float(np.sqrt(low * high))
-        if len(_stable_dampings(loops, middle)[1]):
+        if _stable(loops, middle):
             low = middle
         else:
             high = middle

@@ -18,6 +18,7 @@ from avc_casadi.design.robust._search import Found, search
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
+    DampingRange,
     Rendering,
     frozen_rendering,
     stiffest_wall,
@@ -59,7 +60,7 @@ class Rung:
     found: Found
 
 
-def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Rung]:
+def robust_ladder(problem: Problem, progress: Progress = SILENT, limit: DampingRange | None = None) -> Iterator[Rung]:
     """Yield walls with laws whose loops are all damped: the wanted one, then others of rising stiffness.
 
     The wanted one comes first, if it is not far beyond what spring and damper hold; whom its law suits need not ask
@@ -70,6 +71,7 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Run
     Args:
         problem: device with what is known of it, hands and wall.
         progress: told of the walls.
+        limit: `stiffest_wall` of the device with these hands and let go; None works it out.
 
     Raises:
         UnsupportedError: no mass, no stiffness to be felt, or too long a delay.
@@ -77,7 +79,7 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Run
     _check(problem)
     wanted = problem.environment.stiffness_n_per_m
     device, hands = problem.device, problem.hands
-    plain = _plain_n_per_m(problem)
+    plain = _plain_n_per_m(problem, limit)
     space, loops = Space(device, hands), Loops.of(device, hands)
     if wanted <= _AT_ONCE * plain:
         progress.advance(0, 1, f"the wall, {wanted:.4g} N/m")
@@ -110,7 +112,9 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT) -> Iterator[Run
         stiffness = min(stiffness * _NEXT, wanted)
 
 
-def softer_robust(problem: Problem, near: Rung | None, progress: Progress = SILENT) -> Iterator[Rung]:
+def softer_robust(
+    problem: Problem, near: Rung | None, progress: Progress = SILENT, limit: DampingRange | None = None
+) -> Iterator[Rung]:
     """Yield walls of falling stiffness with laws whose loops are all damped.
 
     A wall that is softer leaves more for the vibration at rest and for the hands that a law for a stiffer one loses.
@@ -119,6 +123,7 @@ def softer_robust(problem: Problem, near: Rung | None, progress: Progress = SILE
         problem: as for `robust_ladder`.
         near: the softest wall of the ladder, from which to go down; None where it found none.
         progress: told of the walls.
+        limit: as for `robust_ladder`.
 
     Raises:
         UnsupportedError: as `robust_ladder`.
@@ -126,7 +131,7 @@ def softer_robust(problem: Problem, near: Rung | None, progress: Progress = SILE
     _check(problem)
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
     start = None if near is None else near.found.logarithms
-    stiffness = min(_FIRST * _plain_n_per_m(problem), problem.environment.stiffness_n_per_m)
+    stiffness = min(_FIRST * _plain_n_per_m(problem, limit), problem.environment.stiffness_n_per_m)
     if near is not None:
         stiffness = near.stiffness_n_per_m
     for done in range(MOST_SOFTER):
@@ -189,9 +194,10 @@ def _at_any_price(
     return None
 
 
-def _plain_n_per_m(problem: Problem) -> float:
-    people = with_let_go(hand_corners(problem.hands))
-    return float(stiffest_wall(problem.device, people).stiffness_n_per_m)
+def _plain_n_per_m(problem: Problem, limit: DampingRange | None = None) -> float:
+    if limit is None:
+        limit = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
+    return float(limit.stiffness_n_per_m)
 
 
 def _as_it_is(
