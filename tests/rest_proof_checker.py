@@ -15,6 +15,8 @@ import numpy as np
 from scipy.linalg import expm
 
 DIGITS = 80
+HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
+STYLUS = ("mass_kg", *(f"{part}_{what}" for part in ("grip", "arm") for what in HAND[1:]))
 GRID = np.concatenate([np.geomspace(1e-4, 0.1, 150), np.linspace(0.1, math.pi, 450)])
 
 
@@ -35,8 +37,10 @@ def accepts(document, hands=8, seed=0):
         or device["sample_time_s"] != law["sample_time_s"]
     ):
         return False
-    box = [document["hand"][name] for name in ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")]
-    if any(not 0 <= low <= high for low, high in box) or not box[2][0] > 0:
+    names = STYLUS if "arm_stiffness_n_per_m" in document["hand"] else HAND
+    box = [document["hand"][name] for name in names]
+    loose = any(ends[0] <= 0 for name, ends in zip(names, box, strict=True) if "stiffness" in name)
+    if loose or any(not 0 <= low <= high for low, high in box):
         return False
     corners = list(itertools.product(*box))
     if not all(_positive_on_grid(device, law, taps, hand) for hand in corners):
@@ -49,16 +53,34 @@ def accepts(document, hands=8, seed=0):
 
 def _mechanics(device, hand, exponential, number):
     """Numerator and denominator of position over force in w = 1/z, the force held: exact discretisation."""
-    m, b, k = (
-        number(own) + number(held)
-        for own, held in zip((device["mass_kg"], device["damping_ns_per_m"], 0.0), hand, strict=True)
-    )
-    t = number(device["sample_time_s"])
-    step = exponential([[0, t, 0], [-k * t / m, -b * t / m, t / m], [0, 0, 0]])
-    a, c, f, g, one, two = step[0, 0], step[0, 1], step[1, 0], step[1, 1], step[0, 2], step[1, 2]
+    m, b, t = (number(device[name]) for name in ("mass_kg", "damping_ns_per_m", "sample_time_s"))
+    held = [number(value) for value in hand]
+    if len(held) == len(HAND):
+        m, b, k = m + held[0], b + held[1], held[2]
+        rate = [[0, 1, 0], [-k / m, -b / m, 1 / m]]
+    else:
+        own, b_1, k_1, b_2, k_2 = held
+        rate = [[0, 1, 0, 0, 0], [-k_1 / m, -(b + b_1) / m, k_1 / m, b_1 / m, 1 / m]]
+        rate += [[0, 0, 0, 1, 0], [k_1 / own, b_1 / own, -(k_1 + k_2) / own, -(b_1 + b_2) / own, 0]]
+    n = len(rate)
+    step = exponential([[t * value for value in row] for row in (*rate, [0] * (n + 1))])
+    above, poles = _transfer([[step[i, j] for j in range(n)] for i in range(n)], [step[i, n] for i in range(n)])
     late = int(device["delay_samples"])
     assert late == device["delay_samples"]
-    return [0] * (late + 1) + [one, c * two - g * one], [1, -(a + g), a * g - c * f]
+    return [0] * (late + 1) + above, poles
+
+
+def _transfer(step, push):
+    """First state over push, in w, by Faddeev and LeVerrier."""
+    n = len(step)
+    adjugate = [[int(i == j) for j in range(n)] for i in range(n)]
+    above, poles = [push[0]], [1]
+    for power in range(1, n + 1):
+        moved = [[sum(step[i][k] * adjugate[k][j] for k in range(n)) for j in range(n)] for i in range(n)]
+        poles.append(-sum(moved[i][i] for i in range(n)) / power)
+        adjugate = [[moved[i][j] + (poles[-1] if i == j else 0) for j in range(n)] for i in range(n)]
+        above.append(sum(one * other for one, other in zip(adjugate[0], push, strict=True)))
+    return above[:n], poles
 
 
 def _coupling(law, number):

@@ -15,7 +15,7 @@ from avc_casadi.coupling import Gains
 from avc_casadi.loop import STYLUS_RANGES, Hand, expm, sampled_plant
 from avc_casadi.problem import Device
 from avc_casadi.proof import HAND, STYLUS, ContactLaw, HeldDevice, Multiplier, SwitchingLoop
-from avc_casadi.proof._disc import Disc, Moving, held, turned
+from avc_casadi.proof._disc import Disc, Moving, held, in_series, turned
 from avc_casadi.proof._verify import _bounds, _rounded, verify
 from avc_casadi.stability import fraction_rendering, frozen_parts, plants_with_forces, state_feedback_loop
 
@@ -73,6 +73,27 @@ def test_discs_hold_what_their_points_make(one, other, r, s, here, there):
         assert r >= 0.89 * abs(one) or abs(one) < 1e-290  # the reciprocal of such a number may be no number
 
 
+@given(complexes, complexes, st.floats(0, 1), st.floats(0, 1), st.floats(-1, 1), st.floats(-1, 1))
+def test_impedances_in_series_are_enclosed_with_their_rates(one, other, r, s, here, there):
+    """The impedances move with one number each, along the real axis."""
+    numbers = [Moving.variable(place, np.array([-width]), np.array([width])) for place, width in enumerate((r, s))]
+    with np.errstate(invalid="ignore"):
+        found = in_series(numbers[0] + one, numbers[1] + other)
+        size = found.abs2()
+    x, y = one + here * r, other + there * s
+    if abs(x + y) < 1e-6:
+        return
+    value, rates = x * y / (x + y), ((y / (x + y)) ** 2, (x / (x + y)) ** 2)
+    for disc, exact in ((found.value, value), (found.slopes[0], rates[0]), (found.slopes[1], rates[1])):
+        if np.isfinite(disc.radius[0]):
+            assert abs(disc.centre[0] - exact) <= disc.radius[0] * (1 + 1e-9) + 1e-9 * abs(exact)
+    if np.isfinite(size.value.radius[0]):
+        assert abs(size.value.centre[0] - abs(value) ** 2) <= size.value.radius[0] + 1e-9 * abs(value) ** 2
+    if np.isfinite(size.slopes[0].radius[0]):
+        exact = 2 * (rates[0] * value.conjugate()).real
+        assert abs(size.slopes[0].centre[0] - exact) <= size.slopes[0].radius[0] + 1e-9 * abs(exact)
+
+
 @given(st.floats(0, math.pi), st.floats(0, 0.3), st.floats(0, 1))
 def test_turns_and_holds_are_enclosed_with_their_rates(low, width, share):
     angle = Moving.variable(0, np.array([low]), np.array([low + width]))
@@ -105,7 +126,8 @@ def test_the_folded_spectrum_is_the_discretisation(name):
         at = np.append(omega, centre)
         low, high = np.maximum(at - half, 0.0), np.minimum(at + half, np.append(np.pi, ends[:, 1]))
         cell = [Moving.variable(place, low[[place]], high[[place]]) for place in range(len(at))]
-        enclosed = found.over(cell[0], tuple(cell[1:]))
+        above, below, around = found.over(cell[0], tuple(cell[1:]))
+        enclosed = above * (1 / below) + around
         left = found.tail(high[[0]])[0]
         inside = random.uniform(low, high)
         numbers = dict(zip(found.names, inside[1:], strict=True))
@@ -130,7 +152,8 @@ def test_hands_on_a_stylus_are_enclosed_too():
     corner = found.corners()[[3, 17]]
     omega = np.array([0.3, 2.0])
     cell = [Moving.fixed(np.full(2, 0.3)), *(Moving.fixed(corner[:, place]) for place in range(len(STYLUS)))]
-    enclosed = found.over(cell[0], tuple(cell[1:]))
+    above, below, around = found.over(cell[0], tuple(cell[1:]))
+    enclosed = above * (1 / below) + around
     np.testing.assert_allclose(enclosed.value.centre, found.at(omega, corner)[:, 0], rtol=1e-4)
 
 
@@ -188,13 +211,15 @@ def test_a_cell_is_bounded_by_less_than_any_of_its_points():
     for _ in range(50):
         centre = np.append(random.uniform(0.05, 3.0), random.uniform(ends[:, 0], ends[:, 1]))
         low, high = centre * 0.99, centre * 1.01
-        _, lower, _ = _bounds(coefficients, device, multiplier, low[None], high[None])
+        lower = _bounds(coefficients, device, multiplier, low[None], high[None]).lower
         for _ in range(10):
             inside = random.uniform(low, high)
             step = np.exp(1j * inside[0]) - 1
             above, _, below = (np.polyval([float(part) for part in one], step) for one in law.transfer)
             loop = sampled(problem.device, inside[1:], inside[0]) * above / below
-            assert (multiplier.at(inside[0]) * (1 + loop)).real > lower[0]
+            s = 1j * inside[0] / problem.device.sample_time_s
+            held_by = np.polyval([0.1 + inside[1], 2.0 + inside[2], inside[3]], s) * problem.device.sample_time_s**2
+            assert (multiplier.at(inside[0]) * (1 + loop)).real * abs(held_by) ** 2 > lower[0]
 
 
 def test_a_multiplier_that_fails_for_one_hand_of_the_box_is_found_out():

@@ -14,15 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avc_casadi.support import BoolArray, ComplexArray, FloatArray
+from avc_casadi.support import ComplexArray, FloatArray
 
 # Of a complex product or sum, relative to its size, with room to spare; of a function of the standard library.
 _ROUNDING = 2.0**-49
 # Of the radii themselves: a handful of positive terms.
 _UP = 1.0 + 2.0**-46
+# Of the radius of a reciprocal, whose difference of squares cancels.
+_UP_OPEN = 1.0 + 2.0**-40
 _TINY = 1e-300
 # Beyond this ratio of radius to centre a reciprocal says nothing.
-_MOST_OPEN = 0.9
+_MOST_OPEN = 0.99
 
 Number = float | complex
 
@@ -91,11 +93,25 @@ class Disc:
         with np.errstate(all="ignore"):
             square = size * size - self.radius * self.radius
             centre = np.where(apart, np.conj(self.centre) / square, 0.0)
-            radius = np.where(apart, (self.radius / square + 2**6 * _ROUNDING * np.abs(centre)) * _UP, np.inf)
+            radius = np.where(apart, (self.radius / square + 2**6 * _ROUNDING * np.abs(centre)) * _UP_OPEN, np.inf)
         return Disc(centre, radius)
 
     def __rtruediv__(self, other: Number) -> Disc:
         return self.reciprocal() * other
+
+    def conj(self) -> Disc:
+        """Return the conjugates."""
+        return Disc(np.conj(self.centre), self.radius)
+
+    def real(self) -> Disc:
+        """Return the real parts."""
+        return Disc(np.asarray(self.centre.real + 0j), self.radius)
+
+    def abs2(self) -> Disc:
+        """Return the squared moduli."""
+        size = np.abs(self.centre)
+        spread = self.radius * (2 * size + self.radius) + _ROUNDING * size * size
+        return Disc(np.asarray(size * size + 0j), (spread + _TINY) * _UP)
 
     @property
     def largest(self) -> FloatArray:
@@ -163,6 +179,19 @@ class Moving:
 
     __rmul__ = __mul__
 
+    def conj(self) -> Moving:
+        """Return the conjugate; the variables are real."""
+        return Moving(self.value.conj(), {number: slope.conj() for number, slope in self.slopes.items()})
+
+    def real(self) -> Moving:
+        """Return the real part."""
+        return Moving(self.value.real(), {number: slope.real() for number, slope in self.slopes.items()})
+
+    def abs2(self) -> Moving:
+        """Return the squared modulus."""
+        back = self.value.conj() * 2.0
+        return Moving(self.value.abs2(), {number: (slope * back).real() for number, slope in self.slopes.items()})
+
     def __rtruediv__(self, other: Number) -> Moving:
         inverse = self.value.reciprocal()
         square = -(inverse * inverse)
@@ -199,6 +228,28 @@ def _hold_rate(angle: FloatArray) -> ComplexArray:
     return np.where(small, -1j * series, closed)
 
 
-def finite(value: Disc) -> BoolArray:
-    """Tell which discs say anything."""
-    return np.asarray(np.isfinite(value.radius) & np.isfinite(value.centre))
+def smallest(*discs: Disc) -> Disc:
+    """Return the smallest of several enclosures of the same numbers."""
+    best = discs[0]
+    for other in discs[1:]:
+        less = (other.radius < best.radius) | np.isnan(best.radius)
+        best = Disc(np.where(less, other.centre, best.centre), np.where(less, other.radius, best.radius))
+    return best
+
+
+def in_series(near: Moving, far: Moving) -> Moving:
+    """Return near far/(near + far), two impedances in series, each named once in what bounds it.
+
+    Which form is tight depends on which of the two is small and which is vague; the tightest of them is taken.
+    """
+    one, other = near.value, far.value
+    both = (one + other).reciprocal()
+    # near/(near + far) and far/(near + far), which add up to 1.
+    low = smallest(one * both, 1 / (1 + other * one.reciprocal()))
+    high = smallest(other * both, 1 / (1 + one * other.reciprocal()))
+    low, high = smallest(low, 1 - high), smallest(high, 1 - low)
+    slopes = {number: slope * (high * high) for number, slope in near.slopes.items()}
+    for number, slope in far.slopes.items():
+        own = slope * (low * low)
+        slopes[number] = slopes[number] + own if number in slopes else own
+    return Moving(smallest(one * high, other * low), slopes)

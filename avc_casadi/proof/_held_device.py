@@ -20,7 +20,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.loop import hand_ranges
-from avc_casadi.proof._disc import Disc, Moving, held, turned
+from avc_casadi.proof._disc import Disc, Moving, held, in_series, turned
 from avc_casadi.support import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
@@ -130,15 +130,19 @@ class HeldDevice:
     def at(self, omega: FloatArray, numbers: FloatArray) -> ComplexArray:
         """Return P at angles (f,) with hands (h, numbers), shape (h, f): plain numbers, for the search."""
         columns = {name: numbers[:, place, None] for place, name in enumerate(self.names)}
-        return np.asarray(self._folded(np.asarray(omega, dtype=np.complex128)[None, :], columns, 4 * self.terms))
+        above, below, around = self._folded(np.asarray(omega, dtype=np.complex128)[None, :], columns, 4 * self.terms)
+        return np.asarray(above / below + around)
 
-    def over(self, omega: Moving, numbers: tuple[Moving, ...]) -> Moving:
-        """Enclose the terms that are taken; those left out are within `tail` of it."""
-        found = self._folded(omega, dict(zip(self.names, numbers, strict=True)), self.terms)
-        assert isinstance(found, Moving)  # noqa: S101 - for the type checker
-        return found
+    def over(self, omega: Moving, numbers: tuple[Moving, ...]) -> tuple[Moving, Moving, Moving]:
+        """Enclose the terms that are taken; those left out are within `tail` of them.
 
-    def _folded(self, omega: Value, numbers: dict[str, Value], terms: int) -> Value:
+        Returns:
+            Numerator and denominator of the middle term, which a hand moves far and may all but cancel, and the sum of
+            the others.
+        """
+        return self._folded(omega, dict(zip(self.names, numbers, strict=True)), self.terms)
+
+    def _folded(self, omega: Value, numbers: dict[str, Value], terms: int) -> tuple[Value, Value, Value]:
         moving = isinstance(omega, Moving)
         known = Disc.rounded if moving else complex
         turn, hold = (turned, held) if moving else (_turned, _held)
@@ -148,24 +152,27 @@ class HeldDevice:
         whole = not ranged and delay == int(delay)
         step = hold(omega)
         lift = step * (omega * 1j)
-        found: Value = None
+        around: Value = None
         # The largest terms come last, after the small ones have been added up.
-        for n in sorted(range(-terms, terms + 1), key=abs, reverse=True):
-            s = (omega + known(2 * math.pi * n)) * 1j if n else omega * 1j
-            term = self._moved(s, numbers, t) * (lift * (1 / s) if n else step)
-            if n and ranged:
+        for n in sorted(range(-terms, terms + 1), key=abs, reverse=True)[:-1]:
+            s = (omega + known(2 * math.pi * n)) * 1j
+            moved, by = self._moved(s, numbers, t)
+            term = moved * (1 / by) * (lift * (1 / s))
+            if ranged:
                 term = term * turn(delay * known(2 * math.pi * n))
-            elif n and not whole:
+            elif not whole:
                 # The whole part of n delay turns nothing.
                 late = complex(np.exp(-2j * math.pi * math.fmod(n * delay, 1.0)))
                 term = term * (Disc(np.asarray(late), _ROUGH) if moving else late)
-            found = term if found is None else found + term
+            around = term if around is None else around + term
+        above, below = self._moved(omega * 1j, numbers, t)
+        scale: Value = known(t * t)
         if ranged or delay:
-            found = found * turn(omega * delay)
-        return found * known(t * t)
+            scale = turn(omega * delay) * scale
+        return above * (step * scale), below, around * scale
 
-    def _moved(self, s: Value, numbers: dict[str, Value], t: float) -> Value:
-        """Position over the force that is asked, over T^2; s counted by the sample."""
+    def _moved(self, s: Value, numbers: dict[str, Value], t: float) -> tuple[Value, Value]:
+        """Position over the force that is asked, over T^2, as a numerator and a denominator; s by the sample."""
         known = Disc.rounded if isinstance(s, Moving) else complex
         device = self.device
 
@@ -175,8 +182,10 @@ class HeldDevice:
         mass, damping = number("mass_kg", device.mass_kg), number("damping_ns_per_m", device.damping_ns_per_m)
         grip = _grip(s, numbers, t)
         mode = device.resonance
+        above: Value
         if mode is None:
-            found = 1 / (s * (s * mass + damping * known(t)) + grip)
+            above = known(1.0)
+            below = s * (s * mass + damping * known(t)) + grip
         else:
             ratio = number("resonance.mass_ratio", mode.mass_ratio)
             angle = number("resonance.frequency_hz", mode.frequency_hz) * known(2 * math.pi * t)
@@ -184,17 +193,17 @@ class HeldDevice:
             reduced = handle * (1 - ratio)
             link = angle * reduced * (angle + s * (number("resonance.damping_ratio", mode.damping_ratio) * 2.0))
             far = s * s * handle + grip
-            # Link and handle in series.
-            carried = 1 / (link + far)
-            found = 1 / (s * (s * motor + damping * known(t)) + link * far * carried)
-            if device.encoder_at == "handle":
-                found = found * link * carried
-        if device.amplifier_bandwidth_hz is None:
-            return found
-        rate = number("amplifier_bandwidth_hz", device.amplifier_bandwidth_hz) * known(2 * math.pi * t)
-        if device.amplifier_order == 1:
-            return found * rate * (1 / (s + rate))
-        return found * rate * rate * (1 / (s * (s + rate * (2 * _DAMPING_OF_CURRENT_LOOP)) + rate * rate))
+            drive = s * (s * motor + damping * known(t))
+            # Without quotients: the handle may rest on its link almost undamped.
+            above = link if device.encoder_at == "handle" else link + far
+            below = drive * link + (drive + link) * far
+        if device.amplifier_bandwidth_hz is not None:
+            rate = number("amplifier_bandwidth_hz", device.amplifier_bandwidth_hz) * known(2 * math.pi * t)
+            lag = s + rate
+            if device.amplifier_order == 2:
+                rate, lag = rate * rate, s * (s + rate * (2 * _DAMPING_OF_CURRENT_LOOP)) + rate * rate
+            above = above * rate * (1 / lag)
+        return above, below
 
     def tail(self, omega_high: FloatArray) -> FloatArray:
         """Bound what the terms left out add to P, at angles up to the given ones."""
@@ -294,7 +303,11 @@ def _grip(s: Value, numbers: dict[str, Value], t: float) -> Value:
     mass, grip_damping, grip_stiffness, arm_damping, arm_stiffness = (numbers[name] for name in STYLUS)
     near = s * (grip_damping * once) + grip_stiffness * twice
     far = s * (s * mass + arm_damping * once) + arm_stiffness * twice
-    return near * far * (1 / (near + far))
+    return _in_series(near, far)
+
+
+def _in_series(near: Value, far: Value) -> Value:
+    return in_series(near, far) if isinstance(far, Moving) else near * far / (near + far)
 
 
 def _left_out(power: int, terms: int) -> float:

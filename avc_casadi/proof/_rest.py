@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, linear_values
+from avc_casadi.loop import LINEAR_KEYS, Hand, StylusHand, device_corners, linear_values
 from avc_casadi.problem import Device
 from avc_casadi.proof._covered import covered
 from avc_casadi.proof._hands_proof import Outcome
-from avc_casadi.proof._held_device import HAND, HeldDevice
+from avc_casadi.proof._held_device import HAND, STYLUS, HeldDevice
 from avc_casadi.proof._law import ContactLaw
 from avc_casadi.proof._multiplier import LAGS, Multiplier, search
 from avc_casadi.proof._orbits import Orbit, find_orbit
 from avc_casadi.proof._switching import SwitchingLoop
-from avc_casadi.proof._verify import MOST_CELLS, Verified, verify
+from avc_casadi.proof._verify import Verified, verify
 from avc_casadi.support import SILENT, ComplexArray, FloatArray, Progress, plain
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def prove_rest(
     device: Device,
     hand: Mapping[str, tuple[float, float]],
     *,
-    most_cells: int = MOST_CELLS,
+    most_cells: int | None = None,
     orbits: bool = True,
     seed: int = 0,
     progress: Progress = SILENT,
@@ -150,8 +150,8 @@ def prove_rest(
         contact: how the law is made one-sided.
         device: as declared, with its ranges.
         hand: the box of hands, [lowest, highest] by name.
-        most_cells: where verification gives up.
-        orbits: look for a motion that never ends where there is no proof.
+        most_cells: where verification gives up; None is `MOST_CELLS` of such hands.
+        orbits: look for a motion that never ends where there is no proof; with a hand on a stylus none is looked for.
         seed: of the hands drawn and of the starts of orbits.
         progress: told of the work.
     """
@@ -185,7 +185,7 @@ def prove_rest(
         )
         return told("proved", sentence, multiplier=found, cells=cells)
     orbit = None
-    if orbits and hands is not None and dead_zone == 0:
+    if orbits and isinstance(hands, Hand) and dead_zone == 0:
         for corner in device_corners(device, LINEAR_KEYS):
             orbit = orbit or find_orbit(law, contact, corner, hands, seed=seed, progress=progress)
     if orbit is not None:
@@ -199,7 +199,7 @@ def prove_rest(
     return told("open", ("; ".join(open_for) + beside).removeprefix("; "), multiplier=found, cells=cells)
 
 
-def unstable_hand(law: ContactLaw, device: Device, hands: Hand) -> Unstable | None:
+def unstable_hand(law: ContactLaw, device: Device, hands: Hand | StylusHand) -> Unstable | None:
     """Return the hand and device with the largest spectral radius in contact, where it is above 1."""
     worst: Unstable | None = None
     for corner in device_corners(device, LINEAR_KEYS):
@@ -217,7 +217,7 @@ def promising(law: ContactLaw, held: HeldDevice) -> float:
 
 
 def _proof(
-    law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], most_cells: int, progress: Progress
+    law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], most_cells: int | None, progress: Progress
 ) -> tuple[str, Multiplier | None, int]:
     """Return why there is no proof, or the multiplier; and the cells that were looked at."""
     if not law.stable:
@@ -268,17 +268,22 @@ def _loop(law: ContactLaw, held: HeldDevice, omega: FloatArray, hands: FloatArra
     return np.tile(omega, len(hands)), loop.ravel()
 
 
-def sampled_hands(hand: Mapping[str, tuple[float, float]], seed: int) -> Hand | None:
-    """Corners of the box and draws within it; None for hands that are no `Hand`."""
-    if tuple(hand) != HAND:
+def sampled_hands(hand: Mapping[str, tuple[float, float]], seed: int) -> Hand | StylusHand | None:
+    """Corners of the box and draws within it; None for hands that are not known."""
+    kinds: dict[tuple[str, ...], type[Hand | StylusHand]] = {HAND: Hand, STYLUS: StylusHand}
+    kind = kinds.get(tuple(hand))
+    if kind is None:
         return None
     ends = np.array(list(hand.values()))
     corners = np.stack([grid.ravel() for grid in np.meshgrid(*ends, indexing="ij")])
     drawn = np.random.default_rng(seed).uniform(ends[:, :1], ends[:, 1:], (len(ends), _DRAWS))
-    return Hand(*np.append(corners, drawn, axis=1))
+    return kind(*np.append(corners, drawn, axis=1))
 
 
 def _who(hand: Mapping[str, float]) -> str:
+    if tuple(hand) == STYLUS:
+        told = "{:.4g} kg, grip {:.4g} N.s/m and {:.4g} N/m, arm {:.4g} N.s/m and {:.4g} N/m".format(*hand.values())
+        return f"with a hand on a stylus of {told}"
     return (
         f"with a hand of {hand['mass_kg']:.4g} kg, {hand['damping_ns_per_m']:.4g} N.s/m, "
         f"{hand['stiffness_n_per_m']:.4g} N/m"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop import Hand, sampled_plant
+from avc_casadi.loop import Hand, StylusHand, sampled_plant
 from avc_casadi.stability import plants_with_forces
 from avc_casadi.support import FloatArray
 
@@ -46,7 +46,9 @@ class SwitchingLoop:
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, law: ContactLaw, contact: Contact, device: Device, hands: Hand, target_m: FloatArray) -> SwitchingLoop:
+    def of(
+        cls, law: ContactLaw, contact: Contact, device: Device, hands: Hand | StylusHand, target_m: FloatArray
+    ) -> SwitchingLoop:
         """Hold a device, known exactly."""
         plant = sampled_plant(device, hands)
         matrix, push, measured = plants_with_forces(plant)

@@ -1,18 +1,24 @@
 """Verification of a multiplier for every angle and every hand of a box: enclosures, branch and bound.
 
-On a cell of (omega, hand) the real part at the middle, less what the rates of change over the cell can take from it,
-bounds it from below (mean-value form). A cell that is not decided is cut in two across the number that takes most.
+With P = N/D + R, the middle term of the folded spectrum and the rest of it, what has to be positive is taken times
+|D|^2: Re{M C1 N D*} + Re{M (1 + R C1 - C2)} |D|^2. Nothing is divided by D then, which a light and loose hand makes
+vanish all but.
+
+On a cell of (omega, hand) the value at the middle, less what the rates of change over the cell can take from it,
+bounds it from below (mean-value form), and so does the value over the cell. A number along which it only rises, or only
+falls, over a cell that is not decided is fixed at its worse end: most cells lose most of their sides. What is left is
+cut in two across the number that takes most.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from avc_casadi.proof._disc import Disc, Moving, finite, held
-from avc_casadi.support import SILENT, FloatArray, Progress
+from avc_casadi.proof._disc import Disc, Moving, held
+from avc_casadi.support import SILENT, FloatArray, IndexArray, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.proof._held_device import HeldDevice
@@ -21,7 +27,8 @@ if TYPE_CHECKING:
 
 _AT_ONCE = 4096
 _FIRST_ANGLES = 64
-MOST_CELLS = 400_000
+# A second or two for three numbers of a hand, about two minutes for the five of one on a stylus.
+MOST_CELLS = {3: 400_000, 5: 10_000_000}
 
 
 @dataclass(frozen=True)
@@ -44,7 +51,7 @@ def verify(
     device: HeldDevice,
     multiplier: Multiplier,
     *,
-    most_cells: int = MOST_CELLS,
+    most_cells: int | None = None,
     progress: Progress = SILENT,
 ) -> Verified:
     """Decide whether Re{M (1 + P C1 - C2)} > 0 for every angle of [0, pi] and every hand of the box.
@@ -53,7 +60,7 @@ def verify(
         law: the law, with its poles inside the unit circle.
         device: the device and the box of hands.
         multiplier: the multiplier.
-        most_cells: where to give up.
+        most_cells: where to give up; None is `MOST_CELLS` of such hands.
         progress: told of the share of the box that is done.
     """
     coefficients = tuple(_rounded(part) for part in law.transfer)
@@ -62,66 +69,103 @@ def verify(
     angles = np.linspace(0.0, np.nextafter(np.pi, 4.0), _FIRST_ANGLES + 1)
     low = np.column_stack([angles[:-1], np.tile(ends[:, 0], (_FIRST_ANGLES, 1))])
     high = np.column_stack([angles[1:], np.tile(ends[:, 1], (_FIRST_ANGLES, 1))])
-    whole = float(np.prod(high - low, axis=1, where=high > low).sum())
-    open_, cells, done = [(low, high)], 0, 0.0
+    whole = (high - low)[0]
+    most = MOST_CELLS[len(device.hand)] if most_cells is None else most_cells
+    open_, cells, done = [_Cells(low, high, np.full(_FIRST_ANGLES, 1 / _FIRST_ANGLES))], 0, 0.0
     while open_:
-        low, high = open_.pop()
-        if len(low) > _AT_ONCE:
-            open_.append((low[_AT_ONCE:], high[_AT_ONCE:]))
-            low, high = low[:_AT_ONCE], high[:_AT_ONCE]
-        cells += len(low)
-        middle, lower, across = _bounds(coefficients, device, multiplier, low, high)
-        if (middle < 0).any():
-            worst = int(np.argmin(middle))
-            return Verified(False, cells, 0.5 * (low[worst] + high[worst]))
-        left = np.asarray(~(lower > 0))
-        done += float(np.prod(high[~left] - low[~left], axis=1, where=high[~left] > low[~left]).sum())
-        progress.advance(round(1000 * done / whole), 1000, "verified")
-        if left.any():
-            open_.append(_cut(low[left], high[left], across[left]))
-        if cells > most_cells:
+        some = open_.pop()
+        if len(some.low) > _AT_ONCE:
+            open_.append(some.pick(slice(_AT_ONCE, None)))
+            some = some.pick(slice(_AT_ONCE))
+        cells += len(some.low)
+        found = _bounds(coefficients, device, multiplier, some.low, some.high)
+        if (found.at_middle < 0).any():
+            worst = int(np.argmin(found.at_middle))
+            return Verified(False, cells, 0.5 * (some.low[worst] + some.high[worst]))
+        left = np.flatnonzero(~(found.lower > 0))
+        done += float(some.share.sum() - some.share[left].sum())
+        progress.advance(round(1000 * done), 1000, "verified")
+        if left.size:
+            open_.append(_cut(some.pick(left).at_worse_ends(found.way[left]), found.across[left], whole))
+        if cells > most:
             return Verified(False, cells, None)
     return Verified(True, cells, None)
 
 
+class _Cells(NamedTuple):
+    """Cells of (omega, hand).
+
+    Attributes:
+        low: lower corners, shape (n, 1 + numbers).
+        high: upper corners.
+        share: of the box that each stands for, shape (n,).
+    """
+
+    low: FloatArray
+    high: FloatArray
+    share: FloatArray
+
+    def pick(self, rows: slice | IndexArray) -> _Cells:
+        return _Cells(self.low[rows], self.high[rows], self.share[rows])
+
+    def at_worse_ends(self, way: FloatArray) -> _Cells:
+        """Fix what only rises at its lower end, and what only falls at its upper."""
+        return _Cells(np.where(way < 0, self.high, self.low), np.where(way > 0, self.low, self.high), self.share)
+
+
+class _Bounds(NamedTuple):
+    """What is known of the scaled real part in n cells.
+
+    Attributes:
+        at_middle: above its value at the middle, shape (n,).
+        lower: below it over the cell, shape (n,).
+        across: what each number can take over the cell, shape (n, 1 + numbers); not a number where nothing is known.
+        way: 1 where it only rises along a number, -1 where it only falls, else 0.
+    """
+
+    at_middle: FloatArray
+    lower: FloatArray
+    across: FloatArray
+    way: FloatArray
+
+
 def _bounds(
     coefficients: tuple[list[Disc], ...], device: HeldDevice, multiplier: Multiplier, low: FloatArray, high: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the real part's upper bound at the middle, its lower bound over the cell, and what each number takes."""
+) -> _Bounds:
     middle = 0.5 * (low + high)
     numbers = range(low.shape[1])
     at, _ = _real(coefficients, device, multiplier, [Moving.fixed(middle[:, number]) for number in numbers])
     cell = [Moving.variable(number, low[:, number], high[:, number]) for number in numbers]
-    with np.errstate(invalid="ignore", over="ignore"):  # what is unknown stays unknown
-        over, through = _real(coefficients, device, multiplier, cell)
-    off = through.largest * device.tail(high[:, 0])
     half = np.maximum(high - middle, middle - low) * (1 + 1e-12)
-    across = np.zeros_like(low)
-    for number, slope in over.slopes.items():
-        # Only the real part counts.
-        across[:, number] = (np.abs(slope.centre.real) + slope.radius) * half[:, number] * (1 + 1e-12)
-    lower = at.value.real_low - across.sum(axis=1) * (1 + 1e-12) - off
-    unknown = ~(finite(over.value) & np.isfinite(across).all(axis=1))
-    if unknown.any():
-        # What moves it at the middle tells where to cut.
-        point = middle[unknown]
-        some = [Moving.variable(number, point[:, number], point[:, number]) for number in numbers]
-        for number, slope in _real(coefficients, device, multiplier, some)[0].slopes.items():
-            across[unknown, number] = np.abs(slope.centre) * half[unknown, number]
-    return at.value.centre.real + at.value.radius + off, np.where(np.isfinite(lower), lower, -np.inf), across
+    across, way = np.zeros_like(low), np.zeros_like(low)
+    with np.errstate(invalid="ignore", over="ignore"):  # what is unknown stays unknown
+        over, weight = _real(coefficients, device, multiplier, cell)
+        off = weight * device.tail(high[:, 0])
+        for number, slope in over.slopes.items():
+            radius = slope.radius * (1 + 1e-12)
+            across[:, number] = (np.abs(slope.centre.real) + radius) * half[:, number]
+            way[:, number] = np.sign(slope.centre.real) * (np.abs(slope.centre.real) > radius)
+        taken = across.sum(axis=1) * (1 + 1e-12) + off
+        lower = np.fmax(at.value.real_low - taken, over.value.real_low - off)
+    across[~np.isfinite(taken)] = np.nan
+    at_middle = at.value.centre.real + at.value.radius + off
+    return _Bounds(at_middle, np.where(np.isfinite(lower), lower, -np.inf), across, way)
 
 
 def _real(
     coefficients: tuple[list[Disc], ...], device: HeldDevice, multiplier: Multiplier, cell: list[Moving]
-) -> tuple[Moving, Disc]:
-    """Enclose M (1 + P C1 - C2), without the terms of P that are left out, and M C1, by which those count."""
+) -> tuple[Moving, FloatArray]:
+    """Enclose Re{M (1 + P C1 - C2)} |D|^2, without the terms of P that are left out, and bound by what those count."""
     omega = cell[0]
     # z - 1 without cancellation.
     step = held(-omega) * (omega * 1j)
     from_position, from_force, poles = (_value(part, step) for part in coefficients)
     weight = multiplier.over(omega) * (1 / poles)
     through = weight * from_position
-    return through * device.over(omega, tuple(cell[1:])) + weight * (poles - from_force), through.value
+    above, below, around = device.over(omega, tuple(cell[1:]))
+    rest = through * around + weight * (poles - from_force)
+    scale = below.abs2()
+    return (through * above * below.conj()).real() + rest.real() * scale, through.value.largest * scale.value.largest
 
 
 def _rounded(polynomial: Polynomial) -> list[Disc]:
@@ -149,12 +193,16 @@ def _value(coefficients: list[Disc], at: Moving) -> Moving:
     return Moving(value, {number: slope * rate for number, slope in at.slopes.items()})
 
 
-def _cut(low: FloatArray, high: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Cut each cell in two across the number that takes most."""
-    number = np.argmax(np.nan_to_num(across), axis=1)
-    rows = np.arange(len(low))
-    middle = 0.5 * (low[rows, number] + high[rows, number])
-    upper, lower = low.copy(), high.copy()
+def _cut(cells: _Cells, across: FloatArray, whole: FloatArray) -> _Cells:
+    """Cut each cell in two across the number that takes most; where nothing is known, across the widest."""
+    width = cells.high - cells.low
+    wide = width / np.where(whole > 0, whole, 1.0)
+    worth = np.where(np.isfinite(across), across * (width > 0), wide)
+    number = np.argmax(worth, axis=1)
+    rows = np.arange(len(width))
+    middle = 0.5 * (cells.low[rows, number] + cells.high[rows, number])
+    upper, lower = cells.low.copy(), cells.high.copy()
     upper[rows, number] = middle
     lower[rows, number] = middle
-    return np.concatenate([low, upper]), np.concatenate([lower, high])
+    share = np.tile(0.5 * cells.share, 2)
+    return _Cells(np.concatenate([cells.low, upper]), np.concatenate([lower, cells.high]), share)

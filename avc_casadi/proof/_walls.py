@@ -10,7 +10,6 @@ import numpy as np
 
 from avc_casadi.proof._held_device import HeldDevice
 from avc_casadi.proof._rest import promising, prove_rest, sampled_hands, unstable_hand
-from avc_casadi.proof._verify import MOST_CELLS
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Device
@@ -47,7 +46,7 @@ def wall_gap(
     highest_n_per_m: float,
     *,
     steps: int = _STEPS,
-    most_cells: int = MOST_CELLS,
+    most_cells: int | None = None,
 ) -> WallGap:
     """Find the stiffest wall that is proved and the stiffest that is linearly stable, by bisection.
 
@@ -57,13 +56,14 @@ def wall_gap(
         hand: the box of hands.
         highest_n_per_m: a stiffness above both.
         steps: of the bisection.
-        most_cells: where a verification gives up.
+        most_cells: where a verification gives up; None is `MOST_CELLS` of such hands.
     """
     held = HeldDevice(device, hand)
     hands = sampled_hands(hand, 0)
+    assert hands is not None  # noqa: S101 - `HeldDevice` has refused others
 
     def stable(stiffness: float) -> bool:
-        return hands is None or any(unstable_hand(law, device, hands) is None for law in laws(stiffness))
+        return any(unstable_hand(law, device, hands) is None for law in laws(stiffness))
 
     def promises(stiffness: float) -> bool:
         return any(promising(law, held) > 0 for law in laws(stiffness))
