@@ -47,9 +47,9 @@ class Disc:
         return cls(np.asarray(centre, dtype=np.complex128), np.asarray(radius, dtype=np.float64))
 
     @classmethod
-    def rounded(cls, value: Number) -> Disc:
-        """Return a number that was rounded on the way here."""
-        return cls(np.asarray(value, dtype=np.complex128), np.asarray(_ROUNDING * abs(value) + _TINY))
+    def rounded(cls, value: Number | FloatArray) -> Disc:
+        """Return numbers that were rounded on the way here."""
+        return cls(np.asarray(value, dtype=np.complex128), np.asarray(_ROUNDING * np.abs(value) + _TINY))
 
     def __add__(self, other: Disc | Number) -> Disc:
         if isinstance(other, Moving):
@@ -85,6 +85,11 @@ class Disc:
         return Disc(self.centre * other, (spread + _TINY) * _UP)
 
     __rmul__ = __mul__
+
+    def sum(self) -> Disc:
+        """Add along the first axis."""
+        spread = len(self.centre) * _ROUNDING * np.abs(self.centre).sum(axis=0)
+        return Disc(self.centre.sum(axis=0), (self.radius.sum(axis=0) + spread) * _UP)
 
     def reciprocal(self) -> Disc:
         """Return 1/z; unknown where the disc comes near to 0."""
@@ -178,6 +183,10 @@ class Moving:
         return Moving(self.value * other.value, slopes)
 
     __rmul__ = __mul__
+
+    def sum(self) -> Moving:
+        """Add along the first axis."""
+        return Moving(self.value.sum(), {number: slope.sum() for number, slope in self.slopes.items()})
 
     def conj(self) -> Moving:
         """Return the conjugate; the variables are real."""

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from avc_casadi.proof._interval import ComplexInterval, Interval, cosine, sine
+from avc_casadi.proof._interval import ComplexInterval, Interval, sine, sine_and_cosine
 from avc_casadi.proof._jet import Jet
 from avc_casadi.proof._oscillator import oscillator
 from avc_casadi.support import BoolArray, FloatArray, IndexArray, plain
@@ -151,7 +151,7 @@ class FrozenLoop:
 
     def _of_angle(self, angle: Interval, rows: IndexArray) -> list[Jet[ComplexInterval]]:
         """Return delta^2 E, delta E, E, delta G w^n, G w^n, delta G w^(n+1), G w^(n+1)."""
-        sin, cos = sine(angle), cosine(angle)
+        sin, cos = sine_and_cosine(angle)
         lift = 2.0 * sine(angle * 0.5).square()
         delta = Jet(ComplexInterval(-lift, sin), ComplexInterval(-sin[None], cos[None]))
         eta = Jet(ComplexInterval(lift, sin), ComplexInterval(sin[None], cos[None]))
@@ -223,7 +223,7 @@ def _polynomial(coefficients: Interval, eta: Jet[ComplexInterval]) -> Jet[Comple
 def _delayed(angle: Interval, samples: int) -> Jet[ComplexInterval]:
     """Return w^samples."""
     turned = angle * float(samples)
-    sin, cos = sine(turned), cosine(turned)
+    sin, cos = sine_and_cosine(turned)
     return Jet(ComplexInterval(cos, -sin), ComplexInterval(-sin[None], -cos[None]) * float(samples))
 
 

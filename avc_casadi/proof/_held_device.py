@@ -152,9 +152,11 @@ class HeldDevice:
         whole = not ranged and delay == int(delay)
         step = hold(omega)
         lift = step * (omega * 1j)
-        around: Value = None
         # The largest terms come last, after the small ones have been added up.
-        for n in sorted(range(-terms, terms + 1), key=abs, reverse=True)[:-1]:
+        places = np.array(sorted(range(-terms, terms + 1), key=abs, reverse=True)[:-1], dtype=np.float64)
+        around: Value = None
+        # All at once for the few cells of an enclosure, one by one for the many points of a search.
+        for n in (places[:, None],) if moving else places:
             s = (omega + known(2 * math.pi * n)) * 1j
             moved, by = self._moved(s, numbers, t)
             term = moved * (1 / by) * (lift * (1 / s))
@@ -162,8 +164,10 @@ class HeldDevice:
                 term = term * turn(delay * known(2 * math.pi * n))
             elif not whole:
                 # The whole part of n delay turns nothing.
-                late = complex(np.exp(-2j * math.pi * math.fmod(n * delay, 1.0)))
-                term = term * (Disc(np.asarray(late), _ROUGH) if moving else late)
+                late = np.exp(-2j * math.pi * np.fmod(n * delay, 1.0))
+                term = term * (Disc(late, _ROUGH) if moving else late)
+            if moving:
+                term = term.sum()
             around = term if around is None else around + term
         above, below = self._moved(omega * 1j, numbers, t)
         scale: Value = known(t * t)

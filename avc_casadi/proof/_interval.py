@@ -130,6 +130,9 @@ class Interval:
 
     def __truediv__(self, other: Interval | FloatArray | float) -> Interval:
         """Divide; where the divisor may be 0 nothing is known of the quotient."""
+        if isinstance(other, float) and other > 0:
+            with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+                return Interval(_below(self.low / other), _above(self.high / other))
         divisor = other if isinstance(other, Interval) else Interval.of(other)
         with np.errstate(over="ignore", invalid="ignore", under="ignore", divide="ignore"):
             a, b = self.low / divisor.low, self.low / divisor.high
@@ -193,7 +196,8 @@ class ComplexInterval:
     @classmethod
     def on_unit_circle(cls, angle: Interval) -> Self:
         """Return exp(j angle), angle in rad."""
-        return cls(cosine(angle), sine(angle))
+        sin, cos = sine_and_cosine(angle)
+        return cls(cos, sin)
 
     def __getitem__(self, index: Index) -> ComplexInterval:
         return ComplexInterval(self.real[index], self.imag[index])
@@ -247,12 +251,18 @@ def matrix_product(one: Interval, other: Interval) -> Interval:
 
 def cosine(angle: Interval) -> Interval:
     """Return the cosine of angles in rad."""
-    return _over_range(angle, _of_numbers(angle.low)[1], _of_numbers(angle.high)[1], 0.0)
+    return sine_and_cosine(angle)[1]
 
 
 def sine(angle: Interval) -> Interval:
     """Return the sine of angles in rad."""
-    return _over_range(angle, _of_numbers(angle.low)[0], _of_numbers(angle.high)[0], 0.5)
+    return sine_and_cosine(angle)[0]
+
+
+def sine_and_cosine(angle: Interval) -> tuple[Interval, Interval]:
+    """Return both of angles in rad, for little more than one."""
+    sin, cos = _of_numbers(np.stack([angle.low, angle.high]))
+    return _over_range(angle, sin[0], sin[1], 0.5), _over_range(angle, cos[0], cos[1], 0.0)
 
 
 # The double next to pi/2 lies below it.
