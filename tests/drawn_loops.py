@@ -132,8 +132,8 @@ def _runs_away(loop: DrawnLoop) -> bool:
     simulator.start(rest, np.array([1e-6]), tool=joint, under_way=start)
     if loop.device.amplifier_bandwidth_hz:
         simulator.state[:, -1] = stiffness * rest
-    _, velocity, _ = simulator.run(samples)
-    return bool(np.abs(velocity).max() > 100 * 1e-6)
+    # In parts: most have run away long before the last.
+    return any(np.abs(simulator.run(samples // 20 + 1)[1]).max() > 100 * 1e-6 for _ in range(20))
 
 
 def replayed(loop: DrawnLoop) -> float:
