@@ -16,7 +16,7 @@ from avc_casadi.loop import STYLUS_RANGES, Hand, expm, sampled_plant
 from avc_casadi.problem import Device
 from avc_casadi.proof import HAND, STYLUS, ContactLaw, HeldDevice, Multiplier, SwitchingLoop
 from avc_casadi.proof._disc import Disc, Moving, held, in_series, turned
-from avc_casadi.proof._verify import _bounds, _rounded, verify
+from avc_casadi.proof._verify import _bounds, _Cells, _rounded, verify
 from avc_casadi.stability import fraction_rendering, frozen_parts, plants_with_forces, state_feedback_loop
 
 BOX = {"mass_kg": (0.05, 0.3), "damping_ns_per_m": (3.0, 20.0), "stiffness_n_per_m": (200.0, 800.0)}
@@ -211,7 +211,8 @@ def test_a_cell_is_bounded_by_less_than_any_of_its_points():
     for _ in range(50):
         centre = np.append(random.uniform(0.05, 3.0), random.uniform(ends[:, 0], ends[:, 1]))
         low, high = centre * 0.99, centre * 1.01
-        lower = _bounds(coefficients, device, multiplier, low[None], high[None]).lower
+        cell = _Cells(low[None], high[None], np.ones(1), np.full(1, np.nan))
+        lower = _bounds(coefficients, device, multiplier, cell).lower
         for _ in range(10):
             inside = random.uniform(low, high)
             step = np.exp(1j * inside[0]) - 1

@@ -4,10 +4,13 @@ With P = N/D + R, the middle term of the folded spectrum and the rest of it, wha
 |D|^2: Re{M C1 N D*} + Re{M (1 + R C1 - C2)} |D|^2. Nothing is divided by D then, which a light and loose hand makes
 vanish all but.
 
+The terms of P that are left out take at most e |D|^2, with e the largest that |M C1| times their bound is over the
+angles of a cell. With that taken off, what has to be positive is a function whose rates are known.
+
 On a cell of (omega, hand) the value at the middle, less what the rates of change over the cell can take from it,
 bounds it from below (mean-value form), and so does the value over the cell. A number along which it only rises, or only
-falls, over a cell that is not decided is fixed at its worse end: most cells lose most of their sides. What is left is
-cut in two across the number that takes most.
+falls, over a cell that is not decided is fixed at its worse end: most cells lose most of their sides. From then on e is
+that of the whole cell, for which the fixed end stands. What is left is cut in two across the number that takes most.
 """
 
 from __future__ import annotations
@@ -71,14 +74,15 @@ def verify(
     high = np.column_stack([angles[1:], np.tile(ends[:, 1], (_FIRST_ANGLES, 1))])
     whole = (high - low)[0]
     most = MOST_CELLS[len(device.hand)] if most_cells is None else most_cells
-    open_, cells, done = [_Cells(low, high, np.full(_FIRST_ANGLES, 1 / _FIRST_ANGLES))], 0, 0.0
+    share, unknown = np.full(_FIRST_ANGLES, 1 / _FIRST_ANGLES), np.full(_FIRST_ANGLES, np.nan)
+    open_, cells, done = [_Cells(low, high, share, unknown)], 0, 0.0
     while open_:
         some = open_.pop()
         if len(some.low) > _AT_ONCE:
             open_.append(some.pick(slice(_AT_ONCE, None)))
             some = some.pick(slice(_AT_ONCE))
         cells += len(some.low)
-        found = _bounds(coefficients, device, multiplier, some.low, some.high)
+        found = _bounds(coefficients, device, multiplier, some)
         if (found.at_middle < 0).any():
             worst = int(np.argmin(found.at_middle))
             return Verified(False, cells, 0.5 * (some.low[worst] + some.high[worst]))
@@ -86,7 +90,8 @@ def verify(
         done += float(some.share.sum() - some.share[left].sum())
         progress.advance(round(1000 * done), 1000, "verified")
         if left.size:
-            open_.append(_cut(some.pick(left).at_worse_ends(found.way[left]), found.across[left], whole))
+            worse = some.pick(left).at_worse_ends(found.way[left], found.left_out[left])
+            open_.append(_cut(worse, found.across[left], whole))
         if cells > most:
             return Verified(False, cells, None)
     return Verified(True, cells, None)
@@ -99,18 +104,22 @@ class _Cells(NamedTuple):
         low: lower corners, shape (n, 1 + numbers).
         high: upper corners.
         share: of the box that each stands for, shape (n,).
+        left_out: e of a cell for which each stands; not a number where it stands for itself alone.
     """
 
     low: FloatArray
     high: FloatArray
     share: FloatArray
+    left_out: FloatArray
 
     def pick(self, rows: slice | IndexArray) -> _Cells:
-        return _Cells(self.low[rows], self.high[rows], self.share[rows])
+        return _Cells(*(part[rows] for part in self))
 
-    def at_worse_ends(self, way: FloatArray) -> _Cells:
+    def at_worse_ends(self, way: FloatArray, left_out: FloatArray) -> _Cells:
         """Fix what only rises at its lower end, and what only falls at its upper."""
-        return _Cells(np.where(way < 0, self.high, self.low), np.where(way > 0, self.low, self.high), self.share)
+        low, high = np.where(way < 0, self.high, self.low), np.where(way > 0, self.low, self.high)
+        fixed = (high - low < self.high - self.low).any(axis=1)
+        return _Cells(low, high, self.share, np.where(fixed, left_out, self.left_out))
 
 
 class _Bounds(NamedTuple):
@@ -121,51 +130,59 @@ class _Bounds(NamedTuple):
         lower: below it over the cell, shape (n,).
         across: what each number can take over the cell, shape (n, 1 + numbers); not a number where nothing is known.
         way: 1 where it only rises along a number, -1 where it only falls, else 0.
+        left_out: e, shape (n,).
     """
 
     at_middle: FloatArray
     lower: FloatArray
     across: FloatArray
     way: FloatArray
+    left_out: FloatArray
 
 
-def _bounds(
-    coefficients: tuple[list[Disc], ...], device: HeldDevice, multiplier: Multiplier, low: FloatArray, high: FloatArray
-) -> _Bounds:
+def _bounds(coefficients: tuple[list[Disc], ...], device: HeldDevice, multiplier: Multiplier, cells: _Cells) -> _Bounds:
+    low, high = cells.low, cells.high
     middle = 0.5 * (low + high)
     numbers = range(low.shape[1])
-    at, _ = _real(coefficients, device, multiplier, [Moving.fixed(middle[:, number]) for number in numbers])
     cell = [Moving.variable(number, low[:, number], high[:, number]) for number in numbers]
+    point = [Moving.fixed(middle[:, number]) for number in numbers]
     half = np.maximum(high - middle, middle - low) * (1 + 1e-12)
     across, way = np.zeros_like(low), np.zeros_like(low)
     with np.errstate(invalid="ignore", over="ignore"):  # what is unknown stays unknown
-        over, weight = _real(coefficients, device, multiplier, cell)
-        off = weight * device.tail(high[:, 0])
+        weights = _weights(coefficients, multiplier, cell[0])
+        left_out = weights[0].value.largest * device.tail(high[:, 0]) * (1 + 1e-12)
+        left_out = np.where(np.isnan(cells.left_out), left_out, cells.left_out)
+        over, _ = _real(weights, device, cell, left_out)
+        at, scale = _real(_weights(coefficients, multiplier, point[0]), device, point, left_out)
         for number, slope in over.slopes.items():
             radius = slope.radius * (1 + 1e-12)
             across[:, number] = (np.abs(slope.centre.real) + radius) * half[:, number]
             way[:, number] = np.sign(slope.centre.real) * (np.abs(slope.centre.real) > radius)
-        taken = across.sum(axis=1) * (1 + 1e-12) + off
-        lower = np.fmax(at.value.real_low - taken, over.value.real_low - off)
+        taken = across.sum(axis=1) * (1 + 1e-12)
+        lower = np.fmax(at.value.real_low - taken, over.value.real_low)
+        at_middle = at.value.centre.real + at.value.radius + 2 * left_out * scale
     across[~np.isfinite(taken)] = np.nan
-    at_middle = at.value.centre.real + at.value.radius + off
-    return _Bounds(at_middle, np.where(np.isfinite(lower), lower, -np.inf), across, way)
+    return _Bounds(at_middle, np.where(np.isfinite(lower), lower, -np.inf), across, way, left_out)
 
 
-def _real(
-    coefficients: tuple[list[Disc], ...], device: HeldDevice, multiplier: Multiplier, cell: list[Moving]
-) -> tuple[Moving, FloatArray]:
-    """Enclose Re{M (1 + P C1 - C2)} |D|^2, without the terms of P that are left out, and bound by what those count."""
-    omega = cell[0]
+def _weights(coefficients: tuple[list[Disc], ...], multiplier: Multiplier, omega: Moving) -> tuple[Moving, Moving]:
+    """Enclose M C1 and M (1 - C2)."""
     # z - 1 without cancellation.
     step = held(-omega) * (omega * 1j)
     from_position, from_force, poles = (_value(part, step) for part in coefficients)
     weight = multiplier.over(omega) * (1 / poles)
-    through = weight * from_position
-    above, below, around = device.over(omega, tuple(cell[1:]))
-    rest = through * around + weight * (poles - from_force)
+    return weight * from_position, weight * (poles - from_force)
+
+
+def _real(
+    weights: tuple[Moving, Moving], device: HeldDevice, cell: list[Moving], left_out: FloatArray
+) -> tuple[Moving, FloatArray]:
+    """Enclose Re{M C1 N D*} + (Re{M (1 + R C1 - C2)} - e) |D|^2; return |D|^2 at most beside it."""
+    through, own = weights
+    above, below, around = device.over(cell[0], tuple(cell[1:]))
     scale = below.abs2()
-    return (through * above * below.conj()).real() + rest.real() * scale, through.value.largest * scale.value.largest
+    rest = (through * around + own).real() + Disc.around(-left_out, np.zeros_like(left_out))
+    return (through * above * below.conj()).real() + rest * scale, scale.value.largest
 
 
 def _rounded(polynomial: Polynomial) -> list[Disc]:
@@ -204,5 +221,5 @@ def _cut(cells: _Cells, across: FloatArray, whole: FloatArray) -> _Cells:
     upper, lower = cells.low.copy(), cells.high.copy()
     upper[rows, number] = middle
     lower[rows, number] = middle
-    share = np.tile(0.5 * cells.share, 2)
-    return _Cells(np.concatenate([cells.low, upper]), np.concatenate([lower, cells.high]), share)
+    halves = np.concatenate([cells.low, upper]), np.concatenate([lower, cells.high])
+    return _Cells(*halves, np.tile(0.5 * cells.share, 2), np.tile(cells.left_out, 2))
