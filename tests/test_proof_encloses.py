@@ -208,11 +208,16 @@ def test_a_cell_is_bounded_by_less_than_any_of_its_points():
     coefficients = tuple(_rounded(part) for part in law.transfer)
     random = np.random.default_rng(0)
     ends = np.array(list(BOX.values()))
+    fixed = 0
     for _ in range(50):
         centre = np.append(random.uniform(0.05, 3.0), random.uniform(ends[:, 0], ends[:, 1]))
         low, high = centre * 0.99, centre * 1.01
         cell = _Cells(low[None], high[None], np.ones(1), np.full(1, np.nan))
-        lower = _bounds(coefficients, device, multiplier, cell).lower
+        found = _bounds(coefficients, device, multiplier, cell)
+        # Fixed at its worse ends it still stands for the whole cell.
+        worse = cell.at_worse_ends(found.way, found.left_out)
+        fixed += int((worse.high - worse.low == 0).sum())
+        lower = np.maximum(found.lower, _bounds(coefficients, device, multiplier, worse).lower)
         for _ in range(10):
             inside = random.uniform(low, high)
             step = np.exp(1j * inside[0]) - 1
@@ -221,6 +226,7 @@ def test_a_cell_is_bounded_by_less_than_any_of_its_points():
             s = 1j * inside[0] / problem.device.sample_time_s
             held_by = np.polyval([0.1 + inside[1], 2.0 + inside[2], inside[3]], s) * problem.device.sample_time_s**2
             assert (multiplier.at(inside[0]) * (1 + loop)).real * abs(held_by) ** 2 > lower[0]
+    assert fixed > 0
 
 
 def test_a_multiplier_that_fails_for_one_hand_of_the_box_is_found_out():
