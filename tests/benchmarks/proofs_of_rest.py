@@ -4,12 +4,14 @@ python tests/benchmarks/proofs_of_rest.py [--only AREA] [OUT]
 
 Walls: rigid couplings with the best of some contact dampers, clipped last, for delays, sample times and sets of hands.
 Designs: the couplings of ve2 to ve7, and what `avc recommend` gives for the reference devices: L5, L7, L8, L9 as
-`avc certify --prove` has them. Overwrites OUT (default tests/benchmarks/results/proofs_of_rest.json) and
-RESULTS_proofs_of_rest.md beside this file after every cell; what OUT holds already is not computed again.
+`avc certify --prove` has them. Overwrites a file for each area, OUT with the area in its name (default of OUT:
+tests/benchmarks/results/proofs_of_rest.json), and RESULTS_proofs_of_rest.md beside this file after every cell; what the
+files hold already is not computed again.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from functools import partial
@@ -138,13 +140,13 @@ def _known(coupling: Coupling) -> dict[str, Any]:
 
 TEXT = """# Rest: proved, refuted, open
 
-{made_by}
-
 A proof is of the law that is clipped last, for every hand of the box, every resting target and every initial state,
 without friction: one multiplier of Zames and Falb, verified by enclosures. Refuted: a hand with which the loop is
 unstable in contact, or an orbit that never ends.
 
 ## The stiffest walls
+
+{walls_made_by}
 
 Figure 5's device (0.1 kg, 2 N.s/m), rigid coupling, wall without damper, best of 12 contact dampers (set B: 6) from 0.6
 to 3 K T. **Proved**: for the whole box, 0 where verification gave up. **Promised**: a multiplier serves the corners of
@@ -157,6 +159,10 @@ ones among them. Set A: 0.05 to 0.3 kg, 3 to 20 N.s/m, 200 to 800 N/m. Set B: ha
 
 ## Designs, claim by claim
 
+ve2 to ve7: {designs_made_by}
+
+Reference devices: {references_made_by}
+
 What `avc certify --prove` says: L5, linearly stable with every hand; L7, rest with every hand, clipped last (beside it
 the law with a gate, of constant gains); L8, rows that follow one another; L9, ripple bounded. Figures in brackets: rows
 that are proved, of all: those of the design (L5), or of the thinned table that runs. s: processor time.
@@ -165,11 +171,17 @@ that are proved, of all: those of the design (L5), or of the thinned table that 
 
 {said}
 """
-NOT_YET = "Not computed yet: the command above goes on where it stopped."
+NOT_YET = "Not computed yet."
 
 
-def write_page(document: dict[str, Any]) -> None:
-    cells = document["cells"]
+def of_area(out: Path, area: str) -> Path:
+    return out.with_name(f"{out.stem}_{area}.json")
+
+
+def write_page(out: Path) -> None:
+    files = {area: of_area(out, area) for area in AREAS}
+    found = {area: json.loads(file.read_text(encoding="utf-8")) for area, file in files.items() if file.exists()}
+    cells = {name: cell for document in found.values() for name, cell in document["cells"].items()}
 
     def of(kind: str) -> list[tuple[list[str], dict[str, Any]]]:
         return [(name.split(" | ")[1:], cell) for name, cell in cells.items() if name.startswith(f"{kind} | ")]
@@ -217,9 +229,9 @@ def write_page(document: dict[str, Any]) -> None:
     )
     PAGE.write_text(
         TEXT.format(
-            made_by=made_by(document["about"]),
+            **{f"{area}_made_by": made_by(found[area]["about"]) if area in found else NOT_YET for area in AREAS},
             walls=walls,
-            designs=designs if designed else NOT_YET,
+            designs=designs,
             said=f"What is refuted or open, and why:\n\n{said}" if said else "",
         ),
         encoding="utf-8",
@@ -245,7 +257,8 @@ def main() -> None:
     }
     for area, cells in areas.items():
         if args.only in (None, area):
-            computed(cells, args.out, about("python tests/benchmarks/proofs_of_rest.py", SEED), write_page)
+            made = about(f"python tests/benchmarks/proofs_of_rest.py --only {area}", SEED)
+            computed(cells, of_area(args.out, area), made, lambda _: write_page(args.out))
 
 
 if __name__ == "__main__":
