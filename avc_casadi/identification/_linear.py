@@ -17,7 +17,8 @@ from avc_casadi.support import FloatArray
 _STEP = 1e-4
 _DELAY_STEP = 2e-3
 
-TAPS = 4
+# The force of a fractional delay comes from two samples; a derivative stays between the same two.
+TAPS = 2
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,11 @@ class LinearStep:
     def flat(self) -> FloatArray:
         """Return all entries in one vector, columns first."""
         return np.concatenate([self.matrix.ravel(order="F"), self.force.ravel(order="F"), self.motor, self.early])
+
+
+def entries_of(states: int) -> int:
+    """Return the number of entries of a step of n states, as `LinearStep.flat` lists them."""
+    return states * (states + TAPS + 1) + states + TAPS + 1
 
 
 def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: float) -> Device:
@@ -121,9 +127,9 @@ def linear_step(
 
 
 def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:
-    """Return the delays that a force may come from at some values and beside them."""
+    """Return the delays that a force may come from at some values."""
     whole = int(values["delay_samples"])
-    return tuple(range(max(whole - 1, 0), max(whole - 1, 0) + TAPS))
+    return tuple(range(whole, whole + TAPS))
 
 
 def linear_derivatives(

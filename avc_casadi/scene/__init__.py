@@ -16,6 +16,7 @@ from avc_casadi.scene._ledger import Ledger as Ledger
 from avc_casadi.scene._ledger import energy_ledger as energy_ledger
 from avc_casadi.scene._motion import target_of as target_of
 from avc_casadi.scene._native import NativeScene as NativeScene
+from avc_casadi.scene._native import compiled as compiled
 from avc_casadi.scene._native import compiler as compiler
 from avc_casadi.scene._run import Run as Run
 from avc_casadi.scene._screen import Screening as Screening

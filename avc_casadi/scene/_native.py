@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
@@ -43,12 +44,12 @@ int avc_run(long long runs, long long samples, const double* initial, const doub
 """
 
 _CALL = """
-static int call_{name}(const double* a, const double* b, const double* c, double* r, double* s, double* t) {{
+static int call_{name}({inputs}double* r, double* s, double* t) {{
   const double* arg[{arguments}];
   double* res[{results}];
   double w[{work}];
   long long int iw[{integers}];
-  arg[0] = a; arg[1] = b; arg[2] = c;
+  {given}
   res[0] = r; {second}{third}
   (void)s; (void)t;
   return {name}(arg, res, iw, w, 0);
@@ -107,7 +108,9 @@ class NativeScene:
 
     def __init__(self, scene: CompiledScene) -> None:
         self._traces = int(scene.function.numel_out(1))
-        self._run = _library(_source(scene)).avc_run
+        whole, split = scene.function, scene.split()
+        functions = [whole] if split is None else [split.computer, split.until_event, split.to_the_end]
+        self._run = compiled(functions, _loop(whole, split)).avc_run
         self._run.restype = ctypes.c_int
         self._run.argtypes = [ctypes.c_longlong, ctypes.c_longlong] + [ctypes.c_void_p] * 4
 
@@ -148,14 +151,26 @@ class NativeScene:
         return traces
 
 
-def _source(scene: CompiledScene) -> str:
+def compiled(functions: Sequence[Any], loop: str) -> ctypes.CDLL:
+    """Compile CasADi functions of at most three results and a loop in C that calls them.
+
+    Args:
+        functions: each is ``call_NAME(arguments, three results)`` in C, a result that is 0 is not wanted.
+        loop: C that follows them.
+
+    Raises:
+        FileNotFoundError: there is no compiler.
+    """
     import casadi as ca  # noqa: PLC0415
 
-    whole, split = scene.function, scene.split()
-    functions = [whole] if split is None else [split.computer, split.until_event, split.to_the_end]
     generator = ca.CodeGenerator("scene", {"with_header": False, "main": False, "mex": False})
     for function in functions:
         generator.add(function)
+    return _library("".join([str(generator.dump()), *map(_call, functions), loop]))
+
+
+def _loop(whole: Any, split: Any) -> str:
+    """Return a sample of a scene and the loop over its samples, in C."""
     if split is None:
         sample = _WHOLE
     else:
@@ -166,22 +181,24 @@ def _source(scene: CompiledScene) -> str:
             sample_time=split.sample_time_s,
             n_plant=split.to_the_end.numel_out(0),
         )
-    loop = _LOOP.format(
+    return sample + _LOOP.format(
         states=max(1, whole.numel_in(0)),
         n_states=whole.numel_in(0),
         n_inputs=whole.numel_in(1),
         n_parameters=whole.numel_in(2),
         n_traces=whole.numel_out(1),
     )
-    return "".join([str(generator.dump()), *map(_call, functions), sample, loop])
 
 
 def _call(function: Any) -> str:
     """Return a C function that gives a generated one its work space."""
     count = function.n_out()
+    given = range(function.n_in())
     return _CALL.format(
         name=function.name(),
-        arguments=max(3, function.sz_arg()),
+        inputs="".join(f"const double* a{index}, " for index in given),
+        given=" ".join(f"arg[{index}] = a{index};" for index in given),
+        arguments=max(1, function.sz_arg()),
         results=max(3, function.sz_res()),
         work=max(1, function.sz_w()),
         integers=max(1, function.sz_iw()),

@@ -1,0 +1,71 @@
+"""A model's prediction: the same compiled and evaluated by CasADi, its slopes those of finite differences."""
+
+import numpy as np
+import pytest
+from measured_device import Truth, measured, multisine
+
+from avc_casadi.identification import Record, _run
+from avc_casadi.identification._predictor import Observer, Predictor
+from avc_casadi.identification._terms import Structure
+
+VALUES = {
+    "mass_kg": 0.11,
+    "damping_ns_per_m": 2.1,
+    "delay_samples": 1.4,
+    "offset_n": 0.01,
+    "coulomb_friction_n": 0.35,
+    "damping_asymmetry_ns_per_m": 0.1,
+    "breakaway_excess_n": 0.15,
+    "stribeck_speed_m_per_s": 0.012,
+    "resonance.frequency_hz": 150.0,
+    "resonance.damping_ratio": 0.04,
+    "resonance.mass_ratio": 0.3,
+    "amplifier_bandwidth_hz": 200.0,
+    "stiffness_n_per_m": 3.0,
+    "offset_drift_n_per_s": 0.01,
+}
+MODELS = {
+    "rigid": ("base",),
+    "friction": ("base", "coulomb", "drift"),
+    "all": ("base", "coulomb", "asymmetry", "stribeck", "resonance", "amplifier", "stiffness", "drift"),
+}
+
+
+@pytest.fixture(scope="module")
+def predictor():
+    random = np.random.default_rng(7)
+    truth = Truth(coulomb=0.4, delay=1.3, spring=50.0, encoder=2e-5)
+    _, position, force = measured(truth, multisine(random, 0.6, 1e-3, 2.0, 300.0, 2.0), random)
+    return Predictor([Record("simulated", 1e-3, position, force)], 0.0)
+
+
+@pytest.mark.parametrize("terms", MODELS.values(), ids=MODELS)
+def test_compiled_and_evaluated_agree(predictor, terms, monkeypatch):
+    structure = Structure(terms, {}, {})
+    search = structure.start(VALUES)
+    monkeypatch.setattr(_run, "_WORTH_COMPILING", 0)
+    (compiled,) = predictor.predict(structure, search, Observer(40.0))
+    monkeypatch.setattr(_run, "compiler", lambda: None)
+    (evaluated,) = predictor.predict(structure, search, Observer(40.0))
+    (alone,) = predictor.predict(structure, search, Observer(40.0), slopes=False)
+    np.testing.assert_array_equal(compiled.error_m, evaluated.error_m)
+    np.testing.assert_array_equal(alone.error_m, evaluated.error_m)
+    np.testing.assert_array_equal(compiled.slopes, evaluated.slopes)
+    assert alone.slopes is None
+
+
+@pytest.mark.parametrize("side", ["motor", "handle"])
+def test_slopes_are_those_of_differences(predictor, side):
+    """The observer's gain counts as constant in the slopes: it is all but off here."""
+    structure = Structure(MODELS["all"], {}, {}, side)
+    search, still = structure.start(VALUES), Observer(1e-3)
+    (found,) = predictor.predict(structure, search, still)
+    for index, one in enumerate(structure.free):
+        step = np.zeros(search.size)
+        step[index] = 1e-5 * max(1.0, abs(search[index]))
+        ends = [predictor.predict(structure, search + by * step, still, slopes=False)[0] for by in (1, -1)]
+        by_difference = (ends[0].error_m - ends[1].error_m) / (2 * step[index])
+        scale = np.abs(found.slopes[:, index]).max()
+        # A sample in which the motor stops or goes on at once has a corner; few do.
+        apart = np.abs(by_difference - found.slopes[:, index]) / scale
+        assert np.quantile(apart, 0.9) < 1e-3, one.name
