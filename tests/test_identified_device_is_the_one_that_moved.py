@@ -60,6 +60,19 @@ def test_device_file_is_usable_at_once(flexible, tmp_path):
     assert avc.load_problem(tmp_path / "p.toml").device == read.device
 
 
+def test_encoder_at_the_handle_tells_the_resonance_but_not_how_the_mass_divides():
+    """Nothing but viscous damping acts on the motor: other shares with another damping ratio predict the same."""
+    truth = Truth(delay=1.0, resonance=150.0, ratio=0.04, share=0.3, at_handle=1.0, encoder=1e-5, spring=50.0)
+    found = identify([record(truth, seed=12)])
+    holds(found, mass_kg=0.1, damping_ns_per_m=2.0, delay_samples=1.0)
+    holds(found, mode_frequency_hz=150.0, mode_damping_ratio=0.04)
+    assert found.encoder_at == "handle"
+    assert "resonance.mass_ratio" in refused(found)
+    low, high = found.device.device.range.resonance.mass_ratio
+    assert low <= 0.3 <= high
+    assert "resonance" not in found.device.gaps
+
+
 def test_rigid_device_without_friction_claims_neither():
     found = identify([record(Truth(delay=0.6, encoder=5e-6, spring=30.0), seed=3)])
     holds(found, mass_kg=0.1, damping_ns_per_m=2.0, delay_samples=0.6)

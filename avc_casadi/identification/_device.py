@@ -46,13 +46,16 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
             device[key], ranges[key] = _rounded(one)
             sources[key] = {"grade": "measured", "source": f"{how}: {_meaning(key, found)}"}
     _widened(found, device, ranges)
-    mode = [found.estimates.get(f"resonance.{key}") for key in _MODE]
-    if all(one is not None for one in mode):
-        pairs = {key: _rounded(one) for key, one in zip(_MODE, mode, strict=True) if one is not None}
+    mode = {key: found.estimates.get(f"resonance.{key}") for key in _MODE}
+    pairs = {key: _rounded(one) for key, one in mode.items() if one is not None}
+    if found.assumed_share is not None:
+        pairs["mass_ratio"] = (float(f"{found.assumed_share[0]:.2g}"), found.assumed_share[1:])
+    if len(pairs) == len(_MODE):
         device["resonance"] = {key: pair[0] for key, pair in pairs.items()}
         ranges["resonance"] = {key: pair[1] for key, pair in pairs.items()}
         device["encoder_at"] = found.encoder_at
-        sources["resonance"] = {"grade": "measured", "source": f"{how}: output error, two masses"}
+        assumed = "" if found.assumed_share is None else "; how the mass divides is not told, and assumed"
+        sources["resonance"] = {"grade": "measured", "source": f"{how}: output error, two masses{assumed}"}
     for key in ("encoder_resolution_m",):
         ranges.pop(key, None)
     gaps = [key for key in _QUANTITIES if key not in device]

@@ -8,6 +8,7 @@ from collections.abc import Container, Mapping
 import numpy as np
 from scipy import stats
 
+from avc_casadi.identification._closed_loop import autocorrelation, coloured
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._model import Estimate
 from avc_casadi.identification._uncertainty import LEVEL, Spread, spread_of
@@ -37,7 +38,8 @@ def estimates_of(
         if one.name.partition(".")[0] in refused:
             continue
         q, half = float(fit.search[index]), float(spread.half_width[index])
-        ends = [fit.structure.outward(one, end) for end in (q - half, q + half)]
+        down, up = (float(each) for each in half + spread.beyond[:, index])
+        ends = [fit.structure.outward(one, end) for end in (q - down, q + up)]
         low, high = (min(max(end, one.lowest), one.highest) for end in ends)
         value = fit.structure.outward(one, q)
         found[one.name] = Estimate(one.name, one.unit, value, low, high, LEVEL, "output error")
@@ -56,7 +58,7 @@ def estimates_of(
         found["encoder_resolution_m"] = Estimate(
             "encoder_resolution_m", "m", step_m, low, high, LEVEL, "lattice of the readings"
         )
-    noise = _noise(fit, step_m or 0.0)
+    noise = None if coloured(autocorrelation(fit.error_m)) else _noise(fit, step_m or 0.0)
     if noise is not None:
         found["position_noise_rms_m"] = noise
     return found

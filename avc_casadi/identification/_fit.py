@@ -14,6 +14,11 @@ from avc_casadi.identification._terms import Structure
 from avc_casadi.support import FloatArray
 
 _MOST_STEPS = 30
+# A record is judged from so many seconds on, or from this share of it; the start must be forgotten by then, but for
+# e^-8 of a state that may be a centimetre off.
+_START_S = 1.0
+_START_SHARE = 0.1
+_FORGOTTEN = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +90,13 @@ class Window:
         """Choose the blocks: 30 of them at least where the records are long enough, of a second at most."""
         total = sum(sizes)
         block = int(min(max(total // 40, 0.1 / period), 2.0 / period, min(sizes) // 2))
-        return cls(skip=int(min(0.5 / period, 0.1 * min(sizes))), block=max(block, 20))
+        return cls(skip=int(min(_START_S / period, _START_SHARE * min(sizes))), block=max(block, 20))
 
 
 def slowest_observer(predictor: Predictor) -> float:
     """Return the rate below which the start of a record would not be forgotten when it is judged."""
     shortest = min(record.seconds for record in predictor.records)
-    return 4.0 / min(0.5, 0.1 * shortest)
+    return _FORGOTTEN / min(_START_S, _START_SHARE * shortest)
 
 
 def fit(

@@ -20,7 +20,8 @@ from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._read import read_logs
 from avc_casadi.identification._record import Record, shortened
 from avc_casadi.identification._refuse import EXCITATION, cannot_tell, refusals
-from avc_casadi.identification._select import Selection, select, without
+from avc_casadi.identification._select import Selection, select, settled, without
+from avc_casadi.identification._share import SHARE, other_shares, share_assumed, share_refused, shared
 from avc_casadi.identification._start import first_guess
 from avc_casadi.identification._terms import PARAMETERS, TERMS, Structure
 from avc_casadi.identification._uncertainty import Spread, sensitivity, spread_of
@@ -92,11 +93,16 @@ def identify(
         chosen = select(predictor, guess, structure, response, window, sides, progress)
     with progress.step("intervals"):
         spread, refused = _told(predictor, chosen, window)
-    fit = chosen.fit
+        fit, share = chosen.fit, None
+        if share_assumed(fit):
+            moved, ends = other_shares(predictor, fit, window)
+            spread = replace(spread, beyond=moved)
+            share = (fit.values[SHARE], *ends)
+            refused[SHARE] = share_refused(share[0], ends)
     normal, collinear = sensitivity(fit)
     estimates = estimates_of(fit, spread, chosen.rivals, refused, step_m)
-    refused |= _never_told(fit, estimates, response.excited_hz, chosen.trials.keys() - set(fit.structure.terms))
     lags = autocorrelation(fit.error_m)
+    refused |= _never_told(fit, estimates, response.excited_hz, chosen.trials.keys() - set(fit.structure.terms), lags)
     feedback = feeds_back(records, fit.error_m)
     notes += _notes(fit, lags, feedback, estimates)
     names = tuple(one.name for one in fit.structure.free)
@@ -107,6 +113,7 @@ def identify(
         sample_time_s=records[0].sample_time_s,
         terms=fit.structure.terms,
         encoder_at=fit.structure.encoder_at,
+        assumed_share=share,
         estimates=estimates,
         refused=tuple(refused.values()),
         trials=tuple(chosen.trials.values()),
@@ -165,6 +172,9 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
         fit = chosen.fit
         spread = spread_of(fit, _beside(predictor, fit, window))
         refused = refusals(fit, spread, sensitivity(fit)[0])
+        if SHARE in refused:
+            chosen.fit = settled(predictor, shared(predictor, fit, window, 1e-6), window)
+            continue
         vague = [
             term
             for term in ("amplifier", "resonance", "stribeck")
@@ -231,7 +241,11 @@ def _simplest(records: Sequence[Record], known: Mapping[str, float], force: floa
 
 
 def _never_told(
-    fit: Fit, estimates: Mapping[str, object], excited: tuple[float, float] | None, absent: set[str]
+    fit: Fit,
+    estimates: Mapping[str, object],
+    excited: tuple[float, float] | None,
+    absent: set[str],
+    lags: FloatArray,
 ) -> dict[str, Refusal]:
     """Return what no fit of these logs could tell, and what they show no trace of."""
     found = {}
@@ -248,9 +262,12 @@ def _never_told(
     if "coulomb" in fit.structure.terms:
         why = "friction that differs between the directions is the same as a constant force (offset_n)"
         found["friction_asymmetry_n"] = Refusal("friction_asymmetry_n", why, EXCITATION["friction_asymmetry_n"])
+    hidden = "it is below what the encoder's step hides"
+    if coloured(lags):
+        hidden = "the prediction error is not white: what the model does not know is in it"
     for key, why in (
         ("encoder_resolution_m", "the positions lie on no lattice"),
-        ("position_noise_rms_m", "it is below what the encoder's step hides"),
+        ("position_noise_rms_m", hidden),
         ("backlash_m", "a log of one position does not show the other side of the play"),
         ("max_force_n", "it is not seen in a log"),
     ):

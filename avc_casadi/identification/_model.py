@@ -75,6 +75,7 @@ class Identification:
         sample_time_s: T.
         terms: what the model is made of.
         encoder_at: where the position is measured.
+        assumed_share: of the mass at the handle, and the least and most, where a resonance is told and this is not.
         estimates: by key.
         refused: what the logs cannot tell.
         trials: evidence for and against each term.
@@ -101,6 +102,7 @@ class Identification:
     sample_time_s: float
     terms: tuple[str, ...]
     encoder_at: str
+    assumed_share: tuple[float, float, float] | None
     estimates: Mapping[str, Estimate]
     refused: tuple[Refusal, ...]
     trials: tuple[Trial, ...]

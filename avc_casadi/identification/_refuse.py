@@ -19,6 +19,7 @@ EXCITATION = {
     "damping_asymmetry_ns_per_m": "fast strokes both ways",
     "breakaway_excess_n": "reversals at a few millimetres a second, slow enough that the device sticks",
     "stribeck_speed_m_per_s": "strokes at speeds from 1 to 50 mm/s",
+    "resonance.mass_ratio": "a log of a position at the motor, or the handle weighed",
     "resonance": "a chirp or multisine of 20 Hz to a third of the sample rate, strong enough to move several encoder "
     "steps",
     "amplifier_bandwidth_hz": "a chirp to a third of the sample rate at a higher sample rate, or a log of the current",
@@ -69,7 +70,7 @@ def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]
         why = f"its interval is too wide ({_width(one.kind, half)})"
         if alike > 0.9:
             why += f"; the log changes with it as with {like} (correlation {number(alike, 3)})"
-        key = one.name.partition(".")[0]
+        key = one.name if one.name == "resonance.mass_ratio" else one.name.partition(".")[0]
         found[key] = Refusal(key, why, EXCITATION[key])
     return found
 

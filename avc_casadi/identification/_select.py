@@ -11,6 +11,7 @@ from avc_casadi.identification._evidence import Trial, compared
 from avc_casadi.identification._fit import Fit, Window, best_observer, fit, judged, slowest_observer
 from avc_casadi.identification._frequency import Response, likely_resonances
 from avc_casadi.identification._predictor import Observer, Predictor
+from avc_casadi.identification._share import shared
 from avc_casadi.identification._terms import TERMS, Structure
 from avc_casadi.identification._uncertainty import sensitivity
 from avc_casadi.support import SILENT, Progress
@@ -78,13 +79,19 @@ def select(
     for term in dict.fromkeys(late):
         if term not in chosen.fit.structure.terms:
             _try(predictor, chosen, (term,), guess, response, window, sides)
-    chosen.fit = _settled(predictor, chosen.fit, window)
+    chosen.fit = settled(predictor, chosen.fit, window)
     _prune(predictor, chosen, window)
     return chosen
 
 
-def _settled(predictor: Predictor, found: Fit, window: Window) -> Fit:
-    """Fit once more, closely, under the observer that the model asks for."""
+def settled(predictor: Predictor, found: Fit, window: Window) -> Fit:
+    """Fit once more, closely, under the observer that the model asks for.
+
+    Args:
+        predictor: of the records.
+        found: the model.
+        window: of the fit.
+    """
     observer = best_observer(predictor, found, window)
     return fit(predictor, found.structure, found.values, observer, window, tolerance=1e-10)
 
@@ -109,7 +116,7 @@ def _prune(predictor: Predictor, chosen: Selection, window: Window) -> None:
             continue
         chosen.rivals[term] = found
         chosen.trials[term] = replace(trial, taken=False, why="is no longer borne out beside the rest of the model")
-        chosen.fit = _settled(predictor, without, window)
+        chosen.fit = settled(predictor, without, window)
 
 
 def without(predictor: Predictor, chosen: Selection, term: str, why: str, window: Window) -> None:
@@ -129,7 +136,7 @@ def without(predictor: Predictor, chosen: Selection, term: str, why: str, window
     simpler = fit(
         predictor, replace(found.structure, terms=terms), found.values, found.observer, window, tolerance=1e-6
     )
-    chosen.fit = _settled(predictor, simpler, window)
+    chosen.fit = settled(predictor, simpler, window)
 
 
 def _try(
@@ -197,6 +204,10 @@ def _tried(
         return None
     trial = compared(simple, best, term)
     _, collinear = sensitivity(best)
+    if trial.taken and collinear > _COLLINEAR and term == "resonance":
+        best = shared(predictor, best, window, 1e-5)
+        trial = compared(simple, best, term)
+        _, collinear = sensitivity(best)
     if trial.taken and collinear > _COLLINEAR:
         trial = replace(trial, taken=False, why="cannot be told apart from the rest of the model")
     beyond = _beyond(best, term, response, predictor.sample_time_s)
@@ -221,7 +232,8 @@ def _beyond(found: Fit, term: str, response: Response, period: float) -> str:
 
 
 def _richer(structure: Structure, term: str) -> Structure:
-    return replace(structure, terms=structure.ordered((*structure.terms, term)))
+    assumed = {} if term == "resonance" else structure.assumed
+    return replace(structure, terms=structure.ordered((*structure.terms, term)), assumed=assumed)
 
 
 def _starts(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -131,17 +131,20 @@ class Structure:
         known: values that are not searched for.
         units: size of each linear parameter that matters, which scales the search.
         encoder_at: the side of the resonance on which the position is measured.
+        assumed: values that the log does not tell and the model cannot do without.
     """
 
     terms: tuple[str, ...]
     known: Mapping[str, float]
     units: Mapping[str, float]
     encoder_at: Literal["motor", "handle"] = "motor"
+    assumed: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def free(self) -> tuple[Parameter, ...]:
         """Parameters that are searched for."""
-        return tuple(one for term in self.terms for one in TERMS[term].parameters if one.name not in self.known)
+        held = {*self.known, *self.assumed}
+        return tuple(one for term in self.terms for one in TERMS[term].parameters if one.name not in held)
 
     def present(self, name: str) -> bool:
         """Whether a parameter belongs to the terms, known or not."""
@@ -150,6 +153,7 @@ class Structure:
     def values(self, search: FloatArray) -> dict[str, float]:
         """Return every parameter of all terms at a point of the search; what is absent does nothing."""
         found = {name: _ABSENT.get(name, 0.0) for name in PARAMETERS} | dict(self.known)
+        found |= {name: value for name, value in self.assumed.items() if self.present(name)}
         for one, q in zip(self.free, search, strict=True):
             found[one.name] = self.outward(one, float(q))
         return found

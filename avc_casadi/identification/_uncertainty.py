@@ -40,6 +40,7 @@ class Spread:
         correlation: shape (free, free).
         degrees: of freedom of the t distribution.
         source: in words.
+        beyond: how far what is assumed may have moved the estimate down and up, shape (2, free).
     """
 
     covariance: FloatArray
@@ -47,6 +48,7 @@ class Spread:
     correlation: FloatArray
     degrees: int
     source: str
+    beyond: FloatArray
 
 
 def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
@@ -99,7 +101,7 @@ def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
     half = stats.t.ppf(0.5 + LEVEL / 2, degrees) * deviation
     outer = np.outer(deviation, deviation)
     correlation = np.divide(covariance, outer, out=np.eye(free), where=outer > 0)
-    return Spread(covariance, half + bias + floor, correlation, degrees, source)
+    return Spread(covariance, half + bias + floor, correlation, degrees, source, np.zeros((2, free)))
 
 
 def _beyond_chance(fit: Fit, other: Fit) -> FloatArray:
