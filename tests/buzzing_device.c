@@ -10,6 +10,7 @@ typedef struct {
     double stiffness, damper, keep, two_sided;          /* F = k y + b y', keep: share of the old velocity */
     double hand_mass, hand_damping, hand_stiffness;     /* until `release` (s) */
     double release, weight, start, speed, end, sway;    /* weight from `release` on; target from start to end */
+    double grab, bias, bias_from, notch, depth, width;
 } device_t;
 
 /* Arrays have `samples` entries. `missed` is 1 where the computer does nothing; writes measured position and commanded
@@ -23,6 +24,11 @@ void buzzing_device(const device_t *d, int samples, const double *noise, const d
     const double lag = d->bandwidth > 0 ? 1 - exp(-2 * pi * d->bandwidth * h) : 1.0;
     double x1 = d->start, x2 = d->start, v1 = 0, v2 = 0, actual = 0, before = d->start, rate = 0, asked[16] = {0};
     const long late = lround(d->delay * SUBSTEPS);
+    /* (s^2 + depth width w s + w^2)/(s^2 + width w s + w^2), s = c (z - 1)/(z + 1), c for the right frequency */
+    const double wn = 2 * pi * d->notch, c = d->notch > 0 ? wn / tan(wn * d->period / 2) : 0, cc = c * c + wn * wn;
+    const double wide = d->width * wn * c, turn = 2 * (wn * wn - c * c), shallow = d->depth * wide;
+    double in1 = d->start, in2 = d->start, out1 = d->start, out2 = d->start, origin = 0;
+    int grabbed = !(d->grab > 0);
     if (d->encoder > 0) before = d->encoder * floor(before / d->encoder + 0.5);
     for (int k = 0; k < samples; k++) {
         const double seen = x1 + noise[k];
@@ -32,10 +38,18 @@ void buzzing_device(const device_t *d, int samples, const double *noise, const d
         if (missed[k] > 0) {
             force[k] = held;
         } else {
-            rate = d->keep * rate + (1 - d->keep) * (y - before) / d->period;
-            before = y;
-            double f = d->stiffness * y + d->damper * rate;
-            if (!(d->two_sided > 0)) f = y > 0 ? fmax(f, 0) : 0;
+            double u = y;
+            if (d->notch > 0) {
+                u = ((cc + shallow) * y + turn * in1 + (cc - shallow) * in2 - turn * out1 - (cc - wide) * out2) /
+                    (cc + wide);
+                in2 = in1; in1 = y; out2 = out1; out1 = u;
+            }
+            rate = d->keep * rate + (1 - d->keep) * (u - before) / d->period;
+            before = u;
+            if (!grabbed && k * d->period >= d->grab) { grabbed = 1; origin = u; }
+            double f = grabbed ? d->stiffness * (u - origin) + d->damper * rate : 0;
+            if (k * d->period >= d->bias_from) f += d->bias;
+            if (!(d->two_sided > 0)) f = u > 0 ? fmax(f, 0) : 0;
             f = fmax(-d->limit, fmin(d->limit, f));
             for (int i = 15; i > 0; i--) asked[i] = asked[i - 1];
             asked[0] = f;

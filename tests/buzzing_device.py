@@ -9,7 +9,11 @@ from simulator_in_c import doubles, pointers, simulator
 
 @dataclass(frozen=True)
 class Buzzing:
-    """A loop in SI units; `lag` delays the force before it is logged, `delay` after that, both in samples."""
+    """A loop in SI units; `lag` delays the force before it is logged, `delay` after that, both in samples.
+
+    From `grab` on (s) the spring holds the place where the device is then; from `bias_from` on a force of `bias` stands
+    beside it while it touches. `notch` is a filter of the measured position (Hz, 0 none).
+    """
 
     mass: float = 0.1
     damping: float = 2.0
@@ -36,6 +40,12 @@ class Buzzing:
     speed: float = 0.07
     end: float = 0.01
     sway: float = 0.0
+    grab: float = 0.0
+    bias: float = 0.0
+    bias_from: float = 0.0
+    notch: float = 0.0
+    depth: float = 0.1
+    width: float = 1.0
 
 
 _Device = doubles(each.name for each in fields(Buzzing))

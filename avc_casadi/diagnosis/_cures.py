@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,10 +11,11 @@ from avc_casadi.diagnosis._causes import meant_period, shorter
 from avc_casadi.diagnosis._declared import Declared
 from avc_casadi.diagnosis._law import Law
 from avc_casadi.diagnosis._log import Log
-from avc_casadi.diagnosis._loop import at_period, growth_over, limit_of, longest_delay, worst_mode
+from avc_casadi.diagnosis._loop import at_period, growth_over, limit_of, longest_delay, notched_growth, worst_mode
 from avc_casadi.diagnosis._model import Cure
 from avc_casadi.diagnosis._plant import Answer
 from avc_casadi.diagnosis._replay import can_replay, replay
+from avc_casadi.scene.effects import Notch
 from avc_casadi.support import number
 
 # Of a limit, so much is left.
@@ -21,6 +23,12 @@ _RESERVE = 0.8
 _FILTERS_HZ = (150.0, 60.0, 25.0)
 _FINER = (2.0, 4.0, 8.0)
 _SOFTER = (0.7, 0.5, 0.35)
+# Notches that are tried: frequency over that of the swing, gain there, band as a share of the frequency.
+_NOTCH_TURNS = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.25, 1.4, 1.6)
+_NOTCH_DEPTHS = (0.05, 0.3)
+_NOTCH_WIDTHS = (0.5, 1.0, 2.0)
+_BESIDE = 0.1
+_HIGHEST = 0.45
 
 
 def cures_of(cause: str, answer: Answer, law: Law, log: Log, declared: Declared) -> tuple[Cure, ...]:
@@ -36,7 +44,8 @@ def cures_of(cause: str, answer: Answer, law: Law, log: Log, declared: Declared)
     own: Callable[[], list[Cure]] = {
         "delay": lambda: _delay(answer, law, log, declared),
         "resonance": lambda: [
-            _of("mechanics without the resonance", "resonance", math.nan, answer.without_mode(), law)
+            *_notch(answer, law),
+            _of("mechanics without the resonance", "resonance", math.nan, answer.without_mode(), law),
         ],
         "ticks": lambda: _ticks(answer, law, log),
         "rate": lambda: _rate(answer, law, log, declared),
@@ -80,6 +89,28 @@ def _delay(answer: Answer, law: Law, log: Log, declared: Declared) -> list[Cure]
     most = meant if meant <= longest else _RESERVE * longest
     change = f"a delay of {number(most, 2)} samples in place of {number(own, 3)} (it rests below {number(longest, 3)})"
     return [_of(change, "delay_samples", most, answer.delayed(most), shorter(law, 0.0))]
+
+
+def _notch(answer: Answer, law: Law) -> list[Cure]:
+    """Return the notch with which the loop decays fastest, be it set a little beside the frequency either way."""
+    swings, period = worst_mode(answer, law).frequency_hz, answer.device.sample_time_s
+    best: tuple[float, Notch] | None = None
+    for turn, depth, width in itertools.product(_NOTCH_TURNS, _NOTCH_DEPTHS, _NOTCH_WIDTHS):
+        if turn * swings * (1 + _BESIDE) < _HIGHEST / period:
+            tried = [
+                notched_growth(answer, law, Notch(turn * by * swings, depth, width))
+                for by in (1 - _BESIDE, 1.0, 1 + _BESIDE)
+            ]
+            if best is None or max(tried) < best[0]:
+                best = max(tried), Notch(turn * swings, depth, width)
+    if best is None:
+        return []
+    growth, notch = best
+    change = (
+        f"a notch on the measured position at {number(notch.frequency_hz, 3)} Hz (depth {notch.depth:g}, width "
+        f"{notch.width:g}), or {100 * _BESIDE:g} % beside"
+    )
+    return [Cure(change, "notch_hz", notch.frequency_hz, growth, growth < 0)]
 
 
 def _ticks(answer: Answer, law: Law, log: Log) -> list[Cure]:

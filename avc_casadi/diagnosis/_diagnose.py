@@ -15,6 +15,7 @@ from avc_casadi.diagnosis._cures import cures_of
 from avc_casadi.diagnosis._declared import Declared
 from avc_casadi.diagnosis._evidence import (
     deciding_log,
+    declared_resonance,
     law_sentence,
     measured_sentences,
     named_sentence,
@@ -22,6 +23,7 @@ from avc_casadi.diagnosis._evidence import (
     thresholds,
     ticks_sentence,
 )
+from avc_casadi.diagnosis._jump import find_jump, jump_sentence
 from avc_casadi.diagnosis._law import Law, find_law
 from avc_casadi.diagnosis._log import Log, log_of
 from avc_casadi.diagnosis._loop import worst_mode
@@ -30,6 +32,7 @@ from avc_casadi.diagnosis._model import Cure, Diagnosis, Measured, Trace, Verdic
 from avc_casadi.diagnosis._oscillation import Oscillation, Swing, find_oscillation
 from avc_casadi.diagnosis._plant import Answer, Fit, fit_plants
 from avc_casadi.diagnosis._replay import can_replay, replay
+from avc_casadi.diagnosis._units import other_unit
 from avc_casadi.identification import Columns, Layout, read_columns
 from avc_casadi.problem import Device, Hands
 from avc_casadi.support import SILENT, Progress, number
@@ -99,12 +102,13 @@ def diagnose(
         )
     evidence = [oscillation_sentence(swing.found), ticks_sentence(grid.ticks, declared)]
     if law is None:
-        evidence.append("hardly any force is commanded" if grid.force_n.any() else "no force is commanded")
+        evidence.append("the force tells of no spring and no damper" if grid.force_n.any() else "no force is commanded")
     else:
         evidence.append(law_sentence(law, grid.ticks.period_s))
         notes += law_differs(law, swing.found, grid, coupling, stiffness_n_per_m, damping_ns_per_m)
+    unit = other_unit(grid, swing.found, law, declared, coupling, stiffness_n_per_m)
     base = _Base(grid, swing, law, declared, evidence, [*declared.notes, *notes])
-    early = base.at_once()
+    early = base.at_once() or base.in_another_unit(unit) or base.jumps()
     if early is not None:
         return early
     if law is None or not law.told:
@@ -147,6 +151,26 @@ class _Base:
             said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
             return self._made("not the loop", said)
         return None
+
+    def in_another_unit(self, told: str) -> Diagnosis | None:
+        """Return the verdict where no model can fit because the positions are not in metres."""
+        if not told:
+            return None
+        return self._made("cannot tell", f"cannot tell: {told}", decides="the same log with its unit told (--units)")
+
+    def jumps(self) -> Diagnosis | None:
+        """Return the verdict where the force jumps at the edge of contact, and every cycle crosses it."""
+        jump = find_jump(self._log, self._swing)
+        if jump is None:
+            return None
+        size = number(jump.force_n, 3)
+        said = (
+            f"{CAUSES['stiffness']}: the force jumps by {size} N where contact begins, a spring without length; let it "
+            "grow with the depth (k below its limit), or keep it on through the whole cycle"
+        )
+        return self._made(
+            "named", said, cause="stiffness", candidates=("stiffness",), evidence=[*self._evidence, jump_sentence(jump)]
+        )
 
     def without_model(self) -> Diagnosis:
         """Return the verdict where no loop model can be made."""
@@ -199,6 +223,8 @@ class _Base:
                 cures=tuple(dict.fromkeys(cures)),
                 decides=deciding_log(candidates),
             )
+        if first == "resonance":
+            self._notes.append(declared_resonance(measured))
         return self._made(
             "named",
             named_sentence(first, measured, law, log),

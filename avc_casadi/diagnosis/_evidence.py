@@ -126,6 +126,12 @@ def named_sentence(cause: str, measured: Measured, law: Law, log: Log) -> str:
     return f"{words}: {why}"
 
 
+def declared_resonance(measured: Measured) -> str:
+    """Say how the file of the device takes the resonance that was found."""
+    told = ", ".join(f"{key} = {value:.3g}" for key, value in (measured.resonance or {}).items())
+    return f"with resonance = {{ {told} }} under [device] in its file, avc recommend finds gains and a filter beside it"
+
+
 def deciding_log(candidates: Sequence[str]) -> str:
     """Return what would tell between candidates."""
     return "; ".join(dict.fromkeys(_DECIDES[cause] for cause in candidates if cause in _DECIDES))

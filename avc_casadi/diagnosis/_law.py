@@ -81,8 +81,12 @@ def find_law(log: Log, limit_n: float | None) -> Law | None:
     if size == 0:
         return None
     limit = size if limit_n is None else min(size, limit_n)
-    # Beside the largest force, which may be a limit, that of the last sample before the limit cut it is left in.
-    touching = (np.abs(force) > 1e-9 * size) & (np.abs(force) < 0.9999 * limit)
+    touching = np.abs(force) > 1e-9 * size
+    # Beside the largest force, which may be a limit, that of the last sample before the limit cut it is left in. Where
+    # the position toggles between two steps, the largest force is that of one of them.
+    top = np.abs(force) >= 0.9999 * limit
+    if limit == limit_n or np.ptp(position[top]) > 1.5 * log.encoder_m:
+        touching &= ~top
     best: Law | None = None
     for lag in range(_MOST_LAG + 1):
         for filtered in (False, True):

@@ -10,6 +10,7 @@ import numpy as np
 from avc_casadi.diagnosis._law import Law
 from avc_casadi.diagnosis._plant import Answer
 from avc_casadi.loop import Hand, device_with, no_hand, sampled_plant
+from avc_casadi.scene.effects import Notch
 from avc_casadi.stability import Rendering, closed_loop, plants_with_forces
 from avc_casadi.support import BoolArray, FloatArray
 
@@ -51,6 +52,28 @@ def worst_mode(answer: Answer, law: Law, *, stiffness: float = 1.0, damping: flo
     values = np.linalg.eigvals(matrix)
     value = values[np.argmax(np.abs(values))]
     return Mode(math.log(max(abs(value), 1e-300)) / period, abs(float(np.angle(value))) / (2 * math.pi * period))
+
+
+def notched_growth(answer: Answer, law: Law, notch: Notch) -> float:
+    """Return the growth of the loop in contact with a notch on the measured position, 1/s.
+
+    Args:
+        answer: device and hand.
+        law: what the computer makes of the position.
+        notch: the filter.
+    """
+    period = answer.device.sample_time_s
+    matrix, push, measured = _plant(answer, law.lag)
+    s = push.shape[-1]
+    b0, b1, b2, a1, a2 = notch.section(period)
+    # y = b0 u + p, p' = b1 u - a1 y + q, q' = b2 u - a2 y: two states more, and y is what is rendered.
+    whole = np.zeros((1, s + 2, s + 2))
+    whole[:, :s, :s] = matrix
+    whole[:, s, :s], whole[:, s + 1, :s] = (b1 - a1 * b0) * measured, (b2 - a2 * b0) * measured
+    whole[:, s, s:], whole[:, s + 1, s] = (-a1, 1.0), -a2
+    pushed = np.concatenate([push, np.zeros((1, 2))], axis=1)
+    loop = closed_loop(whole, pushed, np.concatenate([b0 * measured, [1.0, 0.0]]), law.rendering(period))
+    return math.log(max(float(_radius(loop).max()), 1e-300)) / period
 
 
 def worst_growth_of_hands(answer: Answer, law: Law, hands: Hand) -> FloatArray:
@@ -141,9 +164,12 @@ def _loops(answer: Answer, law: Law, stiffness: FloatArray, damping: FloatArray)
 
 
 def _closed(answer: Answer, lag: int, rendering: Rendering) -> FloatArray:
+    return closed_loop(*_plant(answer, lag), rendering)[:, 0]
+
+
+def _plant(answer: Answer, lag: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     device = answer.delayed(float(answer.device.delay_samples) + lag).device if lag else answer.device
-    matrix, push, measured = plants_with_forces(sampled_plant(device, answer.hand or no_hand()))
-    return closed_loop(matrix, push, measured, rendering)[:, 0]
+    return plants_with_forces(sampled_plant(device, answer.hand or no_hand()))
 
 
 def _radius(matrices: FloatArray) -> FloatArray:

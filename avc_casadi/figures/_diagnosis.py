@@ -24,6 +24,7 @@ _TITLES = (
     "(d) amplitudes while it swings",
 )
 _CYCLES = 6.0
+_EDGE_CYCLES = 2.0
 _STILL_S = 0.2
 
 
@@ -55,10 +56,13 @@ def _whole(position: Axes, swing: Axes, found: Diagnosis) -> None:
     begins, ends = found.oscillation.begins_s, found.oscillation.ends_s
     if math.isfinite(begins):
         inside = (trace.time_s >= begins) & (trace.time_s <= ends)
+        # At the ends of a log an envelope has half its cycles to be measured by.
+        edge = _EDGE_CYCLES / found.oscillation.frequency_hz
+        whole = inside & (trace.time_s > trace.time_s[0] + edge) & (trace.time_s < trace.time_s[-1] - edge)
         for sign in (1, -1):
-            envelope = sign * size * trace.envelope_m[inside]
+            envelope = sign * size * trace.envelope_m[whole]
             swing.plot(
-                trace.time_s[inside], envelope, color=_ORANGE, linewidth=1.2, label="envelope" if sign > 0 else "_"
+                trace.time_s[whole], envelope, color=_ORANGE, linewidth=1.2, label="envelope" if sign > 0 else "_"
             )
         top = 1.3 * size * float(np.abs(trace.fast_m[inside]).max(initial=1e-12))
         swing.set_ylim(-top, top)

@@ -39,17 +39,24 @@ class Notch(SceneEffect):
             raise InputError([Fault(problem.name, None, f"{place}.frequency_hz", message)])
         return cls(table.frequency_hz, table.depth, table.width)
 
-    def sample(self, tick: Tick) -> None:
-        """Replace the position."""
-        turned = math.tan(math.pi * self.frequency_hz * tick.sample_time_s)
+    def section(self, sample_time_s: float) -> tuple[float, float, float, float, float]:
+        """Return b0, b1, b2, a1, a2 of the discrete filter.
+
+        Args:
+            sample_time_s: T.
+        """
+        turned = math.tan(math.pi * self.frequency_hz * sample_time_s)
         wide, square = self.width * turned, turned * turned
         whole = 1 + wide + square
         middle = 2 * (square - 1) / whole
-        section = (
+        return (
             (1 + self.depth * wide + square) / whole,
             middle,
             (1 - self.depth * wide + square) / whole,
             middle,
             (1 - wide + square) / whole,
         )
-        filter_position(tick, "notch", section)
+
+    def sample(self, tick: Tick) -> None:
+        """Replace the position."""
+        filter_position(tick, "notch", self.section(tick.sample_time_s))

@@ -1,0 +1,78 @@
+"""Positions or forces that look like another unit: plausible on their own, but not beside what is known of the loop."""
+
+from __future__ import annotations
+
+import math
+
+from avc_casadi.coupling import Coupling
+from avc_casadi.diagnosis._declared import Declared
+from avc_casadi.diagnosis._law import Law
+from avc_casadi.diagnosis._log import Log
+from avc_casadi.diagnosis._oscillation import Oscillation
+from avc_casadi.support import number
+
+_POSITIONS = {1e-3: "mm", 1e-6: "um", 1e-2: "cm"}
+# A ratio within this share of a unit's is that unit.
+_NEAR = 0.05
+# Mass that swings over the mass declared with the heaviest hand, or the lightest device: beyond this it cannot be.
+_ABSURD = 50.0
+
+
+def other_unit(
+    log: Log,
+    found: Oscillation,
+    law: Law | None,
+    declared: Declared,
+    coupling: Coupling | None,
+    stiffness_n_per_m: float | None,
+) -> str:
+    """Return why the positions look like another unit than the one they were read in, or nothing.
+
+    Args:
+        log: on its grid.
+        found: the oscillation.
+        law: what the log shows.
+        declared: the loop as it was meant.
+        coupling: what was meant to run, or None.
+        stiffness_n_per_m: k that was meant to run, or None.
+    """
+    meant = stiffness_n_per_m
+    if coupling is not None and coupling.runtime.state_feedback is None:
+        meant = coupling.table.at_rest.stiffness_n_per_m
+    signs = []
+    if law is not None and law.told and meant and law.stiffness_n_per_m > 0:
+        # A length read in metres that is one in millimetres makes a spring a thousand times softer.
+        unit = _unit(law.stiffness_n_per_m / meant)
+        if unit:
+            signs.append((unit, f"k = {number(law.stiffness_n_per_m, 3)} N/m ran and {number(meant, 3)} was meant"))
+    step = declared.device.encoder_resolution_m
+    if step and log.encoder_m:
+        unit = _unit(step / log.encoder_m)
+        if unit:
+            signs.append((unit, f"their step is {number(log.encoder_m, 3)} m and {number(step, 3)} m is declared"))
+        elif abs(math.log(log.encoder_m / step)) > math.log(_ABSURD) and _whole(log.encoder_m):
+            told = f"their step is {number(log.encoder_m, 3)} m and {number(step, 3)} m is declared"
+            return f"the positions look like counts of the encoder: {told}; a count times the step is a length"
+    if not signs and math.isfinite(found.frequency_hz) and found.force_peak_to_peak_n > 0 and found.contact_share > 0.5:
+        swings = found.force_peak_to_peak_n / found.peak_to_peak_m / (2 * math.pi * found.frequency_hz) ** 2
+        heaviest = declared.device.mass_kg + declared.hands.mass_kg[1]
+        told = f"at {number(found.frequency_hz, 3)} Hz their force swings {number(swings, 2)} kg"
+        if swings < declared.device.mass_kg / _ABSURD:
+            told = f"{told}, the device has {number(declared.device.mass_kg, 3)} kg"
+            return f"the positions look like mm, um or counts read as m: {told}"
+        if swings > heaviest * _ABSURD:
+            return f"the positions look too small, or the force too large, by a unit: {told}"
+    if not signs:
+        return ""
+    unit, told = signs[0]
+    return f"the positions look like {unit} read as m: {told}; then --units position={unit}"
+
+
+def _unit(ratio: float) -> str | None:
+    """Return the unit whose size is a ratio."""
+    return next((unit for size, unit in _POSITIONS.items() if abs(math.log(ratio / size)) < _NEAR), None)
+
+
+def _whole(step: float) -> bool:
+    """Whether a step is 1 in some unit of length."""
+    return any(abs(step / size - 1) < 1e-3 for size in (1.0, *_POSITIONS, 1e-9))
