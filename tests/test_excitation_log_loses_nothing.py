@@ -1,6 +1,7 @@
 """Every record of an excitation is that of its own tick: over a bad line, when read too late, and in the file."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -60,6 +61,30 @@ def test_sines_of_the_device_are_sines():
     chirp = Signal.of([1.0], [1.0], [0.0], 1e-3, growth_per_tick=1e-3)
     phase = 2 * np.pi * 1e-3 * (1.001**ticks - 1) / 1e-3
     assert np.abs(chirp.units(4000) / FULL - np.sin(phase)).max() < 1e-3
+
+
+def test_what_was_recorded_until_an_interrupt_is_kept(tmp_path):
+    """Ctrl-C while records come in: those that did are the first of the whole log, and the device is stopped."""
+
+    def impatient(done, *_):
+        if done > 700:
+            raise KeyboardInterrupt
+
+    whole, bench, kept = Bench(device()).excite(planned()), Bench(device()), []
+    with pytest.raises(KeyboardInterrupt):
+        excite(planned(), bench.link, progress=SimpleNamespace(advance=impatient), cut=kept.append)
+    (log,) = kept
+    size = log.index.size
+    assert 700 < size < whole.index.size
+    assert not log.whole
+    assert np.array_equal(log.position_m, whole.position_m[:size])
+    assert np.array_equal(log.force_n, whole.force_n[:size])
+    bench.pass_by(5)
+    assert bench.force_n[-1] == 0
+    log.save(tmp_path / "cut.csv")
+    assert "cut by Ctrl-C" in (tmp_path / "cut.csv").read_text()
+    (record,), _ = read_logs([tmp_path / "cut.csv"])
+    assert record.position_m.size == size
 
 
 @settings(max_examples=15, deadline=None)

@@ -91,7 +91,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         return Answer(document, text)
     console.say(text)
     with console.step(f"{args.signal} on {args.port}"):
-        log = excite(made.plan, args.port, on_bench=on_bench, baud=args.baud, progress=console)
+
+        def cut(log: ExcitationLog) -> None:
+            if out is not None:
+                log.save(out)
+                console.say(f"{_log_text(log)}\nwritten: {out}, as far as it went")
+
+        log = excite(made.plan, args.port, on_bench=on_bench, baud=args.baud, progress=console, cut=cut)
     document["log"] = log.document()
     lines = [_log_text(log)]
     if out is not None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import secrets
 import struct
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -122,6 +123,7 @@ def excite(
     on_bench: DeclaredDevice | None = None,
     baud: int = DEFAULT_BAUD,
     progress: Progress = SILENT,
+    cut: Callable[[ExcitationLog], None] | None = None,
 ) -> ExcitationLog:
     """Play a plan on a device and read the records.
 
@@ -134,9 +136,11 @@ def excite(
         on_bench: the device on the emulated board.
         baud: rate of a serial port.
         progress: who is told.
+        cut: takes what was recorded until Ctrl-C, before it goes on its way.
 
     Raises:
         InputError: the link is too slow for the plan.
+        KeyboardInterrupt: Ctrl-C; the device is stopped.
         LinkError: no device, refused, lost on the way, or not the device of the plan.
         MissingExtraError: ``emulator`` without its extra.
     """
@@ -150,13 +154,17 @@ def excite(
         _check_device(plan, connection.device, link.name)
         _check_rate(plan, connection.device, baud)
         number = secrets.randbits(32) or 1
+        records = _Records(plan, link.name)
         try:
             ask = connection.session.ask
             connection.run(ask(Kind.EXCITE, plan_bytes(plan, number), m.Excited))
-            return _read(connection, plan, number, progress)
-        except BaseException:
-            with uninterrupted(), suppress(LinkError):
-                connection.run(connection.session.ask(Kind.STOP, m.stop(number), m.Excited))
+            return _read(connection, records, number, progress)
+        except BaseException as error:
+            with uninterrupted():
+                with suppress(LinkError):
+                    connection.run(connection.session.ask(Kind.STOP, m.stop(number), m.Excited))
+                if cut is not None and isinstance(error, KeyboardInterrupt) and records.index:
+                    cut(records.log("cut by Ctrl-C"))
             raise
 
 
@@ -173,36 +181,60 @@ def plan_bytes(plan: Plan, number: int) -> bytes:
     return head + b"".join(_TONE.pack(*tone) for tone in zip(signal.step, signal.phase, signal.amplitude, strict=True))
 
 
-def _read(connection: Connection, plan: Plan, number: int, progress: Progress) -> ExcitationLog:
+@dataclass
+class _Records:
+    """Records as they come in."""
+
+    plan: Plan
+    port: str
+    index: list[int] = field(default_factory=list)
+    counts: list[int] = field(default_factory=list)
+    units: list[int] = field(default_factory=list)
+    last: m.Records | None = None
+
+    @property
+    def following(self) -> int:
+        """The record that is asked for next."""
+        return self.index[-1] + 1 if self.index else 0
+
+    def take(self, part: m.Records) -> None:
+        """Add the records of an answer."""
+        self.index += range(part.first, part.first + len(part.counts))
+        self.counts += part.counts
+        self.units += part.units
+        self.last = part
+
+    def log(self, end: str | None = None) -> ExcitationLog:
+        """Return the log of what has come in, at least one answer; `end` says why no more did."""
+        part = self.last
+        assert part is not None  # noqa: S101 - the caller has seen it
+        at = np.array(self.index, dtype=np.int64)
+        return ExcitationLog(
+            plan=self.plan,
+            port=self.port,
+            end=end or ENDS.get(part.state, f"ended in a way unknown to this program ({part.state})"),
+            whole=end is None and part.state == _PLAYED,
+            start_tick=part.start_tick,
+            index=at,
+            position_m=np.array(self.counts, dtype=np.float64) * self.plan.metres_per_count,
+            force_n=np.array(self.units, dtype=np.float64) * (float(np.float32(self.plan.max_force_n)) / FULL),
+            lost=int((part.made if end is None else self.following) - at.size),
+        )
+
+
+def _read(connection: Connection, records: _Records, number: int, progress: Progress) -> ExcitationLog:
     """Ask for records until the last; every question tells the device that this host is there."""
-    index: list[int] = []
-    counts: list[int] = []
-    units: list[int] = []
-    following = 0
+    plan = records.plan
     while True:
+        following = records.following
         part = connection.run(connection.session.ask(Kind.RECORDS, m.records(number, following), m.Records))
-        index += range(part.first, part.first + len(part.counts))
-        counts += part.counts
-        units += part.units
-        following = part.first + len(part.counts)
-        progress.advance(min(following, plan.ticks), plan.ticks, "records")
-        waiting = part.made - following
+        records.take(part)
+        progress.advance(min(records.following, plan.ticks), plan.ticks, "records")
+        waiting = part.made - records.following
         if part.state != _RUNS and not waiting:
-            break
+            return records.log()
         if waiting < _WORTH:
             connection.run(pause(min(_WAIT_S, (_WORTH - waiting) * plan.sample_time_s)))
-    at = np.array(index, dtype=np.int64)
-    return ExcitationLog(
-        plan=plan,
-        port=connection.link.name,
-        end=ENDS.get(part.state, f"ended in a way unknown to this program ({part.state})"),
-        whole=part.state == _PLAYED,
-        start_tick=part.start_tick,
-        index=at,
-        position_m=np.array(counts, dtype=np.float64) * plan.metres_per_count,
-        force_n=np.array(units, dtype=np.float64) * (float(np.float32(plan.max_force_n)) / FULL),
-        lost=int(part.made - at.size),
-    )
 
 
 def _check_rate(plan: Plan, device: Device, baud: int) -> None:
