@@ -83,9 +83,26 @@ def test_time_that_goes_back_and_values_that_are_not_finite(tmp_path):
     lines[50] = "0.001,0.001,1.0"
     path.write_text("\n".join(lines))
     assert any(fault.line == 51 and fault.key == "time" for fault in faults(path))
-    lines[50] = "0.049,nan,1.0"
+    for row in range(50, 60):
+        lines[row] = f"{1e-3 * (row - 1):g},nan,1.0"
     path.write_text("\n".join(lines))
-    assert [(fault.line, fault.key) for fault in faults(path)] == [(51, "position")]
+    found = faults(path)
+    assert [(fault.line, fault.key) for fault in found[:2]] == [(51, "position"), (52, "position")]
+    assert len(found) < 10
+    assert found[-1].message == "has 4 more faults"
+
+
+@pytest.mark.parametrize("row", ["0.249,nan,1.0", "0.249,,", None])
+def test_a_lost_sample_is_a_gap(tmp_path, row):
+    """Of a row that is not there, or holds no number, the rest of the log tells as much as before."""
+    path = csv(tmp_path / "a.csv")
+    lines = path.read_text().splitlines()
+    lines[250:251] = [] if row is None else [row]
+    path.write_text("\n".join(lines))
+    records, told = read_logs([path])
+    assert [record.position_m.size for record in records] == [249]
+    assert any("1 gap in time" in each for each in told)
+    assert row is None or any("without a number left out, the first in line 251" in each for each in told)
 
 
 @pytest.mark.parametrize(

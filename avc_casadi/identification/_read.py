@@ -17,7 +17,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi.identification._record import Columns, Record, backwards_of, implausible, records_of
 from avc_casadi.identification._units import QUANTITIES, Layout, chosen_columns
 
-_MOST_FAULTS = 200
+_MOST_FAULTS = 6
 _LARGEST_BYTES = 1_000_000_000
 
 
@@ -178,7 +178,7 @@ def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fa
         for number, row in rows
     ]
     first_line, first = cells[0]
-    headers = None if all(map(_is_number, first)) else first
+    headers = None if all(map(_is_stated, first)) else first
     width = len(first)
     chosen, faults = chosen_columns(headers, width, layout, file, first_line if headers else None)
     if faults:
@@ -196,7 +196,7 @@ def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fa
             Fault(file, number, quantity, f"is {row[wanted[quantity]][:40]!r}; allowed: a number") for quantity in bad
         ]
         if not bad:
-            kept = [float(row[wanted[quantity]]) if quantity in wanted else 0.0 for quantity in QUANTITIES]
+            kept = [float(row[wanted[quantity]] or "nan") if quantity in wanted else 0.0 for quantity in QUANTITIES]
             values.setdefault(row[groups[0]] if groups else "", []).append((number, kept))
     if faults:
         return [], faults
@@ -215,6 +215,10 @@ def _delimiter(row: str) -> str | None:
 
 
 def _is_number(cell: str) -> bool:
+    return not cell or _is_stated(cell)
+
+
+def _is_stated(cell: str) -> bool:
     try:
         float(cell)
     except ValueError:

@@ -16,6 +16,10 @@ _JITTER = 0.25
 # Places that are told of the same fault.
 _TOLD = 3
 _SHORTEST = 200
+# A piece shorter than this share of the longest would have every record judged from too early on.
+_SHORT = 0.1
+# Share of samples without a number that may be lost; more of them are something else.
+_FEW_LOST = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +77,7 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     Returns:
         Records, faults, and what the user should know.
     """
+    columns, told = _sound(columns)
     faults = implausible(columns)
     if columns.time_s.size < _SHORTEST:
         return [], faults, []
@@ -97,12 +102,14 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     if faults:
         return [], faults, []
     edges = [0, *(int(gap) + 1 for gap in gaps), steps.size + 1]
-    pieces = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= _SHORTEST]
-    told = []
+    whole = list(itertools.pairwise(edges))
+    shortest = max(_SHORTEST, _SHORT * max(b - a for a, b in whole))
+    pieces = [(a, b) for a, b in whole if b - a >= shortest]
     if gaps.size:
         lost = columns.time_s.size - sum(b - a for a, b in pieces)
         told.append(
-            f"{columns.file}: {gaps.size} gaps in time; taken as {len(pieces)} records"
+            f"{columns.file}: {gaps.size} gap{'' if gaps.size == 1 else 's'} in time; taken as {len(pieces)} "
+            f"record{'' if len(pieces) == 1 else 's'}"
             + (f", {lost} samples in shorter pieces left out" if lost else "")
         )
     if not pieces:
@@ -123,6 +130,25 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
         [],
         told,
     )
+
+
+def _sound(columns: Columns) -> tuple[Columns, list[str]]:
+    """Leave out samples that were lost, where they are few: rows without a number, which become gaps."""
+    sound = np.isfinite(columns.time_s) & np.isfinite(columns.position_m) & np.isfinite(columns.force_n)
+    lost = int(np.count_nonzero(~sound))
+    if not 0 < lost <= max(1.0, _FEW_LOST * sound.size):
+        return columns, []
+    kept = Columns(
+        columns.file,
+        columns.time_s[sound],
+        columns.position_m[sound],
+        columns.force_n[sound],
+        None if columns.line is None else [line for line, there in zip(columns.line, sound, strict=True) if there],
+    )
+    first = columns.at(int(np.argmin(sound)))
+    where = "" if first is None else f", the first in line {first}"
+    plural = "" if lost == 1 else "s"
+    return kept, [f"{columns.file}: {lost} sample{plural} without a number left out{where}"]
 
 
 def backwards_of(columns: Columns) -> list[Fault]:
