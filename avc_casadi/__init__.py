@@ -34,6 +34,7 @@ __all__ = [
     "LinkError",
     "MissingExtraError",
     "NotDeployableError",
+    "PortError",
     "Problem",
     "Recommendation",
     "Run",
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from avc_casadi._errors import LinkError as LinkError
     from avc_casadi._errors import MissingExtraError as MissingExtraError
     from avc_casadi._errors import NotDeployableError as NotDeployableError
+    from avc_casadi._errors import PortError as PortError
     from avc_casadi._errors import UnsupportedError as UnsupportedError
     from avc_casadi._errors import fault_document as fault_document
     from avc_casadi.certificate import Certificate as Certificate
@@ -105,6 +107,7 @@ else:
         "LinkError": "_errors",
         "MissingExtraError": "_errors",
         "NotDeployableError": "_errors",
+        "PortError": "_errors",
         "UnsupportedError": "_errors",
         "fault_document": "_errors",
         "Certificate": "certificate",

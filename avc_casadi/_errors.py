@@ -118,6 +118,18 @@ class LinkError(AvcError, OSError):
     """
 
 
+class PortError(LinkError):
+    """The port that was named is not there or cannot be opened (command line: exit code 2).
+
+    Example:
+        >>> try:
+        ...     raise avc.PortError("/dev/ttyACM9: cannot be opened")
+        ... except avc.LinkError as error:
+        ...     print(error)
+        /dev/ttyACM9: cannot be opened
+    """
+
+
 class NotDeployableError(AvcError):
     """A coupling that may not go into a device: which claim fails and what to do (command line: exit code 1).
 

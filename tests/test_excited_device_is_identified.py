@@ -64,6 +64,8 @@ def test_commands_find_the_device_on_the_board(tmp_path, capsys):
         assert one["low"] <= truth <= one["high"], (key, one)
         assert one["value"] == pytest.approx(truth, rel=0.03)
     assert avc.load_device(mine).device.mass_kg == pytest.approx(HIDDEN["mass_kg"], rel=0.01)
+    limit = next(one for one in found["refused"] if one["key"] == "max_force_n")
+    assert "the value of base is written" in limit["why"]
 
 
 def test_lighter_device_than_declared_ends_with_advice(tmp_path, capsys):

@@ -16,7 +16,8 @@ import serial
 from excited import planned
 from hardware_bench import coupling, host_core, push, stream
 
-from avc_casadi import LinkError
+from avc_casadi import LinkError, PortError
+from avc_casadi.cli import main
 from avc_casadi.excitation import Plan
 from avc_hardware import TableImage, excite, find_port, list_ports, monitor
 from avc_hardware import _ports as ports_module
@@ -121,6 +122,13 @@ def test_port_in_use_is_reported(bench: Bench) -> None:
     with pytest.raises(LinkError, match="another program has it open"):
         push(coupling(5), bench.port)
     samples.close()  # type: ignore[attr-defined]
+
+
+def test_port_that_is_not_there_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(PortError, match="avc ports"):
+        push(coupling(5), "/dev/none")
+    assert main(["monitor", "--port", "/dev/none"]) == 2
+    assert "/dev/none: cannot be opened" in capsys.readouterr().err
 
 
 def test_unplugging_in_mid_session_is_reported(bench: Bench) -> None:

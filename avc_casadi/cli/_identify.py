@@ -94,6 +94,11 @@ def _masses(args: argparse.Namespace) -> tuple[float, ...]:
         raise avc.InputError.of(
             f"is {args.added_mass!r}; allowed: kilograms, one of each log: 0,0.2", key="--added-mass"
         )
+    if len(masses) != len(args.log):
+        logs = "one log" if len(args.log) == 1 else f"{len(args.log)} logs"
+        raise avc.InputError.of(
+            f"is {args.added_mass!r} for {logs}; allowed: kilograms, one of each log: 0,0.2", key="--added-mass"
+        )
     return masses
 
 

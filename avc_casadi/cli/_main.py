@@ -19,6 +19,7 @@ from avc_casadi import (
     InputError,
     LinkError,
     NotDeployableError,
+    PortError,
     UnsupportedError,
     __version__,
     fault_document,
@@ -153,7 +154,8 @@ def _refused(console: Console, error: AvcError | OSError) -> int:
         return BAD_INPUT
     key = error.key if isinstance(error, UnsupportedError) else ""
     console.refuse(_document(str(error), key), f"avc: {error}")
-    return NO if isinstance(error, LinkError | NotDeployableError) else BAD_INPUT
+    said_no = isinstance(error, LinkError | NotDeployableError) and not isinstance(error, PortError)
+    return NO if said_no else BAD_INPUT
 
 
 def _as_options(error: InputError, options: Container[str]) -> InputError:

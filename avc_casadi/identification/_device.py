@@ -60,7 +60,7 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         ranges.pop(key, None)
     gaps = [key for key in _QUANTITIES if key not in device]
     for key in list(gaps):
-        if base is not None and _states(base, key):
+        if base is not None and states(base, key):
             table = base.device.model_dump(exclude_none=True)
             device[key] = table[key]
             if key in table.get("range", {}):
@@ -87,9 +87,14 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
     return DeviceFile.model_validate({"name": "device", **tables})
 
 
-def _states(base: DeviceFile, key: str) -> bool:
-    """Whether a device file gives a value, a guess without a source included."""
-    return getattr(base.device, key) is not None and key in base.device.model_fields_set
+def states(base: DeviceFile, key: str) -> bool:
+    """Whether a device file gives a value, a guess without a source included.
+
+    Args:
+        base: the file.
+        key: of a quantity, or of anything else, which it does not.
+    """
+    return key in base.device.model_fields_set and getattr(base.device, key) is not None
 
 
 def _meaning(key: str, found: Identification) -> str:
@@ -101,7 +106,7 @@ def _meaning(key: str, found: Identification) -> str:
         excess, speed = (found.estimates.get(name) for name in ("breakaway_excess_n", "stribeck_speed_m_per_s"))
         if excess is not None and speed is not None:
             told += f"; {excess.value:.3g} N more from rest, which goes within {speed.value:.2g} m/s"
-    if key == "mass_kg" and "stiffness" in found.terms:
+    if key in {"mass_kg", "damping_ns_per_m"} and "stiffness" in found.terms:
         told += "; with what holds the device"
     return told
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi.identification._closed_loop import autocorrelation, coloured, feeds_back
-from avc_casadi.identification._device import device_file
+from avc_casadi.identification._device import device_file, states
 from avc_casadi.identification._encoder import encoder_step_m
 from avc_casadi.identification._estimates import estimates_of
 from avc_casadi.identification._fit import Fit, Window, judged, slowest_observer
@@ -115,7 +115,7 @@ def identify(
         encoder_at=fit.structure.encoder_at,
         assumed_share=share,
         estimates=estimates,
-        refused=tuple(refused.values()),
+        refused=tuple(_from(base, one) for one in refused.values()),
         trials=tuple(chosen.trials.values()),
         names=names,
         correlation=spread.correlation,
@@ -276,6 +276,13 @@ def _never_told(
     return found
 
 
+def _from(base: DeviceFile | None, refused: Refusal) -> Refusal:
+    """Say where a value comes from all the same."""
+    if base is None or not states(base, refused.key):
+        return refused
+    return replace(refused, why=f"{refused.why}; the value of {base.name} is written")
+
+
 def _notes(fit: Fit, lags: FloatArray, feedback: bool, estimates: Mapping[str, object]) -> list[str]:
     notes = []
     if "stiffness" in fit.structure.terms:
@@ -305,7 +312,8 @@ def _notes(fit: Fit, lags: FloatArray, feedback: bool, estimates: Mapping[str, o
             "cable, "
             "an unmodelled mode)"
         )
-    if estimates.get("delay_samples") is not None and fit.values["delay_samples"] < 1e-3:
+    no_lag = fit.values["delay_samples"] < 1e-3 and "amplifier" not in fit.structure.terms
+    if estimates.get("delay_samples") is not None and no_lag:
         notes.append(
             "the delay came out at 0: does the log pair each force with the position that it was computed from?"
         )

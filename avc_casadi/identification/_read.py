@@ -40,7 +40,9 @@ def read_logs(
     layout = layout or Layout()
     if added_mass_kg and len(added_mass_kg) != len(paths):
         raise InputError.of(
-            f"are {len(added_mass_kg)} for {len(paths)} logs; allowed: one for each", key="added_mass_kg"
+            f"has {_counted(len(added_mass_kg), 'mass', 'masses')} for {_counted(len(paths), 'log', 'logs')}; allowed: "
+            "one for each",
+            key="added_mass_kg",
         )
     records: list[Record] = []
     faults: list[Fault] = []
@@ -82,6 +84,10 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
     if faults:
         raise InputError(_few(faults, str(path)))
     return found
+
+
+def _counted(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"
 
 
 def _few(faults: list[Fault], file: str) -> list[Fault]:

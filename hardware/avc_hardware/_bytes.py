@@ -7,7 +7,7 @@ from typing import Protocol, Self
 
 import serial
 
-from avc_casadi import LinkError
+from avc_casadi import LinkError, PortError
 
 # Longest a single write may block: a device that takes no bytes for so long is gone.
 WRITE_TIMEOUT_S = 2.0
@@ -45,7 +45,7 @@ class SerialLink:
         """Open ``port`` (a device path or a pyserial URL) at ``baud`` bits a second.
 
         Raises:
-            LinkError: it cannot be opened; says what to do.
+            PortError: it cannot be opened; says what to do.
         """
         self._name = port
         try:
@@ -62,7 +62,7 @@ class SerialLink:
             self._port.open()
             self._port.reset_input_buffer()
         except (OSError, ValueError) as error:
-            raise LinkError(f"{port}: cannot be opened ({_reason(error)}); {_advice(error)}") from error
+            raise PortError(f"{port}: cannot be opened ({_reason(error)}); {_advice(error)}") from error
 
     @property
     def name(self) -> str:

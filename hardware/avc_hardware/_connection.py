@@ -157,7 +157,7 @@ def open_link(port: str, *, baud: int = DEFAULT_BAUD, coupling: Coupling | None 
         coupling: for which the emulated board is made: its sample time, encoder, force limit and settings.
 
     Raises:
-        LinkError: the port is not there or cannot be opened.
+        PortError: it is not there or cannot be opened.
         UnsupportedError: the emulated board cannot be made for this coupling.
         MissingExtraError: the emulator is asked for and not installed.
     """

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from serial.tools import list_ports as tools
 
-from avc_casadi import LinkError
+from avc_casadi import PortError
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,11 @@ def find_port(serial_number: str) -> str:
     """Return the path that the USB device with this serial number has now; it may change with every plugging in.
 
     Raises:
-        LinkError: it is not there.
+        PortError: it is not there.
     """
     ports = list_ports()
     for port in ports:
         if port.serial_number == serial_number:
             return port.device
     known = ", ".join(port.serial_number for port in ports if port.serial_number) or "none"
-    raise LinkError(f"no serial port has the USB serial number {serial_number}; present: {known}")
+    raise PortError(f"no serial port has the USB serial number {serial_number}; present: {known}")
