@@ -149,7 +149,7 @@ def test_file_keeps_ticks_and_a_gap_cuts_the_record(tmp_path):
     dataclasses.replace(log, **columns).save(path)
     records, told = read_logs([path])
     assert [record.position_m.size for record in records] == [1000, log.index.size - 1040]
-    assert "1 gaps in time" in told[0]
+    assert "1 gap in time" in told[0]
 
 
 def test_link_too_slow_for_the_plan_is_refused_before_anything_moves():
