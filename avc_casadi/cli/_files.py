@@ -56,7 +56,7 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
         raise InputError.of(f"{text!r} is no name; give the name of a folder", key=key)
     path = Path(text)
     if path.suffix.lower() in _FILE_ENDINGS and not path.is_dir():
-        raise InputError.of(f"{text!r} is the name of a file; give that of a folder", key=key)
+        raise InputError.of(f"{text!r} is the name of a file; choose another folder", key=key)
     missing = [folder for folder in (path, *path.parents) if not folder.exists()]
     try:
         path.mkdir(parents=True, exist_ok=True)
