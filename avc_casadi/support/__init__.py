@@ -32,3 +32,4 @@ from avc_casadi.support._table import sample_rows as sample_rows
 from avc_casadi.support._table import text_table as text_table
 from avc_casadi.support._workers import in_processes as in_processes
 from avc_casadi.support._workers import meanwhile as meanwhile
+from avc_casadi.support._workers import one_ahead as one_ahead

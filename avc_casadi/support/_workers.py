@@ -1,12 +1,12 @@
-"""Work in processes of its own, which end with it: at Ctrl-C, at an error, and when this process is killed."""
+"""Work beside this thread: in processes that end with it (at Ctrl-C, at an error, when it is killed), or one ahead."""
 
 from __future__ import annotations
 
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context, parent_process
 from typing import TypeVar
@@ -40,6 +40,23 @@ def meanwhile(work: Callable[[T], R], task: T) -> Iterator[Callable[[], R]]:
     """
     with _started(work, [task], 1) as (future,):
         yield future.result
+
+
+def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R]]:
+    """Yield what each task gives, in their order; a thread does it while the next is made and the last one's is used.
+
+    Args:
+        tasks: names with work that leaves Python to others for most of its time, and is short: Ctrl-C waits for it.
+    """
+    with ThreadPoolExecutor(1) as pool:
+        before: tuple[T, Future[R]] | None = None
+        for name, task in tasks:
+            coming = pool.submit(task)
+            if before is not None:
+                yield before[0], before[1].result()
+            before = name, coming
+        if before is not None:
+            yield before[0], before[1].result()
 
 
 @contextmanager

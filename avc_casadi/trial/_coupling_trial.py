@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.support import SILENT, BoolArray, Columns, FloatArray, Progress, Tabular, plain, short
+from avc_casadi.scene import compiler
+from avc_casadi.support import SILENT, BoolArray, Columns, FloatArray, Progress, Tabular, one_ahead, plain, short
 from avc_casadi.trial._binomial import exact_interval
-from avc_casadi.trial._trial import MOTIONS, Conditions, traces
+from avc_casadi.trial._trial import MOTIONS, Conditions, Traces, simulations
 from avc_casadi.trial._vibration import QUIET, felt_vibration
 
 if TYPE_CHECKING:
@@ -144,36 +145,37 @@ def try_coupling(
         seed: of their draw, to be told.
         progress: told of the motions.
     """
-    problem = coupling.problem
     conditions = Conditions.of(coupling)
-    chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
-    by_motion: dict[str, BoolArray] = {}
+    at_rest: dict[tuple[str, bool], list[BoolArray]] = {}
     vibration: list[FloatArray] = []
     stiffness: list[FloatArray] = []
     limited: list[BoolArray] = []
     limit = np.inf if coupling.max_force_n is None else coupling.max_force_n
     force: list[FloatArray] = []
     depth: list[FloatArray] = []
-    for name, motion in MOTIONS.items():
-        stable = []
-        for part in traces(problem, chosen, subjects, motion, conditions, _DURATION_S):
-            found = part.judged()
-            stable.append(found.stable)
-            if name == "press":
-                vibration.append(felt_vibration(part.position_m, part.sample_time_s))
-                limited.append(np.abs(found.mean_force_n) > _NEAR_LIMIT * limit)
-                stiffness.append(np.where(limited[-1], np.nan, found.apparent_stiffness_n_per_m))
-            if name == "tap":
-                force.append(np.abs(part.force_n).max(axis=-1))
-                depth.append(part.position_m.max(axis=-1))
-        by_motion[name] = np.concatenate(stable)
-        progress.advance(len(by_motion), len(MOTIONS), f"motions, {name} the last")
-    whole = np.asarray(np.all(list(by_motion.values()), axis=0))
+    simulated = _simulations(coupling, subjects, conditions)
+    # Without a compiler a simulation takes seconds, and Ctrl-C is not to wait for it.
+    parts = ((key, one()) for key, one in simulated) if compiler() is None else one_ahead(simulated)
+    for (name, as_declared), part in parts:
+        found = part.judged()
+        at_rest.setdefault((name, as_declared), []).append(found.stable)
+        if not as_declared:
+            continue
+        if name == "press":
+            vibration.append(felt_vibration(part.position_m, part.sample_time_s))
+            limited.append(np.abs(found.mean_force_n) > _NEAR_LIMIT * limit)
+            stiffness.append(np.where(limited[-1], np.nan, found.apparent_stiffness_n_per_m))
+        if name == "tap":
+            force.append(np.abs(part.force_n).max(axis=-1))
+            depth.append(part.position_m.max(axis=-1))
+        progress.advance(len(at_rest), len(MOTIONS), f"motions, {name} the last")
+    by_motion = {name: np.concatenate(at_rest[name, True]) for name in MOTIONS}
+    free = [np.concatenate(at_rest.get((name, False), at_rest[name, True])) for name in MOTIONS]
     return CouplingTrial(
         seed=seed,
         effects=tuple(effect.kind for effect in conditions.effects()),
-        stable=whole,
-        stable_without_friction=_without_friction(coupling, subjects, conditions) if conditions.friction_n else whole,
+        stable=np.asarray(np.all(list(by_motion.values()), axis=0)),
+        stable_without_friction=np.asarray(np.all(free, axis=0)),
         by_motion=by_motion,
         vibration=np.concatenate(vibration),
         stiffness_n_per_m=np.concatenate(stiffness),
@@ -182,6 +184,18 @@ def try_coupling(
         tap_depth_m=np.concatenate(depth),
         wall_n_per_m=coupling.wall.stiffness_n_per_m,
     )
+
+
+def _simulations(
+    coupling: Coupling, subjects: Hand | StylusHand, conditions: Conditions
+) -> Iterator[tuple[tuple[str, bool], Callable[[], Traces]]]:
+    """Prepare every motion as declared, then without dry friction where some is declared."""
+    chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
+    settings = {True: conditions} | ({False: conditions.without_friction()} if conditions.friction_n else {})
+    for as_declared, setting in settings.items():
+        for name, motion in MOTIONS.items():
+            for one in simulations(coupling.problem, chosen, subjects, motion, setting, _DURATION_S):
+                yield (name, as_declared), one
 
 
 def try_on_devices(
@@ -215,15 +229,3 @@ def try_on_devices(
         wall_n_per_m=coupling.wall.stiffness_n_per_m,
         devices=len(trials),
     )
-
-
-def _without_friction(coupling: Coupling, subjects: Hand | StylusHand, conditions: Conditions) -> BoolArray:
-    chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
-    free = conditions.without_friction()
-    runs = [
-        np.concatenate(
-            [part.judged().stable for part in traces(coupling.problem, chosen, subjects, motion, free, _DURATION_S)]
-        )
-        for motion in MOTIONS.values()
-    ]
-    return np.asarray(np.all(runs, axis=0))

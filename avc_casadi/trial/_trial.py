@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -170,7 +171,20 @@ def traces(
     conditions: Conditions,
     duration_s: float = DURATION_S,
 ) -> Iterator[Traces]:
-    """Simulate everybody, some at a time.
+    """Simulate everybody, some at a time; arguments as for `simulations`."""
+    for simulation in simulations(problem, gains, subjects, motion, conditions, duration_s):
+        yield simulation()
+
+
+def simulations(
+    problem: Problem,
+    gains: Gains | GainTable | GainSchedule,
+    subjects: Hand | StylusHand,
+    motion: Motion,
+    conditions: Conditions,
+    duration_s: float = DURATION_S,
+) -> Iterator[Callable[[], Traces]]:
+    """Prepare to simulate everybody, some at a time; each is simulated when it is called.
 
     Args:
         problem: device and environment.
@@ -190,10 +204,14 @@ def traces(
     compiled = compile_for(run, effects, chosen)
     parameters, inputs = compiled.parameter_values(chosen), compiled.input_values()
     engine: Engine = "native" if compiler() is not None and len(parameters) > _FEW else "auto"
-    for first in range(0, len(parameters), PEOPLE_AT_ONCE):
-        found = execute(compiled, parameters[first : first + PEOPLE_AT_ONCE], inputs, engine=engine)
+
+    def of(some: FloatArray) -> Traces:
+        found = execute(compiled, some, inputs, engine=engine)
         force = found.get("force_n", np.zeros_like(found["position_m"]))
-        yield Traces(found["position_m"], found["velocity_m_per_s"], force, problem.device.sample_time_s)
+        return Traces(found["position_m"], found["velocity_m_per_s"], force, problem.device.sample_time_s)
+
+    for first in range(0, len(parameters), PEOPLE_AT_ONCE):
+        yield partial(of, parameters[first : first + PEOPLE_AT_ONCE])
 
 
 def judged(
