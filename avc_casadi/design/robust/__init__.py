@@ -2,6 +2,7 @@
 
 from avc_casadi.design.robust._goal import Cost as Cost
 from avc_casadi.design.robust._goal import cost_of as cost_of
+from avc_casadi.design.robust._goal import costs_of as costs_of
 from avc_casadi.design.robust._ladder import MOST_SOFTER as MOST_SOFTER
 from avc_casadi.design.robust._ladder import SOFTER as SOFTER
 from avc_casadi.design.robust._ladder import Rung as Rung

@@ -1,0 +1,95 @@
+"""What the search works out at once, by halves or by bounds is what one law, one loop, one wall after the other gives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import avc_casadi as avc
+from avc_casadi.design.robust import Loops, Space, cost_of, costs_of
+from avc_casadi.loop import hand_corners, with_let_go
+from avc_casadi.stability import Laws, frozen_rendering, loop_radius, stiffest_wall, stiffness_at_rest, worst_radius
+from avc_casadi.support import one_ahead
+
+
+@st.composite
+def groups_of_loops(draw):
+    """Loops as they come: near the unit circle, in units that lie far apart, defective, unstable, equal."""
+    seed, s, p, decades = (draw(st.integers(*span)) for span in ((0, 10**6), (2, 17), (1, 9), (0, 6)))
+    rng = np.random.default_rng(seed)
+    loops = rng.standard_normal((3, p, s, s)) / np.sqrt(s)
+    loops /= np.abs(np.linalg.eigvals(loops)).max(axis=-1)[..., None, None]
+    loops *= 1 + draw(st.sampled_from([1e-2, 1e-4, 1e-9])) * rng.standard_normal((3, p, 1, 1))
+    if draw(st.booleans()):
+        loops[0] = np.diag(np.ones(s - 1), 1)
+    if draw(st.booleans()):
+        loops[1, -1] = loops[1, 0]
+    if draw(st.booleans()):
+        loops[2] *= 0.7
+    unit = 10.0 ** rng.uniform(-decades, decades, s)
+    return loops * unit[:, None] / unit
+
+
+@given(groups_of_loops())
+def test_worst_radius_is_that_of_all_eigenvalues(loops):
+    by_all = np.abs(np.linalg.eigvals(loops)).max(axis=(-2, -1))
+    np.testing.assert_array_equal(worst_radius(loops), by_all)
+
+
+@pytest.mark.parametrize("name", ["figure5", "reference-r3"])
+def test_many_laws_at_once_are_those_one_by_one(name):
+    problem = avc.load_problem(name)
+    space, rng = Space(problem.device, problem.hands), np.random.default_rng(5)
+    rendering = frozen_rendering(problem, 0.0, problem.environment.stiffness_n_per_m)
+    stiffness = stiffness_at_rest(rendering)
+    points = np.clip(space.start + 0.5 * rng.standard_normal((8, len(space.knobs))), *space.bounds)
+    one_by_one = [space.law(point, stiffness) for point in points]
+    quick = space.laws(points, stiffness)
+    for row, law in enumerate(one_by_one):
+        for part, value in vars(Laws.of(law)).items():
+            exact = np.asarray(value)
+            np.testing.assert_allclose(
+                np.asarray(getattr(quick, part))[row] if exact.ndim else getattr(quick, part),
+                exact[0] if exact.ndim else exact,
+                rtol=1e-9,
+                atol=1e-9 * np.abs(exact).max(),
+            )
+    loops = Loops.of(problem.device, problem.hands).hardest(one_by_one[0], rendering)
+    at_once = costs_of(quick, rendering, loops)
+    assert at_once[:3] == costs_of(quick.pick(np.arange(3)), rendering, loops)
+    singly = [cost_of(law, rendering, loops).total for law in one_by_one]
+    np.testing.assert_allclose([cost.total for cost in at_once], singly, rtol=1e-7)
+    assert len(set(np.isfinite(singly))) == 1
+
+
+def test_a_point_without_a_law_costs_more_than_any_other():
+    problem = avc.load_problem("reference-r1")
+    space = Space(problem.device, problem.hands)
+    rendering = frozen_rendering(problem, 0.0, problem.environment.stiffness_n_per_m)
+    points = np.stack([space.start, np.full(len(space.knobs), np.nan)])
+    with np.errstate(invalid="ignore"):
+        laws = space.laws(points, stiffness_at_rest(rendering))
+    found, none = costs_of(laws, rendering, Loops.of(problem.device, problem.hands))
+    assert np.isfinite(found.total)
+    assert none.total == np.inf
+
+
+def test_stiffest_wall_lies_between_dampings_that_hold_and_none():
+    problem = avc.load_problem("reference-r2")
+    people = with_let_go(hand_corners(problem.hands))
+    found = stiffest_wall(problem.device, people)
+    damping = np.linspace(found.lowest_ns_per_m, found.highest_ns_per_m, 3)
+    for share, holds in ((1.0, True), (1.001, False)):
+        stiffness = np.full(len(damping), share * found.stiffness_n_per_m)
+        assert (loop_radius(problem.device, people, stiffness, damping) < 1).all(axis=1).any() == holds
+
+
+def test_one_ahead_keeps_the_order_and_the_error():
+    assert list(one_ahead((n, lambda n=n: n * n) for n in range(5))) == [(n, n * n) for n in range(5)]
+    assert list(one_ahead([])) == []
+    seen = []
+    with pytest.raises(ZeroDivisionError):
+        seen.extend(name for name, _ in one_ahead((n, lambda n=n: 1 / (2 - n)) for n in range(5)))
+    assert seen == [0, 1] or not seen
