@@ -1,4 +1,4 @@
-"""What the search works out at once, by halves or by bounds is what one law, one loop, one wall after the other gives."""
+"""What the search works out at once, by halves or by bounds is what one after the other gives."""
 
 from __future__ import annotations
 

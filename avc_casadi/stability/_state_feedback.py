@@ -133,13 +133,15 @@ def force_over_innovation(
     """
     z = np.exp(2j * np.pi * frequency_hz * sample_time_s)
     wall = _rendered(rendering, z)
-    weight, gain = laws.feedback[:, :, None], laws.innovation[:, None, :]
+    gain = laws.innovation[:, None, :]
     closed = (
         laws.state[:, None] + wall[:, None, None] * (laws.force_m_per_n[:, :, None] * laws.feedback[:, None])[:, None]
     )
     pencil = z[:, None, None] * np.eye(laws.state.shape[-1]) - closed
     believed = np.linalg.solve(pencil, closed @ gain[..., None])[..., 0]
-    return np.asarray(wall * ((believed + gain) @ weight)[..., 0]), np.asarray(believed[..., laws.measures])
+    # One product for each law: all at once would be rounded otherwise where there is a single frequency.
+    force = [wall * (states @ weight) for states, weight in zip(believed + gain, laws.feedback, strict=True)]
+    return np.reshape(force, believed.shape[:2]), np.asarray(believed[..., laws.measures])
 
 
 def force_over_position(
