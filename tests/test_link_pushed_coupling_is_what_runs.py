@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hardware_bench import coupling, host_core, host_library, push
 
+from avc_casadi import LinkError
 from avc_hardware import BoardLimits, Connection, RuntimeFigures, TableImage
 from avc_hardware._device import DeviceStatus
 from avc_hardware._host import HostCore, HostLink
@@ -66,12 +67,18 @@ def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() 
     assert connection.run(ask(Kind.STATUS, b"", DeviceStatus)).coupling_id == ""
     for limit, told in ((5.0, 5.0), (20.0, 20.0), (None, 20.0), (50.0, 20.0)):
         made = coupling(1, largest=(10.0, 1e5, 0.0), wall=(0.0, 1e5 + (limit or 0.0)), max_force_n=limit)
-        result = push_over(connection, made)
+        if limit == 50.0:
+            with pytest.raises(LinkError, match="a force limit of 50 N, the device gives 20 N"):
+                push_over(connection, made)
+        result = push_over(connection, made, unsafe=True)
         assert result.max_force_n == told
         assert ("its certificate does not know" in " ".join(result.notes)) == (limit == 50.0)
         force, _ = core.tick(np.full(50, 5000, dtype=np.int32))
         assert force[-1] == np.float32(told)
         assert connection.run(ask(Kind.STATUS, b"", DeviceStatus)).coupling_id == made.id == result.coupling_id
+        device = connection.run(connection.session.hello())
+        assert (device.coupling_id, device.force_limit_n) == (made.id, told)
+        assert device.wall_stiffness_n_per_m == pytest.approx(made.wall.stiffness_n_per_m, rel=1e-6)
 
 
 def test_the_wall_is_that_of_the_coupling() -> None:

@@ -25,6 +25,7 @@ VERBS: tuple[str, ...] = (
     "push",
     "stream",
     "export",
+    "firmware",
     "ports",
     "monitor",
     "doctor",

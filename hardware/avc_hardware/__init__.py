@@ -6,6 +6,9 @@ firmware image on an emulated board.
 """
 
 from avc_hardware._bench_plant import DeviceOnBench as DeviceOnBench
+from avc_hardware._built import BOARDS as BOARDS
+from avc_hardware._built import BuiltFirmware as BuiltFirmware
+from avc_hardware._built import build_firmware as build_firmware
 from avc_hardware._bytes import ByteLink as ByteLink
 from avc_hardware._bytes import SerialLink as SerialLink
 from avc_hardware._connection import DEFAULT_BAUD as DEFAULT_BAUD

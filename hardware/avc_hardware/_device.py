@@ -11,7 +11,7 @@ from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 
 MODES = ("table", "ramp", "safe")
 _COUPLING_ID = 14  # place in STATUS
-_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHHHH")
+_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHHHHI3f")
 _STATUS = struct.Struct("<II9fi14I4B")
 
 
@@ -42,6 +42,10 @@ class Device:
         table_states: that the running table feeds back.
         capacity_tones: sines that an excitation may have.
         kept_records: of an excitation, that wait for the host.
+        coupling_id: of the running coupling, 8 hexadecimal digits; empty without one.
+        wall_damping_ns_per_m: of the running wall; 0 without one.
+        wall_stiffness_n_per_m: of the running wall.
+        force_limit_n: in force with the running table.
     """
 
     interface_version: int
@@ -66,6 +70,10 @@ class Device:
     table_states: int
     capacity_tones: int
     kept_records: int
+    coupling_id: str
+    wall_damping_ns_per_m: float
+    wall_stiffness_n_per_m: float
+    force_limit_n: float
 
     @classmethod
     def read(cls, payload: bytes) -> Device:
@@ -84,7 +92,9 @@ class Device:
             guard_damping_ns_per_m=guard,
         )
         running = (*values[13:16], bool(values[16]))
-        return cls(*[*values[:4], build, *values[5:7], *meant, *running, figures, *values[22:26]])
+        coupling = _coupling(values[26], bool(values[15]))
+        wall = map(_meant, values[27:30])
+        return cls(*[*values[:4], build, *values[5:7], *meant, *running, figures, *values[22:26], coupling, *wall])
 
 
 @dataclass(frozen=True)
@@ -161,9 +171,13 @@ class DeviceStatus:
         values = _STATUS.unpack(payload)
         mode, streaming, contact, has_table = values[-4:]
         at = _COUPLING_ID
-        coupling = f"{values[at]:08x}" if has_table else ""
+        coupling = _coupling(values[at], bool(has_table))
         flags = (MODES[mode], bool(streaming), bool(contact), bool(has_table))
         return cls(*[*values[:at], coupling, *values[at + 1 : -4], *flags])
+
+
+def _coupling(number: int, has_table: bool) -> str:
+    return f"{number:08x}" if has_table else ""
 
 
 def _meant(value: float) -> float:

@@ -41,7 +41,15 @@ _HEADER = """\
 
 #define AVC_COUPLING_ID "{id}"
 #define AVC_COUPLING_SAMPLE_TIME_S {sample_time_literal}
+#define AVC_COUPLING_SAMPLE_TIME_NS {sample_time_ns}L
 {max_force}
+/* Define AVC_LOOP_SAMPLE_TIME_NS as your loop's own, and a coupling for another one does not compile. */
+#ifdef AVC_LOOP_SAMPLE_TIME_NS
+#if AVC_LOOP_SAMPLE_TIME_NS != AVC_COUPLING_SAMPLE_TIME_NS
+#error "this coupling is made for another sample time than the loop that runs it"
+#endif
+#endif
+
 #ifdef __cplusplus
 extern "C" {{
 #endif
@@ -226,6 +234,7 @@ def _header(coupling: Coupling, program: CouplingProgram, verdict: Deployable) -
         force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
         sample_time=coupling.sample_time_s,
         sample_time_literal=_literal(coupling.sample_time_s),
+        sample_time_ns=round(coupling.sample_time_s * 1e9),
         max_force="" if force is None else f"#define AVC_COUPLING_MAX_FORCE_N {_literal(force)}\n",
         states="\n".join(f"    float {name};" for name in program.states),
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -91,7 +91,7 @@ def push(
         baud: rate of a serial port.
         safe: gains after a lost heartbeat; None is no force.
         deadline_s: longest duration on the link's clock.
-        unsafe: whether a coupling that is not deployable goes too.
+        unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
         on_log: takes the firmware's lines of text.
 
     Raises:
@@ -107,16 +107,23 @@ def push(
     link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
     start = link.now_s()
     with Connection(link, baud=baud, deadline_s=deadline_s, on_log=on_log) as connection:
-        return push_over(connection, coupling, safe=safe, start_s=start)
+        return push_over(connection, coupling, safe=safe, start_s=start, unsafe=unsafe)
 
 
 def push_over(
-    connection: Connection, coupling: Coupling, *, safe: Gains | None = None, start_s: float | None = None
+    connection: Connection,
+    coupling: Coupling,
+    *,
+    safe: Gains | None = None,
+    start_s: float | None = None,
+    unsafe: bool = False,
 ) -> PushResult:
-    """Do the same over an open connection."""
+    """Do the same over an open connection; a force limit above the device's becomes the device's where unsafe."""
     start = connection.link.now_s() if start_s is None else start_s
     device = connection.device
     table = TableImage.of(coupling, safe=safe)
+    if unsafe and table.max_force_n > device.max_force_n:
+        table = replace(table, max_force_n=device.max_force_n)
     check_runs_on(coupling, device)
     check_limits(coupling, table, device, connection.link.name)
     upload = connection.run(connection.session.push(table, device))

@@ -8,7 +8,7 @@ from enum import IntEnum
 
 from avc_hardware._frames import PROTOCOL_VERSION
 
-INTERFACE_VERSION = 5  # of the messages' meaning
+INTERFACE_VERSION = 6  # of the messages' meaning
 _REFUSED = struct.Struct("<HHI")
 
 
@@ -33,6 +33,9 @@ class Reason(IntEnum):
     STATES = 16
     EXCITED = 17
     NO_EXCITATION = 18
+    WALL = 19
+    FORCE = 20
+    COUPLING = 21
 
 
 _SENTENCES = {
@@ -48,6 +51,9 @@ _SENTENCES = {
     Reason.NOT_MONOTONIC: "{row} does not rise in frequency; sort the table and drop repeated frequencies",
     Reason.LIMIT: "{row} is outside the device's limits",
     Reason.SAMPLE_TIME: "the table was designed for another sample time than the device's",
+    Reason.WALL: "the table has no wall, or one outside the device's limits",
+    Reason.FORCE: "the table was designed for more force than the device gives, or its limit is no force",
+    Reason.COUPLING: "the table does not name its coupling",
     Reason.STALE: "gains with a number not above {detail} came late",
     Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",
     Reason.NO_TABLE: "the device holds no table yet; push one first",

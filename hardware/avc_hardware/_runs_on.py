@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from avc_hardware._table import TableImage
 
 GUARD = "passivity-controller"
+# A limit that travels in single precision is the same one.
+_ROUNDED = 1 + 1e-6
 _EXPORT = "export it for firmware of your own (avc export)"
 
 
@@ -104,13 +106,14 @@ def check_limits(coupling: Coupling, table: TableImage, device: Device, port: st
     """Refuse a table that the device would refuse, naming everything that is wrong with it.
 
     Raises:
-        LinkError: sample time, rows, gains or wall outside what the device reports.
+        LinkError: sample time, rows, gains, wall or force limit outside what the device reports.
     """
     faults = []
     if not math.isclose(table.sample_time_s, device.sample_time_s, rel_tol=1e-5):
         faults.append(
             f"the coupling is for a sample time of {table.sample_time_s:g} s, the device runs at "
-            f"{device.sample_time_s:.6g} s; solve with device.sample_time_s = {device.sample_time_s:.6g}"
+            f"{device.sample_time_s:.6g} s; solve with device.sample_time_s = {device.sample_time_s:.6g}, or build "
+            "firmware for the coupling's: avc firmware"
         )
     if len(table.rows) > device.capacity_rows:
         faults.append(
@@ -131,6 +134,11 @@ def check_limits(coupling: Coupling, table: TableImage, device: Device, port: st
                 f"({len(over)} of {len(table.rows)} rows above the device's {most:.6g} {unit}); narrow {key}"
             )
     faults += _wall_faults(coupling, device)
+    if table.max_force_n > device.max_force_n * _ROUNDED:
+        faults.append(
+            f"the coupling was made for a force limit of {table.max_force_n:g} N, the device gives "
+            f"{device.max_force_n:g} N; solve with device.max_force_n = {device.max_force_n:g}, or push with --unsafe"
+        )
     if faults:
         raise LinkError(f"{port}: not sent: " + "; ".join(faults))
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 from avc_hardware._float_program import literal
+from avc_hardware._host import BoardLimits
 from avc_hardware._runtime_constants import Template, constants, templates
 
 _BANNER = """/* Generated from the scene's CasADi expressions, do not edit:
@@ -71,6 +72,39 @@ def c_sources(template: Template) -> dict[str, str]:
     return {f"{name}.h": header, f"{name}.c": "\n".join(source)}
 
 
+MADE_FOR = "avc_made_for.h"
+_MADE_FOR = """\
+{banner}
+#ifndef AVC_MADE_FOR_H
+#define AVC_MADE_FOR_H
+
+/* What this firmware is made for. Every source with numbers that depend on it asserts the whole numbers. */
+#define AVC_MADE_FOR_SAMPLE_TIME_S {time}
+#define AVC_MADE_FOR_SAMPLE_TIME_NS {time_ns}
+#define AVC_MADE_FOR_COUNT_M {count}
+#define AVC_MADE_FOR_COUNT_PM {count_pm}
+#define AVC_MADE_FOR_MAX_FORCE_N {force}
+
+#endif
+"""
+
+
+def made_for(limits: BoardLimits) -> str:
+    """Return the header that says which sample time, encoder and force a firmware is made for."""
+    return _MADE_FOR.format(
+        banner=_BANNER,
+        time=literal(np.float32(limits.sample_time_s)),
+        time_ns=_whole(limits.sample_time_s, 1e9),
+        count=literal(np.float32(limits.metres_per_count)),
+        count_pm=_whole(limits.metres_per_count, 1e12),
+        force=literal(np.float32(limits.max_force_n)),
+    )
+
+
+def _whole(value: float, scale: float) -> int:
+    return round(value * scale)
+
+
 def constants_sources(figures: RuntimeFigures) -> dict[str, str]:
     """Return the numbers of all parts, and what they were made for, by file name.
 
@@ -78,6 +112,11 @@ def constants_sources(figures: RuntimeFigures) -> dict[str, str]:
         UnsupportedError: figures that would need another program.
     """
     files = {}
+    asserted = [
+        f"_Static_assert(AVC_MADE_FOR_SAMPLE_TIME_NS == {_whole(figures.sample_time_s, 1e9)} &&",
+        f"                   AVC_MADE_FOR_COUNT_PM == {_whole(figures.metres_per_count, 1e12)},",
+        '               "these numbers are made for another sample time or encoder");',
+    ]
     for symbol, numbers in constants(figures).items():
         part = symbol.removesuffix("_constants")
         lines = [f"    {literal(number)}," for number in numbers]
@@ -85,6 +124,9 @@ def constants_sources(figures: RuntimeFigures) -> dict[str, str]:
             _BANNER,
             f"/* {_named(figures, part)} */",
             f'#include "{part}.h"',
+            f'#include "{MADE_FOR}"',
+            "",
+            *asserted,
             "",
             f"const float {symbol}[{len(numbers)}] = {{",
         ]
@@ -101,13 +143,22 @@ def constants_sources(figures: RuntimeFigures) -> dict[str, str]:
     return files
 
 
+def sources_for(limits: BoardLimits, figures: RuntimeFigures) -> dict[str, str]:
+    """Return every generated source of a firmware that is made for one device, by file name.
+
+    Raises:
+        UnsupportedError: a sample time, or other figures, that no program is made for.
+    """
+    return all_sources(figures) | {MADE_FOR: made_for(limits)}
+
+
 def _named(figures: RuntimeFigures, part: str) -> str:
     named = vars(figures) | ({} if part == "avc_estimate" else {"estimator": "any"})
     return ", ".join(f"{name} {value}" for name, value in named.items())
 
 
 def all_sources(figures: RuntimeFigures) -> dict[str, str]:
-    """Return every generated source for some figures, by file name."""
+    """Return every generated source for some figures but `made_for`, by file name."""
     files: dict[str, str] = {}
     for template in templates(figures):
         files |= c_sources(template)

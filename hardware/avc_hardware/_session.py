@@ -38,6 +38,9 @@ _FINAL = {
     Reason.STATES,
     Reason.EXCITED,
     Reason.NO_EXCITATION,
+    Reason.WALL,
+    Reason.FORCE,
+    Reason.COUPLING,
 }
 
 

@@ -115,7 +115,7 @@ def stream(
         rate_hz: messages a second, at most 100.
         seconds: duration.
         baud: rate of a serial port.
-        unsafe: whether a coupling that is not deployable goes too.
+        unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
         on_sample: called after each message.
 
     Raises:
@@ -132,7 +132,7 @@ def stream(
     check_runs_on(coupling)
     link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
     with Connection(link, baud=baud) as connection:
-        pushed = push_over(connection, coupling)
+        pushed = push_over(connection, coupling, unsafe=unsafe)
         device = connection.device
         rows = coupling.table.single()
         hold_ticks = max(1, math.ceil(HOLD_PERIODS / rate_hz / device.sample_time_s))

@@ -39,7 +39,7 @@ class TableImage:
         wall_damping_ns_per_m: b_e of the one-sided wall at position 0 behind the coupling.
         wall_stiffness_n_per_m: k_e.
         coupling_id: name of the coupling, 32 bits.
-        max_force_n: limit of the force; 0 is the board's own, and more than the board's is that of the board.
+        max_force_n: limit of the force, at most the board's; 0 is the board's own.
         safe_damping_ns_per_m: b after a lost heartbeat.
         safe_stiffness_n_per_m: k after a lost heartbeat; 0 means no force.
         guard: whether the firmware's passivity controller watches the energy.
@@ -54,7 +54,7 @@ class TableImage:
     sample_time_s: float
     wall_damping_ns_per_m: float
     wall_stiffness_n_per_m: float
-    coupling_id: int = 0
+    coupling_id: int
     max_force_n: float = 0.0
     safe_damping_ns_per_m: float = 0.0
     safe_stiffness_n_per_m: float = 0.0

@@ -12,6 +12,8 @@ import hashlib
 import shutil
 import subprocess
 import sys
+import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -53,6 +55,7 @@ class Target:
     """One board.
 
     Attributes:
+        title: what it is, for people.
         folder: in firmware/boards, holds board.c and board.h.
         cpu: compiler flags of the core.
         flash: origin and size, bytes.
@@ -60,8 +63,11 @@ class Target:
         extra: further sources, relative to firmware/boards.
         defines: compiler definitions.
         estimator: method; the fused one is too slow for floats in software.
+        commands: how to put an image on it, or to run it, with {name} for the file without its ending; empty for a
+            board of tests alone.
     """
 
+    title: str
     folder: str
     cpu: tuple[str, ...]
     flash: tuple[int, int]
@@ -69,16 +75,53 @@ class Target:
     extra: tuple[str, ...] = ()
     defines: tuple[str, ...] = ()
     estimator: str = "fused"
+    commands: tuple[str, ...] = ()
 
 
+_STM32F405 = ((0x08000000, 0x100000), (0x20000000, 0x20000))
+_FLASHING = (
+    "st-flash --reset write {name}.bin 0x08000000",
+    "dfu-util -a 0 -s 0x08000000:leave -D {name}.bin    (BOOT0 high at reset)",
+    'openocd -f interface/stlink.cfg -f target/stm32f4x.cfg -c "program {name}.elf verify reset exit"',
+    "STM32_Programmer_CLI -c port=SWD -w {name}.hex -v -rst",
+)
 TARGETS = {
-    "netduinoplus2": Target("netduinoplus2", _M4F, (0x08000000, 0x100000), (0x20000000, 0x20000)),
-    "stm32f405": Target("netduinoplus2", _M4F, (0x08000000, 0x100000), (0x20000000, 0x20000), ("stm32f405/clock.c",)),
-    "mps2-an386": Target("mps2-an386", _M4F, (0x00000000, 0x400000), (0x20000000, 0x20000)),
-    "lm3s6965evb": Target("lm3s6965evb", _M3, (0x00000000, 0x40000), (0x20000000, 0x10000), estimator="zero-crossing"),
+    "netduinoplus2": Target(
+        "STM32F405 as emulators have it, without clocks",
+        "netduinoplus2",
+        _M4F,
+        *_STM32F405,
+        commands=("qemu-system-arm -M netduinoplus2 -kernel {name}.elf -display none -serial pty",),
+    ),
+    "stm32f405": Target(
+        "STM32F405, Cortex-M4F at 168 MHz",
+        "netduinoplus2",
+        _M4F,
+        *_STM32F405,
+        ("stm32f405/clock.c",),
+        commands=_FLASHING,
+    ),
+    "mps2-an386": Target(
+        "Arm MPS2 AN386 in QEMU, Cortex-M4F",
+        "mps2-an386",
+        _M4F,
+        (0x00000000, 0x400000),
+        (0x20000000, 0x20000),
+        commands=("qemu-system-arm -M mps2-an386 -kernel {name}.elf -display none -serial pty",),
+    ),
+    "lm3s6965evb": Target(
+        "TI LM3S6965 in QEMU, Cortex-M3 with floats in software",
+        "lm3s6965evb",
+        _M3,
+        (0x00000000, 0x40000),
+        (0x20000000, 0x10000),
+        estimator="zero-crossing",
+        commands=("qemu-system-arm -M lm3s6965evb -kernel {name}.elf -display none -serial pty",),
+    ),
     # for tests in lock step with a plant outside, on the machines mps2-an386 and lm3s6965evb
-    "bench-m4f": Target("bench", _M4F, (0x00000000, 0x400000), (0x20000000, 0x20000)),
+    "bench-m4f": Target("bench in QEMU, Cortex-M4F", "bench", _M4F, (0x00000000, 0x400000), (0x20000000, 0x20000)),
     "bench-m3": Target(
+        "bench in QEMU, Cortex-M3",
         "bench",
         _M3,
         (0x00000000, 0x40000),
@@ -107,7 +150,8 @@ def _run(command: list[str]) -> None:
         raise UnsupportedError(f"{command[0]} failed:\n{done.stderr.strip()}")
 
 
-def _common(estimator: str) -> list[str]:
+def _common(estimator: str, made: Path | None = None) -> list[str]:
+    """Return the options; ``made`` is a folder whose generated sources stand for the packaged ones."""
     core = FIRMWARE / "core"
     return [
         "-std=c11",
@@ -116,24 +160,32 @@ def _common(estimator: str) -> list[str]:
         *EXACT_FLOAT,
         f"-ffile-prefix-map={FIRMWARE}=firmware",
         f'-DAVC_BUILD="{source_hash(FIRMWARE)}"',
+        *(() if made is None else (f"-I{made}",)),
         f"-I{core}",
         f"-I{GENERATED}",
         f"-I{GENERATED / estimator}",
     ]
 
 
-def _core_sources(estimator: str, numbers: Path | None = None) -> list[Path]:
-    """Return the sources; ``numbers`` is a folder with other numbers than the generated ones."""
+def _core_sources(estimator: str, made: Path | None = None) -> list[Path]:
+    """Return the sources; those generated that ``made`` has come from there."""
     sources = [FIRMWARE / "core" / name for name in CORE]
-    sources += [GENERATED / name for name in PARTS] + [GENERATED / estimator / name for name in ESTIMATOR_PARTS]
-    if numbers is not None:
-        return sources + [numbers / name for name in (*NUMBERS, *ESTIMATOR_NUMBERS)]
-    return (
-        sources + [GENERATED / name for name in NUMBERS] + [GENERATED / estimator / name for name in ESTIMATOR_NUMBERS]
-    )
+    packaged = [GENERATED / name for name in (*PARTS, *NUMBERS)]
+    packaged += [GENERATED / estimator / name for name in (*ESTIMATOR_PARTS, *ESTIMATOR_NUMBERS)]
+    for path in packaged:
+        own = None if made is None else made / path.name
+        sources.append(path if own is None or not own.exists() else own)
+    return sources
 
 
-def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "arm-none-eabi-gcc") -> Path:
+def build_image(
+    target: str,
+    out: Path,
+    *,
+    baud: int | None = None,
+    gcc: str = "arm-none-eabi-gcc",
+    generated: Mapping[str, str] | None = None,
+) -> Path:
     """Build the ELF image of a board.
 
     Args:
@@ -141,6 +193,7 @@ def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "
         out: folder for ``<target>.elf``.
         baud: another rate than the board's 115200.
         gcc: the cross compiler.
+        generated: sources by file name in place of the packaged ones (`_runtime_c.sources_for`).
 
     Raises:
         UnsupportedError: unknown target, or the compiler refused the sources.
@@ -152,7 +205,6 @@ def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "
     boards = FIRMWARE / "boards"
     sources = [boards / "start.c", boards / "main.c", boards / "limits.c"]
     sources.append(boards / board.folder / "board.c")
-    sources += [boards / name for name in board.extra] + _core_sources(board.estimator)
     image = out / f"{target}.elf"
     out.mkdir(parents=True, exist_ok=True)
     places = {
@@ -161,30 +213,34 @@ def build_image(target: str, out: Path, *, baud: int | None = None, gcc: str = "
         "RAM_ORIGIN": board.ram[0],
         "RAM_SIZE": board.ram[1],
     }
-    _run(
-        [
-            compiler(gcc, ARM_INSTALL),
-            *_common(board.estimator),
-            *board.cpu,
-            *board.defines,
-            *([f"-DBOARD_BAUD={baud}u"] if baud else []),
-            f"-I{boards}",
-            f"-I{boards / board.folder}",
-            "-fno-tree-loop-distribute-patterns",
-            "-ffunction-sections",
-            "-fdata-sections",
-            "-fno-common",
-            "-g0",
-            "-nostdlib",
-            "-Wl,--gc-sections,--build-id=none,--no-warn-rwx-segments",
-            *(f"-Wl,--defsym={name}={value:#x}" for name, value in places.items()),
-            f"-T{boards / 'link.ld'}",
-            *map(str, sources),
-            "-lgcc",
-            "-o",
-            str(image),
-        ]
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder)
+        _write({made / name: text for name, text in (generated or {}).items()})
+        sources += [boards / name for name in board.extra] + _core_sources(board.estimator, made)
+        _run(
+            [
+                compiler(gcc, ARM_INSTALL),
+                *_common(board.estimator, made),
+                *board.cpu,
+                *board.defines,
+                *([f"-DBOARD_BAUD={baud}u"] if baud else []),
+                f"-I{boards}",
+                f"-I{boards / board.folder}",
+                "-fno-tree-loop-distribute-patterns",
+                "-ffunction-sections",
+                "-fdata-sections",
+                "-fno-common",
+                "-g0",
+                "-nostdlib",
+                "-Wl,--gc-sections,--build-id=none,--no-warn-rwx-segments",
+                *(f"-Wl,--defsym={name}={value:#x}" for name, value in places.items()),
+                f"-T{boards / 'link.ld'}",
+                *map(str, sources),
+                "-lgcc",
+                "-o",
+                str(image),
+            ]
+        )
     return image
 
 
@@ -212,15 +268,19 @@ def build_host(
     library = out / "libavc.so"
     numbers = None
     if figures is not None:
-        from avc_hardware._runtime_c import constants_sources  # noqa: PLC0415 - needs CasADi, which a build does not
+        # It needs CasADi, which a build does not.
+        from avc_hardware._host import BoardLimits  # noqa: PLC0415
+        from avc_hardware._runtime_c import MADE_FOR, constants_sources, made_for  # noqa: PLC0415
 
         numbers = out / "numbers"
-        _write({numbers / name: text for name, text in constants_sources(figures).items()})
+        files = constants_sources(figures)
+        files[MADE_FOR] = made_for(BoardLimits(figures.sample_time_s, figures.metres_per_count))
+        _write({numbers / name: text for name, text in files.items()})
     sources = [*_core_sources(estimator, numbers), FIRMWARE / "boards" / "host" / "board.c"]
     _run(
         [
             compiler(cc, HOST_INSTALL),
-            *_common(estimator),
+            *_common(estimator, numbers),
             *flags,
             "-fPIC",
             "-shared",
@@ -262,9 +322,10 @@ def generated() -> dict[Path, str]:
     """Return the generated sources by path: the coupling and the guard, and the estimator of every method."""
     from avc_casadi.runtime import ESTIMATORS  # noqa: PLC0415 - needs CasADi, which a build does not
     from avc_hardware._figures import RuntimeFigures  # noqa: PLC0415
-    from avc_hardware._runtime_c import all_sources  # noqa: PLC0415
+    from avc_hardware._host import BoardLimits  # noqa: PLC0415
+    from avc_hardware._runtime_c import MADE_FOR, all_sources, made_for  # noqa: PLC0415
 
-    files: dict[Path, str] = {}
+    files = {GENERATED / MADE_FOR: made_for(BoardLimits())}
     for method in ESTIMATORS:
         for name, text in all_sources(RuntimeFigures(estimator=method)).items():
             own = name in {"avc_estimate.h", *ESTIMATOR_PARTS, *ESTIMATOR_NUMBERS}

@@ -1,10 +1,15 @@
-/* The figures of the emulated boards. In a source of its own: an emulated image is given those of its device here. */
+/* The board's own figures. In a source of its own: an emulated image is given those of its device here. */
+#include "avc_made_for.h"
+#include "board.h"
 #include "hal.h"
 
+_Static_assert((uint64_t)BOARD_CLOCK_HZ * AVC_MADE_FOR_SAMPLE_TIME_NS / 1000000000u <= 0x1000000u,
+               "the sample time is longer than SysTick counts at this clock");
+
 const avc_limits_t hal_limits = {
-    .sample_time_s = 1e-3f,
-    .metres_per_count = 2e-6f,
-    .max_force_n = 50.0f,
+    .sample_time_s = AVC_MADE_FOR_SAMPLE_TIME_S,
+    .metres_per_count = AVC_MADE_FOR_COUNT_M,
+    .max_force_n = AVC_MADE_FOR_MAX_FORCE_N,
     .max_damping_ns_per_m = 1e5f,
     .max_stiffness_n_per_m = 1e8f,
     .max_contact_damping_ns_per_m = 1e4f,

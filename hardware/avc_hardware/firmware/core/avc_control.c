@@ -139,8 +139,7 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
         rest(c, x);
         return 0.0f;
     }
-    const bool lower = header->max_force_n > 0.0f && header->max_force_n < c->limits.max_force_n;
-    const float most = lower ? header->max_force_n : c->limits.max_force_n;
+    const float most = avc_force_limit(header, &c->limits);
     if (force > most || force < -most) {
         s->saturated++;
         force = force > most ? most : -most;

@@ -37,6 +37,7 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     }
     const avc_limits_t *limits = &device->control.limits;
     const avc_table_t *table = avc_running(device);
+    const avc_table_header_t *header = &table->image.header;
     const bool has_table = device->control.state.has_table != 0u;
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_HELLO | AVC_MESSAGE_REPLY, request->sequence);
     avc_put16(&a, AVC_INTERFACE_VERSION);
@@ -54,7 +55,7 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put_float(&a, limits->max_contact_damping_ns_per_m);
     avc_put32(&a, has_table ? table->id : 0u);
     avc_put32(&a, has_table ? table->crc32 : 0u);
-    avc_put16(&a, has_table ? table->image.header.rows : 0u);
+    avc_put16(&a, has_table ? header->rows : 0u);
     avc_put16(&a, device->transfer.open ? 1u : 0u);
     avc_put_float(&a, avc_figures.hold_s);
     avc_put_float(&a, avc_figures.slew_per_s);
@@ -62,9 +63,13 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put16(&a, avc_figures.estimator);
     avc_put16(&a, avc_figures.passive);
     avc_put16(&a, AVC_STATES_MAX);
-    avc_put16(&a, has_table ? avc_states(&table->image.header) : 0u);
+    avc_put16(&a, has_table ? avc_states(header) : 0u);
     avc_put16(&a, AVC_TONES_MAX);
     avc_put16(&a, AVC_RECORDS_KEPT);
+    avc_put32(&a, has_table ? header->coupling_id : 0u);
+    avc_put_float(&a, has_table ? header->wall_damping_ns_per_m : 0.0f);
+    avc_put_float(&a, has_table ? header->wall_stiffness_n_per_m : 0.0f);
+    avc_put_float(&a, has_table ? avc_force_limit(header, limits) : 0.0f);
     avc_send(&a);
 }
 

@@ -16,7 +16,7 @@
 
 enum {
     AVC_PROTOCOL_VERSION = 1,
-    AVC_INTERFACE_VERSION = 5,
+    AVC_INTERFACE_VERSION = 6,
     AVC_WINDOW = 1536,     /* bytes that the host may have on the way */
     AVC_CHUNK_MAX = 512  /* table bytes in one message */
 };

@@ -85,21 +85,17 @@ static avc_reason_t header_check(const avc_table_header_t *header, const avc_lim
     if (reason != AVC_OK) {
         return reason;
     }
-    if (!avc_is_finite(header->wall_damping_ns_per_m) || !avc_is_finite(header->wall_stiffness_n_per_m) ||
-        !avc_is_finite(header->max_force_n)) {
-        return AVC_REFUSED_NOT_FINITE;
-    }
     if (!within(header->wall_damping_ns_per_m, limits->max_damping_ns_per_m) ||
         !within(header->wall_stiffness_n_per_m, limits->max_stiffness_n_per_m)) {
-        return AVC_REFUSED_LIMIT;
+        return AVC_REFUSED_WALL; /* NaN too */
     }
     if (!(header->wall_damping_ns_per_m + header->wall_stiffness_n_per_m > 0.0f)) {
-        return AVC_REFUSED_LIMIT; /* a wall that gives no force is none */
+        return AVC_REFUSED_WALL; /* a wall that gives no force is none */
     }
-    if (!(header->max_force_n >= 0.0f)) {
-        return AVC_REFUSED_LIMIT;
+    if (!within(header->max_force_n, limits->max_force_n * 1.00001f)) {
+        return AVC_REFUSED_FORCE; /* with less force than it was made for it is another coupling */
     }
-    return AVC_OK;
+    return header->coupling_id != 0u ? AVC_OK : AVC_REFUSED_COUPLING;
 }
 
 static avc_reason_t feedback_check(const avc_feedback_t *feedback, uint32_t states)

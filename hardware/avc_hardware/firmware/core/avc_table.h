@@ -29,8 +29,8 @@ typedef struct {
     float wall_stiffness_n_per_m;
     float safe_damping_ns_per_m; /* what runs after a lost heartbeat */
     float safe_stiffness_n_per_m;
-    float max_force_n;    /* 0: the board's own; above the board's, that of the board */
-    uint32_t coupling_id; /* name of the coupling at the host */
+    float max_force_n;    /* 0: the board's own */
+    uint32_t coupling_id; /* name of the coupling at the host; not 0 */
 } avc_table_header_t;
 
 typedef struct {
@@ -103,7 +103,10 @@ typedef enum {
     AVC_REFUSED_INTERFACE = 15,
     AVC_REFUSED_STATES = 16,
     AVC_REFUSED_EXCITED = 17,
-    AVC_REFUSED_NO_EXCITATION = 18
+    AVC_REFUSED_NO_EXCITATION = 18,
+    AVC_REFUSED_WALL = 19,
+    AVC_REFUSED_FORCE = 20,
+    AVC_REFUSED_COUPLING = 21
 } avc_reason_t;
 
 /* What a refusal names in place of a row. */
@@ -130,6 +133,13 @@ static inline bool avc_is_finite(float x)
 
 /* Natural logarithm of a normal positive number: the same float32 operations on every machine. */
 float avc_ln(float x);
+
+/* Where a table's force ends: its own limit, or the board's. */
+static inline float avc_force_limit(const avc_table_header_t *header, const avc_limits_t *limits)
+{
+    const bool lower = header->max_force_n > 0.0f && header->max_force_n < limits->max_force_n;
+    return lower ? header->max_force_n : limits->max_force_n;
+}
 
 /* Check gains against the device's limits. */
 avc_reason_t avc_gains_check(const avc_gains_t *gains, const avc_limits_t *limits);

@@ -110,6 +110,7 @@ static void upload(const uint8_t *data, size_t size)
     image.header.sample_time_s = limits.sample_time_s;
     image.header.flags = (uint16_t)((size > 0u ? data[0] & 15u : 0u) | states << AVC_TABLE_STATES);
     image.header.wall_stiffness_n_per_m = 1e4f;
+    image.header.coupling_id = 7u;
     for (uint32_t i = 0; i < rows; i++) {
         const float value = size > 0u ? (float)data[i % size] : 1.0f;
         image.row[i] = (avc_row_t){1.0f + (float)i, value, 1000.0f * value, value};

@@ -1,0 +1,71 @@
+"""Build firmware for a device: its sample time, encoder and force limit built in, and say how to flash it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi as avc
+from avc_casadi.cli._arguments import positive_int
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._files import output_folder
+from avc_casadi.cli._subject import add_problem_of_gains, is_coupling, read_subject
+from avc_casadi.cli._text import number
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.description = (
+        f"{__doc__}\nNo gains are in it: they are pushed (avc push), and a coupling for another sample time or for\n"
+        "more force is refused by the device. It needs arm-none-eabi-gcc."
+    )
+    parser.add_argument(
+        "subject", metavar="SUBJECT", help="problem, for its device; or a coupling file, for what runs beside its gains"
+    )
+    parser.add_argument("--board", required=True, help="a board (a wrong name lists them): stm32f405, mps2-an386, ...")
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for the .elf, .bin and .hex file")
+    parser.add_argument("--baud", type=positive_int, help="rate of its serial port; default 115200")
+    add_problem_of_gains(parser)
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Build the image and tell the commands that flash it."""
+    from avc_casadi.support import plain
+    from avc_hardware import build_firmware
+
+    subject: Coupling | avc.Problem
+    if is_coupling(args.subject):
+        subject = read_subject("firmware", args.subject, args.problem)
+    else:
+        subject = avc.load_problem(args.subject)
+    with output_folder(args.out, "--out") as folder, console.step(f"firmware for {args.board}"):
+        built = build_firmware(subject, args.board, folder, baud=args.baud)
+    limits, figures = built.limits, built.figures
+    document: dict[str, Any] = plain(
+        {
+            "schema": "avc-firmware/1",
+            "board": built.board,
+            "build": built.build,
+            "files": [str(Path(args.out) / path.name) for path in built.files],
+            "address": built.address,
+            "size_bytes": built.size,
+            "limits": vars(limits),
+            "figures": vars(figures),
+            "commands": list(built.commands),
+        }
+    )
+    lines = [
+        f"{built.board} ({built.title}), build {built.build}, {built.size} bytes from {built.address:#010x}:",
+        (
+            f"  made for T = {number(limits.sample_time_s)} s, encoder steps of {number(limits.metres_per_count)} m, "
+            f"at most {number(limits.max_force_n)} N; estimator {figures.estimator}"
+        ),
+        *(f"  {path}" for path in document["files"]),
+        f"flash it from within {args.out}, by any one of:",
+        *(f"  {command}" for command in built.commands),
+    ]
+    return Answer(document, "\n".join(lines))
