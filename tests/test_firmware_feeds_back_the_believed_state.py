@@ -28,6 +28,8 @@ Forces = NDArray[np.float32]
 STEP_M = 2e-6
 LIMIT_N = 4.0
 TICKS = 1200
+# Counts: before the wall.
+OUTSIDE = -400
 FEEDBACKS = [
     *(believer(seed) for seed in range(6)),
     *(dense_believer(states) for states in range(1, 9)),
@@ -43,7 +45,10 @@ def made(feedback: StateFeedback | None, gains: Gains = SPRING, wall: tuple[floa
 
 
 def motions() -> Counts:
-    """A stroke through the wall's face, taps that grow faster, noise about the face, a press, rest; (5, TICKS)."""
+    """A stroke through the wall's face, taps that grow faster, noise about the face, a press, rest; (5, TICKS).
+
+    Each begins out of the wall, where a table takes over.
+    """
     time = np.arange(TICKS) * 1e-3
     metres = [
         6e-4 * np.sin(2 * np.pi * 2 * time),
@@ -52,21 +57,28 @@ def motions() -> Counts:
         np.minimum(4e-3 * time - 1e-3, 3e-4),
         np.zeros(TICKS),
     ]
-    return np.rint(np.array(metres) / STEP_M).astype(np.int32)
+    counts = np.rint(np.array(metres) / STEP_M).astype(np.int32)
+    counts[:, 0] = OUTSIDE
+    return counts
 
 
-def core_at(coupling: Coupling, count: int = 0, *, safe: Gains | None = None) -> HostCore:
-    """A device at rest that is given a coupling."""
+def core_with(coupling: Coupling, *, safe: Gains | None = None) -> HostCore:
+    """A device at rest before its wall that is given a coupling."""
     core = HostCore(host_library(), BoardLimits(max_force_n=LIMIT_N))
-    push(coupling, HostLink(core, position=lambda _: count), safe=safe)
+    push(coupling, HostLink(core, position=lambda _: OUTSIDE), safe=safe)
     return core
 
 
-def forces(coupling: Coupling, way: Counts, core: HostCore | None = None) -> Forces:
-    """The table comes into force with the first tick of the motion; a new device has been at rest there."""
-    if core is None:
-        core = HostCore(host_library(), BoardLimits(max_force_n=LIMIT_N))
-        core.tick(way[:1])
+def forces(coupling: Coupling, way: Counts) -> Forces:
+    """The table comes into force with the first tick of the motion; the device has been at rest there."""
+    core = HostCore(host_library(), BoardLimits(max_force_n=LIMIT_N))
+    core.tick(way[:1])
+    give(core, coupling)
+    return core.tick(way)[0]
+
+
+def give(core: HostCore, coupling: Coupling) -> None:
+    """Bring a device to where only a tick out of contact is missing."""
     session, table = Session(1, timeout_s=1.0), TableImage.of(coupling)
     name = table.table_id
     for kind, payload in (
@@ -75,9 +87,6 @@ def forces(coupling: Coupling, way: Counts, core: HostCore | None = None) -> For
         (Kind.COMMIT, m.commit(1, name, table.crc32)),
     ):
         core.write(session.message(kind, payload)[1])
-    force, _ = core.tick(way)
-    assert core.image() == table.image
-    return force
 
 
 def exported(coupling: Coupling, ways: Counts) -> Forces:
@@ -121,13 +130,20 @@ def test_firmware_feels_like_the_exported_coupling_for_any_gains(seed: int) -> N
 
 
 def test_observer_begins_anew_with_every_table() -> None:
-    """Swapped in in mid-motion, in contact: a spring has no memory, so that the forces are those of a fresh start."""
+    """Given in contact: the table before runs on; where it is left, the forces are those of a fresh start."""
     way = motions()[0]
     last = made(believer(3))
     for before in (made(None), made(believer(1)), made(believer(5)), made(dense_believer(8))):
-        core = core_at(before, int(way[0]))
+        core, unchanged = core_with(before), core_with(before).tick(way)[0]
         assert core.tick(way[:15])[0].max() > 0
-        assert forces(last, way[15:], core).tobytes() == exported(last, way[None, 15:])[0].tobytes()
+        give(core, last)
+        at = 15
+        while core.state().swaps == 1:
+            assert core.tick(way[at : at + 1])[0] == unchanged[at] or core.state().swaps == 2
+            at += 1
+        assert way[at - 1] <= 0
+        assert 15 < at < TICKS / 2
+        assert core.tick(way[at:])[0].tobytes() == exported(last, way[None, at - 1 :])[0, 1:].tobytes()
 
 
 def heartbeat(core: HostCore, ticks: int) -> None:
@@ -139,7 +155,7 @@ def test_safe_gains_mean_the_same_whatever_the_table() -> None:
     safe = SPRING
     way = motions()[0]
     fed, plain = made(believer(3)), made(None)
-    cores = [core_at(coupling, safe=safe) for coupling in (fed, plain)]
+    cores = [core_with(coupling, safe=safe) for coupling in (fed, plain)]
     for core in cores:
         heartbeat(core, 20)
     found = [core.tick(way)[0] for core in cores]
@@ -160,7 +176,8 @@ def test_safe_gains_mean_the_same_whatever_the_table() -> None:
 def test_fading_force_is_the_one_that_the_observer_knows() -> None:
     way = np.full(200, 150, dtype=np.int32)
     coupling = made(believer(3))
-    core = core_at(coupling, 150)
+    core = core_with(coupling)
+    core.tick(np.full(300, 150, dtype=np.int32))
     heartbeat(core, 20)
     force, _ = core.tick(way)
     assert core.state().mode == 2
@@ -177,16 +194,16 @@ def test_streamed_gains_keep_the_feedback_of_the_table() -> None:
     the measured one and of the force before."""
     feedback, stiffness, wall = believer(3), 4e3, 2.0**15
     way = motions()[3]
-    core = core_at(made(feedback), int(way[0]))
-    core.tick(way[:1])
+    core = core_with(made(feedback))
     session = Session(1, timeout_s=1.0)
-    core.write(session.message(Kind.SET_GAINS, m.set_gains(0, 10**6, 0.0, stiffness, 0.0))[1])
+    core.write(session.message(Kind.SET_GAINS, m.set_gains(0, 5000, 0.0, stiffness, 0.0))[1])
     # The gains slew to those streamed within 0.2 s, all outside the wall.
     found, _ = core.tick(way)
     assert core.state().streaming
     assert core.state().stiffness_n_per_m == pytest.approx(stiffness)
     observer = ReferenceFeedback(feedback, 1)
     before = np.zeros(1, np.float32)
+    observer(np.array([OUTSIDE], np.float32) * np.float32(STEP_M), before)
     series = stiffness * wall / (stiffness + wall)
     for count, force in zip(way, found, strict=True):
         seen = observer(np.array([count], np.float32) * np.float32(STEP_M), before)
@@ -198,7 +215,7 @@ def test_streamed_gains_keep_the_feedback_of_the_table() -> None:
 def test_observer_that_runs_away_gives_no_force_and_begins_anew() -> None:
     """Finite matrices may end beyond single precision: the force is 0 there, never infinite."""
     doubling = StateFeedback(((3e37,),), (1.0,), (0.0,), (1.0,), (0,), 0)
-    core = core_at(made(doubling), 100)
+    core = core_with(made(doubling))
     force, _ = core.tick(np.full(50, 100, dtype=np.int32))
     assert core.state().not_finite > 5
     assert np.isfinite(force).all()

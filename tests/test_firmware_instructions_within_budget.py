@@ -11,6 +11,7 @@ from hardware_bench import coupling, require, scratch
 from avc_casadi.coupling import Runtime
 from avc_hardware import Connection
 from avc_hardware._elf import read_elf
+from avc_hardware._host import BEFORE_WALL
 from avc_hardware._monitor import pause
 from avc_hardware._profile import TickCount, tick_instructions
 from avc_hardware._push import push_over
@@ -44,7 +45,7 @@ def in_qemu(folder: Path) -> list[int]:
     start = -1
 
     def position(tick: int) -> int:
-        return motion(tick - start) if start >= 0 else 0
+        return motion(tick - start) if start >= 0 else BEFORE_WALL
 
     options = ("-singlestep", "-d", "exec,nochain", "-D", str(log))
     with LockStepBoard(image, "bench-m4f", position=position, options=options) as board:

@@ -140,10 +140,10 @@ def test_session_waits_and_sends_nothing_by_itself() -> None:
     assert first.data == second.data
     assert second.data.startswith(b"\0")
     (sequence,) = struct.unpack_from("<H", _content(first.data), 2)
-    assert dialogue.send((sequence - 1, m.Committed(1, 2))).data == b""
+    assert dialogue.send((sequence - 1, m.Committed(1, 2, 0))).data == b""
     with pytest.raises(StopIteration) as stop:
-        dialogue.send((sequence, m.Committed(3, 4)))
-    assert stop.value.value == m.Committed(3, 4)
+        dialogue.send((sequence, m.Committed(3, 4, 0)))
+    assert stop.value.value == m.Committed(3, 4, 0)
 
 
 def test_a_table_that_changes_while_it_is_read_back_is_said_to() -> None:

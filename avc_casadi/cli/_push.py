@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
+LET_GO = "the device is in contact: let go of it, out of the wall; the new coupling takes over there"
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
@@ -40,7 +43,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     with faults_of(args.gains, args), console.step(f"push to {args.port}"):
         document = plain(
             {"schema": "avc-push/2", "coupling": coupling.id, "deployable": verdict.document()}
-            | push(coupling, args.port, baud=args.baud, unsafe=args.unsafe).document()
+            | push(
+                coupling, args.port, baud=args.baud, unsafe=args.unsafe, on_wait=lambda: console.say(LET_GO)
+            ).document()
         )
     document["unsafe"] = unsafe_note(verdict)
     document["widest_hole_hz"] = widest_hole(coupling)

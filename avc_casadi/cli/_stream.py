@@ -77,9 +77,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         f"{result.sent} messages in {result.seconds:.3g} s at {result.rate_hz:g} Hz on {result.port}: "
         f"{result.taken} taken, {result.late} late, {result.lost} lost; back to the table {result.fell_back} times\n"
         f"round trip: median {1e3 * result.round_trip_s:.3g} ms, largest {1e3 * result.round_trip_max_s:.3g} ms; "
-        f"afterwards the device is on its table ({result.status.mode})"
+        f"{'NOT as it should be' if result.faults else 'afterwards the device is on its table'} ({result.status.mode})"
     )
-    return Answer(document, "\n".join(filter(None, [unsafe_note(verdict), text])))
+    complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
+    text = "\n".join(filter(None, [unsafe_note(verdict), text]))
+    return Answer(document, text, code=1 if result.faults else 0, complaint=complaint)
 
 
 def _coupling(args: argparse.Namespace, console: Console) -> Coupling:

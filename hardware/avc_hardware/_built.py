@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from avc_casadi import InputError
 from avc_casadi.coupling import Coupling
+from avc_hardware._boards import TARGETS
 from avc_hardware._elf import read_elf
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._firmware import source_hash
 from avc_hardware._image_files import as_binary, as_intel_hex
 from avc_hardware._runs_on import check_runs_on, figures_of, limits_of
-from avc_hardware.firmware_build import TARGETS, build_image
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -77,8 +77,9 @@ def build_firmware(of: Coupling | Problem, board: str, out: Path, *, baud: int |
         figures = figures_of(of)
         if of.table.constant:
             figures = replace(figures, estimator=target.estimator)
-    # It builds expressions in CasADi, whose import is slow.
+    # It builds expressions in CasADi, whose import is slow; and it is a program too.
     from avc_hardware._runtime_c import sources_for  # noqa: PLC0415
+    from avc_hardware.firmware_build import build_image  # noqa: PLC0415
 
     elf = build_image(board, out, baud=baud, generated=sources_for(limits, figures))
     image = read_elf(elf)

@@ -46,6 +46,7 @@ class Connection:
         deadline_s: float | None = None,
         session: int | None = None,
         on_log: Callable[[str], None] | None = None,
+        on_wait: Callable[[], None] | None = None,
     ) -> None:
         """Take over a link and say hello.
 
@@ -56,13 +57,15 @@ class Connection:
                 time of a full table on the wire.
             session: number of this host; random by default.
             on_log: takes the lines of text that the firmware sends.
+            on_wait: called when a table waits for the device to be let go.
 
         Raises:
             LinkError: no answer, or firmware of another version.
         """
         self.link = link
         timeout_s = _THINKING_S + _BYTES_ON_THE_WAY * 10 / baud
-        self.session = Session(secrets.randbits(32) if session is None else session, timeout_s=timeout_s)
+        number = secrets.randbits(32) if session is None else session
+        self.session = Session(number, timeout_s=timeout_s, on_wait=on_wait)
         self._deadline_s = _DEADLINE_S + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s
         self._on_log = on_log
         self._decoder = Decoder()
@@ -108,7 +111,7 @@ class Connection:
         """Say that this host is alive, and that it will say so again in time; without that the device fades its force.
 
         Args:
-            within_s: longest time to the next heartbeat; 0 ends the supervision.
+            within_s: longest time to the next heartbeat, at most 5 s; 0 ends the supervision.
 
         Returns:
             Mode of the device: table, ramp or safe.

@@ -12,7 +12,7 @@ from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 MODES = ("table", "ramp", "safe")
 _COUPLING_ID = 14  # place in STATUS
 _HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHHHHI3f")
-_STATUS = struct.Struct("<II9fi14I4B")
+_STATUS = struct.Struct("<II9fi15I8B")
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,12 @@ class DeviceStatus:
         stream_stale: SET_GAINS refused because a newer one was there.
         stream_missing: numbers that never came.
         stream_expired: times that the device went back to its table.
+        boot_id: changes when the device starts anew.
         mode: table | ramp | safe.
         streaming: whether streamed gains are in force.
         contact: whether the wall is touched.
         has_table: whether there is a table.
+        waits: whether another table waits for the device to be let go.
     """
 
     ticks: int
@@ -160,20 +162,22 @@ class DeviceStatus:
     stream_stale: int
     stream_missing: int
     stream_expired: int
+    boot_id: int
     mode: str
     streaming: bool
     contact: bool
     has_table: bool
+    waits: bool
 
     @classmethod
     def read(cls, payload: bytes) -> DeviceStatus:
         """Read the payload of the answer to STATUS."""
         values = _STATUS.unpack(payload)
-        mode, streaming, contact, has_table = values[-4:]
+        mode, streaming, contact, has_table, waits = values[-8:-3]
         at = _COUPLING_ID
         coupling = _coupling(values[at], bool(has_table))
-        flags = (MODES[mode], bool(streaming), bool(contact), bool(has_table))
-        return cls(*[*values[:at], coupling, *values[at + 1 : -4], *flags])
+        flags = (MODES[mode], *map(bool, (streaming, contact, has_table, waits)))
+        return cls(*[*values[:at], coupling, *values[at + 1 : -8], *flags])
 
 
 def _coupling(number: int, has_table: bool) -> str:

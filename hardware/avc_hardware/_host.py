@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from avc_casadi.support import Float32Array
 
 _ROOM = 8192
+# Counts: where a device stands that nobody has put anywhere, out of contact.
+BEFORE_WALL = -1000
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,7 @@ class HostLink:
         self,
         core: HostCore,
         *,
-        position: Callable[[int], int] = lambda _: 0,
+        position: Callable[[int], int] = lambda _: BEFORE_WALL,
         on_force: Callable[[float], None] = lambda _: None,
     ) -> None:
         """Connect; ``position`` gives the encoder's counts at a tick, ``on_force`` takes its force."""

@@ -44,6 +44,7 @@ _SET_GAINS = struct.Struct("<II3f")
 _GAINS_TAKEN = struct.Struct("<II3f")
 _RECORDS = struct.Struct("<5Ii")
 _TWO = struct.Struct("<II")
+_THREE = struct.Struct("<III")
 _ONE = struct.Struct("<I")
 
 
@@ -57,10 +58,11 @@ class Acknowledged:
 
 @dataclass(frozen=True)
 class Committed:
-    """The table runs since tick ``ticks`` or earlier."""
+    """The table runs since tick ``ticks``; it had waited for ``waited`` ticks until the device was out of contact."""
 
     table_id: int
     ticks: int
+    waited: int
 
 
 @dataclass(frozen=True)
@@ -220,7 +222,7 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     Kind.BEGIN | REPLY: _acknowledged,
     Kind.CHUNK | REPLY: _acknowledged,
     Kind.ABORT | REPLY: _acknowledged,
-    Kind.COMMIT | REPLY: lambda payload: Committed(*_TWO.unpack(payload)),
+    Kind.COMMIT | REPLY: lambda payload: Committed(*_THREE.unpack(payload)),
     Kind.READBACK | REPLY: _readback,
     Kind.STATUS | REPLY: DeviceStatus.read,
     Kind.HEARTBEAT | REPLY: _heartbeat,

@@ -13,6 +13,7 @@ from avc_hardware._connection import Connection
 from avc_hardware._elf import read_elf
 from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._firmware import IMAGE
+from avc_hardware._host import BEFORE_WALL
 from avc_hardware._machine import CLOCK_HZ
 from avc_hardware._monitor import pause
 from avc_hardware._push import push_over
@@ -100,7 +101,7 @@ def tick_instructions(
     def encoder(_cycle: int) -> int:
         nonlocal tick
         tick += moving
-        return counts(tick) if moving else 0
+        return counts(tick) if moving else BEFORE_WALL
 
     board = EmulatedBoard(image, encoder=encoder, on_instruction=seen)
     with Connection(board, session=1) as connection:

@@ -82,8 +82,12 @@ def push(
     deadline_s: float | None = None,
     unsafe: bool = False,
     on_log: Callable[[str], None] | None = None,
+    on_wait: Callable[[], None] | None = None,
 ) -> PushResult:
     """Send the table of a coupling, with its wall; the device swaps it in whole between two control ticks.
+
+    It takes over out of contact, where it begins with no force; a device that is held in its wall for 10 s keeps what
+    it runs.
 
     Args:
         coupling: what is to run.
@@ -93,6 +97,7 @@ def push(
         deadline_s: longest duration on the link's clock.
         unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
         on_log: takes the firmware's lines of text.
+        on_wait: called when the table waits for the device to be let go.
 
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
@@ -106,7 +111,7 @@ def push(
     TableImage.of(coupling, safe=safe)
     link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
     start = link.now_s()
-    with Connection(link, baud=baud, deadline_s=deadline_s, on_log=on_log) as connection:
+    with Connection(link, baud=baud, deadline_s=deadline_s, on_log=on_log, on_wait=on_wait) as connection:
         return push_over(connection, coupling, safe=safe, start_s=start, unsafe=unsafe)
 
 

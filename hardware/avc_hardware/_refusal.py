@@ -36,6 +36,9 @@ class Reason(IntEnum):
     WALL = 19
     FORCE = 20
     COUPLING = 21
+    IN_CONTACT = 22
+    MODE = 23
+    HOLD = 24
 
 
 _SENTENCES = {
@@ -54,6 +57,9 @@ _SENTENCES = {
     Reason.WALL: "the table has no wall, or one outside the device's limits",
     Reason.FORCE: "the table was designed for more force than the device gives, or its limit is no force",
     Reason.COUPLING: "the table does not name its coupling",
+    Reason.IN_CONTACT: "the device is in contact; the table takes over when it is let go",
+    Reason.MODE: "the device does not run its table now (mode {detail}); nothing is kept for later",
+    Reason.HOLD: "it would hold too long; allowed: at most {detail} ticks",
     Reason.STALE: "gains with a number not above {detail} came late",
     Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",
     Reason.NO_TABLE: "the device holds no table yet; push one first",

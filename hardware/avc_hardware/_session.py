@@ -6,7 +6,7 @@ ended without one. `_connection` runs dialogues over a link; tests run them by h
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -24,6 +24,9 @@ RETRIES = 4
 ATTEMPTS = 5
 # The device lets go of a transfer that another host left two seconds ago; four waits are longer.
 BUSY_WAIT_S = 0.7
+# A table takes over out of contact: how often to ask whether it has, and how many times before it is given up.
+CONTACT_WAIT_S = 0.25
+CONTACT_TRIALS = 40
 _FINAL = {
     Reason.VERSION,
     Reason.INTERFACE,
@@ -41,6 +44,8 @@ _FINAL = {
     Reason.WALL,
     Reason.FORCE,
     Reason.COUPLING,
+    Reason.MODE,
+    Reason.HOLD,
 }
 
 
@@ -54,6 +59,10 @@ class RefusedError(LinkError):
     def __init__(self, refusal: Refusal) -> None:
         self.refusal = refusal
         super().__init__(f"the device refused: {refusal}")
+
+
+class InContactError(LinkError):
+    """The device was not let go, so that the new table was taken back."""
 
 
 @dataclass(frozen=True)
@@ -75,27 +84,31 @@ class Upload:
         device: as HELLO described it.
         image: the table read back.
         attempts: how often the transfer was begun.
-        ticks: that had run when the device told of the swap.
+        ticks: number of the tick that swapped.
+        waited: ticks that the table had waited for the device to be out of contact.
     """
 
     device: Device
     image: bytes
     attempts: int
     ticks: int
+    waited: int
 
 
 class Session:
     """Numbers the messages of one host and knows how to ask again."""
 
-    def __init__(self, number: int, *, timeout_s: float) -> None:
+    def __init__(self, number: int, *, timeout_s: float, on_wait: Callable[[], None] | None = None) -> None:
         """Start a session.
 
         Args:
             number: random, tells this host from others.
             timeout_s: longest wait for an answer; more than a full window takes on the wire.
+            on_wait: called once when a table waits for the device to be let go.
         """
         self.number = number
         self.timeout_s = timeout_s
+        self.on_wait = on_wait
         self._sequence = number & 0x7FFF
 
     def message(self, kind: Kind, payload: bytes) -> tuple[int, bytes]:
@@ -170,7 +183,7 @@ class Session:
                     yield from _wait(BUSY_WAIT_S)
             else:
                 if table_id == table.table_id and image == table.image:
-                    return Upload(device, image, attempt, committed.ticks)
+                    return Upload(device, image, attempt, committed.ticks, committed.waited)
                 failure = LinkError("the table read back differs from the one sent; another host may have pushed")
         raise LinkError(f"the table was not taken after {ATTEMPTS} attempts: {failure}") from failure
 
@@ -179,7 +192,28 @@ class Session:
         begin = m.begin(self.number, table_id, crc32, len(table.rows), table.states)
         begun = yield from self.ask(Kind.BEGIN, begin, m.Acknowledged)
         yield from self._chunks(image, table_id, begun.received, device)
-        return (yield from self.ask(Kind.COMMIT, m.commit(self.number, table_id, crc32), m.Committed))
+        return (yield from self._commit(table))
+
+    def _commit(self, table: TableImage) -> Generator[Exchange, Answer, m.Committed]:
+        """Have the table swapped in; while the device is in contact, wait, and in the end take it back."""
+        payload = m.commit(self.number, table.table_id, table.crc32)
+        for trial in range(CONTACT_TRIALS):
+            try:
+                return (yield from self.ask(Kind.COMMIT, payload, m.Committed))
+            except RefusedError as error:
+                if error.refusal.reason is not Reason.IN_CONTACT:
+                    raise
+            if trial == 0 and self.on_wait is not None:
+                self.on_wait()
+            yield from _wait(CONTACT_WAIT_S)
+        yield from self.ask(Kind.ABORT, m.abort(self.number), m.Acknowledged)
+        device = yield from self.hello()  # it may have been let go at the last moment
+        if (device.table_id, device.table_crc32) == (table.table_id, table.crc32):
+            return (yield from self.ask(Kind.COMMIT, payload, m.Committed))
+        raise InContactError(
+            f"the device was in contact all the time ({CONTACT_TRIALS * CONTACT_WAIT_S:.0f} s), where no other "
+            "coupling takes over; it runs what it ran before: let go of it, out of the wall, and push again"
+        )
 
     def _chunks(self, image: bytes, table_id: int, received: int, device: Device) -> Generator[Exchange, Answer, None]:
         """Keep the device's window full; after a loss go back to the first byte that it misses."""

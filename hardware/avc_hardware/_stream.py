@@ -15,7 +15,7 @@ from avc_casadi.support import Float32Array, FloatArray
 from avc_hardware import _messages as m
 from avc_hardware._bytes import ByteLink
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
-from avc_hardware._device import DeviceStatus
+from avc_hardware._device import MODES, Device, DeviceStatus
 from avc_hardware._messages import GainsTaken, Kind
 from avc_hardware._push import PushResult, push_over
 from avc_hardware._reference import lookup
@@ -26,9 +26,13 @@ from avc_hardware._session import Answer, Exchange, Session
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
-MAX_RATE_HZ = 100.0
+MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100.0
+# A stream that lost or was late with more than this share of its messages has failed.
+_SHARE_LOST = 0.1
 # Streamed gains hold for so many periods; after that the device goes back to its table.
 HOLD_PERIODS = 3
+# Refusals that a stream outlives: what came of them is told at its end.
+_KEPT = {Reason.STALE, Reason.NO_TABLE, Reason.MODE}
 # How many such times to wait for that at the end.
 _PATIENCE = 20
 # When the host itself is late: still give the answer a chance.
@@ -80,6 +84,7 @@ class StreamResult:
         samples: every message.
         push: of the table underneath.
         status: of the device after the stream has run out: back on its table.
+        faults: what was not as it should be, a sentence each: gains lost, the device on another table, or started anew.
     """
 
     port: str
@@ -95,6 +100,7 @@ class StreamResult:
     samples: tuple[StreamSample, ...]
     push: PushResult
     status: DeviceStatus
+    faults: tuple[str, ...]
 
 
 def stream(
@@ -112,7 +118,7 @@ def stream(
     Args:
         coupling: whose table is pushed and streamed from.
         port: device path, pyserial URL, ``emulator`` for a fresh board made for the coupling, or an open link.
-        rate_hz: messages a second, at most 100.
+        rate_hz: messages a second, 1 to 100.
         seconds: duration.
         baud: rate of a serial port.
         unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
@@ -124,8 +130,8 @@ def stream(
         FirmwareLacksError: the coupling needs what the firmware does not have.
         LinkError: no device, refused, unplugged.
     """
-    if not 0 < rate_hz <= MAX_RATE_HZ:
-        raise InputError.of(f"{rate_hz:g} Hz; allowed: above 0, at most {MAX_RATE_HZ:g}", key="rate_hz")
+    if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+        raise InputError.of(f"{rate_hz:g} Hz; allowed: {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}", key="rate_hz")
     if not (math.isfinite(seconds) and seconds > 0):
         raise InputError.of(f"{seconds:g} s; allowed: a finite time above 0", key="seconds")
     require_deployable(coupling, unsafe=unsafe)
@@ -148,9 +154,9 @@ def stream(
             if isinstance(answer, GainsTaken):
                 frequency = answer.lookup_hz
             elif isinstance(answer, Refusal):
-                if answer.reason is not Reason.STALE:
+                if answer.reason not in _KEPT:
                     raise LinkError(f"{link.name}: the device refused streamed gains: {answer}")
-                late += 1
+                late += answer.reason is Reason.STALE
             samples.append(sample)
             if on_sample is not None:
                 on_sample(sample)
@@ -164,7 +170,15 @@ def stream(
                 break
             connection.run(_idle(connection, link.now_s() + HOLD_PERIODS / rate_hz))
             after = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
+        device = connection.run(connection.session.hello())
     trips: FloatArray = np.array([s.round_trip_s for s in samples if math.isfinite(s.round_trip_s)])
+    fell_back = middle.stream_expired - before.stream_expired
+    lost = len(samples) - len(trips) - late
+    faults = _faults_of_end(pushed, after, device)
+    if lost + late > _SHARE_LOST * len(samples):
+        faults.append(f"{lost} of {len(samples)} messages were lost, {late} late")
+    if fell_back > 0:
+        faults.append(f"the device went back to its table in mid-stream, {fell_back} times")
     return StreamResult(
         port=link.name,
         rate_hz=rate_hz,
@@ -172,14 +186,31 @@ def stream(
         sent=len(samples),
         taken=len(trips),
         late=late,
-        lost=len(samples) - len(trips) - late,
-        fell_back=middle.stream_expired - before.stream_expired,
+        lost=lost,
+        fell_back=fell_back,
         round_trip_s=float(np.median(trips)) if len(trips) else math.nan,
         round_trip_max_s=float(trips.max()) if len(trips) else math.nan,
         samples=tuple(samples),
         push=pushed,
         status=after,
+        faults=tuple(faults),
     )
+
+
+def _faults_of_end(pushed: PushResult, status: DeviceStatus, device: Device) -> list[str]:
+    """Say where a device does not run the table that was pushed to it."""
+    faults = []
+    if device.boot_id != pushed.device.boot_id:
+        faults.append("the device has started anew since the push")
+    if not status.has_table:
+        faults.append("the device holds no table")
+    elif (status.table_id, status.table_crc32) != (pushed.table_id, pushed.crc32):
+        faults.append(f"the device runs table {status.table_id} of coupling {status.coupling_id}, another host's")
+    if status.streaming:
+        faults.append("the device still runs streamed gains")
+    if status.mode != MODES[0]:
+        faults.append(f"the device does not run its table (mode {status.mode})")
+    return faults
 
 
 def _sample(

@@ -4,6 +4,8 @@
 #include <string.h>
 
 static const float ramp_s = 0.1f;
+static const float longest_hold_s = 5.0f;
+static const uint32_t ticks_away = 10u;
 
 static float not_a_number(void)
 {
@@ -22,12 +24,36 @@ void avc_control_init(avc_control_t *control, const avc_limits_t *limits)
     control->state.frequency_hz = not_a_number();
 }
 
+uint32_t avc_longest_hold(const avc_control_t *control)
+{
+    return (uint32_t)(longest_hold_s * control->rate_hz + 0.5f);
+}
+
+static void rest(avc_control_t *c, float x)
+{
+    avc_couple_start(&c->couple, x);
+    avc_guard_start(&c->guard, x);
+    c->feedback.started = false;
+}
+
+/* Whether a table that begins here gives no force and stores no energy. */
+static bool out_of_wall(const avc_table_t *table, float x)
+{
+    float seen = x;
+    if (avc_states(&table->image.header) != 0u) {
+        avc_feedback_state_t begun = {.started = false};
+        seen = avc_feedback_step(&begun, &table->image, x, 0.0f);
+    }
+    return x <= 0.0f && seen <= 0.0f;
+}
+
 /* Heartbeat: missed, the force ramps to zero; then static safe gains, from the next time out of contact. */
-static void supervise(avc_control_t *c)
+static void supervise(avc_control_t *c, float x)
 {
     if (c->heartbeat_seen != 0u) {
         c->heartbeat_seen = 0u;
         atomic_signal_fence(memory_order_acquire);
+        c->heartbeat_ticks = c->heartbeat_wanted;
         c->heartbeat_left = c->heartbeat_ticks;
     }
     const bool watched = c->heartbeat_ticks != 0u;
@@ -45,11 +71,14 @@ static void supervise(avc_control_t *c)
         if (c->scale <= 0.0f) {
             c->scale = 0.0f;
             c->state.mode = AVC_MODE_SAFE;
-            c->feedback.started = false;
         }
-    } else if (c->state.contact == 0u) {
-        c->scale = 1.0f;
-        if (alive) {
+    } else if (c->state.has_table == 0u || (c->state.contact == 0u && x <= 0.0f)) {
+        if (c->scale == 0.0f) { /* the gains of before are gone, not slewed away */
+            rest(c, x);
+            c->scale = 1.0f;
+        }
+        if (alive && (c->state.has_table == 0u || out_of_wall(&c->tables[c->active], x))) {
+            rest(c, x);
             c->state.mode = AVC_MODE_TABLE;
         }
     }
@@ -60,7 +89,9 @@ static bool streamed(avc_control_t *c, avc_gains_t *goal)
     if (c->stream_fresh != 0u) {
         c->stream_fresh = 0u;
         atomic_signal_fence(memory_order_acquire);
-        c->stream_left = c->stream[c->stream_slot].ticks;
+        if (c->state.mode == AVC_MODE_TABLE) { /* else they came too late, and are not kept */
+            c->stream_left = c->stream[c->stream_slot].ticks;
+        }
     }
     if (c->stream_left == 0u) {
         return false;
@@ -82,6 +113,8 @@ static avc_gains_t choose_gains(avc_control_t *c, const avc_table_t *table, floa
     *rest_stiffness_n_per_m = 0.0f;
     if (c->state.mode == AVC_MODE_SAFE) {
         goal = (avc_gains_t){header->safe_damping_ns_per_m, header->safe_stiffness_n_per_m, 0.0f};
+        c->stream_fresh = 0u;
+        c->stream_left = 0u;
     } else if (streamed(c, &goal)) {
         c->state.streaming = 1u;
     } else {
@@ -89,13 +122,6 @@ static avc_gains_t choose_gains(avc_control_t *c, const avc_table_t *table, floa
         *rest_stiffness_n_per_m = table->image.row[0].stiffness_n_per_m;
     }
     return goal;
-}
-
-static void rest(avc_control_t *c, float x)
-{
-    avc_couple_start(&c->couple, x);
-    avc_guard_start(&c->guard, x);
-    c->feedback.started = false;
 }
 
 /* The coupling's force, guarded where the table asks for it, scaled by the supervision. */
@@ -149,11 +175,25 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
     return force;
 }
 
-static void swap(avc_control_t *c)
+/* Out of the wall of the new table, and of the old one too: nothing of it is left. Where an observer goes on believing in
+ * contact, being measured out of it for some ticks is enough. */
+static void swap(avc_control_t *c, float x)
 {
     atomic_signal_fence(memory_order_acquire);
+    c->away = out_of_wall(&c->tables[1u - c->active], x) ? c->away + 1u : 0u;
+    if (c->away == 0u || (c->state.contact != 0u && c->away < ticks_away)) {
+        c->waited++;
+        return;
+    }
+    c->swap_tick = c->state.ticks;
+    c->swap_waited = c->waited;
+    c->waited = 0u;
+    c->away = 0u;
     c->active = 1u - c->active;
-    c->feedback.started = false; /* the states of another table mean something else */
+    c->near = 0u;
+    c->stream_fresh = 0u;
+    c->stream_left = 0u;
+    rest(c, x);
     c->state.has_table = 1u;
     c->state.swaps++;
     c->swap_wanted = 0u;
@@ -173,12 +213,15 @@ static float excite(avc_control_t *c, float x, int32_t encoder_count)
 float avc_control_tick(avc_control_t *c, int32_t encoder_count)
 {
     avc_state_t *s = &c->state;
-    if (c->swap_wanted != 0u) {
-        swap(c); /* the only place where the table changes */
-    }
-    const avc_table_t *table = &c->tables[c->active];
     const int32_t moved = (int32_t)((uint32_t)encoder_count - (uint32_t)s->encoder_count); /* wraps rightly */
     const float x = (float)encoder_count * c->limits.metres_per_count;
+    if (c->swap_wanted != 0u) {
+        swap(c, x); /* the only place where the table changes */
+    } else {
+        c->waited = 0u;
+        c->away = 0u;
+    }
+    const avc_table_t *table = &c->tables[c->active];
     const float step = c->started ? (float)moved * c->limits.metres_per_count : 0.0f;
     if (!c->started) {
         c->started = true;
@@ -193,7 +236,7 @@ float avc_control_tick(avc_control_t *c, int32_t encoder_count)
     avc_estimate_step(&c->estimate, &seen, &estimate);
     s->frequency_hz = estimate.valid != 0.0f ? estimate.estimate_hz : not_a_number();
     s->lookup_hz = estimate.frequency_hz;
-    supervise(c);
+    supervise(c, x);
     float force = 0.0f;
     if (c->excite.busy != 0u) {
         force = excite(c, x, encoder_count);

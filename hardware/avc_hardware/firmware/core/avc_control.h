@@ -53,15 +53,20 @@ typedef struct {
     avc_table_t tables[2];
     volatile uint32_t active;      /* index of the running table */
     uint32_t near;                 /* row of the last look-up */
-    volatile uint32_t swap_wanted; /* set by the link, cleared by the tick */
+    uint32_t waited;               /* ticks since the tick first saw that a table waits */
+    uint32_t away;                 /* of these the last ones, out of the new wall */
+    uint32_t swap_tick;            /* the tick that took the running table over */
+    uint32_t swap_waited;          /* ticks that it had waited */
+    volatile uint32_t swap_wanted; /* set by the link, cleared by the tick that swaps, out of contact */
 
     avc_stream_t stream[2];
     volatile uint32_t stream_slot;
     volatile uint32_t stream_fresh; /* set by the link, cleared by the tick */
     uint32_t stream_left;
 
-    volatile uint32_t heartbeat_ticks; /* 0: not supervised */
-    volatile uint32_t heartbeat_seen;
+    volatile uint32_t heartbeat_wanted; /* ticks to the next at the latest; 0: not supervised */
+    volatile uint32_t heartbeat_seen;   /* set by the link after that, cleared by the tick */
+    uint32_t heartbeat_ticks;           /* the tick's own, so that no tick sees one without the other */
     uint32_t heartbeat_left;
     float scale; /* of the force: ramps to 0 when the heartbeat is lost */
 
@@ -74,6 +79,9 @@ typedef struct {
     avc_feedback_state_t feedback;
     avc_excite_t excite;
 } avc_control_t;
+
+/* Longest time that streamed gains or a heartbeat may hold, in ticks. */
+uint32_t avc_longest_hold(const avc_control_t *control);
 
 void avc_control_init(avc_control_t *control, const avc_limits_t *limits);
 

@@ -117,14 +117,22 @@ static void on_status(avc_device_t *device, const avc_request_t *request)
     avc_put32(&a, device->stream_stale);
     avc_put32(&a, device->stream_missing);
     avc_put32(&a, s.stream_expired);
-    const uint8_t flags[4] = {s.mode, s.streaming, s.contact, s.has_table};
+    avc_put32(&a, device->boot_id);
+    const uint8_t waits = device->transfer.committing ? 1u : 0u;
+    const uint8_t flags[8] = {s.mode, s.streaming, s.contact, s.has_table, waits, 0u, 0u, 0u};
     avc_put(&a, flags, sizeof flags);
     avc_send(&a);
 }
 
 static void on_heartbeat(avc_device_t *device, const avc_request_t *request)
 {
-    device->control.heartbeat_ticks = avc_get32(&request->payload[0]);
+    const uint32_t ticks = avc_get32(&request->payload[0]);
+    const uint32_t most = avc_longest_hold(&device->control);
+    if (ticks > most) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_HOLD, most);
+        return;
+    }
+    device->control.heartbeat_wanted = ticks;
     atomic_signal_fence(memory_order_release);
     device->control.heartbeat_seen = 1u;
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_HEARTBEAT | AVC_MESSAGE_REPLY, request->sequence);
@@ -144,8 +152,16 @@ static void on_set_gains(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, reason, number);
         return;
     }
+    if (ticks > avc_longest_hold(&device->control)) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_HOLD, avc_longest_hold(&device->control));
+        return;
+    }
     if (device->control.state.has_table == 0u) { /* nothing to fall back to */
         avc_refuse(device, request->sequence, AVC_REFUSED_NO_TABLE, number);
+        return;
+    }
+    if (device->control.state.mode != AVC_MODE_TABLE) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_MODE, device->control.state.mode);
         return;
     }
     const uint32_t ahead = number - device->stream_number;
@@ -203,6 +219,9 @@ static void on_frame(avc_device_t *device)
     const uint8_t *content = device->decoder.content;
     const avc_request_t request = {avc_get16(&content[2]), &content[AVC_HEADER_SIZE],
                                    (size_t)device->decoder.size - AVC_HEADER_SIZE - AVC_CRC_SIZE};
+    if ((content[1] & AVC_MESSAGE_REPLY) != 0u) {
+        return; /* an answer, sent back by a line that echoes: it is never answered */
+    }
     if (content[0] != AVC_PROTOCOL_VERSION) {
         avc_refuse(device, request.sequence, AVC_REFUSED_VERSION, AVC_PROTOCOL_VERSION);
         return;
@@ -225,8 +244,7 @@ bool avc_device_poll(avc_device_t *device)
     bool did = false;
     uint8_t byte;
     while (avc_ring_room(&device->tx) >= AVC_FRAME_MAX) { /* an answer always fits */
-        if (device->transfer.committing && device->control.swap_wanted == 0u) {
-            avc_finish_commit(device);
+        if (device->transfer.committing && avc_watch_commit(device)) {
             did = true;
             continue;
         }

@@ -43,6 +43,7 @@ typedef struct {
     bool open;
     bool committing;      /* the tick has been asked to swap; its reply is still owed */
     uint16_t commit_sequence;
+    uint32_t commit_tick; /* when the tick was asked */
     uint32_t session;
     uint32_t table_id;
     uint32_t crc32;

@@ -106,7 +106,10 @@ typedef enum {
     AVC_REFUSED_NO_EXCITATION = 18,
     AVC_REFUSED_WALL = 19,
     AVC_REFUSED_FORCE = 20,
-    AVC_REFUSED_COUPLING = 21
+    AVC_REFUSED_COUPLING = 21,
+    AVC_REFUSED_IN_CONTACT = 22,
+    AVC_REFUSED_MODE = 23,
+    AVC_REFUSED_HOLD = 24
 } avc_reason_t;
 
 /* What a refusal names in place of a row. */

@@ -101,17 +101,25 @@ void avc_on_chunk(avc_device_t *device, const avc_request_t *request)
     acknowledge(device, AVC_MESSAGE_CHUNK, request->sequence);
 }
 
+static void committed(avc_device_t *device, uint16_t sequence)
+{
+    avc_answer_t a = avc_answer(device, AVC_MESSAGE_COMMIT | AVC_MESSAGE_REPLY, sequence);
+    avc_put32(&a, avc_running(device)->id);
+    avc_put32(&a, device->control.swap_tick);
+    avc_put32(&a, device->control.swap_waited);
+    avc_send(&a);
+}
+
 void avc_on_commit(avc_device_t *device, const avc_request_t *request)
 {
     avc_transfer_t *transfer = &device->transfer;
     const uint32_t table_id = avc_get32(&request->payload[4]);
     const uint32_t crc32 = avc_get32(&request->payload[8]);
     if (avc_runs(device, table_id, crc32) && !transfer->committing) { /* its answer was lost, or it ran before */
-        transfer->open = false;
-        avc_answer_t a = avc_answer(device, AVC_MESSAGE_COMMIT | AVC_MESSAGE_REPLY, request->sequence);
-        avc_put32(&a, table_id);
-        avc_put32(&a, device->control.state.ticks);
-        avc_send(&a);
+        if (transfer->session == avc_get32(&request->payload[0]) && transfer->table_id == table_id) {
+            transfer->open = false;
+        }
+        committed(device, request->sequence);
         return;
     }
     if (!in_transfer(device, request)) {
@@ -121,8 +129,12 @@ void avc_on_commit(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_EXCITED, device->control.excite.plan.number);
         return;
     }
+    transfer->last_tick = device->control.state.ticks;
     if (transfer->committing) {
         transfer->commit_sequence = request->sequence;
+        if (device->control.swap_wanted != 0u && transfer->last_tick - transfer->commit_tick > 1u) {
+            avc_refuse(device, request->sequence, AVC_REFUSED_IN_CONTACT, table_id); /* not yet */
+        }
         return;
     }
     avc_table_t *table = shadow(device);
@@ -148,27 +160,39 @@ void avc_on_commit(avc_device_t *device, const avc_request_t *request)
     avc_table_prepare(table);
     transfer->committing = true;
     transfer->commit_sequence = request->sequence;
+    transfer->commit_tick = transfer->last_tick;
     atomic_signal_fence(memory_order_release);
     device->control.swap_wanted = 1u;
 }
 
-/* The tick has swapped: now the commit is answered. */
-void avc_finish_commit(avc_device_t *device)
+/* The tick may swap until here, and not after. */
+static void give_up_commit(avc_device_t *device)
+{
+    device->control.swap_wanted = 0u;
+    device->transfer.committing = false;
+    device->transfer.open = false;
+}
+
+/* Once the tick has swapped, the commit is answered; returns whether it was. A table that waits for a host that is gone never takes over. */
+bool avc_watch_commit(avc_device_t *device)
 {
     avc_transfer_t *transfer = &device->transfer;
+    if (device->control.swap_wanted != 0u) {
+        if (transfer_stale(device)) {
+            give_up_commit(device);
+        }
+        return false;
+    }
     transfer->committing = false;
     transfer->open = false;
-    avc_answer_t a = avc_answer(device, AVC_MESSAGE_COMMIT | AVC_MESSAGE_REPLY, transfer->commit_sequence);
-    avc_put32(&a, transfer->table_id);
-    avc_put32(&a, device->control.state.ticks);
-    avc_send(&a);
+    committed(device, transfer->commit_sequence);
+    return true;
 }
 
 void avc_on_abort(avc_device_t *device, const avc_request_t *request)
 {
-    if (device->transfer.open && !device->transfer.committing &&
-        device->transfer.session == avc_get32(&request->payload[0])) {
-        device->transfer.open = false;
+    if (device->transfer.open && device->transfer.session == avc_get32(&request->payload[0])) {
+        give_up_commit(device);
     }
     acknowledge(device, AVC_MESSAGE_ABORT, request->sequence);
 }

@@ -1,0 +1,307 @@
+"""No table takes over in contact; nothing of what ran before is left where it does; nothing stale revives."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hardware_bench import believer, coupling, dense_believer, host_core, push, require, stream, with_gains
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_firmware_tick_equals_reference import queue
+
+import avc_hardware
+from avc_casadi import load_problem
+from avc_casadi.cli import main
+from avc_casadi.coupling import Gains, Runtime, write_coupling
+from avc_hardware import Connection, EmulatedBoard, StreamResult, TableImage
+from avc_hardware import _messages as m
+from avc_hardware._elf import read_elf
+from avc_hardware._faults import FaultKind, FaultyLink, LinkFault
+from avc_hardware._firmware import IMAGE
+from avc_hardware._frames import Frame, encode
+from avc_hardware._host import HostCore, HostLink
+from avc_hardware._messages import Kind
+from avc_hardware._monitor import pause
+from avc_hardware._refusal import Reason
+from avc_hardware._session import InContactError, RefusedError
+
+SAFE = Gains(0.0, 3e3)
+_GUARD = "passivity-controller"
+COUPLINGS = (
+    coupling(20, seed=1, largest=(300.0, 1e5, 50.0), wall=(2.0, 8e4)),
+    coupling(1, seed=2, largest=(50.0, 5e4, 30.0), wall=(0.0, 1e3), contact="clip-last"),
+    coupling(9, seed=3, largest=(3e3, 1e6, 9.0), runtime=Runtime(guard=_GUARD), contact="clip-last"),
+    coupling(1, seed=4, largest=(0.0, 1e5, 5.0), wall=(3.0, 5e4), runtime=Runtime(state_feedback=believer(5))),
+    coupling(1, seed=5, largest=(9.0, 5e4, 5.0), wall=(0.0, 3e4), runtime=Runtime(state_feedback=dense_believer(4))),
+)
+TABLES = tuple(TableImage.of(made, safe=SAFE) for made in COUPLINGS)
+
+
+def motion(seed: int, ticks: int = 400) -> Any:
+    """Counts: a hand that wanders in and out of the wall."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(ticks) * 1e-3
+    metres = sum(
+        rng.uniform(1e-4, 8e-4) * np.sin(2 * np.pi * rng.uniform(1, 30) * time + rng.uniform(0, 6)) for _ in range(3)
+    )
+    return np.rint(metres / 2e-6).astype(np.int32)
+
+
+def until_taken(core: HostCore, way: Any) -> tuple[list[np.float32], int]:
+    """Tick until the table that waits has taken over; returns the forces, that tick's included, and their number."""
+    before, forces = core.state().swaps, []
+    for count in way:
+        forces.append(core.tick(np.array([count], dtype=np.int32))[0][0])
+        if core.state().swaps > before:
+            break
+    return forces, len(forces)
+
+
+@settings(max_examples=60)
+@given(
+    old=st.sampled_from([None, *TABLES]),
+    new=st.sampled_from(TABLES),
+    seed=st.integers(0, 10**6),
+    at=st.integers(0, 250),
+)
+def test_it_waits_out_of_contact_and_begins_as_if_nothing_had_been(
+    old: TableImage | None, new: TableImage, seed: int, at: int
+) -> None:
+    """So what it gives and takes is its own: no energy comes from the change, whatever ran and however it moved."""
+    way = np.concatenate([np.full(3, -500, dtype=np.int32), motion(seed)])
+    changed, unchanged, fresh = host_core(), host_core(), host_core()
+    for core in (changed, unchanged):
+        if old is not None:
+            queue(core, old)
+        core.tick(way[:1])
+    fresh.tick(way[:1])
+    if old is not None and old.table_id == new.table_id:
+        return
+    changed.tick(way[1 : 1 + at])
+    queue(changed, new)
+    waited, ticks = until_taken(changed, way[1 + at :])
+    taken = at + ticks  # index of the tick that took over
+    plain, _ = unchanged.tick(way[1:taken])
+    assert np.array(waited[:-1], dtype=np.float32).tobytes() == plain[at:].tobytes()
+    if changed.state().swaps == (old is not None):  # the hand has not left the wall
+        return
+    assert way[taken] <= 0
+    assert waited[-1] == 0
+    fresh.tick(way[1:taken])
+    queue(fresh, new)
+    expected, _ = fresh.tick(way[taken:])
+    assert expected[0] == 0
+    if new.varies and old is not None and not old.varies:
+        return  # the frequency of the look-up has sunk to another lowest row meanwhile
+    assert changed.tick(way[taken + 1 :])[0].tobytes() == expected[1:].tobytes()
+
+
+@pytest.mark.parametrize("soft_first", [True, False])
+def test_a_hand_that_leans_on_the_wall_feels_no_other_one(soft_first: bool) -> None:
+    """A tenth of a kilogram under 5 N: with another wall behind it the device moves as if none had been sent."""
+    problem = load_problem("damped")
+    soft = with_gains(problem.changed(environment={"stiffness_n_per_m": 1e3, "damping_ns_per_m": 0.0}), 5.0, 1e6)
+    tables = [TableImage.of(made) for made in (soft, with_gains(problem, 5.0, 1e6))]
+
+    def leans(sent: bool) -> tuple[list[float], list[float], float]:
+        core, x, v, force = host_core(), -1e-3, 0.0, 0.0
+        xs, forces = [], []
+        if soft_first:
+            queue(core, tables[0])
+        for tick in range(3000):
+            if sent and tick == 2000:
+                queue(core, tables[1])
+            hand = -5.0 if tick > 2500 else 5.0  # in the end it pulls the device out
+            v += 1e-3 / 0.1 * (hand - force - 2.0 * v - (20.0 * v if x > -2e-3 else 0.0))
+            x = max(x + 1e-3 * v, -2e-3) if soft_first else min(max(x + 1e-3 * v, -2e-3), 5e-3)
+            v = 0.0 if x in {-2e-3, 5e-3} else v
+            force = float(core.tick(np.array([round(x / 2e-6)], dtype=np.int32))[0][0])
+            xs.append(x)
+            forces.append(force)
+        assert core.state().has_table == (soft_first or sent)
+        return xs, forces, core.state().energy_j
+
+    assert leans(True) == leans(False)
+
+
+def test_a_device_that_is_held_in_its_wall_keeps_what_it_runs() -> None:
+    core = host_core()
+    push(COUPLINGS[0], HostLink(core))
+    told = []
+    with pytest.raises(InContactError, match="let go of it, out of the wall, and push again"):
+        push(COUPLINGS[1], HostLink(core, position=lambda _: 300), on_wait=lambda: told.append(1))
+    assert told == [1]
+    assert core.image() == TableImage.of(COUPLINGS[0]).image
+    core.tick(np.full(9, -500, dtype=np.int32))
+    assert core.image() == TableImage.of(COUPLINGS[0]).image
+    assert push(COUPLINGS[1], HostLink(core)).readback_equal
+
+
+def test_let_go_in_time_the_push_goes_on() -> None:
+    core = host_core()
+    push(COUPLINGS[0], HostLink(core))
+    result = push(COUPLINGS[1], HostLink(core, position=lambda tick: 300 if tick < 1500 else -300))
+    assert (result.readback_equal, result.attempts) == (True, 1)
+    assert result.seconds > 1.5
+
+
+def test_a_table_whose_host_has_gone_never_takes_over() -> None:
+    core = host_core()
+    core.tick(np.full(1, 300, dtype=np.int32))
+    queue(core, TABLES[0])
+    core.tick(np.full(2100, 300, dtype=np.int32))
+    core.read()  # the main loop runs
+    core.tick(np.full(50, -300, dtype=np.int32))
+    assert core.image() is None
+
+
+def asked(core: HostCore, kind: Kind, payload: bytes, answer: Any, session: int = 1) -> Any:
+    connection = Connection(HostLink(core), session=session)
+    return connection.run(connection.session.ask(kind, payload, answer))
+
+
+def silence(core: HostCore, within: int = 20) -> None:
+    """Ask for heartbeats and send none: past the ramp, out of the wall."""
+    asked(core, Kind.HEARTBEAT, m.heartbeat(within), m.HeartbeatSeen)
+    core.tick(np.full(within + 130, -500, dtype=np.int32))
+
+
+def test_gains_for_a_device_that_does_not_run_its_table_are_refused_and_not_kept() -> None:
+    core = host_core()
+    push(COUPLINGS[0], HostLink(core))
+    silence(core)
+    assert core.state().mode == 2
+    with pytest.raises(RefusedError, match="nothing is kept for later"):
+        asked(core, Kind.SET_GAINS, m.set_gains(0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
+    asked(core, Kind.HEARTBEAT, m.heartbeat(0), m.HeartbeatSeen, session=2)
+    core.tick(np.full(50, -500, dtype=np.int32))
+    assert (core.state().mode, core.state().streaming) == (0, 0)
+
+
+def test_gains_taken_in_the_tick_that_loses_the_heartbeat_do_not_come_back() -> None:
+    core = host_core()
+    push(COUPLINGS[0], HostLink(core))
+    connection = Connection(HostLink(core))
+    connection.run(connection.session.ask(Kind.HEARTBEAT, m.heartbeat(5), m.HeartbeatSeen))
+    core.tick(np.full(5, -500, dtype=np.int32))
+    _, data = connection.session.message(Kind.SET_GAINS, m.set_gains(0, 4000, 1.0, 5e4, 0.0))
+    core.write(data)
+    core.tick(np.full(1, -500, dtype=np.int32))
+    assert core.state().mode == 1
+    asked(core, Kind.HEARTBEAT, m.heartbeat(0), m.HeartbeatSeen)
+    core.tick(np.full(200, -500, dtype=np.int32))
+    assert (core.state().mode, core.state().streaming) == (0, 0)
+
+
+def test_streamed_gains_end_with_the_table_they_were_for() -> None:
+    core = host_core()
+    push(COUPLINGS[0], HostLink(core))
+    asked(core, Kind.SET_GAINS, m.set_gains(0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
+    core.tick(np.full(3, -500, dtype=np.int32))
+    assert core.state().streaming == 1
+    push(COUPLINGS[1], HostLink(core))
+    core.tick(np.full(3, -500, dtype=np.int32))
+    assert core.state().streaming == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "payload", "answer"),
+    [
+        (Kind.SET_GAINS, m.set_gains(0, 5001, 1.0, 1.0, 0.0), m.GainsTaken),
+        (Kind.SET_GAINS, m.set_gains(0, 2**32 - 1, 1.0, 1.0, 0.0), m.GainsTaken),
+        (Kind.HEARTBEAT, m.heartbeat(5001), m.HeartbeatSeen),
+    ],
+)
+def test_nothing_holds_for_longer_than_five_seconds(kind: Kind, payload: bytes, answer: Any) -> None:
+    core = host_core()
+    push(COUPLINGS[0], HostLink(core))
+    with pytest.raises(RefusedError, match="at most 5000 ticks") as caught:
+        asked(core, kind, payload, answer)
+    assert caught.value.refusal.reason is Reason.HOLD
+
+
+def test_a_tick_at_any_instruction_of_a_heartbeat_sees_it_whole() -> None:
+    """The timer strikes in the middle of the message that begins the supervision: no heartbeat is missed yet."""
+    require("unicorn")
+    start, size = read_elf(IMAGE).symbols["on_heartbeat"]
+    place = range(start, start + size)
+    boards: list[EmulatedBoard] = []
+    seen, strike = 0, 0
+
+    def on_instruction(address: int) -> None:
+        nonlocal seen
+        if address in place and boards:
+            seen += 1
+            if seen == strike:
+                machine: Any = boards[0].machine
+                machine._next_tick = machine.cycle
+                machine._core.emu_stop()
+
+    boards.append(EmulatedBoard(motion_m=lambda _: -1e-3, on_instruction=on_instruction))
+    with Connection(boards[0]) as connection:
+        connection.run(connection.session.push(TABLES[0], connection.device))
+        longest = 0
+        while strike <= longest:
+            strike, seen = strike + 1, 0
+            connection.heartbeat(0.5)
+            longest = max(longest, seen)
+            seen = 10**6
+            connection.run(pause(2e-3))
+            assert connection.heartbeat(0.0) == "table", strike
+    assert longest > 15
+
+
+def test_a_commit_told_twice_does_not_end_the_transfer_of_another_host() -> None:
+    core = host_core()
+    push(COUPLINGS[0], HostLink(core))
+    old, new = TableImage.of(COUPLINGS[0]), TableImage.of(COUPLINGS[1])
+    asked(core, Kind.BEGIN, m.begin(2, new.table_id, new.crc32, len(new.rows)), m.Acknowledged, session=2)
+    asked(core, Kind.COMMIT, m.commit(1, old.table_id, old.crc32), m.Committed)
+    chunk = m.chunk(2, new.table_id, 0, new.image)
+    assert asked(core, Kind.CHUNK, chunk, m.Acknowledged, session=2).received == len(new.image)
+
+
+def test_an_echoed_answer_is_not_answered() -> None:
+    core = host_core()
+    core.read()
+    for kind in (*(kind | m.REPLY for kind in Kind if kind < m.REPLY), Kind.REFUSED, Kind.LOG):
+        core.write(encode(Frame(kind, 3, bytes(8))))
+    assert core.read() == b""
+
+
+def streamed(*faults: LinkFault, act: Callable[[HostCore], None] = lambda _: None) -> StreamResult:
+    core = host_core()
+    link = FaultyLink(HostLink(core), list(faults), reset=core.reset)
+    left = [30]
+
+    def after(_sample: object) -> None:
+        left[0] -= 1
+        if left[0] == 0:
+            act(core)
+
+    return stream(COUPLINGS[0], link, rate_hz=50, seconds=1.0, on_sample=after)
+
+
+def test_a_stream_ends_well_only_on_its_own_table() -> None:
+    assert streamed().faults == ()
+    anew = " ".join(streamed(act=HostCore.reset).faults)
+    assert "started anew" in anew
+    assert "holds no table" in anew
+    other = " ".join(streamed(act=lambda core: push(COUPLINGS[1], HostLink(core)) and None).faults)
+    assert f"of coupling {COUPLINGS[1].id}, another host's" in other
+    lost = " ".join(streamed(LinkFault(True, 1500, FaultKind.STALL, 40)).faults)
+    assert "were lost" in lost
+    assert "in mid-stream, 1 times" in lost
+
+
+def test_the_command_ends_with_1_where_a_stream_did_not_end_well(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    failed = dataclasses.replace(streamed(), faults=("the device has started anew since the push",))
+    monkeypatch.setattr(avc_hardware, "stream", lambda *_, **__: failed)
+    file = tmp_path / "c.json"
+    write_coupling(COUPLINGS[0], file)
+    assert main(["stream", str(file), "--port", "x", "--unsafe"]) == 1
+    assert "avc: host: the device has started anew since the push" in capsys.readouterr().err
