@@ -1,5 +1,6 @@
 """What the tests of excitation share: a plan, and devices that play it on the core compiled for the host."""
 
+import dataclasses
 import functools
 import itertools
 
@@ -38,9 +39,9 @@ def device(**values):
 class Bench:
     """A device on the core, tick by tick, and everything that it did."""
 
-    def __init__(self, hidden):
+    def __init__(self, hidden, **limits):
         self.device = DeviceOnBench(hidden)
-        self.core = HostCore(host_library(), self.device.limits)
+        self.core = HostCore(host_library(), dataclasses.replace(self.device.limits, **limits))
         self.force_n, self.counts = [], []
         self.link = HostLink(self.core, position=lambda _: self._count(), on_force=self._hold)
 

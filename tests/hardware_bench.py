@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import dataclasses
 import functools
 import importlib.util
 import os
@@ -19,7 +20,7 @@ import avc_hardware
 from avc_casadi import Problem, load_problem
 from avc_casadi.coupling import Coupling, Gains, GainSchedule, GainTable, Runtime, Status
 from avc_casadi.runtime import StateFeedback
-from avc_hardware import Connection, TableImage
+from avc_hardware import BoardLimits, Connection, TableImage
 from avc_hardware._firmware import ARM_INSTALL
 from avc_hardware._host import HostCore, HostLink
 from avc_hardware._refusal import Refusal
@@ -104,8 +105,14 @@ def dense_believer(states: int, seed: int = 0) -> StateFeedback:
     )
 
 
+def unwatched(*values: float, **options: float) -> BoardLimits:
+    """Limits of a board that takes any motion for plausible: tests move as no device can."""
+    watched = ("max_speed_m_per_s", "max_acceleration_m_per_s2", "max_energy_j", "stuck_swing_n", "max_overruns")
+    return dataclasses.replace(BoardLimits(*values, **options), **dict.fromkeys(watched, 0.0))
+
+
 def host_core() -> HostCore:
-    return HostCore(host_library())
+    return HostCore(host_library(), unwatched())
 
 
 def schedule(

@@ -126,7 +126,7 @@ def test_host_that_comes_too_late_sees_a_gap_and_no_shift():
 
 def test_step_that_does_not_fit_begins_the_next_answer():
     """An encoder that is set anew by 100 000 counts stops the device; the record of it is whole."""
-    bench = Bench(device())
+    bench = Bench(device(), max_acceleration_m_per_s2=0.0, max_speed_m_per_s=0.0)
     before = bench.device.count
     bench.device.count = lambda: before() + (100_000 if len(bench.counts) > 900 else 0)
     log = bench.excite(planned())

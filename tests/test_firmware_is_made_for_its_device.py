@@ -27,7 +27,7 @@ def test_built_and_patched_images_are_the_same_bytes(tmp_path: Path) -> None:
     if "12.2" not in run("arm-none-eabi-gcc", "--version").decode().splitlines()[0]:
         pytest.skip("the packaged image was built with arm-none-eabi-gcc 12.2")
     built = build_firmware(coupling(9, runtime=RUNTIME, **DEVICE), "netduinoplus2", tmp_path)
-    assert built.limits == BoardLimits(2.5e-4, 2e-5, 8.0)
+    assert built.limits == dataclasses.replace(BoardLimits(2.5e-4, 2e-5, 8.0), stuck_swing_n=2.0)
     assert built.figures == RuntimeFigures(2.5e-4, 2e-5, "fused", 0.31, 7.0, True, 1.25)
     patched = image_for(read_elf(IMAGE), built.limits, built.figures)
     assert read_elf(built.files[0]).segments == patched.segments

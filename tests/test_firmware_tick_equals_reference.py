@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hardware_bench import believer, coupling, dense_believer, require, scratch
+from hardware_bench import believer, coupling, dense_believer, require, scratch, unwatched
 from numpy.typing import NDArray
 
 from avc_casadi import LinkError, UnsupportedError
@@ -30,6 +30,7 @@ from avc_hardware._messages import parse
 from avc_hardware._monitor import pause
 from avc_hardware._qemu import LockStepBoard
 from avc_hardware._reference_device import ReferenceDevice
+from avc_hardware._runtime_c import MADE_FOR, made_for
 from avc_hardware._runtime_constants import SAMPLE_TIMES_S, constants, templates
 from avc_hardware._session import Answer, Exchange, Session
 from avc_hardware.firmware_build import TARGETS, build_host, build_image, generated
@@ -50,7 +51,7 @@ BOARDS = {
 
 def limits(board: str) -> BoardLimits:
     figures, force = BOARDS[board]
-    return BoardLimits(figures.sample_time_s, figures.metres_per_count, force)
+    return unwatched(figures.sample_time_s, figures.metres_per_count, force)
 
 
 def couplings(board: str) -> tuple[Coupling, ...]:
@@ -239,7 +240,8 @@ def test_packaged_image_gives_the_same_bits(board: str, motion: int) -> None:
 @pytest.mark.parametrize("target", ["bench-m4f", "bench-m3"])
 def test_qemu_gives_the_same_bits(target: str) -> None:
     require("qemu-system-arm", "arm-none-eabi-gcc", "gcc")
-    image = build_image(target, scratch())
+    generated = {MADE_FOR: made_for(limits("1 ms"))}
+    image = build_image(target, scratch() / "unwatched", generated=generated)
     built = build_host(scratch() / target, estimator=TARGETS[target].estimator)
     for way in motions()[[0, 2, 4]]:
         forces: list[float] = []
@@ -250,7 +252,7 @@ def test_qemu_gives_the_same_bits(target: str) -> None:
                 board.tick()
         got = np.array(forces, dtype=np.float32)
         counts = np.resize(way, len(forces))
-        assert on_host(HostCore(built), counts, "1 ms", swaps)[0].tobytes() == got.tobytes()
+        assert on_host(HostCore(built, limits("1 ms")), counts, "1 ms", swaps)[0].tobytes() == got.tobytes()
         assert got.max() > 0
 
 

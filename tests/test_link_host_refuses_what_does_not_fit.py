@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from hardware_bench import coupling, host_core, host_library, image, push, refused
+from hardware_bench import coupling, host_core, host_library, image, push, refused, unwatched
 
 import avc_hardware
 from avc_casadi import LinkError, NotDeployableError, UnsupportedError
 from avc_casadi.coupling import Runtime
-from avc_hardware import BoardLimits, TableImage, check_runs_on
+from avc_hardware import TableImage, check_runs_on
 from avc_hardware._host import HostCore, HostLink
 from avc_hardware._refusal import Reason, Refusal
 
@@ -28,7 +28,7 @@ def test_wrong_sample_time_is_refused_on_both_sides() -> None:
 
 
 def test_host_names_every_limit_that_is_passed() -> None:
-    core = HostCore(host_library(), BoardLimits(max_damping_ns_per_m=100.0, max_stiffness_n_per_m=1e4))
+    core = HostCore(host_library(), unwatched(max_damping_ns_per_m=100.0, max_stiffness_n_per_m=1e4))
     with pytest.raises(LinkError) as caught:
         push(coupling(9, sample_time_s=1e-4, wall=(0.0, 2e4)), HostLink(core))
     text = str(caught.value)
@@ -52,15 +52,15 @@ def test_host_sends_nothing_above_any_one_limit(limit: str, column: int, words: 
     """The largest gain of the table passes; the limit a little lower is named before a byte of the table travels."""
     made = coupling(9, largest=(80.0, 5e3, 60.0), wall=(1.0, 1e3))
     largest = float(np.float32(made.table.rows[:, column].max()))
-    core = HostCore(host_library(), BoardLimits(**{limit: largest}))
+    core = HostCore(host_library(), unwatched(**{limit: largest}))
     assert push(made, HostLink(core)).rows == 9
-    core = HostCore(host_library(), BoardLimits(**{limit: 0.999 * largest}))
+    core = HostCore(host_library(), unwatched(**{limit: 0.999 * largest}))
     with pytest.raises(LinkError, match=f"not sent: {words}") as caught:
         push(made, HostLink(core))
     assert str(caught.value).count("narrow") == 1
     assert core.image() is None
     # Of many rows above it the worst is named.
-    core = HostCore(host_library(), BoardLimits(**{limit: 0.3 * largest}))
+    core = HostCore(host_library(), unwatched(**{limit: 0.3 * largest}))
     with pytest.raises(LinkError, match=f"{words} {largest:.6g} "):
         push(made, HostLink(core))
 

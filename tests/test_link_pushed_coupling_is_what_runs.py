@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hardware_bench import coupling, host_core, host_library, push
+from hardware_bench import coupling, host_core, host_library, push, unwatched
 
 from avc_casadi import LinkError
-from avc_hardware import BoardLimits, Connection, RuntimeFigures, TableImage
+from avc_hardware import Connection, RuntimeFigures, TableImage
 from avc_hardware._device import DeviceStatus
 from avc_hardware._host import HostCore, HostLink
 from avc_hardware._messages import Kind
@@ -61,7 +61,7 @@ def test_the_same_table_twice_changes_nothing() -> None:
 
 def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() -> None:
     """The wall of a second coupling is its own; nothing of the first is left."""
-    core = HostCore(host_library(), BoardLimits(max_force_n=20.0))
+    core = HostCore(host_library(), unwatched(max_force_n=20.0))
     connection = Connection(HostLink(core))
     ask = connection.session.ask
     assert connection.run(ask(Kind.STATUS, b"", DeviceStatus)).coupling_id == ""

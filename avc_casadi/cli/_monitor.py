@@ -24,14 +24,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Watch the device."""
     from avc_casadi.support import plain
-    from avc_hardware import monitor
+    from avc_hardware import DeviceFault, monitor
 
     seconds = args.seconds or (_SECONDS_WITH_JSON if console.as_json else None)
     samples = []
     console.say(_line(("ticks", "f Hz", "b N.s/m", "k N/m", "x mm", "force N", "energy J"), "mode"))
     for status in monitor(args.port, rate_hz=args.rate_hz, seconds=seconds, baud=args.baud):
         if console.as_json:
-            samples.append(plain(vars(status)))
+            samples.append(plain(vars(status) | {"fault_words": [fault.word for fault in DeviceFault(status.faults)]}))
         values = (
             status.frequency_hz,
             status.damping_ns_per_m,
@@ -40,8 +40,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             status.force_n,
             status.energy_j,
         )
-        mode = f"{status.mode}, streaming" if status.streaming else status.mode
+        mode = status.mode if status.has_table or status.faults else "no force"
+        mode += ", streaming" if status.streaming else ""
+        mode += f" ({DeviceFault(status.faults).word})" if status.faults else ""
         mode += f", coupling {status.coupling_id}" if status.has_table else ", no coupling"
+        mode += ", another waits for the device to be let go" if status.waits else ""
         console.say(_line((str(status.ticks), *map(number, values)), mode))
     return Answer({"schema": "avc-monitor/1", "port": args.port, "samples": samples}, "")
 

@@ -28,5 +28,6 @@ VERBS: tuple[str, ...] = (
     "firmware",
     "ports",
     "monitor",
+    "clear",
     "doctor",
 )

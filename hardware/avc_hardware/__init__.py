@@ -11,6 +11,8 @@ from avc_hardware._built import BuiltFirmware as BuiltFirmware
 from avc_hardware._built import build_firmware as build_firmware
 from avc_hardware._bytes import ByteLink as ByteLink
 from avc_hardware._bytes import SerialLink as SerialLink
+from avc_hardware._clear import Cleared as Cleared
+from avc_hardware._clear import clear_faults as clear_faults
 from avc_hardware._connection import DEFAULT_BAUD as DEFAULT_BAUD
 from avc_hardware._connection import EMULATOR as EMULATOR
 from avc_hardware._connection import EMULATOR_IS_FRESH as EMULATOR_IS_FRESH
@@ -18,6 +20,7 @@ from avc_hardware._connection import Connection as Connection
 from avc_hardware._connection import open_link as open_link
 from avc_hardware._device import Device as Device
 from avc_hardware._device import DeviceStatus as DeviceStatus
+from avc_hardware._device_fault import DeviceFault as DeviceFault
 from avc_hardware._diagnose import Diagnosis as Diagnosis
 from avc_hardware._diagnose import diagnose as diagnose
 from avc_hardware._emulator import EmulatedBoard as EmulatedBoard

@@ -183,9 +183,15 @@ def force_of_code(code: int, limits: BoardLimits) -> float:
 def board_limits(device: Device) -> BoardLimits:
     """Return the limits of a board for a device; where it says nothing, those of the boards."""
     usual = BoardLimits()
+    force = device.max_force_n or usual.max_force_n
+    share = 0.0 if device.resonance is None else device.resonance.mass_ratio
+    lightest = device.mass_kg * (min(share, 1 - share) or 1.0)
     return replace(
         usual,
         sample_time_s=device.sample_time_s,
         metres_per_count=device.encoder_resolution_m or usual.metres_per_count,
-        max_force_n=device.max_force_n or usual.max_force_n,
+        max_force_n=force,
+        stuck_swing_n=force / 4,
+        # what the actuator alone does to the lighter part, four times over: hands and stops strike too
+        max_acceleration_m_per_s2=max(usual.max_acceleration_m_per_s2, 4 * force / lightest),
     )

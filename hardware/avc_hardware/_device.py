@@ -9,10 +9,10 @@ import numpy as np
 
 from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 
-MODES = ("table", "ramp", "safe")
+MODES = ("table", "ramp", "safe", "fault")
 _COUPLING_ID = 14  # place in STATUS
-_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHHHHI3f")
-_STATUS = struct.Struct("<II9fi15I8B")
+_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHHHHI8fI")
+_STATUS = struct.Struct("<II9fi18I8B")
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,12 @@ class Device:
         wall_damping_ns_per_m: of the running wall; 0 without one.
         wall_stiffness_n_per_m: of the running wall.
         force_limit_n: in force with the running table.
+        max_speed_m_per_s: beyond it a fault is latched; 0, here and in what follows: not watched.
+        max_acceleration_m_per_s2: beyond it the encoder counts as having jumped.
+        max_energy_j: that a coupling may give out within about a second without having got it.
+        stuck_swing_n: of the force, under which an encoder moves.
+        max_overruns: ticks in a row that are too long.
+        faults: codes of `DeviceFault`.
     """
 
     interface_version: int
@@ -74,6 +80,12 @@ class Device:
     wall_damping_ns_per_m: float
     wall_stiffness_n_per_m: float
     force_limit_n: float
+    max_speed_m_per_s: float
+    max_acceleration_m_per_s2: float
+    max_energy_j: float
+    stuck_swing_n: float
+    max_overruns: int
+    faults: int
 
     @classmethod
     def read(cls, payload: bytes) -> Device:
@@ -93,8 +105,9 @@ class Device:
         )
         running = (*values[13:16], bool(values[16]))
         coupling = _coupling(values[26], bool(values[15]))
-        wall = map(_meant, values[27:30])
-        return cls(*[*values[:4], build, *values[5:7], *meant, *running, figures, *values[22:26], coupling, *wall])
+        wall, watched = map(_meant, values[27:30]), map(_meant, values[30:34])
+        head = [*values[:4], build, *values[5:7], *meant, *running, figures, *values[22:26], coupling, *wall]
+        return cls(*[*head, *watched, int(values[34]), values[35]])
 
 
 @dataclass(frozen=True)
@@ -129,7 +142,10 @@ class DeviceStatus:
         stream_missing: numbers that never came.
         stream_expired: times that the device went back to its table.
         boot_id: changes when the device starts anew.
-        mode: table | ramp | safe.
+        faults: codes of `DeviceFault`, all that are latched, and whether the host is silent.
+        first_faults: the codes that were latched first.
+        fault_tick: when that was.
+        mode: table | ramp | safe | fault.
         streaming: whether streamed gains are in force.
         contact: whether the wall is touched.
         has_table: whether there is a table.
@@ -163,6 +179,9 @@ class DeviceStatus:
     stream_missing: int
     stream_expired: int
     boot_id: int
+    faults: int
+    first_faults: int
+    fault_tick: int
     mode: str
     streaming: bool
     contact: bool

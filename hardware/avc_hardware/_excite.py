@@ -36,6 +36,7 @@ ENDS = {
     4: "stopped: the device did not hear the host in time",
     5: "stopped: the travel limit was exceeded",
     6: "stopped: the speed limit was exceeded",
+    7: "stopped: the device latched a fault (avc monitor)",
 }
 """How an excitation ends, by the number that the device gives."""
 _PLAYED = 2

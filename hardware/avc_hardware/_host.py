@@ -14,12 +14,26 @@ from avc_casadi.support import Float32Array
 
 _ROOM = 8192
 # Counts: where a device stands that nobody has put anywhere, out of contact.
-BEFORE_WALL = -1000
+BEFORE_WALL = -100
 
 
 @dataclass(frozen=True)
 class BoardLimits:
-    """What a board says of itself; the values of the netduinoplus2 board."""
+    """What a board says of itself; the values of the netduinoplus2 board.
+
+    Attributes:
+        sample_time_s: T.
+        metres_per_count: of the encoder.
+        max_force_n: of the output.
+        max_damping_ns_per_m: of b, of the wall too.
+        max_stiffness_n_per_m: of k, of the wall too.
+        max_contact_damping_ns_per_m: of b_p.
+        max_speed_m_per_s: beyond it a fault is latched; 0, here and in what follows: not watched.
+        max_acceleration_m_per_s2: beyond it the encoder has jumped.
+        max_energy_j: that a coupling may give out within about a second without having got it.
+        stuck_swing_n: swings of the force so wide, four of them without one count, are an encoder that is stuck.
+        max_overruns: ticks in a row that took longer than T.
+    """
 
     sample_time_s: float = 1e-3
     metres_per_count: float = 2e-6
@@ -27,6 +41,11 @@ class BoardLimits:
     max_damping_ns_per_m: float = 1e5
     max_stiffness_n_per_m: float = 1e8
     max_contact_damping_ns_per_m: float = 1e4
+    max_speed_m_per_s: float = 3.0
+    max_acceleration_m_per_s2: float = 1000.0
+    max_energy_j: float = 0.2
+    stuck_swing_n: float = 12.5
+    max_overruns: float = 5.0
 
     def packed(self) -> bytes:
         """Return the bytes of the firmware's `avc_limits_t`."""
@@ -112,6 +131,26 @@ class HostCore:
         state = State()
         self._c.avc_host_state(self._device, ctypes.byref(state))
         return state
+
+    def disable(self, disabled: bool) -> None:
+        """Open the enable line, or close it."""
+        self._c.avc_host_disable(self._device, int(disabled))
+
+    def overrun(self) -> None:
+        """Say that the last tick took too long."""
+        self._c.avc_host_overrun(self._device)
+
+    def started_after(self, codes: int) -> None:
+        """Latch what the board says of its last reset."""
+        self._c.avc_host_fault(self._device, codes)
+
+    def drives(self) -> bool:
+        """Return whether the amplifier is to be on."""
+        return bool(self._c.avc_host_drives(self._device))
+
+    def faults(self) -> int:
+        """Return the codes of its faults."""
+        return int(self._c.avc_host_faults(self._device))
 
     def image(self) -> bytes | None:
         """Return the bytes of the table in force, or None."""

@@ -21,6 +21,7 @@ CLOCK_HZ = 168_000_000
 _FLASH, _FLASH_SIZE = 0x08000000, 0x100000
 _RAM, _RAM_SIZE = 0x20000000, 0x20000
 _SYSTEM, _APB1, _TIMERS, _SERIAL = 0xE000E000, 0x40007000, 0x40010000, 0x40011000
+_WATCHDOG, _PORTS, _RESETS = 0x40003000, 0x40020000, 0x40023000
 _PAGE = 0x1000
 # Where interrupt handlers return to: a page of its own, never executed.
 _RETURN = 0x1FFF0000
@@ -29,12 +30,20 @@ _SYSTICK_VECTOR, _SERIAL_VECTOR = 15, 16 + 37
 _RECEIVED, _OVERRUN, _TRANSMIT_EMPTY, _TRANSMITTED = 1 << 5, 1 << 3, 1 << 7, 1 << 6
 _RECEIVE_INTERRUPT = 1 << 5
 _COUNTED = 1 << 16
+# Reasons of a reset as RCC_CSR tells them, and what forgets them; the clock of the watchdog.
+BY_WATCHDOG, BY_POWER_ON, BY_BROWN_OUT = 1 << 29, 1 << 27, 1 << 25
+_FORGET = 1 << 24
+_SLOW_HZ = 32_000
 # An interrupt handler that runs for longer than this hangs: ten sample times.
 _HANDLER_LIMIT = 1_680_000
 
 
 class Machine:
-    """The board: `run_until` lets time pass; bytes and positions go in, bytes and forces come out."""
+    """The board: `run_until` lets time pass; bytes and positions go in, bytes and forces come out.
+
+    Attributes:
+        enabled: whether the enable line is closed.
+    """
 
     def __init__(
         self,
@@ -77,19 +86,24 @@ class Machine:
         core.mem_map(_FLASH, _FLASH_SIZE, unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC)
         core.mem_map(_RAM, _RAM_SIZE, unicorn.UC_PROT_READ | unicorn.UC_PROT_WRITE)
         core.mem_map(_RETURN, _PAGE, unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC)
-        for base in (_SYSTEM, _APB1, _TIMERS, _SERIAL):
+        for base in (_SYSTEM, _APB1, _TIMERS, _SERIAL, _WATCHDOG, _PORTS, _RESETS):
             core.mmio_map(base, _PAGE, self._read_register, base, self._write_register, base)
         if on_instruction is not None:
             core.hook_add(unicorn.UC_HOOK_CODE, lambda _core, address, _size, _data: on_instruction(address))
         self._core: Any = core
         self._saved = core.context_save()
         self.cycle = 0
+        self.enabled = True
         self.received: deque[int] = deque()
         self.sent = bytearray()
         self.reset()
 
-    def reset(self) -> None:
-        """Start the firmware anew; memory outside .data and .bss keeps its content, time goes on."""
+    def reset(self, why: int = BY_POWER_ON | BY_BROWN_OUT) -> None:
+        """Start the firmware anew; memory outside .data and .bss keeps its content, time goes on.
+
+        Args:
+            why: bits of RCC_CSR; switching on by default.
+        """
         for segment in self._image.segments:
             self._core.mem_write(segment.address, segment.data)
         stack, entry = struct.unpack("<II", self._core.mem_read(_FLASH, 8))
@@ -98,7 +112,8 @@ class Machine:
         access = self._core.reg_read(self._arm.UC_ARM_REG_C1_C0_2)
         self._core.reg_write(self._arm.UC_ARM_REG_C1_C0_2, access | 0xF << 20)
         self._pc = entry
-        self._registers: dict[int, int] = {}
+        self._registers: dict[int, int] = {_RESETS + 0x874: why}
+        self._bites: int | None = None
         self._status = _TRANSMIT_EMPTY | _TRANSMITTED
         self._data = 0
         self._next_tick: int | None = None
@@ -123,6 +138,11 @@ class Machine:
         if not self.received:
             self._next_byte = max(self._next_byte, self.cycle + self.byte_cycles)
         self.received.extend(data)
+
+    @property
+    def drives(self) -> bool:
+        """Whether the amplifier's enable is set, as last written."""
+        return bool(self._registers.get(_PORTS + 0x418, 0) & 2)
 
     def code(self, address: int, size: int) -> bytes:
         """Return bytes of the program."""
@@ -151,6 +171,8 @@ class Machine:
             events.append(self._next_tick)
         if self.received:
             events.append(self._next_byte)
+        if self._bites is not None:
+            events.append(self._bites)
         if not self._status & _TRANSMIT_EMPTY:
             events.append(self._transmit_free)
         return max(min(events), self.cycle)
@@ -175,6 +197,8 @@ class Machine:
 
     def _deliver(self) -> None:
         """Let the events of this cycle happen, the timer first, as the interrupt priorities say."""
+        if self._bites is not None and self.cycle >= self._bites:
+            self.reset(BY_WATCHDOG)
         if self._next_tick is not None and self.cycle >= self._next_tick:
             self._next_tick += (self._registers.get(_SYSTEM + 0x14, 0) & 0xFFFFFF) + 1
             self._counted = True
@@ -216,6 +240,8 @@ class Machine:
                 return self._data
             case 0x40010424:
                 return self._encoder(self.cycle) & 0xFFFF
+            case 0x40020410:
+                return 0 if self.enabled else 1
             case 0xE000E010:
                 value = self._registers.get(_SYSTEM + 0x10, 0) | (_COUNTED if self._counted else 0)
                 self._counted = False
@@ -233,6 +259,11 @@ class Machine:
                 self._status &= ~(_TRANSMIT_EMPTY | _TRANSMITTED)
             case 0x40007408:
                 self._actuator(value)
+            case 0x40003000 if value in {0xAAAA, 0xCCCC}:
+                ticks = (self._registers.get(_WATCHDOG + 8, 0xFFF) + 1) * (4 << self._registers.get(_WATCHDOG + 4, 0))
+                self._bites = self.cycle + ticks * CLOCK_HZ // _SLOW_HZ
+            case 0x40023874 if value & _FORGET:
+                self._registers[address] = 0
             case 0xE000E010:
                 on = bool(value & 1)
                 self._next_tick = self.cycle + (self._registers[_SYSTEM + 0x14] & 0xFFFFFF) + 1 if on else None

@@ -31,6 +31,7 @@ class Kind(IntEnum):
     EXCITE = 0x0A
     RECORDS = 0x0B
     STOP = 0x0C
+    CLEAR = 0x0D
     LOG = 0xFE
     REFUSED = 0xFF
 
@@ -79,6 +80,14 @@ class HeartbeatSeen:
     """The device saw the heartbeat at tick ``ticks``."""
 
     ticks: int
+    mode: str
+
+
+@dataclass(frozen=True)
+class ClearAsked:
+    """CLEAR taken, for the next tick: the faults before it, and the mode."""
+
+    faults: int
     mode: str
 
 
@@ -139,6 +148,7 @@ Message = (
     | Committed
     | Readback
     | HeartbeatSeen
+    | ClearAsked
     | GainsTaken
     | Excited
     | Records
@@ -181,6 +191,11 @@ def heartbeat(ticks: int) -> bytes:
     return _ONE.pack(ticks)
 
 
+def clear(faults: int) -> bytes:
+    """Payload of CLEAR: codes of the faults to clear."""
+    return _ONE.pack(faults)
+
+
 def set_gains(number: int, ticks: int, b: float, k: float, b_p: float) -> bytes:
     """Payload of SET_GAINS: they hold for ``ticks``."""
     return _SET_GAINS.pack(number, ticks, b, k, b_p)
@@ -213,6 +228,11 @@ def _heartbeat(payload: bytes) -> HeartbeatSeen:
     return HeartbeatSeen(ticks, MODES[mode])
 
 
+def _clear(payload: bytes) -> ClearAsked:
+    faults, mode = _TWO.unpack(payload)
+    return ClearAsked(faults, MODES[mode])
+
+
 def _acknowledged(payload: bytes) -> Acknowledged:
     return Acknowledged(*_TWO.unpack(payload))
 
@@ -226,6 +246,7 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     Kind.READBACK | REPLY: _readback,
     Kind.STATUS | REPLY: DeviceStatus.read,
     Kind.HEARTBEAT | REPLY: _heartbeat,
+    Kind.CLEAR | REPLY: _clear,
     Kind.SET_GAINS | REPLY: lambda payload: GainsTaken(*_GAINS_TAKEN.unpack(payload)),
     Kind.EXCITE | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),
     Kind.STOP | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),

@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi.certificate import require_deployable
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
+from avc_hardware._device_fault import DeviceFault
 from avc_hardware._runs_on import check_limits, check_runs_on
 from avc_hardware._table import TableImage
 
@@ -152,6 +153,9 @@ def push_over(
 def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     """Say where the device is not the one that the coupling was made for."""
     notes = []
+    if device.faults:
+        word = DeviceFault(device.faults).word
+        notes.append(f"the device gives no force until its faults are cleared (avc clear): {word}")
     force, step = coupling.max_force_n, coupling.problem.device.encoder_resolution_m
     if force is not None and force > device.max_force_n * (1 + 1e-6):
         notes.append(

@@ -6,6 +6,7 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
+from avc_hardware._device_fault import DeviceFault
 from avc_hardware._frames import PROTOCOL_VERSION
 
 INTERFACE_VERSION = 6  # of the messages' meaning
@@ -39,6 +40,7 @@ class Reason(IntEnum):
     IN_CONTACT = 22
     MODE = 23
     HOLD = 24
+    FAULT = 25
 
 
 _SENTENCES = {
@@ -59,6 +61,7 @@ _SENTENCES = {
     Reason.COUPLING: "the table does not name its coupling",
     Reason.IN_CONTACT: "the device is in contact; the table takes over when it is let go",
     Reason.MODE: "the device does not run its table now (mode {detail}); nothing is kept for later",
+    Reason.FAULT: "the device has latched faults ({fault}); clear them first: avc clear",
     Reason.HOLD: "it would hold too long; allowed: at most {detail} ticks",
     Reason.STALE: "gains with a number not above {detail} came late",
     Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",
@@ -85,6 +88,7 @@ class Refusal:
             row=_PLACES.get(self.detail, f"row {self.detail}"),
             own=PROTOCOL_VERSION,
             interface=INTERFACE_VERSION,
+            fault=DeviceFault(self.detail).word if self.reason is Reason.FAULT else "",
         )
 
     @classmethod

@@ -85,6 +85,13 @@ _MADE_FOR = """\
 #define AVC_MADE_FOR_COUNT_PM {count_pm}
 #define AVC_MADE_FOR_MAX_FORCE_N {force}
 
+/* What is no plausible motion of the device, nor a plausible tick; 0: not watched. */
+#define AVC_MADE_FOR_MAX_SPEED_M_PER_S {speed}
+#define AVC_MADE_FOR_MAX_ACCELERATION_M_PER_S2 {acceleration}
+#define AVC_MADE_FOR_MAX_ENERGY_J {energy}
+#define AVC_MADE_FOR_STUCK_SWING_N {swing}
+#define AVC_MADE_FOR_MAX_OVERRUNS {overruns}
+
 #endif
 """
 
@@ -98,6 +105,11 @@ def made_for(limits: BoardLimits) -> str:
         count=literal(np.float32(limits.metres_per_count)),
         count_pm=_whole(limits.metres_per_count, 1e12),
         force=literal(np.float32(limits.max_force_n)),
+        speed=literal(np.float32(limits.max_speed_m_per_s)),
+        acceleration=literal(np.float32(limits.max_acceleration_m_per_s2)),
+        energy=literal(np.float32(limits.max_energy_j)),
+        swing=literal(np.float32(limits.stuck_swing_n)),
+        overruns=literal(np.float32(limits.max_overruns)),
     )
 
 

@@ -46,6 +46,7 @@ _FINAL = {
     Reason.COUPLING,
     Reason.MODE,
     Reason.HOLD,
+    Reason.FAULT,
 }
 
 

@@ -16,6 +16,7 @@ from avc_hardware import _messages as m
 from avc_hardware._bytes import ByteLink
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware._device import MODES, Device, DeviceStatus
+from avc_hardware._device_fault import DeviceFault
 from avc_hardware._messages import GainsTaken, Kind
 from avc_hardware._push import PushResult, push_over
 from avc_hardware._reference import lookup
@@ -208,6 +209,8 @@ def _faults_of_end(pushed: PushResult, status: DeviceStatus, device: Device) -> 
         faults.append(f"the device runs table {status.table_id} of coupling {status.coupling_id}, another host's")
     if status.streaming:
         faults.append("the device still runs streamed gains")
+    if status.faults:
+        faults.append(f"the device has a fault: {DeviceFault(status.faults).word}")
     if status.mode != MODES[0]:
         faults.append(f"the device does not run its table (mode {status.mode})")
     return faults

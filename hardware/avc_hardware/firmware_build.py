@@ -33,6 +33,7 @@ CORE = (
     "avc_table.c",
     "avc_feedback.c",
     "avc_excite.c",
+    "avc_fault.c",
     "avc_control.c",
     "avc_answer.c",
     "avc_transfer.c",
@@ -118,7 +119,7 @@ def build_image(
         raise UnsupportedError(f"unknown board {target!r}; allowed: {', '.join(TARGETS)}")
     board = TARGETS[target]
     boards = FIRMWARE / "boards"
-    sources = [boards / "start.c", boards / "main.c", boards / "limits.c"]
+    sources = [boards / "start.c", boards / "main.c", boards / "limits.c", boards / "defaults.c"]
     sources.append(boards / board.folder / "board.c")
     image = out / f"{target}.elf"
     out.mkdir(parents=True, exist_ok=True)

@@ -15,6 +15,12 @@ int32_t hal_encoder_count(void);    /* position in counts, positive into the wal
 void hal_apply_force(float force_n); /* finite and within the limits, positive out of the wall */
 bool hal_send(uint8_t byte);        /* false: the transmitter is busy, try again */
 
+/* Optional: boards/defaults.c stands for what a board does not have. */
+bool hal_enabled(void);            /* the enable line, as through an emergency stop */
+void hal_drive(bool on);           /* the amplifier's enable; after every tick */
+uint32_t hal_reset_faults(void);   /* AVC_FAULT_WATCHDOG or AVC_FAULT_BROWN_OUT where the last reset was one */
+void hal_feed_watchdog(void);      /* within 50 ms; hal_start starts it */
+
 void serial_handler(void);          /* the receive interrupt: gives each byte to avc_on_byte */
 
 /* Called by the board. */

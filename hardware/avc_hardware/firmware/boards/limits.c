@@ -13,4 +13,9 @@ const avc_limits_t hal_limits = {
     .max_damping_ns_per_m = 1e5f,
     .max_stiffness_n_per_m = 1e8f,
     .max_contact_damping_ns_per_m = 1e4f,
+    .max_speed_m_per_s = AVC_MADE_FOR_MAX_SPEED_M_PER_S,
+    .max_acceleration_m_per_s2 = AVC_MADE_FOR_MAX_ACCELERATION_M_PER_S2,
+    .max_energy_j = AVC_MADE_FOR_MAX_ENERGY_J,
+    .stuck_swing_n = AVC_MADE_FOR_STUCK_SWING_N,
+    .max_overruns = AVC_MADE_FOR_MAX_OVERRUNS,
 };

@@ -17,7 +17,9 @@ void systick_handler(void);
 void systick_handler(void)
 {
     (void)SYSTICK_CONTROL; /* clears its flag */
+    device.control.fault.disabled = hal_enabled() ? 0u : 1u;
     hal_apply_force(avc_device_tick(&device, hal_encoder_count()));
+    hal_drive(avc_control_drives(&device.control));
     if ((SYSTICK_CONTROL & SYSTICK_COUNTED) != 0u) {
         device.control.state.overruns++; /* the next tick came due before this one had ended */
     }
@@ -32,10 +34,17 @@ int main(void)
 {
     boots++;
     avc_device_init(&device, &hal_limits, 0u, boots);
+    avc_control_fault(&device.control, hal_reset_faults());
     hal_start();
     bool waiting = false;
     uint8_t byte = 0;
+    uint32_t fed = 0;
     for (;;) {
+        const uint32_t ticks = *(const volatile uint32_t *)&device.control.state.ticks;
+        if (ticks - fed >= 8u) { /* both the tick and this loop are alive */
+            fed = ticks;
+            hal_feed_watchdog();
+        }
         const bool busy = avc_device_poll(&device);
         if (!waiting) {
             waiting = avc_device_transmit(&device, &byte);

@@ -22,6 +22,27 @@ void avc_control_init(avc_control_t *control, const avc_limits_t *limits)
     control->rate_hz = 1.0f / limits->sample_time_s;
     control->scale = 1.0f;
     control->state.frequency_hz = not_a_number();
+    avc_fault_init(&control->fault, limits);
+}
+
+void avc_control_fault(avc_control_t *c, uint32_t codes)
+{
+    if (codes != 0u) {
+        avc_fault_raise(&c->fault, codes, c->state.ticks, c->previous_force, c->limits.sample_time_s);
+        c->state.mode = AVC_MODE_FAULT;
+    }
+}
+
+uint32_t avc_faults(const avc_control_t *c)
+{
+    const bool silent = c->state.mode == AVC_MODE_RAMP || (c->state.mode == AVC_MODE_SAFE && c->silent);
+    return c->fault.codes | (silent ? (uint32_t)AVC_FAULT_HEARTBEAT : 0u);
+}
+
+bool avc_control_drives(const avc_control_t *c)
+{
+    const bool runs = c->state.has_table != 0u && c->state.mode != AVC_MODE_FAULT;
+    return runs || c->excite.busy != 0u || c->state.force_n != 0.0f;
 }
 
 uint32_t avc_longest_hold(const avc_control_t *control)
@@ -34,6 +55,7 @@ static void rest(avc_control_t *c, float x)
     avc_couple_start(&c->couple, x);
     avc_guard_start(&c->guard, x);
     c->feedback.started = false;
+    c->fault.settled = false;
 }
 
 /* Whether a table that begins here gives no force and stores no energy. */
@@ -58,6 +80,7 @@ static void supervise(avc_control_t *c, float x)
     }
     const bool watched = c->heartbeat_ticks != 0u;
     const bool alive = !watched || c->heartbeat_left != 0u;
+    c->silent = !alive;
     if (watched && c->heartbeat_left != 0u) {
         c->heartbeat_left--;
     }
@@ -72,6 +95,8 @@ static void supervise(avc_control_t *c, float x)
             c->scale = 0.0f;
             c->state.mode = AVC_MODE_SAFE;
         }
+    } else if (c->state.mode == AVC_MODE_FAULT) {
+        return; /* only the host leads out */
     } else if (c->state.has_table == 0u || (c->state.contact == 0u && x <= 0.0f)) {
         if (c->scale == 0.0f) { /* the gains of before are gone, not slewed away */
             rest(c, x);
@@ -124,8 +149,26 @@ static avc_gains_t choose_gains(avc_control_t *c, const avc_table_t *table, floa
     return goal;
 }
 
+/* A fault has ended it: nothing of the coupling is left, the force falls. */
+static float fail(avc_control_t *c, uint32_t codes, float x)
+{
+    avc_control_fault(c, codes);
+    rest(c, x);
+    c->fault.lacking_j = 0.0f;
+    c->stream_fresh = 0u;
+    c->stream_left = 0u;
+    c->state.streaming = 0u;
+    c->state.contact = x > 0.0f ? 1u : 0u;
+    if (c->excite.busy != 0u) {
+        c->excite.state = AVC_EXCITE_FAULT;
+        c->state.has_table = 0u;
+        c->excite.busy = 0u;
+    }
+    return avc_fault_fade(&c->fault);
+}
+
 /* The coupling's force, guarded where the table asks for it, scaled by the supervision. */
-static float push(avc_control_t *c, const avc_table_t *table, float x)
+static float push(avc_control_t *c, const avc_table_t *table, float x, float work_j)
 {
     avc_state_t *s = &c->state;
     const avc_table_header_t *header = &table->image.header;
@@ -161,14 +204,20 @@ static float push(avc_control_t *c, const avc_table_t *table, float x)
     force = force * c->scale;
     if (!avc_is_finite(force) || !avc_is_finite(out.tool_m)) {
         s->not_finite++;
-        s->contact = 0u;
-        rest(c, x);
-        return 0.0f;
+        return fail(c, AVC_FAULT_NOT_FINITE, x);
     }
     const float most = avc_force_limit(header, &c->limits);
+    const bool clipped = force > most || force < -most || c->scale != 1.0f;
     if (force > most || force < -most) {
         s->saturated++;
         force = force > most ? most : -most;
+    }
+    if (clipped || c->clipped) {
+        c->fault.settled = false;
+    }
+    c->clipped = clipped;
+    if (avc_fault_energy(&c->fault, work_j, out.stored_j)) {
+        return fail(c, AVC_FAULT_ENERGY, x);
     }
     c->couple.asked_force_n = force; /* what the actuator holds, not what was wanted */
     c->guard.held_force_n = force;
@@ -210,6 +259,17 @@ static float excite(avc_control_t *c, float x, int32_t encoder_count)
     return -avc_excite_tick(&c->excite, encoder_count);
 }
 
+/* What is latched, less what the host has cleared; from there on as after a lost heartbeat: force only after contact. */
+static void clear(avc_control_t *c)
+{
+    c->fault.codes &= ~c->fault.clear_wanted;
+    c->fault.clear_wanted = 0u;
+    if (c->fault.codes == 0u && c->state.mode == AVC_MODE_FAULT) {
+        c->state.mode = AVC_MODE_SAFE;
+        c->scale = 0.0f;
+    }
+}
+
 float avc_control_tick(avc_control_t *c, int32_t encoder_count)
 {
     avc_state_t *s = &c->state;
@@ -230,18 +290,26 @@ float avc_control_tick(avc_control_t *c, int32_t encoder_count)
     s->encoder_count = encoder_count;
     s->position_m = x;
     s->velocity_m_per_s = step * c->rate_hz;
-    s->energy_j = s->energy_j + c->previous_force * step;
+    const float work_j = c->previous_force * step;
+    s->energy_j = s->energy_j + work_j;
+    const uint32_t wrong =
+        avc_fault_watch(&c->fault, s->ticks > 1u ? moved : 0, c->previous_force, s->overruns);
     const avc_estimate_in_t seen = {x, s->has_table != 0u ? table->image.row[0].frequency_hz : 1.0f};
     avc_estimate_out_t estimate;
     avc_estimate_step(&c->estimate, &seen, &estimate);
     s->frequency_hz = estimate.valid != 0.0f ? estimate.estimate_hz : not_a_number();
     s->lookup_hz = estimate.frequency_hz;
     supervise(c, x);
+    if (c->fault.clear_wanted != 0u) {
+        clear(c);
+    }
     float force = 0.0f;
-    if (c->excite.busy != 0u) {
+    if ((wrong | c->fault.codes) != 0u) {
+        force = fail(c, wrong, x);
+    } else if (c->excite.busy != 0u) {
         force = excite(c, x, encoder_count);
     } else if (s->has_table != 0u) {
-        force = push(c, table, x);
+        force = push(c, table, x, work_j);
     } else {
         rest(c, x);
     }

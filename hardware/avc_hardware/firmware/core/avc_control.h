@@ -11,11 +11,12 @@
 #include "avc_couple.h"
 #include "avc_estimate.h"
 #include "avc_excite.h"
+#include "avc_fault.h"
 #include "avc_feedback.h"
 #include "avc_guard.h"
 #include "avc_table.h"
 
-typedef enum { AVC_MODE_TABLE = 0, AVC_MODE_RAMP = 1, AVC_MODE_SAFE = 2 } avc_mode_t;
+typedef enum { AVC_MODE_TABLE = 0, AVC_MODE_RAMP = 1, AVC_MODE_SAFE = 2, AVC_MODE_FAULT = 3 } avc_mode_t;
 
 typedef struct {
     uint32_t number;
@@ -68,6 +69,7 @@ typedef struct {
     volatile uint32_t heartbeat_seen;   /* set by the link after that, cleared by the tick */
     uint32_t heartbeat_ticks;           /* the tick's own, so that no tick sees one without the other */
     uint32_t heartbeat_left;
+    bool silent; /* the host, for longer than it said */
     float scale; /* of the force: ramps to 0 when the heartbeat is lost */
 
     avc_estimate_state_t estimate;
@@ -75,8 +77,10 @@ typedef struct {
     avc_guard_state_t guard;
     bool started;
     float previous_force;
+    bool clipped; /* at the tick before, so that the stored energy is not what the force says */
     avc_state_t state;
     avc_feedback_state_t feedback;
+    avc_fault_t fault;
     avc_excite_t excite;
 } avc_control_t;
 
@@ -84,6 +88,15 @@ typedef struct {
 uint32_t avc_longest_hold(const avc_control_t *control);
 
 void avc_control_init(avc_control_t *control, const avc_limits_t *limits);
+
+/* Codes of all faults, that of a silent host among them. */
+uint32_t avc_faults(const avc_control_t *control);
+
+/* Latch faults that the board knows of, as from a reset. */
+void avc_control_fault(avc_control_t *control, uint32_t codes);
+
+/* Whether a force may come, so that the amplifier is to be on. */
+bool avc_control_drives(const avc_control_t *control);
 
 /* One tick; returns the force in newtons that the device shall push back with (positive out of the wall). */
 float avc_control_tick(avc_control_t *control, int32_t encoder_count);

@@ -70,6 +70,12 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put_float(&a, has_table ? header->wall_damping_ns_per_m : 0.0f);
     avc_put_float(&a, has_table ? header->wall_stiffness_n_per_m : 0.0f);
     avc_put_float(&a, has_table ? avc_force_limit(header, limits) : 0.0f);
+    avc_put_float(&a, limits->max_speed_m_per_s);
+    avc_put_float(&a, limits->max_acceleration_m_per_s2);
+    avc_put_float(&a, limits->max_energy_j);
+    avc_put_float(&a, limits->stuck_swing_n);
+    avc_put_float(&a, limits->max_overruns);
+    avc_put32(&a, avc_faults(&device->control));
     avc_send(&a);
 }
 
@@ -118,6 +124,9 @@ static void on_status(avc_device_t *device, const avc_request_t *request)
     avc_put32(&a, device->stream_missing);
     avc_put32(&a, s.stream_expired);
     avc_put32(&a, device->boot_id);
+    avc_put32(&a, avc_faults(&device->control));
+    avc_put32(&a, device->control.fault.first);
+    avc_put32(&a, device->control.fault.first_tick);
     const uint8_t waits = device->transfer.committing ? 1u : 0u;
     const uint8_t flags[8] = {s.mode, s.streaming, s.contact, s.has_table, waits, 0u, 0u, 0u};
     avc_put(&a, flags, sizeof flags);
@@ -137,6 +146,16 @@ static void on_heartbeat(avc_device_t *device, const avc_request_t *request)
     device->control.heartbeat_seen = 1u;
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_HEARTBEAT | AVC_MESSAGE_REPLY, request->sequence);
     avc_put32(&a, device->control.state.ticks);
+    avc_put32(&a, device->control.state.mode);
+    avc_send(&a);
+}
+
+/* Takes effect with the next tick; what is still wrong then stays. */
+static void on_clear(avc_device_t *device, const avc_request_t *request)
+{
+    device->control.fault.clear_wanted = avc_get32(&request->payload[0]);
+    avc_answer_t a = avc_answer(device, AVC_MESSAGE_CLEAR | AVC_MESSAGE_REPLY, request->sequence);
+    avc_put32(&a, avc_faults(&device->control));
     avc_put32(&a, device->control.state.mode);
     avc_send(&a);
 }
@@ -212,6 +231,7 @@ static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_EXCITE, AVC_PLAN_HEAD + sizeof(avc_tone_t), sizeof(avc_plan_t), avc_on_excite},
     {AVC_MESSAGE_RECORDS, 8, 8, avc_on_records},
     {AVC_MESSAGE_STOP, 4, 4, avc_on_stop},
+    {AVC_MESSAGE_CLEAR, 4, 4, on_clear},
 };
 
 static void on_frame(avc_device_t *device)

@@ -34,6 +34,7 @@ typedef enum {
     AVC_MESSAGE_EXCITE = 0x0A,
     AVC_MESSAGE_RECORDS = 0x0B,
     AVC_MESSAGE_STOP = 0x0C,
+    AVC_MESSAGE_CLEAR = 0x0D,
     AVC_MESSAGE_REPLY = 0x80, /* set in the answer to each of the above */
     AVC_MESSAGE_LOG = 0xFE,
     AVC_MESSAGE_REFUSED = 0xFF

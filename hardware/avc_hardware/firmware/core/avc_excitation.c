@@ -26,6 +26,10 @@ void avc_on_excite(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_EXCITED, e->plan.number);
         return;
     }
+    if (device->control.fault.codes != 0u) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_FAULT, device->control.fault.codes);
+        return;
+    }
     if (device->transfer.committing) {
         avc_refuse(device, request->sequence, AVC_REFUSED_BUSY, device->transfer.session);
         return;

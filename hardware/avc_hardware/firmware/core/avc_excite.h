@@ -29,7 +29,8 @@ typedef enum {
     AVC_EXCITE_STOPPED = 3,
     AVC_EXCITE_SILENT = 4, /* the host was not heard in time */
     AVC_EXCITE_TRAVEL = 5, /* a limit was exceeded */
-    AVC_EXCITE_SPEED = 6
+    AVC_EXCITE_SPEED = 6,
+    AVC_EXCITE_FAULT = 7 /* of the device */
 } avc_excite_end_t;
 
 /* As it travels: little-endian, no padding. */

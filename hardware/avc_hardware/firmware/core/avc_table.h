@@ -81,6 +81,12 @@ typedef struct {
     float max_damping_ns_per_m;
     float max_stiffness_n_per_m;
     float max_contact_damping_ns_per_m;
+    /* Beyond these a fault is latched; 0: not watched. */
+    float max_speed_m_per_s;
+    float max_acceleration_m_per_s2;
+    float max_energy_j;  /* that a coupling may give out, a second, without having got it */
+    float stuck_swing_n; /* of a force under which an encoder moves */
+    float max_overruns;  /* in a row */
 } avc_limits_t;
 
 /* Why a table or a message is refused; the host turns each into a sentence. */
@@ -109,7 +115,8 @@ typedef enum {
     AVC_REFUSED_COUPLING = 21,
     AVC_REFUSED_IN_CONTACT = 22,
     AVC_REFUSED_MODE = 23,
-    AVC_REFUSED_HOLD = 24
+    AVC_REFUSED_HOLD = 24,
+    AVC_REFUSED_FAULT = 25
 } avc_reason_t;
 
 /* What a refusal names in place of a row. */

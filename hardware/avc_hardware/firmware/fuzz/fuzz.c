@@ -12,7 +12,7 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-static const avc_limits_t limits = {1e-3f, 2e-6f, 50.0f, 1e5f, 1e8f, 1e4f};
+static const avc_limits_t limits = {1e-3f, 2e-6f, 50.0f, 1e5f, 1e8f, 1e4f, 3.0f, 1e6f, 1.0f, 12.5f, 3.0f};
 
 static const uint32_t canary = 0xA5A5A5A5u; /* stands behind the buffers, as the serial number */
 
@@ -40,15 +40,16 @@ static void check(void)
     must(control->state.force_n <= limits.max_force_n && control->state.force_n >= -limits.max_force_n,
          "the force keeps its limit");
     const avc_excite_t *excited = &control->excite;
-    must(excited->state <= AVC_EXCITE_SPEED, "an excitation ends in a known way");
+    must(excited->state <= AVC_EXCITE_FAULT, "an excitation ends in a known way");
     if (excited->state == AVC_EXCITE_RUNS) {
         const float most = excited->plan.max_force_n * 1.000001f;
         must(control->state.force_n <= most && control->state.force_n >= -most, "an excitation keeps its force limit");
         must(control->state.has_table == 0u, "no table runs beside an excitation");
         must(excited->made <= excited->plan.ticks, "an excitation ends in time");
     } else if (control->state.has_table == 0u) {
-        must(control->state.force_n == 0.0f, "no force after an excitation");
+        must(control->state.force_n == 0.0f || control->fault.codes != 0u, "no force after an excitation");
     }
+    must((control->fault.codes != 0u) == (control->state.mode == AVC_MODE_FAULT), "a fault is a mode");
     if (control->state.has_table != 0u) {
         const avc_table_t *table = &control->tables[control->active];
         uint16_t row;

@@ -12,6 +12,11 @@ size_t avc_host_read(avc_device_t *device, uint8_t *out, size_t room);
 void avc_host_state(const avc_device_t *device, avc_state_t *state);
 size_t avc_host_image(const avc_device_t *device, uint8_t *out);
 void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, float *frequency, size_t size);
+void avc_host_disable(avc_device_t *device, int disabled);
+void avc_host_overrun(avc_device_t *device);
+void avc_host_fault(avc_device_t *device, uint32_t codes);
+int avc_host_drives(const avc_device_t *device);
+uint32_t avc_host_faults(const avc_device_t *device);
 size_t avc_host_size(void);
 size_t avc_host_state_offset(void);
 
@@ -75,6 +80,34 @@ void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, f
         force[i] = avc_device_tick(device, counts[i]);
         frequency[i] = device->control.state.frequency_hz;
     }
+}
+
+/* The enable line. */
+void avc_host_disable(avc_device_t *device, int disabled)
+{
+    device->control.fault.disabled = disabled != 0 ? 1u : 0u;
+}
+
+/* The tick before took too long. */
+void avc_host_overrun(avc_device_t *device)
+{
+    device->control.state.overruns++;
+}
+
+/* What a reset was told to be. */
+void avc_host_fault(avc_device_t *device, uint32_t codes)
+{
+    avc_control_fault(&device->control, codes);
+}
+
+int avc_host_drives(const avc_device_t *device)
+{
+    return avc_control_drives(&device->control) ? 1 : 0;
+}
+
+uint32_t avc_host_faults(const avc_device_t *device)
+{
+    return avc_faults(&device->control);
 }
 
 /* The device has no pointers, so that its layout is the same on every machine: tests read a board's memory with these. */

@@ -1,6 +1,8 @@
-/* STM32F405: USART1 (PA9, PA10), encoder on TIM8 (PC6, PC7), force on DAC channel 1 (PA4). */
+/* STM32F405: USART1 (PA9, PA10), encoder on TIM8 (PC6, PC7), force on DAC channel 1 (PA4), enable line in on PB0 (low:
+ * enabled), amplifier enable out on PB1, independent watchdog. */
 #include "board.h"
 
+#include "avc_fault.h"
 #include "cortex_m.h"
 #include "hal.h"
 
@@ -16,6 +18,15 @@
 #define DAC_CONTROL REGISTER(0x40007400u)
 #define DAC_VALUE REGISTER(0x40007408u)
 
+#define GPIOB_INPUT REGISTER(0x40020410u)
+#define GPIOB_SET REGISTER(0x40020418u)
+#define WATCHDOG_KEY REGISTER(0x40003000u)
+#define WATCHDOG_PRESCALER REGISTER(0x40003004u)
+#define WATCHDOG_RELOAD REGISTER(0x40003008u)
+#define RCC_RESETS REGISTER(0x40023874u)
+
+enum { ENABLE_OPEN = 1 << 0, DRIVE = 1 << 1 };
+enum { BY_WATCHDOG = 3 << 29, BY_POWER_ON = 1 << 27, BY_BROWN_OUT = 1 << 25, FORGET = 1 << 24 };
 enum { RECEIVED = 1 << 5, OVERRUN = 1 << 3, TRANSMIT_EMPTY = 1 << 7 };
 
 static int32_t count;
@@ -38,7 +49,41 @@ void hal_start(void)
     USART1_RATE = (BOARD_CLOCK_HZ / 2u + BOARD_BAUD / 2u) / BOARD_BAUD; /* APB2 runs at half the core's clock */
     USART1_CONTROL = (1u << 13) | (1u << 5) | (1u << 3) | (1u << 2);    /* on, receive interrupt, both ways */
     interrupt_enable(BOARD_SERIAL_INTERRUPT);
+    WATCHDOG_KEY = 0x5555u; /* 32 kHz / 4, 400 of them: 50 ms */
+    WATCHDOG_PRESCALER = 0u;
+    WATCHDOG_RELOAD = 399u;
+    WATCHDOG_KEY = 0xCCCCu;
     systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s + 0.5f));
+}
+
+bool hal_enabled(void)
+{
+    return (GPIOB_INPUT & ENABLE_OPEN) == 0u; /* a broken wire is pulled up: not enabled */
+}
+
+void hal_drive(bool on)
+{
+    static bool driven;
+    if (on != driven) {
+        driven = on;
+        GPIOB_SET = on ? (uint32_t)DRIVE : (uint32_t)DRIVE << 16;
+    }
+}
+
+uint32_t hal_reset_faults(void)
+{
+    const uint32_t why = RCC_RESETS;
+    RCC_RESETS = FORGET;
+    uint32_t codes = (why & BY_WATCHDOG) != 0u ? (uint32_t)AVC_FAULT_WATCHDOG : 0u;
+    if ((why & (BY_POWER_ON | BY_BROWN_OUT)) == BY_BROWN_OUT) {
+        codes |= AVC_FAULT_BROWN_OUT; /* switching on sets both */
+    }
+    return codes;
+}
+
+void hal_feed_watchdog(void)
+{
+    WATCHDOG_KEY = 0xAAAAu;
 }
 
 int32_t hal_encoder_count(void)

@@ -10,6 +10,8 @@
 #define RCC_APB2 REGISTER(0x40023844u)
 #define GPIOA_MODE REGISTER(0x40020000u)
 #define GPIOA_ALTERNATE_HIGH REGISTER(0x40020024u)
+#define GPIOB_MODE REGISTER(0x40020400u)
+#define GPIOB_PULL REGISTER(0x4002040Cu)
 #define GPIOC_MODE REGISTER(0x40020800u)
 #define GPIOC_ALTERNATE_LOW REGISTER(0x40020820u)
 
@@ -25,11 +27,13 @@ void board_init(void)
     RCC_CONFIG |= 2u;
     while ((RCC_CONFIG & 0xCu) != 0x8u) {
     }
-    RCC_AHB1 |= (1u << 0) | (1u << 2);  /* GPIOA, GPIOC */
+    RCC_AHB1 |= (1u << 0) | (1u << 1) | (1u << 2); /* GPIOA, GPIOB, GPIOC */
     RCC_APB1 |= 1u << 29;               /* DAC */
     RCC_APB2 |= (1u << 4) | (1u << 1);  /* USART1, TIM8 */
     GPIOA_MODE = (GPIOA_MODE & ~((3u << 8) | (15u << 18))) | (3u << 8) | (10u << 18); /* PA4 analogue, PA9/10 USART1 */
     GPIOA_ALTERNATE_HIGH = (GPIOA_ALTERNATE_HIGH & ~0xFF0u) | 0x770u;
+    GPIOB_PULL = (GPIOB_PULL & ~3u) | 1u;         /* PB0 up */
+    GPIOB_MODE = (GPIOB_MODE & ~15u) | (1u << 2); /* PB0 input, PB1 output */
     GPIOC_MODE = (GPIOC_MODE & ~(15u << 12)) | (10u << 12); /* PC6, PC7: TIM8 */
     GPIOC_ALTERNATE_LOW = (GPIOC_ALTERNATE_LOW & ~0xFF000000u) | 0x33000000u;
 }

@@ -10,4 +10,11 @@
 #define AVC_MADE_FOR_COUNT_PM 2000000
 #define AVC_MADE_FOR_MAX_FORCE_N 50.0f
 
+/* What is no plausible motion of the device, nor a plausible tick; 0: not watched. */
+#define AVC_MADE_FOR_MAX_SPEED_M_PER_S 3.0f
+#define AVC_MADE_FOR_MAX_ACCELERATION_M_PER_S2 1000.0f
+#define AVC_MADE_FOR_MAX_ENERGY_J 0.2f
+#define AVC_MADE_FOR_STUCK_SWING_N 12.5f
+#define AVC_MADE_FOR_MAX_OVERRUNS 5.0f
+
 #endif

@@ -1,0 +1,21 @@
+/* A board without enable line, amplifier enable, watchdog and reset cause. */
+#include "hal.h"
+
+__attribute__((weak)) bool hal_enabled(void)
+{
+    return true;
+}
+
+__attribute__((weak)) void hal_drive(bool on)
+{
+    (void)on;
+}
+
+__attribute__((weak)) uint32_t hal_reset_faults(void)
+{
+    return 0u;
+}
+
+__attribute__((weak)) void hal_feed_watchdog(void)
+{
+}

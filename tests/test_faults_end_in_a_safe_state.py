@@ -1,0 +1,342 @@
+"""What must not go on ends in a latched fault with a name: the force falls by the ramp, and only a clear leads out.
+
+Injected into the compiled core, the emulated board and QEMU.
+"""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from excited import Bench, device, planned
+from hardware_bench import coupling, host_library, push, require, scratch, with_gains
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import avc_hardware
+from avc_casadi import load_problem
+from avc_casadi.cli import main
+from avc_casadi.coupling import Coupling, Runtime
+from avc_casadi.runtime import StateFeedback
+from avc_hardware import BoardLimits, Connection, DeviceFault, DeviceStatus, EmulatedBoard, TableImage, clear_faults
+from avc_hardware import _messages as m
+from avc_hardware._excite import ENDS
+from avc_hardware._host import HostCore, HostLink
+from avc_hardware._machine import BY_BROWN_OUT, BY_POWER_ON, CLOCK_HZ
+from avc_hardware._messages import Kind
+from avc_hardware._monitor import pause
+from avc_hardware._qemu import LockStepBoard
+from avc_hardware._refusal import Reason
+from avc_hardware._session import RefusedError
+from avc_hardware.firmware_build import build_image
+
+WALL = with_gains(load_problem("damped"), 50.0, 2e4, 20.0)
+RUNAWAY = coupling(1, runtime=Runtime(state_feedback=StateFeedback(((3e37,),), (1.0,), (0.0,), (1.0,), (0,), 0)))
+FADE_TICKS = 20
+PRESS = 300  # counts: 0.6 mm
+OUT = -100
+
+
+def board(made: Coupling = WALL) -> HostCore:
+    core = HostCore(host_library())
+    push(made, HostLink(core))
+    return core
+
+
+def go(core: HostCore, *places: int, ticks: int = 40) -> Any:
+    """Move smoothly from place to place, each reached within so many ticks; returns the forces."""
+    found = []
+    for place in places:
+        ease = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, ticks + 1) / ticks)
+        start = core.state().encoder_count
+        found.append(core.tick(np.rint(start + ease * (place - start)).astype(np.int32))[0])
+    return np.concatenate(found)
+
+
+def still(core: HostCore, ticks: int) -> Any:
+    return core.tick(np.full(ticks, core.state().encoder_count, dtype=np.int32))[0]
+
+
+def jump(core: HostCore) -> Any:
+    return core.tick(np.array([core.state().encoder_count + 1000], dtype=np.int32))[0]
+
+
+def opened(core: HostCore) -> Any:
+    core.disable(True)
+    return still(core, 1)
+
+
+# What happens before each tick, and by how many counts the device moves until then, tick by tick.
+INJECTED: dict[DeviceFault, tuple[Callable[[HostCore], object], list[int]]] = {
+    DeviceFault.JUMP: (HostCore.state, [1000]),
+    # ever faster out of the wall, each tick by 0.6 m/s: no jump, but beyond 3 m/s
+    DeviceFault.SPEED: (HostCore.state, [-300 * tick for tick in range(1, 8)]),
+    DeviceFault.DISABLED: (lambda core: core.disable(True), [0]),
+    DeviceFault.OVERRUN: (HostCore.overrun, [0] * 5),
+}
+
+
+@pytest.mark.parametrize("fault", INJECTED)
+def test_the_force_falls_by_the_ramp_and_stays_away(fault: DeviceFault) -> None:
+    core = board()
+    assert go(core, 20_000, ticks=900)[-1] == 50.0
+    act, moves = INJECTED[fault]
+    forces = [50.0]
+    for moved in moves:
+        act(core)
+        forces += core.tick(np.array([core.state().encoder_count + moved], dtype=np.int32))[0].tolist()
+        if core.state().mode == 3:
+            break
+    assert core.faults() == fault
+    forces = [*forces[-2:], *still(core, 100).tolist()]
+    ramp = forces[0] * np.clip(1 - np.arange(102) / FADE_TICKS, 0, None)
+    assert forces == pytest.approx(ramp.tolist(), abs=1e-4)
+    assert not core.drives()
+    assert (go(core, -PRESS, PRESS) == 0).all()
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@settings(max_examples=40)
+@given(counts=st.integers(510, 100_000), at=st.integers(0, 39))
+def test_no_glitch_reaches_the_motor(sign: int, counts: int, at: int) -> None:
+    """+-1000 counts gave 50 N; now no tick gives more than the one before."""
+    core = board()
+    go(core, PRESS)
+    still(core, at)
+    before = core.state().force_n
+    place = core.state().encoder_count
+    forces = core.tick(np.array([place + sign * counts, place, place], dtype=np.int32))[0]
+    assert (np.diff(np.concatenate([[before], forces])) < 0).all()
+    assert core.faults() & DeviceFault.JUMP
+
+
+def test_a_plausible_motion_is_no_fault() -> None:
+    """Taps, strokes at 2 m/s, a tap of 600 m/s^2, a press to the force limit for seconds."""
+    core = board()
+    go(core, PRESS, OUT, PRESS, OUT, ticks=15)
+    go(core, 20_000, ticks=1500)
+    still(core, 3000)
+    go(core, -20_000, ticks=60)
+    go(core, 0, ticks=60)
+    go(core, OUT, 40, OUT, ticks=8)
+    assert core.faults() == 0
+    assert core.state().saturated > 3000
+
+
+def test_a_clear_leads_out_of_contact_alone() -> None:
+    core = board()
+    go(core, PRESS)
+    jump(core)
+    still(core, 50)
+    link = HostLink(core, position=lambda _: PRESS + 1000)
+    found = clear_faults(link)
+    assert (found.were, found.left, found.first) == (DeviceFault.JUMP, DeviceFault(0), DeviceFault.JUMP)
+    assert found.status.mode == "safe"
+    assert (still(core, 200) == 0).all()  # still in the wall
+    go(core, OUT)
+    assert core.state().mode == 0
+    fresh = board()
+    assert go(core, PRESS)[-1] == go(fresh, PRESS)[-1] > 5.0
+    assert core.drives()
+
+
+def test_what_is_still_wrong_is_latched_again_and_nothing_unseen_is_cleared() -> None:
+    core = board()
+    opened(core)
+    assert clear_faults(HostLink(core)).left == DeviceFault.DISABLED
+    core.disable(False)
+    connection = Connection(HostLink(core))
+    connection.run(connection.session.ask(Kind.CLEAR, m.clear(DeviceFault.JUMP), m.ClearAsked))
+    still(core, 5)
+    assert core.faults() == DeviceFault.DISABLED
+    found = clear_faults(HostLink(core))
+    assert (found.left, found.status.mode) == (DeviceFault(0), "table")
+
+
+def test_a_force_that_swings_over_a_count_that_stands_is_a_stuck_encoder() -> None:
+    """The host streams soft and stiff gains; where the hand moves by a count now and then, nothing is stuck."""
+    for moves, expected in ((False, DeviceFault.STUCK), (True, DeviceFault(0))):
+        core = board()
+        go(core, 1500, ticks=400)
+        connection = Connection(HostLink(core, position=lambda _: 1500))
+        for number in range(12):
+            stiffness = (100.0, 2e4)[number % 2]
+            payload = m.set_gains(number, 4000, 10.0, stiffness, 0.0)
+            connection.run(connection.session.request(Kind.SET_GAINS, payload))
+            still(core, 400)
+            if moves:
+                core.tick(np.array([1501, 1500], dtype=np.int32))
+        assert core.faults() == expected
+
+
+def test_a_wall_that_feeds_a_vibration_is_stopped() -> None:
+    """A mass let go on a wall far too stiff for its sample time: it shakes itself until the energy limit ends it."""
+    core = HostCore(host_library(), BoardLimits(max_acceleration_m_per_s2=0.0, max_speed_m_per_s=0.0))
+    wall = {"stiffness_n_per_m": 1e5, "damping_ns_per_m": 0.0}
+    push(with_gains(load_problem("damped").changed(environment=wall), 0.0, 1e8), HostLink(core))
+    x, v, force, speeds = -1e-4, 0.05, 0.0, []
+    for _ in range(4000):
+        v += 1e-3 / 0.1 * (5.0 - force)
+        x += 1e-3 * v
+        force = float(core.tick(np.array([round(x / 2e-6)], dtype=np.int32))[0][0])
+        speeds.append(abs(v))
+        if core.faults():
+            break
+    assert core.faults() == DeviceFault.ENERGY
+    assert max(speeds) > 0.1
+
+
+def test_lost_heartbeat_is_told_while_it_lasts() -> None:
+    core = board()
+    connection = Connection(HostLink(core))
+    connection.heartbeat(0.02)
+    still(core, 60)
+    assert core.faults() == DeviceFault.HEARTBEAT
+    still(core, 100)
+    assert core.faults() == DeviceFault.HEARTBEAT
+    connection.heartbeat(0.0)
+    still(core, 3)
+    assert (core.faults(), core.state().mode) == (0, 0)
+
+
+def test_an_excitation_ends_with_a_fault_and_none_begins() -> None:
+    bench = Bench(device())
+    connection = Connection(bench.link)
+    bench.play_unheard(connection, planned(), 300)
+    assert bench.core.state().has_table == 0
+    bench.core.disable(True)
+    bench.pass_by(60)
+    assert (bench.core.faults(), bench.force_n[-1]) == (DeviceFault.DISABLED, 0.0)
+    told = connection.run(connection.session.ask(Kind.RECORDS, m.records(7, 0), m.Records))
+    assert "latched a fault" in ENDS[told.state]
+    core = board()
+    opened(core)
+    connection = Connection(HostLink(core))
+    with pytest.raises(RefusedError, match=r"faults \(enable line open\)") as caught:
+        connection.run(connection.session.ask(Kind.EXCITE, bytes([1]) * 124, m.Excited))
+    assert caught.value.refusal.reason is Reason.FAULT
+
+
+@pytest.mark.parametrize("fault", [DeviceFault.WATCHDOG, DeviceFault.BROWN_OUT])
+def test_a_start_after_a_failure_says_so(fault: DeviceFault) -> None:
+    core = HostCore(host_library())
+    core.started_after(fault)
+    result = push(WALL, HostLink(core))
+    assert any("until its faults are cleared (avc clear)" in note for note in result.notes)
+    assert (go(core, OUT, PRESS) == 0).all()
+    go(core, OUT)
+    clear_faults(HostLink(core))
+    still(core, 3)
+    assert go(core, PRESS)[-1] > 5.0
+
+
+class OnBoard:
+    """The packaged image with a hand that stands where it is put."""
+
+    def __init__(self, made: Coupling | None = WALL) -> None:
+        require("unicorn")
+        self.count = OUT
+        self.codes: list[int] = []
+        self.board = EmulatedBoard(encoder=lambda _: self.count, on_force_code=self.codes.append)
+        self.machine = self.board.machine
+        if made is not None:
+            push(made, self.board)
+
+    def run(self, seconds: float, count: int | None = None) -> None:
+        self.count = self.count if count is None else count
+        self.machine.run_until(self.machine.cycle + round(seconds * CLOCK_HZ))
+
+    def status(self) -> DeviceStatus:
+        connection = Connection(self.board)
+        return connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
+
+
+def test_on_the_emulated_board_a_glitch_ends_in_a_ramp() -> None:
+    bench = OnBoard()
+    for count in (-50, 0, 100, 200, 300):
+        bench.run(0.01, count)
+    assert bench.machine.drives
+    pressed = bench.codes[-1]
+    at = len(bench.codes)
+    bench.run(0.001, 1300)
+    bench.run(0.1, 300)
+    assert max(bench.codes[at:]) <= pressed
+    assert (bench.codes[-1], bench.machine.drives) == (2048, False)
+    status = bench.status()
+    assert (status.mode, status.faults, status.first_faults) == ("fault", DeviceFault.JUMP, DeviceFault.JUMP)
+
+
+def test_on_the_emulated_board_the_enable_line_and_a_runaway() -> None:
+    bench = OnBoard()
+    bench.machine.enabled = False
+    bench.run(0.01)
+    assert bench.status().faults == DeviceFault.DISABLED
+    bench.machine.enabled = True
+    assert clear_faults(bench.board).status.mode == "table"
+    away = OnBoard(RUNAWAY)
+    away.run(0.05, 50)
+    assert (away.status().faults, away.status().not_finite) == (DeviceFault.NOT_FINITE, 1)
+
+
+def test_on_the_emulated_board_a_hang_is_ended_by_the_watchdog() -> None:
+    """The timer stops: the main loop lives, but no tick; within 50 ms the watchdog starts the firmware anew."""
+    bench = OnBoard()
+    boots = bench.status().boot_id
+    machine: Any = bench.machine
+    machine._next_tick = None
+    bench.run(0.12)
+    status = bench.status()
+    assert (status.boot_id, status.has_table, status.mode) == (boots + 1, False, "fault")
+    assert status.faults == DeviceFault.WATCHDOG
+    assert clear_faults(bench.board).status.mode == "table"
+
+
+@pytest.mark.parametrize(
+    ("why", "fault"), [(BY_BROWN_OUT, DeviceFault.BROWN_OUT), (BY_BROWN_OUT | BY_POWER_ON, DeviceFault(0))]
+)
+def test_on_the_emulated_board_a_supply_that_sank_is_told_from_switching_on(why: int, fault: DeviceFault) -> None:
+    bench = OnBoard(None)
+    bench.machine.reset(why)
+    bench.run(0.01)
+    assert bench.status().faults == fault
+
+
+def test_in_qemu_a_glitch_and_a_runaway() -> None:
+    require("qemu-system-arm", "arm-none-eabi-gcc")
+    image = build_image("bench-m4f", scratch())
+    for made, last, fault in ((WALL, 1300, DeviceFault.JUMP), (RUNAWAY, 300, DeviceFault.NOT_FINITE)):
+        place, forces = [OUT], []
+        with LockStepBoard(image, "bench-m4f", position=lambda _, place=place: place[0]) as link:
+            link.on_force = forces.append
+            connection = Connection(link, session=1)
+            connection.run(connection.session.push(TableImage.of(made), connection.device))
+            for place[0] in (-50, 0, 100, 200, 300):
+                connection.run(pause(0.02))
+            pressed = len(forces)
+            place[0] = last
+            connection.run(pause(0.1))
+            status = connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
+        assert (status.mode, status.faults) == ("fault", fault)
+        assert forces[-1] == 0
+        assert max(forces[pressed:]) <= forces[pressed - 1]
+
+
+def test_monitor_and_clear_tell_the_fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    core = board()
+    go(core, PRESS)
+    jump(core)
+    core.disable(True)
+    still(core, 5)
+    monkeypatch.setattr(avc_hardware._clear, "open_link", lambda *_, **__: HostLink(core, position=lambda _: 1300))
+    monkeypatch.setattr(avc_hardware._monitor, "open_link", lambda *_, **__: HostLink(core, position=lambda _: 1300))
+    assert main(["monitor", "--port", "x", "--seconds", "0.1"]) == 0
+    assert "fault (encoder jumped, enable line open)" in capsys.readouterr().out
+    assert main(["clear", "--port", "x", "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert (document["were"], document["left"]) == (["encoder jumped", "enable line open"], ["enable line open"])
+    core.disable(False)
+    assert main(["clear", "--port", "x"]) == 0
+    told = capsys.readouterr().out
+    assert "emergency stop" in told
+    assert "cleared; the device is in mode safe" in told
