@@ -1,5 +1,6 @@
 """Ctrl-C while the process begins, or while its answer is written, leaves no traceback and no broken document."""
 
+import json
 import os
 import signal
 import subprocess
@@ -7,8 +8,12 @@ import sys
 
 import pytest
 from avc_process import ENVIRONMENT, avc, strict_json
+from hardware_bench import host_core
 
+import avc_hardware
+from avc_casadi.cli import main
 from avc_casadi.cli._files import output_folder
+from avc_hardware._host import HostLink
 
 LARGE = """
 import sys
@@ -97,3 +102,17 @@ sys.exit(code)
     assert done.returncode == 0
     assert strict_json(done.stdout)["schema"] == "avc-list/1"
     assert done.stderr == b""
+
+
+def test_monitor_keeps_what_it_saw(monkeypatch, capsys):
+    seen = list(avc_hardware.monitor(HostLink(host_core()), seconds=0.1, rate_hz=20))
+
+    def stopped(*_arguments, **_options):
+        yield from seen
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(avc_hardware, "monitor", stopped)
+    assert main(["monitor", "--port", "x", "--json"]) == 130
+    document = json.loads(capsys.readouterr().out)
+    assert document["errors"][0]["message"] == "interrupted"
+    assert [sample["ticks"] for sample in document["samples"]] == [status.ticks for status in seen]

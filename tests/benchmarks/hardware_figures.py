@@ -28,6 +28,11 @@ MADE = coupling(200, largest=(300.0, 1e5, 50.0))
 GUARDED = coupling(200, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
 
 
+def out_of_wall(_: float) -> float:
+    """Where a table takes over at once."""
+    return -1e-3
+
+
 def motion(tick: int) -> int:
     """A tap of 0.4 mm from 3 to 21 Hz, in counts."""
     time = tick * 1e-3
@@ -37,7 +42,7 @@ def motion(tick: int) -> int:
 def wire(folder: Path, baud: int) -> None:
     """Push, round trip and stream at one rate of the virtual wire."""
     image = build_image("netduinoplus2", folder, baud=baud)
-    board = EmulatedBoard(image)
+    board = EmulatedBoard(image, motion_m=out_of_wall)
     result = push(MADE, board, baud=baud)
     trips = []
     with Connection(board, baud=baud) as connection:
@@ -48,7 +53,7 @@ def wire(folder: Path, baud: int) -> None:
     print(f"{baud} baud: 200 rows pushed, verified and read back in {result.seconds:.3f} s ({result.attempts} attempt)")
     print(f"  STATUS round trip {1e3 * statistics.median(trips):.2f} ms (median of {len(trips)})")
     for rate in (50, 100):
-        streamed = stream(MADE, EmulatedBoard(image), baud=baud, rate_hz=rate, seconds=5)
+        streamed = stream(MADE, EmulatedBoard(image, motion_m=out_of_wall), baud=baud, rate_hz=rate, seconds=5)
         print(
             f"  SET_GAINS at {rate} Hz: {streamed.taken} of {streamed.sent} taken, {streamed.lost} lost, "
             f"round trip {1e3 * streamed.round_trip_s:.2f} ms, largest {1e3 * streamed.round_trip_max_s:.2f} ms"
@@ -81,7 +86,7 @@ def state_feedback() -> None:
     """Size of the table, time of its push, and instructions of the observer."""
     for states in (3, 4, 6, 8):
         made = coupling(1, largest=(0.0, 1e5, 0.0), runtime=Runtime(state_feedback=dense_believer(states)))
-        pushed = push(made, EmulatedBoard())
+        pushed = push(made, EmulatedBoard(motion_m=out_of_wall))
         ticks = tick_instructions(made, counts=motion, ticks=300)
         own = [tick.functions["avc_feedback_step"] for tick in ticks]
         print(

@@ -44,7 +44,7 @@ void hal_start(void)
     TIM8_SLAVE_MODE = 3u;   /* quadrature, both edges */
     TIM8_RELOAD = 0xFFFFu;
     TIM8_CONTROL = 1u;
-    DAC_CONTROL = 1u;
+    DAC_CONTROL = 3u; /* on, without its buffer, which ends 0.2 V before either rail */
     hal_apply_force(0.0f);
     USART1_RATE = (BOARD_CLOCK_HZ / 2u + BOARD_BAUD / 2u) / BOARD_BAUD; /* APB2 runs at half the core's clock */
     USART1_CONTROL = (1u << 13) | (1u << 5) | (1u << 3) | (1u << 2);    /* on, receive interrupt, both ways */
