@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains, spring_before
+from avc_casadi.coupling import Coupling, Gains, Runtime, spring_before
 from avc_casadi.design.robust import Space
 from avc_casadi.loop import device_with, hand_corners, with_let_go
 from avc_casadi.recommendation import _candidates, _choice, _stages
@@ -143,6 +143,16 @@ def test_hands_are_dealt_out_to_devices_and_told_in_their_own_order():
             values = alone.to_dict()[name]
             np.testing.assert_array_equal(every.to_dict()[name][place::3], values[place::3])
         assert set(alone.effects) <= set(every.effects)
+
+
+def test_an_observer_meets_devices_whose_delay_it_does_not_look_over():
+    problem = avc.load_problem("spring").changed(device={"encoder_resolution_m": 2e-5, "delay_samples": 1})
+    coupling = Coupling.constant(problem, Gains(0.0, 500.0, 0.5), "x", Runtime(observer_mass_kg=0.2))
+    people, device = people_of(problem.hands, 6), problem.device
+    late = device_with(device, {"delay_samples": 1.6, "encoder_resolution_m": 5e-5})
+    every = try_on_devices(coupling, people, [device, late])
+    assert every.hands == 6
+    np.testing.assert_array_equal(every.vibration[::2], try_coupling(coupling, people).vibration[::2])
 
 
 def test_who_confirms_it_does_so_on_devices_all_over_the_declared_ranges():

@@ -193,10 +193,15 @@ class CompensatorEffect(Table):
 
 
 class ObserverEffect(Table):
-    """An observer of the position between encoder steps; the mass is that of device and hand together."""
+    """An observer of the position between encoder steps; the mass is that of device and hand together.
+
+    The steps that it looks between and the samples that it looks ahead are those of encoder and delay, if left out.
+    """
 
     kind: Literal["observer"] = "observer"
     mass_kg: Mass | None = None
+    resolution_m: Length | None = None
+    ahead_samples: DelaySamples | None = None
 
 
 class StateFeedbackEffect(Table):

@@ -145,7 +145,12 @@ def try_coupling(
         seed: of their draw, to be told.
         progress: told of the motions.
     """
-    conditions = Conditions.of(coupling)
+    return _tried(coupling, Conditions.of(coupling), subjects, seed, progress)
+
+
+def _tried(
+    coupling: Coupling, conditions: Conditions, subjects: Hand | StylusHand, seed: int, progress: Progress = SILENT
+) -> CouplingTrial:
     at_rest: dict[tuple[str, bool], list[BoolArray]] = {}
     vibration: list[FloatArray] = []
     stiffness: list[FloatArray] = []
@@ -210,11 +215,18 @@ def try_on_devices(
         seed: of their draw, to be told.
     """
     dealt = [np.arange(place, len(subjects), len(devices)) for place in range(len(devices))]
-    trials = [
-        try_coupling(replace(coupling, problem=coupling.problem.changed(device=device)), subjects.pick(rows), seed)
-        for rows, device in zip(dealt, devices, strict=True)
-        if len(rows)
-    ]
+    # What runs was made for the device as declared, whichever it meets.
+    made_for = coupling.problem.device
+    trials = []
+    for rows, device in zip(dealt, devices, strict=True):
+        if len(rows):
+            met = replace(coupling, problem=coupling.problem.changed(device=device))
+            conditions = replace(
+                Conditions.of(met),
+                observer_m=made_for.encoder_resolution_m or None,
+                observer_ahead_samples=made_for.delay_samples,
+            )
+            trials.append(_tried(met, conditions, subjects.pick(rows), seed))
     order = np.argsort(np.concatenate(dealt), kind="stable")
 
     def joined(name: str) -> Any:

@@ -66,6 +66,8 @@ class Conditions:
         max_force_n: largest force of the actuator; None is no limit.
         dropped_share: share of the samples that the computer misses.
         observer_mass_kg: mass that the observer behind the encoder reckons with; None is no observer.
+        observer_m: step of the encoder that it reckons with; None is that of the loop.
+        observer_ahead_samples: delay that it reckons with; None is that of the loop.
         state_feedback: observer and feedback behind the encoder; None is none.
         guarded: with the passivity controller in the time domain.
         runtime: what follows a gain table.
@@ -78,6 +80,8 @@ class Conditions:
     max_force_n: float | None = None
     dropped_share: float = 0.0
     observer_mass_kg: float | None = None
+    observer_m: float | None = None
+    observer_ahead_samples: float | None = None
     state_feedback: StateFeedback | None = None
     guarded: bool = False
     runtime: tuple[Effect, ...] = (EstimatorEffect(), AdaptationEffect())
@@ -120,7 +124,8 @@ class Conditions:
             # Of motor or handle, as the problem says.
             listed.append(EncoderEffect(resolution_m=self.encoder_m))
             if self.observer_mass_kg is not None:
-                listed.append(ObserverEffect(mass_kg=self.observer_mass_kg))
+                step, ahead = self.observer_m, self.observer_ahead_samples
+                listed.append(ObserverEffect(mass_kg=self.observer_mass_kg, resolution_m=step, ahead_samples=ahead))
         if self.state_feedback is not None:
             listed.append(StateFeedbackEffect(**vars(self.state_feedback)))
         if self.guarded:

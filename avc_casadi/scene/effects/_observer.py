@@ -22,35 +22,37 @@ class Observer(SceneEffect):
 
     Attributes:
         settings: what it knows.
+        late: whether the loop has a delay: the force that acts is not the one that was asked for.
     """
 
     kind: ClassVar[str] = "observer"
     station: ClassVar[Station] = Station.SENSING
 
     settings: ObserverSettings
+    late: bool = False
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the step from the encoder, and the mass from the device and the lightest hand, if left out."""
+        """Take step and delay from the loop, and the mass from the device and the lightest hand, if left out."""
         encoder = next((effect for effect in problem.scene.effects if effect.kind == "encoder"), None)
         if encoder is None:
             message = "has no steps to look between; allowed: beside the effect encoder"
             raise InputError([Fault(problem.name, None, place, message)])
         source, default = "device.encoder_resolution_m", problem.device.encoder_resolution_m
-        resolution = required_number(
-            encoder.resolution_m, default, key="resolution_m", place=place, problem=problem, source=source
-        )
+        told = encoder.resolution_m if table.resolution_m is None else table.resolution_m
+        resolution = required_number(told, default, key="resolution_m", place=place, problem=problem, source=source)
         lightest = problem.device.mass_kg + problem.hands.mass_kg[0]
         source = "that of device and lightest hand"
         mass = required_number(
             table.mass_kg, _ABOVE * lightest, key="mass_kg", place=place, problem=problem, source=source
         )
         delay = next((effect for effect in problem.scene.effects if effect.kind == "delay"), None)
-        ahead = 0 if delay is None else whole_delay(delay.samples or problem.device.delay_samples, "the observer")
-        return cls(ObserverSettings(resolution, mass, ahead))
+        late = 0 if delay is None else delay.samples or problem.device.delay_samples
+        ahead = whole_delay(late if table.ahead_samples is None else table.ahead_samples, "the observer")
+        return cls(ObserverSettings(resolution, mass, ahead), bool(late))
 
     def sample(self, tick: Tick) -> None:
         """Replace the position."""
         step = observer_step(tick.sample_time_s, self.settings)
-        force = tick.asked_force() if self.settings.ahead else tick.held_force()
+        force = tick.asked_force() if self.settings.ahead or self.late else tick.held_force()
         tick.position = insert(tick, "observer", step, [tick.position, force])[0]
