@@ -34,7 +34,9 @@ export_c = functools.partial(avc_hardware.export_c, unsafe=True)
 
 INSTALL = {
     "gcc": HOST_INSTALL,
+    "g++": "apt-get install -y --no-install-recommends g++",
     "clang": "apt-get install -y --no-install-recommends clang",
+    "clang++": "apt-get install -y --no-install-recommends clang",
     "arm-none-eabi-gcc": ARM_INSTALL,
     "qemu-system-arm": "apt-get install -y --no-install-recommends qemu-system-arm",
     "unicorn": "pip install 'avc-casadi[emulator]'",

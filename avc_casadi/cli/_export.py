@@ -21,6 +21,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
     parser.add_argument("--c", required=True, metavar="DIR", help="folder for avc_coupling.h and avc_coupling.c")
+    parser.add_argument(
+        "--precision",
+        choices=("single", "double"),
+        default="single",
+        help="single: float, as certified couplings run in firmware; double: for processors that have it in hardware",
+    )
     add_problem_of_gains(parser)
     add_unsafe(parser)
 
@@ -33,7 +39,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     coupling = read_subject("export", args.gains, args.problem)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
     with faults_of(args.gains, args), console.step("C"):
-        files = export_c(coupling, unsafe=args.unsafe)
+        files = export_c(coupling, precision=args.precision, unsafe=args.unsafe)
     with output_folder(args.c, "--c") as folder:
         for name, text in files.items():
             write_text(folder / name, text, "--c")
@@ -44,11 +50,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "files": written,
         "rows": len(coupling.table),
         "sample_time_s": coupling.sample_time_s,
+        "precision": args.precision,
         "deployable": verdict.document(),
         "unsafe": unsafe_note(verdict),
         "lacks": list(coupling.lacks),
     }
     lines = [document["unsafe"]] if document["unsafe"] else []
     what = f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {rows_text(len(coupling.table))}"
+    what += ", double precision" * (args.precision == "double")
     lines.append(f"{what}: {', '.join(written)}")
     return Answer(document, "\n".join([*lines, *(f"lacks: {one}" for one in coupling.lacks)]))
