@@ -38,6 +38,10 @@ INSTALL = {
     "clang": "apt-get install -y --no-install-recommends clang",
     "clang++": "apt-get install -y --no-install-recommends clang",
     "arm-none-eabi-gcc": ARM_INSTALL,
+    "avr-gcc": "apt-get install -y --no-install-recommends gcc-avr avr-libc",
+    "simavr": "apt-get install -y --no-install-recommends simavr",
+    "riscv64-unknown-elf-gcc": "apt-get install -y --no-install-recommends gcc-riscv64-unknown-elf",
+    "qemu-system-riscv64": "apt-get install -y --no-install-recommends qemu-system-misc",
     "qemu-system-arm": "apt-get install -y --no-install-recommends qemu-system-arm",
     "unicorn": "pip install 'avc-casadi[emulator]'",
 }
