@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
 from avc_casadi.certificate import require_deployable
 from avc_hardware._coupling_program import FARTHEST_M, CouplingProgram, coupling_program
+from avc_hardware._packages import packaged
 from avc_hardware._precision import DOUBLE, PRECISIONS, SINGLE, Precision
 from avc_hardware._runtime_c import start_lines
 from avc_hardware._runtime_program import GAINS
@@ -210,7 +212,9 @@ static void look_up({real} frequency_hz, {real} gains[3])
 """
 
 
-def export_c(coupling: Coupling, *, precision: str = "single", unsafe: bool = False) -> dict[str, str]:
+def export_c(
+    coupling: Coupling, *, precision: str = "single", packages: Iterable[str] = (), unsafe: bool = False
+) -> dict[str, str]:
     """Return a coupling as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
 
     The whole of it at its own sample time: observer, estimator, adaptation and table where it has them, wall, contact
@@ -219,12 +223,14 @@ def export_c(coupling: Coupling, *, precision: str = "single", unsafe: bool = Fa
     Args:
         coupling: any; what runs beside its gains needs no support by the packaged firmware.
         precision: ``single`` (float) or ``double``, for processors that have it in hardware.
+        packages: what stands round the two files, which then are in ``src``: ``arduino``, ``platformio`` and ``cmake``
+            libraries, ``chai3d``, ``openhaptics`` and ``haply`` examples in C++.
         unsafe: whether a coupling that is not deployable is written too.
 
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
-        InputError: another precision, the wall gives no force, the observer has no encoder step to look between, a gain
-            is too large for single precision, or two rows become one in it.
+        InputError: another precision or package, the wall gives no force, the observer has no encoder step to look
+            between, a gain is too large for single precision, or two rows become one in it.
     """
     if precision not in PRECISIONS:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
@@ -232,7 +238,8 @@ def export_c(coupling: Coupling, *, precision: str = "single", unsafe: bool = Fa
     chosen = PRECISIONS[precision]
     rows = TableImage.of(coupling).rows if chosen is SINGLE else coupling.table.rows
     program = coupling_program(coupling, chosen)
-    return {HEADER: _header(coupling, program, chosen, verdict), SOURCE: _source(coupling, program, chosen, rows)}
+    files = {HEADER: _header(coupling, program, chosen, verdict), SOURCE: _source(coupling, program, chosen, rows)}
+    return packaged(files, coupling, packages)
 
 
 def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, verdict: Deployable) -> str:
