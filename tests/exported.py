@@ -5,39 +5,48 @@ from __future__ import annotations
 import ctypes
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from hardware_bench import export_c, require, run, scratch
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from avc_casadi.coupling import Coupling
-from avc_casadi.support import Float32Array
 
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 C99 = ("gcc", "-std=c99")
 CPP11 = ("g++", "-std=c++11", "-x", "c++")
+CLANG = ("clang", "-std=c99")
+CLANG_CPP17 = ("clang++", "-std=c++17", "-x", "c++")
 # More than any coupling remembers.
-_ROOM = 4096
+_ROOM = 8192
 
 
 class Exported:
     """One device with the exported coupling."""
 
     def __init__(
-        self, coupling: Coupling, *, compiler: tuple[str, ...] = C99, flags: tuple[str, ...] = WARNINGS
+        self,
+        coupling: Coupling,
+        *,
+        compiler: tuple[str, ...] = C99,
+        flags: tuple[str, ...] = WARNINGS,
+        precision: str = "single",
     ) -> None:
-        require("gcc")
+        require(compiler[0])
         # A library of the same path would be taken for the one that is loaded already.
         folder = Path(tempfile.mkdtemp(dir=scratch()))
-        for name, text in export_c(coupling).items():
+        for name, text in export_c(coupling, precision=precision).items():
             (folder / name).write_text(text, encoding="ascii")
         library = folder / f"{compiler[0]}.so"
-        build = ("-O2", "-ffp-contract=off", *flags, "-fPIC", "-shared", "-nostdlib")
+        build = ("-O2", *flags, "-fPIC", "-shared", "-nostdlib")
         tool, *options = compiler
         run(tool, *options, *build, str(folder / "avc_coupling.c"), "-o", str(library))
         self._c = ctypes.CDLL(str(library))
-        self._c.avc_coupling_step.restype = ctypes.c_float
-        self._c.avc_coupling_step.argtypes = [ctypes.c_void_p, ctypes.c_float]
+        number: type[Any] = {"single": ctypes.c_float, "double": ctypes.c_double}[precision]
+        self._c.avc_coupling_step.restype = number
+        self._c.avc_coupling_step.argtypes = [ctypes.c_void_p, number]
+        self._dtype = np.dtype(number)
         self._memory = ctypes.create_string_buffer(b"\xff" * _ROOM, _ROOM)
         self.start()
 
@@ -48,5 +57,5 @@ class Exported:
         force: float = self._c.avc_coupling_step(self._memory, position_m)
         return force
 
-    def forces(self, positions_m: ArrayLike) -> Float32Array:
-        return np.array([self.step(float(x)) for x in np.asarray(positions_m)], dtype=np.float32)
+    def forces(self, positions_m: ArrayLike) -> NDArray[Any]:
+        return np.array([self.step(float(x)) for x in np.asarray(positions_m)], dtype=self._dtype)

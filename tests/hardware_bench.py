@@ -34,8 +34,17 @@ export_c = functools.partial(avc_hardware.export_c, unsafe=True)
 
 INSTALL = {
     "gcc": HOST_INSTALL,
+    "g++": "apt-get install -y --no-install-recommends g++",
     "clang": "apt-get install -y --no-install-recommends clang",
+    "clang++": "apt-get install -y --no-install-recommends clang",
     "arm-none-eabi-gcc": ARM_INSTALL,
+    "cmake": "apt-get install -y --no-install-recommends cmake make",
+    "/usr/share/arduino/hardware/arduino/avr/cores": "apt-get install -y --no-install-recommends arduino-core-avr",
+    "avr-g++": "apt-get install -y --no-install-recommends gcc-avr avr-libc",
+    "avr-gcc": "apt-get install -y --no-install-recommends gcc-avr avr-libc",
+    "simavr": "apt-get install -y --no-install-recommends simavr",
+    "riscv64-unknown-elf-gcc": "apt-get install -y --no-install-recommends gcc-riscv64-unknown-elf",
+    "qemu-system-riscv64": "apt-get install -y --no-install-recommends qemu-system-misc",
     "qemu-system-arm": "apt-get install -y --no-install-recommends qemu-system-arm",
     "unicorn": "pip install 'avc-casadi[emulator]'",
 }
@@ -44,7 +53,7 @@ INSTALL = {
 def require(*tools: str) -> None:
     """Skip where a tool is missing, with the line that installs it; with HIL_REQUIRE=all fail instead."""
     for tool in tools:
-        there = importlib.util.find_spec(tool) if tool == "unicorn" else shutil.which(tool)
+        there = importlib.util.find_spec(tool) if tool == "unicorn" else shutil.which(tool) or Path(tool).is_dir()
         if not there:
             reason = f"{tool} is not installed: {INSTALL[tool]}"
             if os.environ.get("HIL_REQUIRE") == "all":

@@ -1,4 +1,4 @@
-"""The exported C is the scene's coupling: the bits of its expressions in single precision, on every compiler."""
+"""The exported C is the scene's coupling: the bits of its expressions in either precision, on every compiler."""
 
 import dataclasses
 import functools
@@ -6,82 +6,46 @@ import re
 
 import numpy as np
 import pytest
-from exported import C99, CPP11, WARNINGS, Exported
+from exported import C99, CLANG, CLANG_CPP17, CPP11, WARNINGS, Exported
+from exported_cases import drawn, motions
 from hardware_bench import believer, bench_problem, coupling, export_c, require, with_gains
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.coupling import Coupling, Runtime
+from avc_casadi.coupling import Runtime
 from avc_casadi.problem import DelayEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
 from avc_casadi.support import FloatArray
+from avc_hardware._precision import PRECISIONS
 from avc_hardware._reference_coupling import ReferenceCoupling
 
 SEEDS = range(22)
 
 
-def drawn(seed: int) -> Coupling:
-    """Any coupling: T of 0.1 to 3 ms; with and without observer, guard, delay, encoder, force limit, adaptation.
-
-    The last seeds have an observer with state feedback. Two of three that have a spring in the wall clip last.
-    """
-    rng = np.random.default_rng(seed)
-    time_s = float(np.exp(rng.uniform(np.log(1e-4), np.log(3e-3))))
-    estimators = ("fused", "zero-crossing", "adaptive-notch", "spectral-peak")
-    runtime = Runtime(
-        estimator=estimators[seed // 2 % 4],
-        hold_s=float(rng.uniform(0, 0.3)),
-        slew_per_s=None if seed % 3 == 0 else float(rng.uniform(1, 50)),
-        passive=seed % 5 != 0,
-        observer_mass_kg=None if seed % 4 < 2 or seed >= 16 else float(rng.uniform(0.1, 0.5)),
-        state_feedback=believer(seed) if seed >= 16 else None,
-        guard=(None, "passivity-controller", "energy-tank")[seed % 3],
-    )
-    return coupling(
-        (1, 7, 60, 1)[seed % 4],
-        seed=seed,
-        largest=(300.0, 1e5, (0.0, 50.0)[seed % 2]),
-        wall=((0.0, 3e4), (10.0, 1e5), (5.0, 0.0))[seed % 3],
-        runtime=runtime,
-        contact="clip-last" if seed % 3 < 2 and seed % 7 > 1 else "gated",
-        sample_time_s=time_s,
-        encoder_resolution_m=float(rng.uniform(1e-6, 1e-4)),
-        delay_samples=int(rng.integers(0, 4)),
-        max_force_n=None if seed % 7 == 0 else float(rng.uniform(2, 20)),
-    )
-
-
-def motions(made: Coupling, samples: int = 500) -> FloatArray:
-    """Taps that grow faster, a press with noise, jumps, and a stroke with what no sensor should say; (4, samples)."""
-    time = np.arange(samples) * made.sample_time_s
-    rng = np.random.default_rng(1)
-    step = made.problem.device.encoder_resolution_m
-    broken = 1e-3 * np.sin(2 * np.pi * 7 * time)
-    broken[[40, 41, 90, 150, 151, 220, 300]] = [np.nan, np.nan, np.inf, -np.inf, 3e38, 1e7, -np.nan]
-    broken[350:360] = 9e5
-    ways = [
-        4e-4 * np.sin(2 * np.pi * (2 + 30 * time) * time),
-        np.minimum(0.05 * time - 1e-3, 2e-3) + step * rng.integers(-1, 2, samples),
-        np.where(np.arange(samples) // 60 % 2 == 0, 3e-3, -1e-3),
-    ]
-    return np.array([*(step * np.round(way / step) for way in ways), broken])
-
-
 @functools.cache
-def reference(seed: int) -> FloatArray:
+def reference(seed: int, precision: str = "single") -> FloatArray:
     made = drawn(seed)
     ways = motions(made)
-    devices = ReferenceCoupling(made, len(ways))
+    devices = ReferenceCoupling(made, len(ways), PRECISIONS[precision])
     return np.stack([devices.step(column) for column in ways.T], axis=1)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("compiler", [C99, CPP11], ids=["C99", "C++11"])
-def test_compiled_coupling_gives_the_bits_of_the_expressions(compiler: tuple[str, ...], seed: int) -> None:
-    made, expected = drawn(seed), reference(seed)
-    device = Exported(made, compiler=compiler)
+def check_bits(seed: int, compiler: tuple[str, ...], precision: str) -> None:
+    made, expected = drawn(seed), reference(seed, precision)
+    device = Exported(made, compiler=compiler, precision=precision)
     for way, forces in zip(motions(made), expected, strict=True):
         device.start()
         assert device.forces(way).tobytes() == forces.tobytes()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_compiled_coupling_gives_the_bits_of_the_expressions(seed: int) -> None:
+    for compiler in (C99, (CPP11, CLANG, CLANG_CPP17)[seed % 3]):
+        check_bits(seed, compiler, "single")
+
+
+@pytest.mark.parametrize("seed", SEEDS[1::4])
+def test_double_precision_gives_the_bits_of_the_expressions(seed: int) -> None:
+    check_bits(seed, (C99, CPP11, CLANG, CLANG_CPP17)[seed // 4 % 4], "double")
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -109,7 +73,7 @@ def test_an_int_of_16_bits_is_enough(seed: int) -> None:
         whole = re.findall(r"(?<![\w.+-])(\d+)u?(?![\w.])", code)
         assert all(int(number) < 2**15 for number in whole)
         assert not re.search(r"\b(long|double|size_t|malloc|memcpy|math\.h)\b", code)
-        assert set(re.findall(r"#include (\S+)", code)) <= {'"avc_coupling.h"', "<stdbool.h>"}
+        assert set(re.findall(r"#include (\S+)", code)) <= {'"avc_coupling.h"', "<stdbool.h>", "<avr/pgmspace.h>"}
 
 
 def test_a_fault_starts_anew_and_start_forgets() -> None:
@@ -133,11 +97,16 @@ RUNTIMES = {
 }
 
 
+# Largest difference, and the mean square's root, against the largest force: in single precision a step of the look-up's
+# frequency that falls the other way moves a force for some samples.
+AGREES = {"single": (5e-2, 2e-3), "double": (1e-9, 1e-10)}
+
+
 @pytest.mark.parametrize(("delay", "contact"), [(0, "gated"), (2, "gated"), (0, "clip-last"), (2, "clip-last")])
 @pytest.mark.parametrize("varies", [False, True], ids=["constant", "table"])
 @pytest.mark.parametrize("name", RUNTIMES)
 def test_export_feels_like_the_scene_in_double_precision(name: str, *, varies: bool, delay: int, contact: str) -> None:
-    """The scene's own run, its measured positions given to the export: the scene's forces, but for the precision."""
+    """The scene's own run, its measured positions given to the exports: the scene's forces, but for the precision."""
     effects = [HandEffect(), WallEffect(), EncoderEffect(), SaturationEffect()] + [DelayEffect()] * (delay > 0)
     motion = {"kind": "tap", "end_m": 0.004, "frequency_hz": 3.0}
     problem = bench_problem((5.0, 5e3), delay_samples=delay, encoder_resolution_m=2e-5, max_force_n=30.0).changed(
@@ -151,13 +120,14 @@ def test_export_feels_like_the_scene_in_double_precision(name: str, *, varies: b
     scene = avc.simulate(problem, made)
     assert scene.samples_in_reach == scene.samples
     measured = 2e-5 * np.floor(scene.position_m / 2e-5 + 0.5)
-    force = Exported(made).forces(measured)
     asked = scene.force_n[delay:]
     assert asked.max() > 2
-    difference = np.abs(force[: len(asked)] - asked)
-    # A step of the look-up's frequency that falls the other way moves a force for some samples.
-    assert np.sqrt(np.mean(difference**2)) < 2e-3 * asked.max()
-    assert difference.max() < 5e-2 * asked.max()
+    for precision in ("single", "double")[: 1 + (delay > 0)]:
+        worst, mean = AGREES[precision]
+        force = Exported(made, precision=precision).forces(measured)
+        difference = np.abs(force[: len(asked)] - asked)
+        assert difference.max() < worst * asked.max()
+        assert np.sqrt(np.mean(difference**2)) < mean * asked.max()
 
 
 def test_header_says_what_it_is() -> None:
@@ -181,6 +151,8 @@ def test_what_cannot_be_exported_is_refused_by_name() -> None:
         export_c(coupling(1, wall=(0.0, 0.0)))
     with pytest.raises(InputError, match="single precision"):
         export_c(with_gains(bench_problem(), 1.0, 1e39))
+    with pytest.raises(InputError, match="precision: is 'half'; allowed: single, double"):
+        export_c(coupling(1), precision="half")
     with pytest.raises(InputError, match="encoder"):
         export_c(coupling(1, runtime=Runtime(observer_mass_kg=0.2), encoder_resolution_m=0.0))
 

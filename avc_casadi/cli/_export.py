@@ -11,16 +11,36 @@ from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, faults_of, read_subject, unsafe_note
 from avc_casadi.cli._text import rows_text
 
+# As `avc_hardware.export_c` knows them.
+PACKAGES = ("arduino", "platformio", "cmake", "chai3d", "openhaptics", "haply")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
         f"{__doc__}\nThe whole coupling at its own sample time: wall, look-up, estimator, adaptation, observer, guard\n"
-        "and force limit, in C99 that is also C++11. A coupling that is not deployable is refused with exit\n"
+        "and force limit, in C99 that is also C++11 and later. A coupling that is not deployable is refused with exit\n"
         "code 1; --unsafe overrides."
     )
     parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
-    parser.add_argument("--c", required=True, metavar="DIR", help="folder for avc_coupling.h and avc_coupling.c")
+    parser.add_argument(
+        "--c", required=True, metavar="DIR", help="folder for avc_coupling.h and avc_coupling.c, or for the packages"
+    )
+    parser.add_argument(
+        "--precision",
+        choices=("single", "double"),
+        default="single",
+        help="single (default): float, as in the packaged firmware; double: where a processor has it in hardware",
+    )
+    parser.add_argument(
+        "--package",
+        action="append",
+        default=[],
+        choices=PACKAGES,
+        metavar="NAME",
+        help="what stands round the two files, which then go to DIR/src; may be given several times: arduino, "
+        "platformio, cmake (a library each, all in one folder), chai3d, openhaptics, haply (an example in C++ each)",
+    )
     add_problem_of_gains(parser)
     add_unsafe(parser)
 
@@ -33,22 +53,26 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     coupling = read_subject("export", args.gains, args.problem)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
     with faults_of(args.gains, args), console.step("C"):
-        files = export_c(coupling, unsafe=args.unsafe)
+        files = export_c(coupling, precision=args.precision, packages=args.package, unsafe=args.unsafe)
     with output_folder(args.c, "--c") as folder:
         for name, text in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             write_text(folder / name, text, "--c")
     written = [str(Path(args.c) / name) for name in files]
     document: dict[str, Any] = {
         "schema": "avc-export/2",
         "coupling": coupling.id,
         "files": written,
+        "packages": args.package,
         "rows": len(coupling.table),
         "sample_time_s": coupling.sample_time_s,
+        "precision": args.precision,
         "deployable": verdict.document(),
         "unsafe": unsafe_note(verdict),
         "lacks": list(coupling.lacks),
     }
     lines = [document["unsafe"]] if document["unsafe"] else []
     what = f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {rows_text(len(coupling.table))}"
+    what += ", double precision" * (args.precision == "double")
     lines.append(f"{what}: {', '.join(written)}")
     return Answer(document, "\n".join([*lines, *(f"lacks: {one}" for one in coupling.lacks)]))

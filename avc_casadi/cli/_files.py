@@ -69,8 +69,10 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
         from avc_casadi.support import uninterrupted
 
         with uninterrupted():
-            for file in sorted(gathered.iterdir()):
-                file.replace(path / file.name)
+            for file in sorted(file for file in gathered.rglob("*") if file.is_file()):
+                place = path / file.relative_to(gathered)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                file.replace(place)
     except OSError as error:
         if isinstance(error, AvcError | BrokenPipeError):
             raise

@@ -26,6 +26,8 @@ from avc_casadi.coupling._gains import Gains as Gains
 from avc_casadi.coupling._gains import gains_at as gains_at
 from avc_casadi.coupling._gains import spring_before as spring_before
 from avc_casadi.coupling._gains import without_start as without_start
+from avc_casadi.coupling._interpolation import DeviceLn as DeviceLn
+from avc_casadi.coupling._interpolation import double_ln as double_ln
 from avc_casadi.coupling._interpolation import interpolate as interpolate
 from avc_casadi.coupling._interpolation import single_ln as single_ln
 from avc_casadi.coupling._reduction import ReducedRows as ReducedRows

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-if TYPE_CHECKING:
-    pass
-
 Precision = TypeVar("Precision", np.float32, np.float64)
-
-_LN_2 = np.float32(0.693147182)
-_SERIES = tuple(map(np.float32, (0.142857149, 0.2, 0.333333343, 1.0)))
 
 
 def interpolate(
@@ -46,22 +41,50 @@ def interpolate(
     return np.asarray(np.where(inside[..., None], between, ends))
 
 
-def single_ln(x: ArrayLike) -> NDArray[np.float32]:
-    """Natural logarithm of normal positive numbers in single precision, any shape, operation by operation as a device.
+@dataclass(frozen=True)
+class DeviceLn:
+    """Natural logarithm of normal positive numbers as a device computes it, operation by operation.
 
-    The exponent times ln 2, plus 2 artanh((m - 1)/(m + 1)) of the mantissa m by its series.
+    The exponent times ln 2, plus 2 artanh((m - 1)/(m + 1)) of the mantissa m, 2^-1/2 to 2^1/2, by its series.
+
+    Attributes:
+        dtype: precision of every operation.
+        bits: unsigned integers of its size.
+        mantissa_bits: of a number, without the leading one.
+        terms: of the series; what is left out is below a rounding of the first.
     """
-    one = np.float32(1)
-    bits = np.asarray(x, dtype=np.float32).view(np.uint32)
-    exponent = (bits >> 23).astype(np.int32) - 127
-    m = ((bits & np.uint32(0x007FFFFF)) | np.uint32(0x3F800000)).view(np.float32)
-    large = m > np.float32(1.41421354)
-    m = np.where(large, m * np.float32(0.5), m)
-    exponent = exponent + large
-    s = (m - one) / (m + one)
-    z = s * s
-    series = np.full_like(z, 0.111111112)
-    for coefficient in _SERIES:
-        series = series * z + coefficient
-    result: NDArray[np.float32] = exponent.astype(np.float32) * _LN_2 + (s + s) * series
-    return result
+
+    dtype: type[Any]
+    bits: type[Any]
+    mantissa_bits: int
+    terms: int
+
+    @property
+    def coefficients(self) -> list[float]:
+        """1/(2 j + 1), the smallest first."""
+        return [1.0 / (2 * j + 1) for j in reversed(range(self.terms))]
+
+    def __call__(self, x: ArrayLike) -> Any:
+        """Return ln x, any shape, in this precision."""
+        number, whole = self.dtype, self.bits
+        bits = np.asarray(x, dtype=number).view(whole)
+        one = number(1)
+        fraction = whole((1 << self.mantissa_bits) - 1)
+        above_one = bits >> whole(self.mantissa_bits)
+        bias = np.asarray(one).view(whole) >> whole(self.mantissa_bits)
+        exponent = above_one.astype(np.int32) - np.int32(bias)
+        m = ((bits & fraction) | np.asarray(one).view(whole)).view(number)
+        large = m > number(np.sqrt(2.0))
+        m = np.where(large, m * number(0.5), m)
+        exponent = exponent + large
+        s = (m - one) / (m + one)
+        z = s * s
+        first, *others = self.coefficients
+        series = np.full_like(z, first)
+        for coefficient in others:
+            series = series * z + number(coefficient)
+        return exponent.astype(number) * number(np.log(2.0)) + (s + s) * series
+
+
+single_ln = DeviceLn(np.float32, np.uint32, 23, 5)
+double_ln = DeviceLn(np.float64, np.uint64, 52, 12)

@@ -1,4 +1,4 @@
-"""A whole coupling as single-precision programs: position as measured to force, by the scene's own effects.
+"""A whole coupling as programs of one precision: position as measured to force, by the scene's own effects.
 
 Constant gains are one program. Gains that follow the frequency are two, cut where the table is read: `before` gives the
 frequency of the look-up, `after` takes the gains looked up. Nothing of what runs is written a second time.
@@ -26,6 +26,7 @@ from avc_casadi.scene.effects import (
 )
 from avc_casadi.scene.loop import Environment, Tick, coupling_parameters, wall_force
 from avc_hardware._float_program import FloatProgram
+from avc_hardware._precision import SINGLE, Precision
 from avc_hardware._runtime_program import GAINS, AnyTable
 
 if TYPE_CHECKING:
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
 
 FARTHEST_M = 1e6
 """No device measures more; beyond it a position is as good as infinite, and single precision might end."""
-LARGEST = 3.4028235e38
-"""Largest number of single precision."""
 FORCES = ("command_n", "force_n")
 
 
@@ -60,7 +59,7 @@ class CouplingProgram:
     early: tuple[str, ...]
 
 
-def coupling_program(coupling: Coupling) -> CouplingProgram:
+def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> CouplingProgram:
     """Build the program of a coupling at its own sample time.
 
     Raises:
@@ -77,7 +76,7 @@ def coupling_program(coupling: Coupling) -> CouplingProgram:
     ticks = [_Built.of(coupling, effects, start_m) for start_m in (0.0, 1.0, -1.0)]
     starts = zip(*([slot.initial for slot in built.tick.states] for built in ticks), strict=True)
     initial = tuple((middle, high, low) for middle, high, low in starts)
-    return ticks[0].program(initial)
+    return ticks[0].program(initial, precision)
 
 
 def _computer(coupling: Coupling) -> Iterator[SceneEffect]:
@@ -147,7 +146,7 @@ class _Built:
         frequency = looked.frequency[0] if looked.frequency else None
         return cls(coupling, tick, measured, seen, cut, command, wanted, frequency)
 
-    def program(self, initial: tuple[tuple[float, float, float], ...]) -> CouplingProgram:
+    def program(self, initial: tuple[tuple[float, float, float], ...], precision: Precision) -> CouplingProgram:
         import casadi as ca  # noqa: PLC0415
 
         tick = self.tick
@@ -157,7 +156,7 @@ class _Built:
         names = tuple(slot.name for slot in tick.states)
         if self.frequency is None:
             results = self._settled([ca.SX(self.command), ca.SX(asked), *successors])
-            after = _program("after", {"position_m": self.measured}, names, symbols, FORCES, names, results)
+            after = _program("after", {"position_m": self.measured}, names, symbols, FORCES, names, results, precision)
             return CouplingProgram(names, initial, None, after, ())
         read = ca.vertcat(self.cut, *self.wanted)
         late = [bool(ca.depends_on(value, read)) for value in successors]
@@ -173,10 +172,11 @@ class _Built:
             ("frequency_hz", "seen_m"),
             early,
             self._settled([ca.SX(self.frequency), ca.SX(self.seen), *first]),
+            precision,
         )
         given = {"seen_m": self.cut} | dict(zip((f"wanted_{name}" for name in GAINS), self.wanted, strict=True))
         results = self._settled([ca.SX(self.command), ca.SX(asked), *last])
-        after = _program("after", given, names, symbols, FORCES, rest, results)
+        after = _program("after", given, names, symbols, FORCES, rest, results, precision)
         return CouplingProgram(names, initial, before, after, early)
 
     def _settled(self, results: list[Any]) -> list[Any]:
@@ -215,6 +215,7 @@ def _program(
     outputs: tuple[str, ...],
     following: tuple[str, ...],
     results: list[Any],
+    precision: Precision,
 ) -> FloatProgram:
     import casadi as ca  # noqa: PLC0415
 
@@ -225,5 +226,6 @@ def _program(
             results,
             [*given, *(f"state_{state}" for state in states)],
             [*(f"out_{output}" for output in outputs), *(f"next_{state}" for state in following)],
-        )
+        ),
+        precision,
     )

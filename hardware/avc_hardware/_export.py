@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from avc_casadi import InputError
 from avc_casadi.certificate import require_deployable
-from avc_hardware._coupling_program import FARTHEST_M, LARGEST, CouplingProgram, coupling_program
-from avc_hardware._float_program import literal
-from avc_hardware._reference import ln
+from avc_hardware._coupling_program import FARTHEST_M, CouplingProgram, coupling_program
+from avc_hardware._packages import packaged
+from avc_hardware._precision import DOUBLE, PRECISIONS, SINGLE, Precision
 from avc_hardware._runtime_c import start_lines
 from avc_hardware._runtime_program import GAINS
 from avc_hardware._table import TableImage
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from avc_casadi.certificate import Deployable
     from avc_casadi.coupling import Coupling
-    from avc_casadi.support import Float32Array
 
 HEADER, SOURCE = "avc_coupling.h", "avc_coupling.c"
 
@@ -33,8 +35,9 @@ _HEADER = """\
  * {verdict}
  * sample time: {sample_time:.9g} s, and no other: the gains mean another loop at another rate
  *
- * C99, also C++11; no heap, no library. IEEE single precision; no -ffast-math. With -ffp-contract=off the bits are the
- * same on every machine.
+ * C99, also C++11 and later; no heap, no library; an int of 16 bits is enough{table}. IEEE {precision} precision.
+ * The bits are the same on every machine, with gcc and clang without any flag; elsewhere let the compiler not contract
+ * a * b + c. -ffast-math is refused.
  */
 #ifndef AVC_COUPLING_H
 #define AVC_COUPLING_H
@@ -54,6 +57,8 @@ _HEADER = """\
 extern "C" {{
 #endif
 
+typedef {real} avc_coupling_real_t;
+
 /* What the coupling remembers between two samples. */
 typedef struct {{
     unsigned char started;
@@ -66,7 +71,7 @@ void avc_coupling_start(avc_coupling_t *coupling);
 /* One sample. position_m: as measured, above 0 inside the wall. Returns the force on the device, N, positive out of the
  * wall{limited}; never NaN.
  * A position that is NaN, infinite or beyond {farthest:.0e} m gives 0 and starts anew. */
-float avc_coupling_step(avc_coupling_t *coupling, float position_m);
+{real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m);
 
 #ifdef __cplusplus
 }}
@@ -86,24 +91,31 @@ _SOURCE = """\
 #ifdef __FAST_MATH__
 #error "compile without -ffast-math: a position that is not a number must be seen"
 #endif
+{check}
+/* One rounding an operation: a fused multiply-add would give other bits than were certified. */
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize ("fp-contract=off")
+#endif
 {look_up}
 /* The state of a device that has always rested at a position. */
-static void rest(avc_coupling_t *coupling, float position_m)
+static void rest(avc_coupling_t *coupling, {real} position_m)
 {{
 {rest}
 }}
 
 void avc_coupling_start(avc_coupling_t *coupling)
 {{
-    rest(coupling, 0.0f);
+    rest(coupling, {zero});
     coupling->started = 0u;
 }}
 
-float avc_coupling_step(avc_coupling_t *coupling, float position_m)
+{real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m)
 {{
     if (!(position_m >= {least} && position_m <= {farthest})) {{
         coupling->started = 0u;
-        return 0.0f;
+        return {zero};
     }}
     if (coupling->started == 0u) {{
         rest(coupling, position_m);
@@ -111,7 +123,7 @@ float avc_coupling_step(avc_coupling_t *coupling, float position_m)
 {body}
     if (!(command_n >= {lowest} && command_n <= {largest})) {{
         coupling->started = 0u;
-        return 0.0f;
+        return {zero};
     }}
 {stores}
     coupling->started = 1u;
@@ -119,67 +131,90 @@ float avc_coupling_step(avc_coupling_t *coupling, float position_m)
 }}
 """
 
+_WIDE_ENOUGH = """
+#include <float.h>
+
+#if DBL_MANT_DIG < 53
+#error "a double of this compiler has less than 64 bits (avr-gcc): export with --precision single"
+#endif
+"""
+
 _LOOK_UP = """
 enum {{ ROWS = {rows} }};
 
+/* The table stays in flash where data would be copied to memory otherwise. */
+#if defined(__AVR__)
+#include <avr/pgmspace.h>
+#define IN_FLASH PROGMEM
+#define FROM_FLASH(place) pgm_read_float(&(place))
+#else
+#define IN_FLASH
+#define FROM_FLASH(place) (place)
+#endif
+
 /* ln(frequency), frequency (Hz), b (N.s/m), k (N/m), b_p (N.s/m). */
-static const float table[ROWS][5] = {{
+static const {real} table[ROWS][5] IN_FLASH = {{
 {table}
 }};
 
-/* ln x of a normal positive number: its exponent times ln 2 and 2 artanh((m - 1)/(m + 1)) of its mantissa. */
-static float natural_logarithm(float x)
+static {real} entry(unsigned int row, unsigned int column)
 {{
-    float m = x, exponent = 0.0f;
-    while (m > 1.41421354f) {{
-        m = m * 0.5f;
-        exponent = exponent + 1.0f;
+    return FROM_FLASH(table[row][column]);
+}}
+
+/* ln x of a normal positive number: its exponent times ln 2 and 2 artanh((m - 1)/(m + 1)) of its mantissa. */
+static {real} natural_logarithm({real} x)
+{{
+    {real} m = x, exponent = {zero};
+    while (m > {root_2}) {{
+        m = m * {half};
+        exponent = exponent + {one};
     }}
-    while (m <= 0.5f * 1.41421354f) {{
+    while (m <= {half} * {root_2}) {{
         m = m + m;
-        exponent = exponent - 1.0f;
+        exponent = exponent - {one};
     }}
-    const float s = (m - 1.0f) / (m + 1.0f);
-    const float z = s * s;
-    float series = 0.111111112f;
-    series = series * z + 0.142857149f;
-    series = series * z + 0.2f;
-    series = series * z + 0.333333343f;
-    series = series * z + 1.0f;
-    return exponent * 0.693147182f + (s + s) * series;
+    const {real} s = (m - {one}) / (m + {one});
+    const {real} z = s * s;
+    {real} series = {first};
+{series}
+    return exponent * {ln_2} + (s + s) * series;
 }}
 
 /* Gains at a frequency: linear in ln(frequency); the end rows beyond the ends. */
-static void look_up(float frequency_hz, float gains[3])
+static void look_up({real} frequency_hz, {real} gains[3])
 {{
     unsigned int low = 0u, high = ROWS - 1u, i;
-    float share = 0.0f;
-    if (!(frequency_hz > table[low][1])) {{
+    {real} share = {zero};
+    if (!(frequency_hz > entry(low, 1u))) {{
         high = low;
-    }} else if (frequency_hz >= table[high][1]) {{
+    }} else if (frequency_hz >= entry(high, 1u)) {{
         low = high;
     }} else {{
         while (high - low > 1u) {{
             const unsigned int middle = (low + high) / 2u;
-            if (frequency_hz < table[middle][1]) {{
+            if (frequency_hz < entry(middle, 1u)) {{
                 high = middle;
             }} else {{
                 low = middle;
             }}
         }}
-        share = (natural_logarithm(frequency_hz) - table[low][0]) / (table[high][0] - table[low][0]);
-        if (!(share >= 0.0f && share <= 1.0f)) {{
-            share = 0.0f;
+        share = (natural_logarithm(frequency_hz) - entry(low, 0u)) / (entry(high, 0u) - entry(low, 0u));
+        if (!(share >= {zero} && share <= {one})) {{
+            share = {zero};
         }}
     }}
     for (i = 0u; i < 3u; i++) {{
-        gains[i] = table[low][2u + i] + share * (table[high][2u + i] - table[low][2u + i]);
+        const {real} below = entry(low, 2u + i);
+        gains[i] = below + share * (entry(high, 2u + i) - below);
     }}
 }}
 """
 
 
-def export_c(coupling: Coupling, *, unsafe: bool = False) -> dict[str, str]:
+def export_c(
+    coupling: Coupling, *, precision: str = "single", packages: Iterable[str] = (), unsafe: bool = False
+) -> dict[str, str]:
     """Return a coupling as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
 
     The whole of it at its own sample time: observer, estimator, adaptation and table where it has them, wall, contact
@@ -187,20 +222,27 @@ def export_c(coupling: Coupling, *, unsafe: bool = False) -> dict[str, str]:
 
     Args:
         coupling: any; what runs beside its gains needs no support by the packaged firmware.
+        precision: ``single`` (float) or ``double``, for processors that have it in hardware.
+        packages: what stands round the two files, which then are in ``src``: ``arduino``, ``platformio`` and ``cmake``
+            libraries, ``chai3d``, ``openhaptics`` and ``haply`` examples in C++.
         unsafe: whether a coupling that is not deployable is written too.
 
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
-        InputError: the wall gives no force, the observer has no encoder step to look between, a gain is too large for
-            single precision, or two rows become one in it.
+        InputError: another precision or package, the wall gives no force, the observer has no encoder step to look
+            between, a gain is too large for single precision, or two rows become one in it.
     """
+    if precision not in PRECISIONS:
+        raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
     verdict = require_deployable(coupling, unsafe=unsafe)
-    rows = TableImage.of(coupling).rows
-    program = coupling_program(coupling)
-    return {HEADER: _header(coupling, program, verdict), SOURCE: _source(coupling, program, rows)}
+    chosen = PRECISIONS[precision]
+    rows = TableImage.of(coupling).rows if chosen is SINGLE else coupling.table.rows
+    program = coupling_program(coupling, chosen)
+    files = {HEADER: _header(coupling, program, chosen, verdict), SOURCE: _source(coupling, program, chosen, rows)}
+    return packaged(files, coupling, packages)
 
 
-def _header(coupling: Coupling, program: CouplingProgram, verdict: Deployable) -> str:
+def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, verdict: Deployable) -> str:
     problem, runtime, force = coupling.problem, coupling.runtime, coupling.max_force_n
     beside = []
     if runtime.observer_mass_kg is not None:
@@ -233,38 +275,58 @@ def _header(coupling: Coupling, program: CouplingProgram, verdict: Deployable) -
         beside="; ".join(beside) or "nothing",
         force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
         sample_time=coupling.sample_time_s,
-        sample_time_literal=_literal(coupling.sample_time_s),
+        sample_time_literal=precision.literal(coupling.sample_time_s),
         sample_time_ns=round(coupling.sample_time_s * 1e9),
-        max_force="" if force is None else f"#define AVC_COUPLING_MAX_FORCE_N {_literal(force)}\n",
-        states="\n".join(f"    float {name};" for name in program.states),
+        max_force="" if force is None else f"#define AVC_COUPLING_MAX_FORCE_N {precision.literal(force)}\n",
+        precision=precision.name,
+        real=precision.c_type,
+        table="" if program.before is None else "; on AVR the table stays in flash",
+        states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
         farthest=FARTHEST_M,
     )
 
 
-def _source(coupling: Coupling, program: CouplingProgram, rows: Float32Array) -> str:
+def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, rows: NDArray[Any]) -> str:
+    literal = precision.literal
     return _SOURCE.format(
         id=coupling.id,
-        look_up="" if program.before is None else _look_up(rows),
-        rest=_indented(start_lines("coupling", program.states, program.initial)),
-        least=_literal(-FARTHEST_M),
-        farthest=_literal(FARTHEST_M),
-        lowest=_literal(-LARGEST),
-        largest=_literal(LARGEST),
-        body=_indented(_body(program)),
+        check=_WIDE_ENOUGH if precision is DOUBLE else "",
+        real=precision.c_type,
+        zero=literal(0.0),
+        look_up="" if program.before is None else _look_up(rows, precision),
+        rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
+        least=literal(-FARTHEST_M),
+        farthest=literal(FARTHEST_M),
+        lowest=literal(-precision.largest),
+        largest=literal(precision.largest),
+        body=_indented(_body(program, precision)),
         stores=_indented([f"coupling->{name} = next_{name};" for name in program.states]),
     )
 
 
-def _look_up(rows: Float32Array) -> str:
+def _look_up(rows: NDArray[Any], precision: Precision) -> str:
+    literal = precision.literal
     lines = [
         "    {{{}}},".format(", ".join(map(literal, (logarithm, *row))))
-        for logarithm, row in zip(ln(rows[:, 0]), rows, strict=True)
+        for logarithm, row in zip(precision.ln(rows[:, 0]), rows, strict=True)
     ]
-    return _LOOK_UP.format(rows=len(rows), table="\n".join(lines))
+    first, *others = map(literal, precision.ln.coefficients)
+    return _LOOK_UP.format(
+        rows=len(rows),
+        table="\n".join(lines),
+        real=precision.c_type,
+        zero=literal(0.0),
+        half=literal(0.5),
+        one=literal(1.0),
+        root_2=literal(math.sqrt(2.0)),
+        ln_2=literal(math.log(2.0)),
+        first=first,
+        series=_indented([f"series = series * z + {coefficient};" for coefficient in others]),
+    )
 
 
-def _body(program: CouplingProgram) -> list[str]:
+def _body(program: CouplingProgram, precision: Precision) -> list[str]:
     """Return the statements of one sample; the states are read everywhere and written in the end."""
     gains = {f"wanted_{name}": f"gains[{index}]" for index, name in enumerate(GAINS)}
 
@@ -272,21 +334,17 @@ def _body(program: CouplingProgram) -> list[str]:
         return f"coupling->{symbol[6:]}" if symbol.startswith("state_") else gains.get(symbol, symbol)
 
     def of_output(symbol: str) -> str:
-        return f"const float {symbol.removeprefix('out_')}"
+        return f"const {precision.c_type} {symbol.removeprefix('out_')}"
 
     lines = []
     if program.before is not None:
         lines += program.before.c_lines(of_input, of_output, prefix="e")
-        lines += ["float gains[3];", "look_up(frequency_hz, gains);"]
+        lines += [f"{precision.c_type} gains[3];", "look_up(frequency_hz, gains);"]
     return lines + program.after.c_lines(of_input, of_output)
 
 
 def _indented(lines: list[str]) -> str:
     return "\n".join(f"    {line}" for line in lines)
-
-
-def _literal(value: float) -> str:
-    return literal(np.float32(value))
 
 
 def _wrapped(text: str) -> str:

@@ -1,4 +1,4 @@
-"""A CasADi expression as single-precision C, and the same operations in numpy: one program, equal bits."""
+"""A CasADi expression as C of one precision, and the same operations in numpy: one program, equal bits."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi import UnsupportedError
-from avc_casadi.support import Float32Array
+from avc_hardware._precision import SINGLE, Precision
 
-Value = Any  # a single-precision or truth array
+Value = Any  # an array of the program's precision, or of truths
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class _Operation:
     """How an operation is written in C and done in numpy; the compiler must neither fuse nor reorder.
 
     Attributes:
-        c: with places for the arguments.
+        c: with places for the arguments and the numbers zero and one.
         numpy: the same.
         truth: whether the result is a truth value.
         of_truth: which arguments are truth values.
@@ -51,10 +51,10 @@ def _operations(ca: Any) -> dict[int, _Operation]:
         ca.OP_MUL: arithmetic("{0} * {1}", lambda a, b: a * b),
         ca.OP_DIV: arithmetic("{0} / {1}", lambda a, b: a / b),
         ca.OP_NEG: arithmetic("-{0}", lambda a: -a),
-        ca.OP_INV: arithmetic("1.0f / {0}", lambda a: np.float32(1) / a),
+        ca.OP_INV: arithmetic("{one} / {0}", lambda a: np.float32(1) / a),
         ca.OP_SQ: arithmetic("{0} * {0}", lambda a: a * a),
         ca.OP_TWICE: arithmetic("{0} + {0}", lambda a: a + a),
-        ca.OP_FABS: arithmetic("{0} < 0.0f ? -{0} : {0}", lambda a: np.where(a < 0, -a, a)),
+        ca.OP_FABS: arithmetic("{0} < {zero} ? -{0} : {0}", lambda a: np.where(a < 0, -a, a)),
         ca.OP_FMAX: arithmetic("{0} > {1} ? {0} : {1}", lambda a, b: np.where(a > b, a, b)),
         ca.OP_FMIN: arithmetic("{0} < {1} ? {0} : {1}", lambda a, b: np.where(a < b, a, b)),
         ca.OP_LT: comparison("{0} < {1}", lambda a, b: a < b),
@@ -64,7 +64,7 @@ def _operations(ca: Any) -> dict[int, _Operation]:
         ca.OP_NOT: _Operation("!{0}", lambda a: ~a, truth=True, of_truth=both),
         ca.OP_AND: _Operation("{0} && {1}", lambda a, b: a & b, truth=True, of_truth=both),
         ca.OP_OR: _Operation("{0} || {1}", lambda a, b: a | b, truth=True, of_truth=both),
-        ca.OP_IF_ELSE_ZERO: _Operation("{0} ? {1} : 0.0f", lambda a, b: np.where(a, b, zero), of_truth=(True, False)),
+        ca.OP_IF_ELSE_ZERO: _Operation("{0} ? {1} : {zero}", lambda a, b: np.where(a, b, zero), of_truth=(True, False)),
         _SELECT: _Operation("{0} ? {1} : {2}", np.where, of_truth=(True, False, False)),
     }
 
@@ -84,17 +84,19 @@ class FloatProgram:
     Attributes:
         inputs: names of the scalar inputs.
         outputs: names of the scalar outputs.
+        precision: of every operation.
     """
 
-    def __init__(self, function: Any) -> None:
+    def __init__(self, function: Any, precision: Precision = SINGLE) -> None:
         """Take the instructions of an SX function whose inputs and outputs are all scalars.
 
         Raises:
-            UnsupportedError: an operation that has no single-precision form here.
+            UnsupportedError: an operation that has no form in C here.
         """
         import casadi as ca  # noqa: PLC0415
 
         self._ca = ca
+        self.precision = precision
         self._operations = _operations(ca)
         self.inputs = tuple(function.name_in())
         self.outputs = tuple(function.name_out())
@@ -116,7 +118,7 @@ class FloatProgram:
             elif operation in self._operations:
                 node = self._joined(_Node(operation, tuple(latest[at] for at in inputs)))
             else:
-                raise UnsupportedError(f"{function.name()}: CasADi operation {operation} has no single-precision form")
+                raise UnsupportedError(f"{function.name()}: CasADi operation {operation} has no form in C")
             if node not in known:
                 known[node] = len(self._nodes)
                 self._nodes.append(node)
@@ -172,22 +174,29 @@ class FloatProgram:
                 pairs.extend(zip(node.arguments, twin.arguments, strict=True))
         return found
 
-    def __call__(self, *values: Any) -> tuple[Float32Array, ...]:
-        """Run in single precision on scalars or arrays, one value an input."""
-        given = [np.asarray(value, dtype=np.float32) for value in values]
+    def __call__(self, *values: Any) -> tuple[NDArray[Any], ...]:
+        """Run in the program's precision on scalars or arrays, one value an input."""
+        dtype = self.precision.dtype
+        given = [np.asarray(value, dtype=dtype) for value in values]
         work: dict[int, Value] = {}
         with np.errstate(all="ignore"):
             for at in self._needed:
                 node = self._nodes[at]
                 if node.operation == self._ca.OP_CONST:
-                    work[at] = np.asarray(node.constant, dtype=np.float32)
+                    work[at] = np.asarray(node.constant, dtype=dtype)
                 elif node.operation == self._ca.OP_INPUT:
                     work[at] = given[node.arguments[0]]
                 else:
                     chosen = self._operations[node.operation]
                     pairs = zip(node.arguments, chosen.of_truth, strict=False)
-                    work[at] = chosen.numpy(*(_as(work[argument], truth=truth) for argument, truth in pairs))
-        return tuple(_as(work[self._results[index]], truth=False) for index in range(len(self.outputs)))
+                    work[at] = chosen.numpy(*(self._as(work[argument], truth=truth) for argument, truth in pairs))
+        return tuple(self._as(work[self._results[index]], truth=False) for index in range(len(self.outputs)))
+
+    def _as(self, value: Value, *, truth: bool) -> NDArray[Any]:
+        array = np.asarray(value)
+        if truth:
+            return array if array.dtype == np.bool_ else array != 0
+        return array.astype(self.precision.dtype, copy=False)
 
     def c_lines(
         self,
@@ -206,6 +215,8 @@ class FloatProgram:
             prefix: of the names of values, for two programs in one function.
         """
         places = constants or {}
+        real, literal = self.precision.c_type, self.precision.literal
+        zero, one = literal(0.0), literal(1.0)
         lines: list[str] = []
         names: dict[int, str] = {}
         truths: set[int] = set()
@@ -213,42 +224,29 @@ class FloatProgram:
         def argument(at: int, *, truth: bool) -> str:
             if truth == (at in truths):
                 return names[at]
-            return f"({names[at]} != 0.0f)" if truth else f"({names[at]} ? 1.0f : 0.0f)"
+            return f"({names[at]} != {zero})" if truth else f"({names[at]} ? {one} : {zero})"
 
         for at in self._needed:
             node = self._nodes[at]
             if node.operation == self._ca.OP_CONST:
-                names[at] = places.get(at) or literal(np.float32(node.constant))
+                names[at] = places.get(at) or literal(node.constant)
             elif node.operation == self._ca.OP_INPUT:
                 names[at] = of_input(self.inputs[node.arguments[0]])
             else:
                 chosen = self._operations[node.operation]
                 pairs = zip(node.arguments, chosen.of_truth, strict=False)
-                text = chosen.c.format(*(argument(value, truth=truth) for value, truth in pairs))
+                given = [argument(value, truth=truth) for value, truth in pairs]
+                text = chosen.c.format(*given, zero=zero, one=one)
                 names[at] = f"{prefix}v{at}"
                 if chosen.truth:
                     truths.add(at)
-                lines.append(f"const {'bool' if chosen.truth else 'float'} {names[at]} = {text};")
+                lines.append(f"const {'bool' if chosen.truth else real} {names[at]} = {text};")
         # States are read all over the body: none is written before all is computed.
         kept, stores = [], []
         for index, name in enumerate(self.outputs):
             value = argument(self._results[index], truth=False)
             if "->" in value:
-                kept.append(f"const float {prefix}r{index} = {value};")
+                kept.append(f"const {real} {prefix}r{index} = {value};")
                 value = f"{prefix}r{index}"
             stores.append(f"{of_output(name)} = {value};")
         return lines + kept + stores
-
-
-def _as(value: Value, *, truth: bool) -> NDArray[Any]:
-    array = np.asarray(value)
-    if truth:
-        return array if array.dtype == np.bool_ else array != 0
-    return array.astype(np.float32, copy=False)
-
-
-def literal(value: np.float32) -> str:
-    """Return a C literal that reads back as exactly this number."""
-    text = np.format_float_positional(value, unique=True, trim="0") if 1e-3 <= abs(value) < 1e6 or value == 0 else ""
-    text = text or np.format_float_scientific(value, unique=True, trim="0")
-    return f"({text}f)" if text.startswith("-") else f"{text}f"

@@ -1,4 +1,4 @@
-"""A whole coupling in numpy single precision: what the exported C computes, bit for bit, for many devices."""
+"""A whole coupling in numpy: what the exported C computes, bit for bit, for many devices."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_hardware._coupling_program import FARTHEST_M, LARGEST, coupling_program
-from avc_hardware._reference import lookup
+from avc_casadi.coupling import interpolate
+from avc_hardware._coupling_program import FARTHEST_M, coupling_program
+from avc_hardware._precision import SINGLE, Precision
 from avc_hardware._runtime_program import GAINS, states_at_rest
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from avc_casadi.coupling import Coupling
-    from avc_casadi.support import BoolArray, Float32Array
+    from avc_casadi.support import BoolArray
     from avc_hardware._float_program import FloatProgram
 
 Columns = dict[str, Any]
@@ -23,44 +24,47 @@ Columns = dict[str, Any]
 class ReferenceCoupling:
     """Devices with the same coupling, each with its own motion."""
 
-    def __init__(self, coupling: Coupling, devices: int = 1) -> None:
+    def __init__(self, coupling: Coupling, devices: int = 1, precision: Precision = SINGLE) -> None:
         """Start them, as `avc_coupling_start`.
 
         Args:
             coupling: what runs.
             devices: how many.
+            precision: of every operation.
         """
-        self._program = coupling_program(coupling)
-        self._rows = coupling.table.single()
+        self._program = coupling_program(coupling, precision)
+        self._precision = precision
+        self._rows: NDArray[Any] = coupling.table.rows.astype(precision.dtype)
         self._devices = devices
         self.start()
 
     def start(self) -> None:
         """Forget everything."""
         self._started: BoolArray = np.zeros(self._devices, dtype=bool)
-        self._states: Columns = {name: np.zeros(self._devices, np.float32) for name in self._program.states}
+        self._states: Columns = {name: np.zeros(self._devices, self._precision.dtype) for name in self._program.states}
 
-    def step(self, position_m: ArrayLike) -> Float32Array:
+    def step(self, position_m: ArrayLike) -> NDArray[Any]:
         """Run one sample, as `avc_coupling_step`; position and force have shape (devices,)."""
-        given = np.broadcast_to(np.asarray(position_m, dtype=np.float32), (self._devices,))
-        good = (given >= np.float32(-FARTHEST_M)) & (given <= np.float32(FARTHEST_M))
-        x = np.where(good, given, np.float32(0))
+        number = self._precision.dtype
+        given = np.broadcast_to(np.asarray(position_m, dtype=number), (self._devices,))
+        good = (given >= number(-FARTHEST_M)) & (given <= number(FARTHEST_M))
+        x = np.where(good, given, number(0))
         fresh = states_at_rest(self._program.states, self._program.initial, x)
         states = {name: np.where(self._started, value, fresh[name]) for name, value in self._states.items()}
         following, command, force = self._tick(x, states)
-        good &= (command >= np.float32(-LARGEST)) & (command <= np.float32(LARGEST))
+        good &= np.isfinite(command)
         self._started = good
-        self._states = {name: np.asarray(following[name], dtype=np.float32) for name in states}
-        return np.where(good, force, np.float32(0)).astype(np.float32)
+        self._states = {name: np.asarray(following[name], dtype=number) for name in states}
+        return np.where(good, force, number(0)).astype(number)
 
-    def _tick(self, x: Float32Array, states: Columns) -> tuple[Columns, Float32Array, Float32Array]:
+    def _tick(self, x: NDArray[Any], states: Columns) -> tuple[Columns, NDArray[Any], NDArray[Any]]:
         program = self._program
         given: Columns = {"position_m": x}
         following: Columns = {}
         if program.before is not None:
             early = _run(program.before, given, states)
             following |= {name: early[f"next_{name}"] for name in program.early}
-            wanted = lookup(self._rows, early["out_frequency_hz"])
+            wanted = interpolate(self._rows, early["out_frequency_hz"], self._precision.ln)
             given = {"seen_m": early["out_seen_m"]}
             given |= {f"wanted_{name}": wanted[..., index] for index, name in enumerate(GAINS)}
         late = _run(program.after, given, states)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
-from avc_hardware._float_program import literal
 from avc_hardware._host import BoardLimits
+from avc_hardware._precision import SINGLE, Precision
 from avc_hardware._runtime_constants import Template, constants, templates
 
 _BANNER = """/* Generated from the scene's CasADi expressions, do not edit:
@@ -100,16 +98,16 @@ def made_for(limits: BoardLimits) -> str:
     """Return the header that says which sample time, encoder and force a firmware is made for."""
     return _MADE_FOR.format(
         banner=_BANNER,
-        time=literal(np.float32(limits.sample_time_s)),
+        time=SINGLE.literal(limits.sample_time_s),
         time_ns=_whole(limits.sample_time_s, 1e9),
-        count=literal(np.float32(limits.metres_per_count)),
+        count=SINGLE.literal(limits.metres_per_count),
         count_pm=_whole(limits.metres_per_count, 1e12),
-        force=literal(np.float32(limits.max_force_n)),
-        speed=literal(np.float32(limits.max_speed_m_per_s)),
-        acceleration=literal(np.float32(limits.max_acceleration_m_per_s2)),
-        energy=literal(np.float32(limits.max_energy_j)),
-        swing=literal(np.float32(limits.stuck_swing_n)),
-        overruns=literal(np.float32(limits.max_overruns)),
+        force=SINGLE.literal(limits.max_force_n),
+        speed=SINGLE.literal(limits.max_speed_m_per_s),
+        acceleration=SINGLE.literal(limits.max_acceleration_m_per_s2),
+        energy=SINGLE.literal(limits.max_energy_j),
+        swing=SINGLE.literal(limits.stuck_swing_n),
+        overruns=SINGLE.literal(limits.max_overruns),
     )
 
 
@@ -131,7 +129,7 @@ def constants_sources(figures: RuntimeFigures) -> dict[str, str]:
     ]
     for symbol, numbers in constants(figures).items():
         part = symbol.removesuffix("_constants")
-        lines = [f"    {literal(number)}," for number in numbers]
+        lines = [f"    {SINGLE.literal(number)}," for number in numbers]
         text = [
             _BANNER,
             f"/* {_named(figures, part)} */",
@@ -145,9 +143,9 @@ def constants_sources(figures: RuntimeFigures) -> dict[str, str]:
         files[f"{symbol}.c"] = "\n".join([*text, *lines, "};", ""])
     text = [_BANNER, '#include "avc_figures.h"', "", "const avc_figures_t avc_figures = {"]
     text += [
-        f"    .hold_s = {literal(np.float32(figures.hold_s))},",
-        f"    .slew_per_s = {literal(np.float32(figures.slew_per_s or 0.0))},",
-        f"    .guard_damping_ns_per_m = {literal(np.float32(figures.guard_damping_ns_per_m))},",
+        f"    .hold_s = {SINGLE.literal(figures.hold_s)},",
+        f"    .slew_per_s = {SINGLE.literal(figures.slew_per_s or 0.0)},",
+        f"    .guard_damping_ns_per_m = {SINGLE.literal(figures.guard_damping_ns_per_m)},",
         f"    .estimator = {ESTIMATOR_NUMBERS.index(figures.estimator)}u,",
         f"    .passive = {int(figures.passive)}u,",
     ]
@@ -182,16 +180,18 @@ def start_lines(
     states: tuple[str, ...],
     initial: tuple[tuple[float, float, float], ...],
     starts: dict[int, str] | None = None,
+    precision: Precision = SINGLE,
 ) -> list[str]:
     """Return the statements that set the states of a device at rest; ``starts`` stand for numbers, by state."""
     places = starts or {}
     lines = []
     for index, (name, (middle, high, low)) in enumerate(zip(states, initial, strict=True)):
-        value = places.get(index) or literal(np.float32(middle))
+        value = places.get(index) or precision.literal(middle)
         if (high, low) == (middle + 1, middle - 1):
             value = "position_m"
         elif (high, low) == (middle + 1, middle):
-            value = "position_m > 0.0f ? position_m : 0.0f"
+            zero = precision.literal(0.0)
+            value = f"position_m > {zero} ? position_m : {zero}"
         lines.append(f"{pointer}->{name} = {value};")
     if not any("= position_m" in line for line in lines):
         lines.append("(void)position_m;")

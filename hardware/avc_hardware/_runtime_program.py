@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from numpy.typing import NDArray
+
 from avc_casadi.runtime import AdaptationSettings, EstimatorSettings, GuardSettings, HoldSettings
 from avc_casadi.scene.effects import Adaptation, Estimator, Guard
 from avc_casadi.scene.loop import Environment, Tick, wall_force
@@ -55,21 +57,21 @@ class RuntimeProgram:
 
 
 def states_at_rest(
-    states: tuple[str, ...], initial: tuple[tuple[float, float, float], ...], position_m: Float32Array
-) -> dict[str, Float32Array]:
+    states: tuple[str, ...], initial: tuple[tuple[float, float, float], ...], position_m: NDArray[Any]
+) -> dict[str, NDArray[Any]]:
     """Return the states of a device that has always rested at a position, each of its shape.
 
     Args:
         states: names.
         initial: of each with the device at 0, at +1 and at -1.
-        position_m: any shape.
+        position_m: any shape; its precision is that of the states.
     """
     import numpy as np  # noqa: PLC0415
 
     zero = np.zeros_like(position_m)
     found = {}
     for name, (middle, high, low) in zip(states, initial, strict=True):
-        value = zero + np.float32(middle)
+        value = zero + zero.dtype.type(middle)
         if (high, low) == (middle + 1, middle - 1):
             value = position_m
         elif (high, low) == (middle + 1, middle):

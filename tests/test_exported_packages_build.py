@@ -1,0 +1,160 @@
+"""The packages round an exported coupling: CMake installs and finds it, the sketch runs on Arduino's own core."""
+
+import json
+import re
+import subprocess
+import tempfile
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exported import WARNINGS, Exported
+from exported_cases import drawn
+from hardware_bench import coupling, export_c, require, run, scratch
+
+import avc_casadi
+import avc_casadi.cli._export
+from avc_casadi import InputError
+from avc_casadi.coupling import Coupling, Runtime
+from avc_hardware._packages import PACKAGES
+
+CORE = Path("/usr/share/arduino/hardware/arduino/avr/cores")
+LIBRARIES = ("arduino", "platformio", "cmake")
+
+
+def written(made: Coupling, *packages: str) -> Path:
+    folder = Path(tempfile.mkdtemp(dir=scratch()))
+    for place, text in export_c(made, packages=packages).items():
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        (folder / place).write_text(text, encoding="utf-8")
+    return folder
+
+
+def test_packages_stand_round_the_same_two_files() -> None:
+    made = drawn(2)
+    alone, together = export_c(made), export_c(made, packages=LIBRARIES)
+    assert {f"src/{name}": text for name, text in alone.items()}.items() <= together.items()
+    assert not any("@" in re.sub(r"@(param|author)", "", text) for text in together.values())
+    assert avc_casadi.cli._export.PACKAGES == PACKAGES
+    with pytest.raises(InputError, match="packages: holds 'conan'; allowed: arduino, platformio, cmake, chai3d"):
+        export_c(made, packages=["cmake", "conan"])
+
+
+def test_manifests_say_what_arduino_and_platformio_ask_for() -> None:
+    files = export_c(drawn(2), packages=("arduino", "platformio"))
+    properties = dict(line.split("=", 1) for line in files["library.properties"].splitlines())
+    asked = {"name", "version", "author", "maintainer", "sentence", "paragraph", "category", "url", "architectures"}
+    assert asked <= properties.keys()
+    assert properties["category"] == "Device Control"
+    manifest = json.loads(files["library.json"])
+    assert manifest["version"] == properties["version"] == avc_casadi.__version__
+    assert re.fullmatch(r"[a-z][a-z0-9-]*[a-z0-9]", manifest["name"])
+    assert len(manifest["description"]) <= 255
+    assert f"src/{manifest['headers']}" in files
+    for example in manifest["examples"]:
+        assert all(f"{example['base']}/{name}" in files for name in example["files"])
+
+
+CONSUMER = """
+cmake_minimum_required(VERSION 3.15)
+project(consumer LANGUAGES C CXX)
+find_package(avc_coupling {version} REQUIRED)
+add_executable(consumer main.cpp)
+target_link_libraries(consumer PRIVATE avc_coupling::avc_coupling)
+"""
+MAIN = """
+#include <avc_coupling.h>
+#include <cstdio>
+int main()
+{
+    avc_coupling_t coupling;
+    avc_coupling_start(&coupling);
+    for (int sample = 0; sample < 100; sample++) {
+        const float position_m = 1e-5f * static_cast<float>(sample - 20);
+        std::printf("%a\\n", static_cast<double>(avc_coupling_step(&coupling, position_m)));
+    }
+}
+"""
+
+
+def test_cmake_installs_what_another_project_finds() -> None:
+    require("cmake", "g++")
+    made = drawn(16)
+    folder, prefix, consumer = written(made, "cmake"), scratch() / "prefix", scratch() / "consumer"
+    consumer.mkdir()
+    (consumer / "CMakeLists.txt").write_text(CONSUMER.format(version=avc_casadi.__version__), encoding="ascii")
+    (consumer / "main.cpp").write_text(MAIN, encoding="ascii")
+    flags = " ".join(WARNINGS)
+    for source, options in (
+        (folder, (f"-DCMAKE_INSTALL_PREFIX={prefix}", f"-DCMAKE_C_FLAGS={flags}")),
+        (consumer, (f"-DCMAKE_PREFIX_PATH={prefix}", f"-DCMAKE_CXX_FLAGS={flags}")),
+    ):
+        build = str(source / "build")
+        run("cmake", "-G", "Unix Makefiles", "-S", str(source), "-B", build, "-DCMAKE_BUILD_TYPE=Release", *options)
+        run("cmake", "--build", build)
+        if source == folder:
+            run("cmake", "--install", build)
+    done = subprocess.run([consumer / "build" / "consumer"], capture_output=True, text=True, check=True)  # noqa: S603
+    forces = [float.fromhex(line) for line in done.stdout.split()]
+    positions = np.float32(1e-5) * np.arange(-20, 80, dtype=np.float32)
+    assert forces == Exported(made).forces(positions).tolist()
+
+
+CORE_FILES = (
+    *("wiring.c", "wiring_digital.c", "wiring_analog.c", "WInterrupts.c", "hooks.c", "main.cpp", "Print.cpp"),
+    *("HardwareSerial.cpp", "HardwareSerial0.cpp", "new.cpp", "abi.cpp"),
+)
+UNO = ("-mmcu=atmega328p", "-DF_CPU=16000000L", "-DARDUINO=10819", "-DARDUINO_AVR_UNO", "-DARDUINO_ARCH_AVR")
+OWN = ("-Wall", "-Wextra", "-Werror")
+
+
+def sketch(made: Coupling) -> Path:
+    """Build the example for an Uno, as the Arduino IDE does: with its core, and Arduino.h before everything."""
+    require("avr-gcc", "avr-g++", "simavr", str(CORE))
+    folder = written(made, "arduino")
+    places = (f"-I{CORE / 'arduino'}", f"-I{CORE.parent / 'variants' / 'standard'}", f"-I{folder / 'src'}")
+    flags = (*UNO, "-Os", "-ffunction-sections", "-fdata-sections", *places)
+    own = (folder / "src" / "avc_coupling.c", folder / "examples" / "wall" / "wall.ino")
+    objects = []
+    for source in (*(CORE / "arduino" / name for name in CORE_FILES), *own):
+        c = source.suffix == ".c"
+        language = ("-x", "c") if c else ("-std=gnu++11", "-fno-exceptions", "-fno-threadsafe-statics", "-x", "c++")
+        before = ("-include", "Arduino.h") if source.suffix == ".ino" else ()
+        objects.append(str(folder / f"{source.name}.o"))
+        warnings = OWN if source in own else ("-w",)
+        run("avr-gcc" if c else "avr-g++", *flags, *warnings, *before, *language, "-c", str(source), "-o", objects[-1])
+    image = folder / "wall.elf"
+    run("avr-gcc", *UNO, "-Os", "-Wl,--gc-sections", *objects, "-lm", "-o", str(image))
+    return image
+
+
+def first_words(image: Path) -> str:
+    """Run the sketch until it has told its first line; the simulated board has no end of its own."""
+    # Into a pipe it would keep its lines for itself.
+    command = ["stdbuf", "-oL", "simavr", "-m", "atmega328p", "-f", "16000000", image]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as board:  # noqa: S603 - ours
+        assert board.stdout is not None
+        limit = threading.Timer(60, board.kill)
+        limit.start()
+        try:
+            for line in board.stdout:
+                if b"samples" in line or b"stopped" in line:
+                    return re.sub("\x1b\\[[0-9;]*m", "", line.decode(errors="replace"))
+        finally:
+            limit.cancel()
+            board.kill()
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("runtime", "rows", "says"),
+    [
+        (Runtime(observer_mass_kg=0.25), 1, "missed samples of 1000: 0"),
+        (Runtime("zero-crossing"), 40, "stopped: too slow for a sample of 1000 us"),
+    ],
+    ids=["observer", "table"],
+)
+def test_arduino_sketch_keeps_its_samples_or_switches_off(runtime: Runtime, rows: int, says: str) -> None:
+    made = coupling(rows, largest=(300.0, 1e5, 50.0), runtime=runtime, encoder_resolution_m=2e-5, max_force_n=10.0)
+    assert says in first_words(sketch(made))
