@@ -24,6 +24,7 @@ from avc_casadi.problem import (
 from avc_casadi.runtime import StateFeedback
 from avc_hardware import FirmwareInTheLoop, LoopResult, tried_in_the_loop
 from avc_hardware import _messages as m
+from avc_hardware._device_fault import DeviceFault
 from avc_hardware._messages import Kind
 from avc_hardware._reference import lookup
 from avc_hardware._session import InContactError
@@ -323,3 +324,21 @@ def test_constant_gains_feel_like_the_scene_which_has_no_adaptation_for_them(gai
     assert np.sqrt(np.mean(difference**2)) < 5e-6
     crossings = np.count_nonzero(np.diff(np.array(trace.position_m) > 0))
     assert crossings > 8
+
+
+def test_motor_and_handle_begin_where_the_hand_is() -> None:
+    """A resonance that begins stretched is a jolt: the device would stop itself before it met the wall."""
+    problem = avc.load_problem("reference-r1").changed(environment={"stiffness_n_per_m": 500.0})
+    found = tried_in_the_loop(Coupling.constant(problem, Gains(0.0, 1e8, 1.0), "x"), seconds=0.5)
+    assert found.document()["faults"] == ""
+    assert found.status.mode == "table"
+    assert 0.3 < found.peak_force_n < 8.0
+
+
+def test_a_device_that_stopped_itself_is_not_at_rest() -> None:
+    problem = avc.load_problem("spring")
+    found = tried_in_the_loop(Coupling.constant(problem, Gains(0.0, 500.0), "x"), seconds=0.05)
+    stopped = dataclasses.replace(found, status=dataclasses.replace(found.status, faults=int(DeviceFault.JUMP)))
+    assert not stopped.at_rest
+    assert "encoder jumped" in stopped.sentence
+    assert stopped.document()["faults"] == "encoder jumped"

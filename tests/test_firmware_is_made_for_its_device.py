@@ -94,3 +94,13 @@ def test_the_command_tells_what_it_made_and_how_to_flash_it(tmp_path: Path, caps
     assert any("st-flash" in command for command in document["commands"])
     assert main(["firmware", "reference-r2", "--board", "toaster", "--out", out]) == 2
     assert "allowed: netduinoplus2, stm32f405, mps2-an386, lm3s6965evb" in capsys.readouterr().err
+
+
+def test_a_device_is_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    require("arm-none-eabi-gcc")
+    device = tmp_path / "mine.toml"
+    device.write_text("[device]\nmass_kg = 0.1\ndamping_ns_per_m = 1.0\nsample_time_s = 5e-4\nmax_force_n = 7.0\n")
+    asked = ["firmware", str(device), "--board", "stm32f405", "--out", str(tmp_path / "fw"), "--json"]
+    assert main(asked) == 0
+    limits = json.loads(capsys.readouterr().out)["limits"]
+    assert (limits["sample_time_s"], limits["max_force_n"]) == (5e-4, 7.0)

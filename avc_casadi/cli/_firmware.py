@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi.cli._arguments import positive_int
+from avc_casadi.cli._check_device import is_device
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder
 from avc_casadi.cli._subject import add_problem_of_gains, is_coupling, read_subject
@@ -15,6 +16,7 @@ from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
+    from avc_casadi.problem import Device
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "more force is refused by the device. It needs arm-none-eabi-gcc."
     )
     parser.add_argument(
-        "subject", metavar="SUBJECT", help="problem, for its device; or a coupling file, for what runs beside its gains"
+        "subject", metavar="SUBJECT", help="device, or problem; or a coupling file, for what runs beside its gains"
     )
     parser.add_argument("--board", required=True, help="a board (a wrong name lists them): stm32f405, mps2-an386, ...")
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for the .elf, .bin and .hex file")
@@ -37,11 +39,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.support import plain
     from avc_hardware import build_firmware
 
-    subject: Coupling | avc.Problem
+    subject: Coupling | avc.Problem | Device
     if is_coupling(args.subject):
         subject = read_subject("firmware", args.subject, args.problem)
     else:
-        subject = avc.load_problem(args.subject)
+        subject = avc.load_device(args.subject).device if is_device(args.subject) else avc.load_problem(args.subject)
     with output_folder(args.out, "--out") as folder, console.step(f"firmware for {args.board}"):
         built = build_firmware(subject, args.board, folder, baud=args.baud)
     limits, figures = built.limits, built.figures

@@ -14,7 +14,7 @@ from avc_casadi.diagnosis._log import Log
 from avc_casadi.diagnosis._loop import at_period, growth_over, limit_of, longest_delay, notched_growth, worst_mode
 from avc_casadi.diagnosis._model import Cure
 from avc_casadi.diagnosis._plant import Answer
-from avc_casadi.diagnosis._replay import can_replay, replay
+from avc_casadi.diagnosis._replay import NOTHING, can_replay, replay
 from avc_casadi.scene.effects import Notch
 from avc_casadi.support import number
 
@@ -148,7 +148,7 @@ def _encoder(answer: Answer, law: Law, log: Log) -> list[Cure]:
         played = replay(answer, with_law, log, encoder_m, filter_hz=filter_hz)
         return not played.sustained
 
-    for factor in _SOFTER:
+    for factor in _SOFTER if law.damping_ns_per_m > NOTHING else ():
         softer = replace(law, damping_ns_per_m=factor * law.damping_ns_per_m)
         if worst_mode(answer, softer).stable and small(softer, step):
             change = f"b = {number(softer.damping_ns_per_m, 3)} N.s/m in place of {number(law.damping_ns_per_m, 3)}"

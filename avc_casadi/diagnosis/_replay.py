@@ -16,6 +16,8 @@ from avc_casadi.scene import simulate
 _SECONDS = 1.5
 _SPEED_M_PER_S = 0.07
 _BEFORE_M = 0.004
+NOTHING = 1e-6
+"""N/m or N.s/m that no hand feels, and what a fit leaves of nothing."""
 
 
 def can_replay(law: Law) -> bool:
@@ -82,7 +84,10 @@ def _problem(answer: Answer, law: Law, log: Log, encoder_m: float, filter_hz: fl
             "name": "replay",
             "title": "the loop of a log",
             "device": device.model_dump(mode="json", exclude={"range"}, exclude_none=True),
-            "environment": {"damping_ns_per_m": law.damping_ns_per_m, "stiffness_n_per_m": law.stiffness_n_per_m},
+            "environment": {
+                "damping_ns_per_m": _or_none(law.damping_ns_per_m),
+                "stiffness_n_per_m": _or_none(law.stiffness_n_per_m),
+            },
             "frequency": {"values_hz": [1.0]},
             "scene": {
                 "duration_s": _SECONDS,
@@ -97,3 +102,8 @@ def _problem(answer: Answer, law: Law, log: Log, encoder_m: float, filter_hz: fl
             },
         }
     )
+
+
+def _or_none(fitted: float) -> float:
+    """Return 0 for what a fit leaves of nothing."""
+    return fitted if fitted > NOTHING else 0.0

@@ -66,8 +66,14 @@ class BenchPlant:
             for share, newer in ((late, False), (1.0 - late, True))
             if share > _NOTHING
         ]
+        self._positions = [index for index, name in enumerate(plant.names) if name.endswith("_position_m")]
         self.state: FloatArray = np.zeros(plant.states)
         self._asked = [0.0] * (whole + 2)
+
+    def place(self, position_m: float) -> None:
+        """Put every body there, at rest: nothing between them is stretched."""
+        self.state[:] = 0.0
+        self.state[self._positions] = position_m
 
     def hold(self, force_n: float) -> None:
         """Ask for a force, positive against +x, from now on."""

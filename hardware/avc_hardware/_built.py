@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING
 
 from avc_casadi import InputError
 from avc_casadi.coupling import Coupling
+from avc_casadi.problem import Problem
+from avc_hardware._bench_plant import board_limits
 from avc_hardware._boards import TARGETS
 from avc_hardware._elf import read_elf
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._firmware import source_hash
 from avc_hardware._image_files import as_binary, as_intel_hex
-from avc_hardware._runs_on import check_runs_on, figures_of, limits_of
+from avc_hardware._runs_on import check_runs_on, figures_of
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Problem
+    from avc_casadi.problem import Device
     from avc_hardware._host import BoardLimits
 
 BOARDS = {name: target.title for name, target in TARGETS.items() if target.commands}
@@ -50,12 +52,12 @@ class BuiltFirmware:
     commands: tuple[str, ...]
 
 
-def build_firmware(of: Coupling | Problem, board: str, out: Path, *, baud: int | None = None) -> BuiltFirmware:
+def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, baud: int | None = None) -> BuiltFirmware:
     """Build the firmware of a board for a device: no gains are in it, they are pushed.
 
     Args:
-        of: a problem, for its sample time, encoder and force limit (where it says nothing 2 um and 50 N); or a
-            coupling, for its estimator, hold, slew, passive change and guard limit too.
+        of: a device or a problem, for sample time, encoder and force limit (where it says nothing 2 um and 50 N); or
+            a coupling, for its estimator, hold, slew, passive change and guard limit too.
         board: a key of `BOARDS`.
         out: folder for ``BOARD.elf``, ``BOARD.bin`` and ``BOARD.hex``.
         baud: rate of the serial line; None is 115200.
@@ -70,7 +72,7 @@ def build_firmware(of: Coupling | Problem, board: str, out: Path, *, baud: int |
         raise InputError.of(f"is {board!r}; allowed: {', '.join(BOARDS)}", key="board")
     target = TARGETS[board]
     problem = of.problem if isinstance(of, Coupling) else of
-    limits = limits_of(problem)
+    limits = board_limits(problem.device if isinstance(problem, Problem) else problem)
     figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, target.estimator)
     if isinstance(of, Coupling):
         check_runs_on(of)

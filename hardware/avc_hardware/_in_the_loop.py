@@ -86,7 +86,7 @@ class FirmwareInTheLoop:
         self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
         late = sum(effect.samples for effect in effects if isinstance(effect, Delay))
         self._plant = BenchPlant(plant.linear(), time_s, delay_samples=late)
-        self._plant.state[0] = self._target.device_start_m
+        self._plant.place(self._target.device_start_m)
         self._sample = -1  # the motion has not begun
         self._limits = limits
         self.trace = LoopTrace()

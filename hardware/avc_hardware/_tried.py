@@ -12,6 +12,7 @@ from avc_casadi import InputError
 from avc_casadi.coupling import require_coupling
 from avc_casadi.problem import HandEffect, WallEffect, scene_effects
 from avc_casadi.scene import judge
+from avc_hardware._device_fault import DeviceFault
 from avc_hardware._in_the_loop import PLANT_KINDS, FirmwareInTheLoop
 
 if TYPE_CHECKING:
@@ -46,8 +47,8 @@ class LoopResult:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the device came to rest, by the scene's criterion."""
-        return bool(self.judgement.stable)
+        """Whether the device came to rest, by the scene's criterion, and holds the wall: it latched no fault."""
+        return bool(self.judgement.stable) and not self.status.faults
 
     @property
     def apparent_stiffness_n_per_m(self) -> float:
@@ -57,6 +58,9 @@ class LoopResult:
     @property
     def sentence(self) -> str:
         """What came of it, in one line."""
+        if self.status.faults:
+            word = DeviceFault(self.status.faults).word
+            return f"with a hand for {self.seconds:g} s it STOPPED ITSELF and gives no force: {word}"
         stiffness = self.apparent_stiffness_n_per_m
         felt = f", {stiffness:.4g} N/m at the sensor in the end" if self.at_rest and math.isfinite(stiffness) else ""
         rest = "came to rest" if self.at_rest else "DID NOT COME TO REST"
@@ -73,6 +77,7 @@ class LoopResult:
             "apparent_stiffness_n_per_m": stiffness if math.isfinite(stiffness) else None,
             "peak_velocity_m_per_s": float(self.judgement.peak_velocity_m_per_s),
             "mode": self.status.mode,
+            "faults": DeviceFault(self.status.faults).word if self.status.faults else "",
             "overruns": self.status.overruns,
             "saturated_ticks": self.status.saturated,
             "coupling_id": self.status.coupling_id,
