@@ -89,8 +89,11 @@ def _deployment(found: Mapping[str, Any]) -> str:
             ],
         ),
         _table(
-            ("what would help", "stiffest wall, N/m"),
-            [(one["change"], one["stiffest_wall_n_per_m"]) for one in found["what_would_help"]],
+            ("what would help", "plain spring and damper hold, N/m"),
+            [
+                ("the device as it is", found["plain_wall_n_per_m"]),
+                *((one["change"], one["stiffest_wall_n_per_m"]) for one in found["what_would_help"]),
+            ],
             left=(0,),
         ),
         _table(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])]),
