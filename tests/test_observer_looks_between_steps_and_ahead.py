@@ -111,21 +111,24 @@ def test_forces_under_way_act_in_the_order_in_which_they_were_asked_for(ahead):
     np.testing.assert_allclose(found[:-ahead], position[ahead:], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("delay", "step_m"), [(1, 2e-5), (2, 2e-5), (0, 2e-5), (1, 5e-5), (3, 1e-5)])
-def test_on_another_device_it_is_the_exported_one_of_the_device_that_it_was_made_for(delay, step_m):
+@pytest.mark.parametrize(
+    ("delay", "step_m", "believed"),
+    [(1, 2e-5, 1), (2, 2e-5, 1), (0, 2e-5, 1), (1, 5e-5, 1), (3, 1e-5, 1), (2, 2e-5, 0)],
+)
+def test_on_another_device_it_is_the_exported_one_of_the_device_that_it_was_made_for(delay, step_m, believed):
     """Delay and steps are those of the device, what the observer believes of them is not."""
     gains, mass = Gains(20.0, 1e4), 0.2
     made = Coupling.constant(
-        scene_problem((), head=DELAYED.format(delay=1)), gains, "x", Runtime(observer_mass_kg=mass)
+        scene_problem((), head=DELAYED.format(delay=believed)), gains, "x", Runtime(observer_mass_kg=mass)
     )
     effects = (
         'kind = "hand"',
         'kind = "wall"',
         f'kind = "encoder"\nresolution_m = {step_m}',
-        f'kind = "observer"\nmass_kg = {mass}\nresolution_m = 2e-5\nahead_samples = 1',
+        f'kind = "observer"\nmass_kg = {mass}\nresolution_m = 2e-5\nahead_samples = {believed}',
         *((f'kind = "delay"\nsamples = {delay}',) if delay else ()),
     )
-    run = simulate(scene_problem(effects, scene="duration_s = 0.4\n", head=DELAYED.format(delay=1)), gains)
+    run = simulate(scene_problem(effects, scene="duration_s = 0.4\n", head=DELAYED.format(delay=believed)), gains)
     forces = Exported(made).forces(step_m * np.floor(run.position_m / step_m + 0.5))
     assert np.abs(forces).max() > 1.0
     np.testing.assert_allclose(run.force_n[delay:], forces[: len(forces) - delay], rtol=0, atol=2e-3)
