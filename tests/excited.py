@@ -9,7 +9,7 @@ from hardware_bench import host_library
 
 from avc_casadi.excitation import plan_excitation
 from avc_casadi.problem import Device
-from avc_hardware import DeviceOnBench, excite
+from avc_hardware import BenchDevice, excite
 from avc_hardware._excite import plan_bytes
 from avc_hardware._host import HostCore, HostLink
 from avc_hardware._messages import Kind
@@ -40,7 +40,7 @@ class Bench:
     """A device on the core, tick by tick, and everything that it did."""
 
     def __init__(self, hidden, **limits):
-        self.device = DeviceOnBench(hidden)
+        self.device = BenchDevice(hidden)
         self.core = HostCore(host_library(), dataclasses.replace(self.device.limits, **limits))
         self.force_n, self.counts = [], []
         self.link = HostLink(self.core, position=lambda _: self._count(), on_force=self._hold)

@@ -15,7 +15,7 @@ from avc_casadi import InputError, LinkError, MissingExtraError, UnsupportedErro
 from avc_casadi.coupling import Runtime
 from avc_hardware import EMULATOR_IS_FRESH, Connection, EmulatedBoard, RuntimeFigures, TableImage, monitor, save_log
 from avc_hardware import _messages as m
-from avc_hardware._faults import FaultKind, FaultyLink, LinkFault
+from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
 from avc_hardware._firmware import IMAGE, image_sha256
 from avc_hardware._messages import Kind
 from avc_hardware._reference import lookup

@@ -15,7 +15,7 @@ from avc_casadi.excitation import FULL, Signal
 from avc_casadi.identification import read_logs
 from avc_hardware import Connection, excite
 from avc_hardware import _messages as m
-from avc_hardware._faults import FaultKind, FaultyLink, LinkFault
+from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
 from avc_hardware._messages import Kind
 
 KINDS = (FaultKind.FLIP, FaultKind.DROP, FaultKind.DUPLICATE, FaultKind.INSERT, FaultKind.TRUNCATE, FaultKind.SPLIT)

@@ -11,7 +11,7 @@ from hardware_bench import require, scratch
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.excitation import FULL
-from avc_hardware import DeviceOnBench, excite
+from avc_hardware import BenchDevice, excite
 from avc_hardware._qemu import LockStepBoard
 from avc_hardware.firmware_build import build_image
 
@@ -116,10 +116,10 @@ def test_force_has_the_same_bits_on_every_processor(where):
         log = Bench(hidden).excite(plan)
     elif where == "cortex-m4f":
         require("unicorn")
-        log = excite(plan, DeviceOnBench(hidden).board())
+        log = excite(plan, BenchDevice(hidden).board())
     else:
         require("qemu-system-arm", "arm-none-eabi-gcc")
-        there = DeviceOnBench(device(**HIDDEN, encoder_resolution_m=2e-6))
+        there = BenchDevice(device(**HIDDEN, encoder_resolution_m=2e-6))
         plan = dataclasses.replace(plan, metres_per_count=2e-6)
         with LockStepBoard(build_image("bench-m3", scratch()), "bench-m3", position=lambda _: there.count()) as board:
             board.on_force = there.hold

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from avc_casadi import LinkError
 from avc_casadi.coupling import Coupling, Gains, Runtime
 from avc_hardware import TableImage
-from avc_hardware._faults import FaultKind, FaultyLink, LinkFault
+from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
 from avc_hardware._host import HostCore, HostLink
 
 GUARD = Runtime(guard="passivity-controller")

@@ -18,7 +18,7 @@ from avc_casadi.coupling import Gains, Runtime, write_coupling
 from avc_hardware import Connection, EmulatedBoard, StreamResult, TableImage
 from avc_hardware import _messages as m
 from avc_hardware._elf import read_elf
-from avc_hardware._faults import FaultKind, FaultyLink, LinkFault
+from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
 from avc_hardware._firmware import IMAGE
 from avc_hardware._frames import Frame, encode
 from avc_hardware._host import HostCore, HostLink

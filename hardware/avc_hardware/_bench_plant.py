@@ -124,7 +124,7 @@ def _parts(plant: LinearPlant, seconds: float, count: int) -> list[_Part]:
     return [_Part(transition(plant, seconds / count), transition(rubbing, seconds / count).force)] * count
 
 
-class DeviceOnBench:
+class BenchDevice:
     """A device without a hand on it: `count` is its encoder, read once a tick, `hold` its actuator.
 
     Attributes:

@@ -16,7 +16,7 @@ from avc_casadi import InputError, LinkError
 from avc_casadi.excitation import FULL, Plan
 from avc_casadi.support import SILENT, FloatArray, IndexArray, Progress, uninterrupted
 from avc_hardware import _messages as m
-from avc_hardware._bench_plant import DeviceOnBench
+from avc_hardware._bench_plant import BenchDevice
 from avc_hardware._connection import DEFAULT_BAUD, EMULATOR, Connection, open_link
 from avc_hardware._messages import Kind
 from avc_hardware._monitor import pause
@@ -148,7 +148,7 @@ def excite(
     if not isinstance(port, str):
         link = port
     elif port == EMULATOR and on_bench is not None:
-        link = DeviceOnBench(on_bench).board()
+        link = BenchDevice(on_bench).board()
     else:
         link = open_link(port, baud=baud)
     with Connection(link, baud=baud) as connection:
