@@ -9,6 +9,7 @@ import numpy as np
 
 from avc_casadi.coupling import Gains, gains_at
 from avc_casadi.design import solve
+from avc_casadi.problem import ObserverEffect
 from avc_casadi.recommendation._designs import tuning_problem
 from avc_casadi.recommendation._error_curve import TOLERANCE, error_curve
 from avc_casadi.support import SILENT, Progress, plain
@@ -114,4 +115,4 @@ def reach(
 
 def with_observer(problem: Problem, conditions: Conditions) -> Conditions:
     """Put the observer behind the encoder; it reckons with the lightest hand, so that it never lags."""
-    return replace(conditions, observer_mass_kg=problem.device.mass_kg + problem.hands.mass_kg[0])
+    return replace(conditions, observer=ObserverEffect(mass_kg=problem.device.mass_kg + problem.hands.mass_kg[0]))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi.problem import ObserverEffect
 from avc_casadi.scene import compiler
 from avc_casadi.support import SILENT, BoolArray, Columns, FloatArray, Progress, Tabular, one_ahead, plain, short
 from avc_casadi.trial._binomial import exact_interval
@@ -221,11 +222,14 @@ def try_on_devices(
     for rows, device in zip(dealt, devices, strict=True):
         if len(rows):
             met = replace(coupling, problem=coupling.problem.changed(device=device))
-            conditions = replace(
-                Conditions.of(met),
-                observer_m=made_for.encoder_resolution_m or None,
-                observer_ahead_samples=made_for.delay_samples,
-            )
+            conditions = Conditions.of(met)
+            if conditions.observer is not None:
+                observer = ObserverEffect(
+                    mass_kg=conditions.observer.mass_kg,
+                    resolution_m=made_for.encoder_resolution_m or None,
+                    ahead_samples=made_for.delay_samples,
+                )
+                conditions = replace(conditions, observer=observer)
             trials.append(_tried(met, conditions, subjects.pick(rows), seed))
     order = np.argsort(np.concatenate(dealt), kind="stable")
 

@@ -65,9 +65,7 @@ class Conditions:
         delay_samples: delay.
         max_force_n: largest force of the actuator; None is no limit.
         dropped_share: share of the samples that the computer misses.
-        observer_mass_kg: mass that the observer behind the encoder reckons with; None is no observer.
-        observer_m: step of the encoder that it reckons with; None is that of the loop.
-        observer_ahead_samples: delay that it reckons with; None is that of the loop.
+        observer: behind the encoder, with what it reckons with; None is no observer.
         state_feedback: observer and feedback behind the encoder; None is none.
         guarded: with the passivity controller in the time domain.
         runtime: what follows a gain table.
@@ -79,9 +77,7 @@ class Conditions:
     delay_samples: float = 0
     max_force_n: float | None = None
     dropped_share: float = 0.0
-    observer_mass_kg: float | None = None
-    observer_m: float | None = None
-    observer_ahead_samples: float | None = None
+    observer: ObserverEffect | None = None
     state_feedback: StateFeedback | None = None
     guarded: bool = False
     runtime: tuple[Effect, ...] = (EstimatorEffect(), AdaptationEffect())
@@ -102,7 +98,7 @@ class Conditions:
             device.encoder_resolution_m,
             device.delay_samples,
             device.max_force_n,
-            observer_mass_kg=runtime.observer_mass_kg,
+            observer=None if runtime.observer_mass_kg is None else ObserverEffect(mass_kg=runtime.observer_mass_kg),
             state_feedback=runtime.state_feedback,
             guarded=runtime.guard is not None,
             runtime=tuple(
@@ -123,9 +119,8 @@ class Conditions:
         if self.encoder_m > 0:
             # Of motor or handle, as the problem says.
             listed.append(EncoderEffect(resolution_m=self.encoder_m))
-            if self.observer_mass_kg is not None:
-                step, ahead = self.observer_m, self.observer_ahead_samples
-                listed.append(ObserverEffect(mass_kg=self.observer_mass_kg, resolution_m=step, ahead_samples=ahead))
+            if self.observer is not None:
+                listed.append(self.observer)
         if self.state_feedback is not None:
             listed.append(StateFeedbackEffect(**vars(self.state_feedback)))
         if self.guarded:

@@ -15,6 +15,7 @@ from pathlib import Path
 from script_arguments import PRINTED, script_arguments
 
 import avc_casadi as avc
+from avc_casadi.problem import ObserverEffect
 from avc_casadi.recommendation import design
 from avc_casadi.study.table1 import WIDER_BOUNDS, run_campaign, worst_case
 from avc_casadi.trial import Conditions, all_motions, draw_subjects, exact_interval
@@ -41,7 +42,7 @@ def grid(problem, designs, people):
                 Conditions(friction, encoder),
             )
     for encoder in ENCODERS_M:
-        observed = Conditions(0.0, encoder, observer_mass_kg=lightest)
+        observed = Conditions(0.0, encoder, observer=ObserverEffect(mass_kg=lightest))
         changes[f"friction 0 N, encoder {1e6 * encoder:g} um, observer"] = (1.0, 1.0, observed)
     for share in (0.5, 1.5):
         changes[f"device mass x {share:g}"] = (share, 1.0, declared)
