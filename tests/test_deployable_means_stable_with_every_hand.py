@@ -178,3 +178,12 @@ def test_more_delay_than_can_be_judged_is_not_deployable():
     verdict = avc.deployable(Coupling.constant(problem, Gains(1.0, 100.0), "x"))
     assert not verdict.passed
     assert "not judged" in verdict.sentence
+
+
+def test_a_table_that_is_written_to_is_judged_anew():
+    problem = avc.load_problem("ve3")
+    coupling = Coupling.constant(problem, Gains(0.0, 500.0), "x")
+    assert avc.deployable(coupling) is avc.deployable(coupling)
+    assert avc.deployable(coupling).passed
+    coupling.table.gains[2] = 1e4
+    assert not avc.deployable(coupling).passed

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 # Points judged between two neighbouring rows, where the device interpolates.
 _BETWEEN = 3
 _DRAWS = 24
-# Verbs judge before they push, export or tell: tables are immutable, and what was judged stays so.
-_VERDICTS: WeakKeyDictionary[GainTable, tuple[Problem, Runtime, Deployable]] = WeakKeyDictionary()
+# Verbs judge before they push, export or tell; the numbers stand beside, as arrays can be written to.
+_VERDICTS: WeakKeyDictionary[GainTable, tuple[Problem, Runtime, bytes, Deployable]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -122,11 +122,12 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
         False
     """
     require_coupling(coupling)
+    numbers = coupling.table.frequency_hz.tobytes() + coupling.table.gains.tobytes()
     known = _VERDICTS.get(coupling.table)
-    if known is not None and known[0] is coupling.problem and known[1] is coupling.runtime:
-        return known[2]
+    if known is not None and known[0] is coupling.problem and known[1] is coupling.runtime and known[2] == numbers:
+        return known[3]
     verdict = _verdict(coupling, progress)
-    _VERDICTS[coupling.table] = (coupling.problem, coupling.runtime, verdict)
+    _VERDICTS[coupling.table] = (coupling.problem, coupling.runtime, numbers, verdict)
     return verdict
 
 

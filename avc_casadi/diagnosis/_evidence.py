@@ -114,7 +114,7 @@ def named_sentence(cause: str, measured: Measured, law: Law, log: Log) -> str:
     smallest = "is more than the loop bears, and less of it is the smallest change that brings it to rest"
     shape, meant = measured.resonance, measured.declared_delay_samples
     why = {
-        "delay": f"{number(measured.delay_samples, 3)} samples, meant {number(meant, 3)}; with those the loop rests",
+        "delay": f"{number(measured.delay_samples, 3)} samples, meant {number(meant, 3)}, with which the loop rests",
         "damping": f"b = {number(law.damping_ns_per_m, 3)} N.s/m {smallest}",
         "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} N/m {smallest}",
         "encoder": f"the loop rests without steps of {number(1e6 * log.encoder_m, 3)} um, and swings with them",
