@@ -1,0 +1,97 @@
+"""Code blocks of README and guide run as they stand, in the order of their pages and in one folder.
+
+What a comment above exempts (`not run: REASON`) is parsed: its verbs and options exist.
+"""
+
+import re
+import shlex
+
+import pytest
+from documentation import PAGES, Block, blocks
+
+import avc_casadi
+import avc_casadi.recommendation
+from avc_casadi.cli._main import build_parser, main
+
+# The README first: what it writes, others read.
+ORDER = sorted((page for page in PAGES if not page.name.startswith("RESULTS")), key=lambda page: len(page.parts))
+
+
+def runnable(block: Block) -> bool:
+    return block.language in {"sh", "python"} and not block.mark.startswith(("not run: ", "test command"))
+
+
+RUN = [page for page in ORDER if any(map(runnable, blocks(page)))]
+
+
+def commands(text):
+    """The `avc` commands of a shell block, each as a list of words."""
+    words = (shlex.split(part, comments=True) for line in text.splitlines() for part in re.split(r"; (?=avc )", line))
+    return [found[1:] for found in words if found[:1] == ["avc"]]
+
+
+@pytest.fixture
+def once(monkeypatch):
+    """One recommendation serves all blocks that ask for the same."""
+    whole = avc_casadi.recommendation.recommend
+
+    answers = {}
+
+    def recommend(problem, hands=100, seed=0, *, lean_on_friction=False, prove=False, **told):
+        settled = avc_casadi.load_problem(problem) if isinstance(problem, str) else problem
+        options = {"hands": hands, "seed": seed, "lean_on_friction": lean_on_friction, "prove": prove}
+        asked = (avc_casadi.dump_problem(settled), *options.values())
+        if asked not in answers:
+            answers[asked] = whole(settled, **options, **told)
+        return answers[asked]
+
+    monkeypatch.setattr(avc_casadi.recommendation, "recommend", recommend)
+    monkeypatch.setitem(avc_casadi.__dict__, "recommend", recommend)
+
+
+@pytest.mark.usefixtures("once")
+def test_blocks_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for page in RUN:
+        names = {}
+        for block in blocks(page):
+            if block.mark.startswith("file: "):
+                tmp_path.joinpath(block.mark.removeprefix("file: ")).write_text(block.text, encoding="utf-8")
+            if runnable(block):
+                run(block, names, capsys)
+
+
+def run(block, names, capsys):
+    place = f"{block.page}:{block.line}"
+    if block.language == "python":
+        exec(compile(block.text, place, "exec"), names)  # noqa: S102
+        return
+    found = commands(block.text)
+    assert len(found) == len(re.findall(r"^avc |; avc ", block.text, re.MULTILINE)), place
+    last = int(block.mark.removeprefix("ends with ")) if block.mark.startswith("ends with ") else 0
+    for words, wanted in zip(found, [0] * (len(found) - 1) + [last], strict=True):
+        code = main(words)
+        said = capsys.readouterr()
+        assert (code, bool(said.out)) == (wanted, True), (place, words, said.err)
+
+
+@pytest.mark.parametrize(
+    "block",
+    [block for page in ORDER for block in blocks(page) if block.language == "sh" and not runnable(block)],
+    ids=lambda block: f"{block.page}:{block.line}",
+)
+def test_exempt_commands_exist(block: Block):
+    parser = build_parser()
+    for words in commands(block.text):
+        parser.parse_args(words)
+
+
+def test_every_mark_is_known_and_shell_blocks_are_commands():
+    every = [block for page in ORDER for block in blocks(page)]
+    known = r"not run: \w.*|file: [\w.-]+|ends with \d|test command|results: .*|"
+    strange = [f"{block.page}:{block.line}: {block.mark}" for block in every if not re.fullmatch(known, block.mark)]
+    assert not strange
+    for block in filter(runnable, every):
+        lines = [line for line in block.text.splitlines() if line.strip() and not line.startswith("#")]
+        assert block.language == "python" or all(line.startswith("avc ") for line in lines), block
+    assert len(RUN) >= 5
