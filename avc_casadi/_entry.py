@@ -10,7 +10,7 @@ TYPE_CHECKING = False  # typing takes long to load, and Ctrl-C meanwhile is a tr
 if TYPE_CHECKING:
     from typing import Any, NoReturn
 
-_INTERRUPTED = 130
+_INTERRUPTED = 130  # as `avc_casadi.cli` has it, which is not loaded yet
 
 
 def run() -> int:

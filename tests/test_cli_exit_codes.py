@@ -163,6 +163,7 @@ def test_certify_says_no_to_what_may_not_be_deployed_whatever_the_problem_claims
     assert text_of(done) == "avc: weak: stiff.csv is not deployable\n"
     assert done.stdout.decode().startswith("not deployable: hands (L5): linearly unstable")
     assert f"claimed by the problem file: {level}" in done.stdout.decode()
+    assert done.stdout.decode().splitlines()[-2].endswith(": not met")
     (tmp_path / "soft.csv").write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n5.0,5.0,1e3\n50.0,5.0,1e3\n")
     done = avc("certify", "weak.toml", "soft.csv", "--json", cwd=tmp_path)
     assert done.returncode == 0

@@ -88,6 +88,8 @@ def test_plan_is_told_before_anything_moves(tmp_path, capsys):
     for key, most in told["plan"]["limits"].items():
         assert told["plan"]["forecast"]["declared"][key] <= told["plan"]["forecast"]["worst"][key] <= most
     assert document(capsys, "excite", base, "--on-bench", base, "--port", "/dev/nothing", code=2)["errors"]
+    told = document(capsys, "excite", base, "--plan-only", "--out", str(tmp_path / "log.csv"), code=2)
+    assert told["errors"][0]["key"] == "--out"
 
 
 def expected(plan, counts):

@@ -87,9 +87,18 @@ def test_time_that_goes_back_and_values_that_are_not_finite(tmp_path):
         lines[row] = f"{1e-3 * (row - 1):g},nan,1.0"
     path.write_text("\n".join(lines))
     found = faults(path)
-    assert [(fault.line, fault.key) for fault in found[:2]] == [(51, "position"), (52, "position")]
-    assert len(found) < 10
-    assert found[-1].message == "has 4 more faults"
+    assert [(fault.line, fault.key) for fault in found] == [(51, "position")]
+    assert found[0].message == "is nan, with 9 more such rows, to line 60; allowed: a finite number"
+
+
+@pytest.mark.parametrize(("cell", "is_so"), [("x", "is 'x'"), ("nan", "is nan")])
+def test_a_column_that_is_wrong_throughout_is_one_fault(tmp_path, cell, is_so):
+    path = csv(tmp_path / "a.csv")
+    head, *lines = path.read_text().splitlines()
+    path.write_text("\n".join([head, *(",".join([line.split(",")[0], cell, cell]) for line in lines)]))
+    found = faults(path)
+    assert [(fault.line, fault.key) for fault in found] == [(2, "position"), (2, "force")]
+    assert all(fault.message.startswith(f"{is_so}, with {len(lines) - 1} more such rows") for fault in found)
 
 
 @pytest.mark.parametrize("row", ["0.249,nan,1.0", "0.249,,", None])

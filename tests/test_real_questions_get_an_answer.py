@@ -86,10 +86,22 @@ def test_notch_that_is_offered_for_a_resonance_cures_it():
     assert any("resonance = {" in note for note in found.notes)
 
 
-@pytest.mark.parametrize(("size", "unit"), [(1e3, "position=mm"), (1 / 5e-6, "counts")])
+@pytest.mark.parametrize(("size", "unit"), [(1e3, "mm read as m"), (1e-3, "mm read as um"), (1 / 5e-6, "counts")])
 def test_positions_in_another_unit_are_noticed(size, unit):
     meant = Buzzing(encoder=5e-6, stiffness=3000.0, damper=12.0)
     time, position, force = logged(replace(meant, delay=7.0), 1.0)
     found = diagnose(Columns("log", time, size * position, force), device=declared_of(meant))
     assert found.verdict == "cannot tell"
     assert unit in found.conclusion
+
+
+def test_delay_and_stiffness_that_are_both_too_much_are_both_told():
+    """Late by four samples, and too stiff without that too: to name one of them would mend half of it."""
+    meant = Buzzing(encoder=5e-6, stiffness=2000.0, damper=2.0, delay=1.0)
+    both = replace(meant, stiffness=12000.0, delay=5.0)
+    for half in (replace(both, delay=1.0), replace(both, stiffness=2000.0), both):
+        assert not rests(logged(half, 1.5)[1], half.period, half.encoder)
+    found = answer(both, meant)
+    assert found.verdict == "cannot tell", found.conclusion
+    assert set(found.candidates) == {"delay", "stiffness"}
+    assert {"delay_samples", "stiffness_n_per_m"} <= {cure.key for cure in found.cures}

@@ -13,6 +13,9 @@ from typing import Any, TextIO
 # A line of progress is written at most five times a second.
 _BETWEEN_S = 0.2
 
+INTERRUPTED = 130
+"""Exit code of what Ctrl-C ended."""
+
 
 @dataclass(frozen=True)
 class Answer:

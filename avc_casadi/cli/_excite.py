@@ -69,6 +69,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     out = output_file(args.out, "--out", (".csv",)) if args.out else None
     device = _device(args.device)
     on_bench = _device(args.on_bench) if args.on_bench else device
+    if args.plan_only and args.out:
+        raise avc.InputError.of("makes a log, and --plan-only plays nothing; leave one of them out", key="--out")
     if args.on_bench and args.port != "emulator":
         raise avc.InputError.of(
             f"goes with --port emulator alone, not with {args.port}; leave it out", key="--on-bench"

@@ -24,13 +24,13 @@ from avc_casadi import (
     __version__,
     fault_document,
 )
-from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._console import INTERRUPTED, Answer, Console
 from avc_casadi.cli._verbs import VERBS
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
 
-DONE, NO, BAD_INPUT, INTERNAL, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 70, 130, 141
+DONE, NO, BAD_INPUT, INTERNAL, BROKEN_PIPE = 0, 1, 2, 70, 141
 
 _EPILOG = """\
 P is a problem file or a name of the catalogue (avc list); GAINS is what `avc solve --out` wrote.

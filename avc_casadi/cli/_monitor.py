@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_port, positive, positive_int
-from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._console import INTERRUPTED, Answer, Console
 from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
     from avc_hardware import DeviceStatus
 
 _SECONDS_WITH_JSON = 5.0
-_INTERRUPTED = 130
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +45,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         if not samples:
             raise
         interrupted = avc.fault_document(avc.InputError.of("interrupted"))
-        return Answer(interrupted | document, "", code=_INTERRUPTED)
+        return Answer(interrupted | document, "", code=INTERRUPTED)
     return Answer(document, "")
 
 

@@ -45,6 +45,8 @@ _HELD = 0.8
 _TOO_LONG = 6.0
 # Gains whose limits lie so near to each other, in logarithms, are one and the other.
 _NEAR = 0.15
+# Of the way to rest, what is more than this share is a part of the cause.
+_A_PART = 0.25
 # Shares of the lightest and the loosest hand of the box, below which hardly any hand holds.
 _LIGHT, _LOOSE = 0.35, 0.7
 _LIKELY = 1e-3
@@ -131,6 +133,11 @@ def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: 
         if gone == 1:
             return {"let-go": 1.0}
     left = _declared_itself(answer, law)
+    if late and OTHER not in left:
+        # Neither the delay as declared nor a gain below its limit there mends all: each has the share that it adds.
+        share = _share_of_delay(answer, answer.delayed(meant - law.lag), law, shorter(law, meant))
+        if share > _A_PART:
+            left = {"delay": share} | {cause: part * (1 - share) for cause, part in left.items()}
     return {cause: share * (1 - gone) for cause, share in left.items()} | ({"let-go": gone} if gone else {})
 
 
@@ -145,6 +152,15 @@ def _declared_itself(answer: Answer, law: Law) -> dict[str, float]:
     if abs(away["stiffness"] - away["damping"]) < _NEAR:
         return {"stiffness": 0.5, "damping": 0.5}
     return {nearer: 1.0}
+
+
+def _share_of_delay(answer: Answer, in_time: Answer, law: Law, law_in_time: Law) -> float:
+    """Return how much of the way to the nearer gain's limit, in logarithms, is the delay's beyond the declared one."""
+    now, then = (
+        min(_away(limit_of(one, its_law, gain)) for gain in ("stiffness", "damping"))
+        for one, its_law in ((answer, law), (in_time, law_in_time))
+    )
+    return max(0.0, 1 - then / now) if 0 < now < math.inf else 0.0
 
 
 def _changed(log: Log, found: Oscillation, growth_per_s: float) -> bool:

@@ -194,6 +194,10 @@ class _Base:
             doubts.append(
                 "no single change of those that were tried brings this loop to rest, or it rests on the model"
             )
+        elif together := _together(asked):
+            doubts.append(
+                f"the delay is more than declared, and with the declared one there would be {CAUSES[together]} still"
+            )
         elif shares[first] < _SURE or (second is not None and shares[second] > _RIVAL):
             doubts.append(f"of the answers that the log bears out {_shares_text(shares)}")
         apart = abs(math.log(max(measured.frequency_hz, 0.1) / found.frequency_hz))
@@ -286,6 +290,17 @@ class _Base:
             notes=tuple(self._notes),
             trace=_trace(log, self._swing),
         )
+
+
+def _together(asked: Sequence[Asked]) -> str | None:
+    """Return what most of the answers name together with a delay, each a part of the way to rest; None for nothing."""
+    shares: dict[str, float] = {}
+    for one in asked:
+        if "delay" in one.causes and "encoder" not in one.causes:
+            for cause in one.causes.keys() - {"delay", OTHER}:
+                shares[cause] = shares.get(cause, 0.0) + one.weight
+    most = max(shares, key=lambda cause: shares[cause], default=None)
+    return most if most is not None and shares[most] > 0.5 * sum(one.weight for one in asked) else None
 
 
 def _likeliest(cause: str, asked: Sequence[Asked], fits: Sequence[Fit]) -> tuple[Answer, Fit]:

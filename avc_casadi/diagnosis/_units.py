@@ -11,11 +11,22 @@ from avc_casadi.diagnosis._log import Log
 from avc_casadi.diagnosis._oscillation import Oscillation
 from avc_casadi.support import number
 
-_POSITIONS = {1e-3: "mm", 1e-6: "um", 1e-2: "cm"}
+# A length as declared over the same length as read, and how one comes to be the other.
+_FACTORS = {
+    1e-2: ("100 times too large", "cm read as m"),
+    1e-3: ("1000 times too large", "mm read as m, or um as mm"),
+    1e-6: ("a million times too large", "um read as m"),
+    1e2: ("100 times too small", "m read as cm"),
+    1e3: ("1000 times too small", "mm read as um, or m as mm"),
+    1e6: ("a million times too small", "m read as um"),
+}
+_LENGTHS = (1.0, 1e-2, 1e-3, 1e-6, 1e-9)
 # A ratio within this share of a unit's is that unit.
 _NEAR = 0.05
 # Mass that swings over the mass declared with the heaviest hand, or the lightest device: beyond this it cannot be.
 _ABSURD = 50.0
+# Share of the time in contact above which the force is what swings the mass.
+_TOUCHING = 0.2
 
 
 def other_unit(
@@ -42,18 +53,21 @@ def other_unit(
     signs = []
     if law is not None and law.told and meant and law.stiffness_n_per_m > 0:
         # A length read in metres that is one in millimetres makes a spring a thousand times softer.
-        unit = _unit(law.stiffness_n_per_m / meant)
-        if unit:
-            signs.append((unit, f"k = {number(law.stiffness_n_per_m, 3)} N/m ran and {number(meant, 3)} was meant"))
+        factor = _factor(law.stiffness_n_per_m / meant)
+        if factor:
+            signs.append((factor, f"k = {number(law.stiffness_n_per_m, 3)} N/m ran and {number(meant, 3)} was meant"))
     step = declared.device.encoder_resolution_m
     if step and log.encoder_m:
-        unit = _unit(step / log.encoder_m)
-        if unit:
-            signs.append((unit, f"their step is {number(log.encoder_m, 3)} m and {number(step, 3)} m is declared"))
+        told = f"their step is {number(log.encoder_m, 3)} m and {number(step, 3)} m is declared"
+        factor = _factor(step / log.encoder_m)
+        if factor:
+            signs.append((factor, told))
         elif abs(math.log(log.encoder_m / step)) > math.log(_ABSURD) and _whole(log.encoder_m):
-            told = f"their step is {number(log.encoder_m, 3)} m and {number(step, 3)} m is declared"
             return f"the positions look like counts of the encoder: {told}; a count times the step is a length"
-    if not signs and math.isfinite(found.frequency_hz) and found.force_peak_to_peak_n > 0 and found.contact_share > 0.5:
+    if signs:
+        (size, how), told = signs[0]
+        return f"the positions look {size} ({how}): {told}; --units position=... tells the right one"
+    if math.isfinite(found.frequency_hz) and found.force_peak_to_peak_n > 0 and found.contact_share > _TOUCHING:
         swings = found.force_peak_to_peak_n / found.peak_to_peak_m / (2 * math.pi * found.frequency_hz) ** 2
         heaviest = declared.device.mass_kg + declared.hands.mass_kg[1]
         told = f"at {number(found.frequency_hz, 3)} Hz their force swings {number(swings, 2)} kg"
@@ -62,17 +76,14 @@ def other_unit(
             return f"the positions look like mm, um or counts read as m: {told}"
         if swings > heaviest * _ABSURD:
             return f"the positions look too small, or the force too large, by a unit: {told}"
-    if not signs:
-        return ""
-    unit, told = signs[0]
-    return f"the positions look like {unit} read as m: {told}; then --units position={unit}"
+    return ""
 
 
-def _unit(ratio: float) -> str | None:
-    """Return the unit whose size is a ratio."""
-    return next((unit for size, unit in _POSITIONS.items() if abs(math.log(ratio / size)) < _NEAR), None)
+def _factor(ratio: float) -> tuple[str, str] | None:
+    """Return the words for the factor that a ratio is, or nothing."""
+    return next((words for size, words in _FACTORS.items() if abs(math.log(ratio / size)) < _NEAR), None)
 
 
 def _whole(step: float) -> bool:
     """Whether a step is 1 in some unit of length."""
-    return any(abs(step / size - 1) < 1e-3 for size in (1.0, *_POSITIONS, 1e-9))
+    return any(abs(step / size - 1) < 1e-3 for size in _LENGTHS)

@@ -14,7 +14,14 @@ import scipy.io
 from scipy.io.matlab import MatReadError
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.identification._record import Columns, Record, backwards_of, implausible, records_of
+from avc_casadi.identification._record import (
+    Columns,
+    Record,
+    backwards_of,
+    faults_of_rows,
+    implausible,
+    records_of,
+)
 from avc_casadi.identification._units import QUANTITIES, Layout, chosen_columns
 
 _MOST_FAULTS = 6
@@ -193,17 +200,20 @@ def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fa
     groups = [index for index, name in enumerate(headers or ()) if name.strip().lower() in {"record", "run", "trial"}]
     wanted = {quantity: index for quantity, (index, _) in chosen.items()}
     values: dict[str, list[tuple[int, list[float]]]] = {}
+    wrong: dict[str, list[tuple[int | None, str]]] = {}
     for number, row in body:
         if len(row) != width:
-            faults.append(Fault(file, number, "", f"has {len(row)} columns; allowed: {width}, as the first row"))
+            wrong.setdefault("", []).append((number, f"has {len(row)} columns"))
             continue
         bad = [quantity for quantity, index in wanted.items() if not _is_number(row[index])]
-        faults += [
-            Fault(file, number, quantity, f"is {row[wanted[quantity]][:40]!r}; allowed: a number") for quantity in bad
-        ]
+        for quantity in bad:
+            wrong.setdefault(quantity, []).append((number, f"is {row[wanted[quantity]][:40]!r}"))
         if not bad:
             kept = [float(row[wanted[quantity]] or "nan") if quantity in wanted else 0.0 for quantity in QUANTITIES]
             values.setdefault(row[groups[0]] if groups else "", []).append((number, kept))
+    for quantity, found in wrong.items():
+        allowed = "a number" if quantity else f"{width}, as the first row"
+        faults += faults_of_rows(file, quantity, found, allowed)
     if faults:
         return [], faults
     units = {quantity: (at, chosen[quantity][1]) for at, quantity in enumerate(QUANTITIES) if quantity in chosen}

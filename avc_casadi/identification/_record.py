@@ -170,6 +170,22 @@ def backwards_of(columns: Columns) -> list[Fault]:
     return faults
 
 
+def faults_of_rows(file: str, key: str, rows: Sequence[tuple[int | None, str]], allowed: str) -> list[Fault]:
+    """Return the faults of one column: each where they are few, otherwise the first with how many more there are.
+
+    Args:
+        file: of the log.
+        key: the quantity.
+        rows: line, and what is wrong there.
+        allowed: what may stand there.
+    """
+    if len(rows) <= _TOLD:
+        return [Fault(file, line, key, f"{wrong}; allowed: {allowed}") for line, wrong in rows]
+    (line, wrong), (last, _) = rows[0], rows[-1]
+    until = "" if last is None else f", to line {last}"
+    return [Fault(file, line, key, f"{wrong}, with {len(rows) - 1} more such rows{until}; allowed: {allowed}")]
+
+
 def _round(period: float) -> float:
     """Return a sample time of few digits where the clock means one."""
     for digits in range(1, 5):
@@ -193,15 +209,10 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
         columns: the log.
         idle: whether a device that stands still, or is commanded no force, is a log too.
     """
-    faults = [
-        Fault(columns.file, columns.at(int(row)), key, f"is {values[row]}; allowed: a finite number")
-        for key, values in (
-            ("time", columns.time_s),
-            ("position", columns.position_m),
-            ("force", columns.force_n),
-        )
-        for row in np.flatnonzero(~np.isfinite(values))
-    ]
+    faults = []
+    for key, values in (("time", columns.time_s), ("position", columns.position_m), ("force", columns.force_n)):
+        rows = [(columns.at(int(row)), f"is {values[row]}") for row in np.flatnonzero(~np.isfinite(values))]
+        faults += faults_of_rows(columns.file, key, rows, "a finite number")
     if columns.time_s.size < _SHORTEST:
         message = f"has {columns.time_s.size} samples; allowed: at least {_SHORTEST}"
         return [*faults, Fault(columns.file, None, "", message)]

@@ -84,7 +84,7 @@ def identification_text(found: Identification) -> str:
     records = f"{found.records} record{'' if found.records == 1 else 's'}"
     terms = ", ".join(TERMS[term].words for term in found.terms)
     lines = [
-        f"{number(found.seconds, 3)} s in {records} at {number(1 / found.sample_time_s)} Hz: {terms}",
+        f"{number(found.seconds, 3)} s in {records} at {number(1 / found.sample_time_s)} Hz; fitted: {terms}",
         "",
         text_table(
             ("what", "value", "from", "to", "unit", "how"),
