@@ -31,6 +31,7 @@ ROOMS = (
     "design.robust",
     "design",
     "recommendation",
+    "arm",
     "study.comparison",
     "study.accuracy",
     "study.pareto",

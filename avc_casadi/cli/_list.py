@@ -1,4 +1,4 @@
-"""Show the catalogue of problems and devices."""
+"""Show the catalogue of problems, devices and arms."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from avc_casadi.cli._text import table
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments; there are none."""
     parser.description = (
-        "Show the catalogue: problems, files to run and to copy from; and devices, to name in a problem file."
+        "Show the catalogue: problems, files to run and to copy from; devices, to name in a problem file; and arms, "
+        "devices of several axes, for avc arm."
     )
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
-    """List every problem and every device with its title."""
-    from avc_casadi.problem import device_catalogue, device_names
+    """List every problem, device and arm with its title."""
+    from avc_casadi.problem import arm_names, device_catalogue, device_names, load_arm
 
     problems = [
         {"name": entry.name, "title": entry.title, "source": entry.source, "path": str(entry.path)}
@@ -29,13 +30,19 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
         {"name": file.name, "title": file.title, "gaps": list(file.gaps), "path": str(paths[file.name])}
         for file in device_catalogue()
     ]
+    arms = [
+        {"name": name, "title": file.title, "source": file.source, "path": str(path)}
+        for name, path in arm_names().items()
+        for file in (load_arm(name),)
+    ]
     of_problems = [(entry.name, entry.title) for entry in avc.catalogue()]
     of_devices = [(file.name, file.title) for file in device_catalogue()]
     folder = avc.catalogue_path("figure5").parent
     return Answer(
-        {"schema": "avc-list/1", "problems": problems, "devices": devices},
+        {"schema": "avc-list/1", "problems": problems, "devices": devices, "arms": arms},
         f"{table(('problem', 'title'), of_problems, left=(0, 1))}\n\n"
         f"{table(('device', 'title'), of_devices, left=(0, 1))}\n"
-        'in a problem file: device = "NAME"; what is known of one: avc check devices/NAME\n'
+        'in a problem file: device = "NAME"; what is known of one: avc check devices/NAME\n\n'
+        f"{table(('arm', 'title'), [(one['name'], one['title']) for one in arms], left=(0, 1))}\n"
         f"files to copy from: {folder}",
     )

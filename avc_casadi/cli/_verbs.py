@@ -22,6 +22,7 @@ VERBS: tuple[str, ...] = (
     "excite",
     "identify",
     "diagnose",
+    "arm",
     "push",
     "stream",
     "export",

@@ -16,8 +16,8 @@ TARGET = "target"
 GROUND = "ground"
 HANDLE = "handle"
 
-# Damping ratio of a current loop.
-_CURRENT_LOOP = 0.7
+CURRENT_LOOP_DAMPING_RATIO = 0.7
+"""Of an amplifier of order 2."""
 
 
 class Mechanics(Protocol):
@@ -142,6 +142,6 @@ class Plant:
             matrix[..., 1, n - 2] = push
             matrix[..., n - 2, n - 1] = 1.0
             matrix[..., n - 1, n - 2] = -(self.actuator_rate_per_s**2)
-            matrix[..., n - 1, n - 1] = -2 * _CURRENT_LOOP * self.actuator_rate_per_s
+            matrix[..., n - 1, n - 1] = -2 * CURRENT_LOOP_DAMPING_RATIO * self.actuator_rate_per_s
             force[..., n - 1] = self.actuator_rate_per_s**2
         return LinearPlant(tuple(names), matrix, force, target, friction)

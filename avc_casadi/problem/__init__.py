@@ -1,6 +1,15 @@
 """The problem file and its strict validation."""
 
+from avc_casadi.problem._arm_file import ArmFile as ArmFile
+from avc_casadi.problem._arm_file import FiveBarLinks as FiveBarLinks
+from avc_casadi.problem._arm_file import GantryStages as GantryStages
+from avc_casadi.problem._arm_file import ModelFile as ModelFile
+from avc_casadi.problem._arm_file import PhantomLinks as PhantomLinks
+from avc_casadi.problem._arm_file import TipDevice as TipDevice
+from avc_casadi.problem._arm_file import Workspace as Workspace
+from avc_casadi.problem._arm_file import load_arm as load_arm
 from avc_casadi.problem._catalogue import CatalogueEntry as CatalogueEntry
+from avc_casadi.problem._catalogue import arm_names as arm_names
 from avc_casadi.problem._catalogue import catalogue as catalogue
 from avc_casadi.problem._catalogue import catalogue_names as catalogue_names
 from avc_casadi.problem._catalogue import catalogue_path as catalogue_path

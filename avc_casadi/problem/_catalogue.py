@@ -11,6 +11,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._resources import problems_folder
 
 DEVICES = "devices/"
+ARMS = "arms/"
 
 
 @dataclass(frozen=True)
@@ -31,16 +32,24 @@ class CatalogueEntry:
 
 
 def catalogue_names() -> dict[str, Path]:
-    """Return the path of every problem by name: plain problems first, then those of folders; devices are none."""
+    """Return the path of every problem by name: plain problems first, then those of folders.
+
+    Devices and arms are none.
+    """
     folder = problems_folder()
     files = sorted(folder.rglob("*.toml"), key=lambda path: (len(path.relative_to(folder).parts), path))
     named = {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
-    return {name: path for name, path in named.items() if not name.startswith(DEVICES)}
+    return {name: path for name, path in named.items() if not name.startswith((DEVICES, ARMS))}
 
 
 def device_names() -> dict[str, Path]:
     """Return the path of every device of the catalogue by name."""
     return {path.stem: path for path in sorted((problems_folder() / DEVICES).glob("*.toml"))}
+
+
+def arm_names() -> dict[str, Path]:
+    """Return the path of every arm of the catalogue by name."""
+    return {path.stem: path for path in sorted((problems_folder() / ARMS).glob("*.toml"))}
 
 
 def catalogue() -> tuple[CatalogueEntry, ...]:
@@ -74,6 +83,9 @@ def catalogue_path(name: str) -> Path:
     if device in device_names():
         message = f'is a device, not a problem; write device = "{device}" in a problem file, or see it by `avc check`'
         raise InputError.of(message, file=name)
+    arm = name.removeprefix(ARMS)
+    if arm in arm_names():
+        raise InputError.of(f"is an arm, not a problem; see it by `avc arm {arm}`", file=name)
     near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     hint = f"; near: {', '.join(near)}" if near else ""
     raise InputError.of(

@@ -117,7 +117,8 @@ def _pair(value: Any) -> Any:
     return tuple(value)
 
 
-def _ordered(value: tuple[float, float]) -> tuple[float, float]:
+def ordered(value: tuple[float, float]) -> tuple[float, float]:
+    """Return two numbers, or refuse them where the first is the larger."""
     if value[0] > value[1]:
         raise refusal(f"is {shown(value)}, reversed; allowed: [lowest, highest], both may be equal")
     return value
@@ -182,16 +183,16 @@ Substeps = Annotated[int, BeforeValidator(Whole(1, 1000))]
 Points = Annotated[int, BeforeValidator(Whole(1, 1_000_000))]
 Seed = Annotated[int, BeforeValidator(Whole(0, 2**32 - 1))]
 
-MassInterval = Annotated[tuple[Mass, Mass], BeforeValidator(_pair), AfterValidator(_ordered)]
-DampingInterval = Annotated[tuple[Damping, Damping], BeforeValidator(_pair), AfterValidator(_ordered)]
-StiffnessInterval = Annotated[tuple[Stiffness, Stiffness], BeforeValidator(_pair), AfterValidator(_ordered)]
-FrequencyInterval = Annotated[tuple[Hertz, Hertz], BeforeValidator(_pair), AfterValidator(_ordered)]
-ForceInterval = Annotated[tuple[Force, Force], BeforeValidator(_pair), AfterValidator(_ordered)]
-ForceLimitInterval = Annotated[tuple[ForceLimit, ForceLimit], BeforeValidator(_pair), AfterValidator(_ordered)]
-LengthInterval = Annotated[tuple[Length, Length], BeforeValidator(_pair), AfterValidator(_ordered)]
-DampingRatioInterval = Annotated[tuple[DampingRatio, DampingRatio], BeforeValidator(_pair), AfterValidator(_ordered)]
-MassShareInterval = Annotated[tuple[MassShare, MassShare], BeforeValidator(_pair), AfterValidator(_ordered)]
-DelayInterval = Annotated[tuple[DelaySamples, DelaySamples], BeforeValidator(_pair), AfterValidator(_ordered)]
+MassInterval = Annotated[tuple[Mass, Mass], BeforeValidator(_pair), AfterValidator(ordered)]
+DampingInterval = Annotated[tuple[Damping, Damping], BeforeValidator(_pair), AfterValidator(ordered)]
+StiffnessInterval = Annotated[tuple[Stiffness, Stiffness], BeforeValidator(_pair), AfterValidator(ordered)]
+FrequencyInterval = Annotated[tuple[Hertz, Hertz], BeforeValidator(_pair), AfterValidator(ordered)]
+ForceInterval = Annotated[tuple[Force, Force], BeforeValidator(_pair), AfterValidator(ordered)]
+ForceLimitInterval = Annotated[tuple[ForceLimit, ForceLimit], BeforeValidator(_pair), AfterValidator(ordered)]
+LengthInterval = Annotated[tuple[Length, Length], BeforeValidator(_pair), AfterValidator(ordered)]
+DampingRatioInterval = Annotated[tuple[DampingRatio, DampingRatio], BeforeValidator(_pair), AfterValidator(ordered)]
+MassShareInterval = Annotated[tuple[MassShare, MassShare], BeforeValidator(_pair), AfterValidator(ordered)]
+DelayInterval = Annotated[tuple[DelaySamples, DelaySamples], BeforeValidator(_pair), AfterValidator(ordered)]
 Coefficient = Annotated[float, BeforeValidator(Quantity("", 1e-15, 1e6, signed=True))]
 Section = Annotated[tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient], BeforeValidator(_five)]
 Sections = Annotated[tuple[Section, ...], BeforeValidator(sequence)]

@@ -1,0 +1,44 @@
+"""From an arm file to an arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from avc_casadi._errors import InputError
+from avc_casadi.arm._arm import Arm
+from avc_casadi.arm._five_bar import five_bar
+from avc_casadi.arm._gantry import gantry
+from avc_casadi.arm._phantom import phantom
+from avc_casadi.problem import ArmFile, load_arm
+
+
+def arm(source: str | Path | ArmFile) -> Arm:
+    """Make an arm.
+
+    Args:
+        source: an arm file, its path, or a name of the catalogue of arms.
+
+    Raises:
+        InputError: with every fault of the file.
+        MissingExtraError: a model file without the extra ``arms``.
+        UnsupportedError: a model without inertias, or with joints that are not taken.
+    """
+    file = source if isinstance(source, ArmFile) else load_arm(source)
+    if file.phantom is not None:
+        made = phantom(file, file.phantom)
+    elif file.five_bar is not None:
+        made = five_bar(file, file.five_bar)
+    elif file.gantry is not None:
+        made = gantry(file, file.gantry)
+    else:
+        from avc_casadi.arm._model_file import model_arm  # noqa: PLC0415 - adam takes seconds to load
+
+        assert file.model is not None  # noqa: S101 - a rule of the file
+        made = model_arm(file, file.model)
+    joints, axes = made.joints, len(made.axes)
+    if len(file.home) != joints:
+        raise InputError.of(f"has {len(file.home)} values; allowed: {joints}, one of each joint", key="home")
+    if len(file.workspace.low_m) != axes:
+        message = f"has {len(file.workspace.low_m)} numbers; allowed: {axes}, along {', '.join(made.axes)}"
+        raise InputError.of(message, key="workspace.low_m")
+    return made

@@ -1,0 +1,238 @@
+"""An arm from a model of somebody else's, URDF or MJCF, through adam-robotics (extra ``arms``)."""
+
+from __future__ import annotations
+
+import io
+import warnings
+import xml.etree.ElementTree as ET
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from avc_casadi._errors import InputError, MissingExtraError, UnsupportedError
+from avc_casadi.arm._arm import Arm, arm_of
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import ArmFile, ModelFile
+    from avc_casadi.support import FloatArray
+
+_LARGEST_BYTES = 2**24
+_TURNS, _SLIDES = ("revolute", "continuous"), ("prismatic",)
+_PREFIX = "arm/"
+
+
+@dataclass(frozen=True)
+class _Described:
+    """A model as adam takes it, the tip's name in it, and what the rotors add to each joint, by name."""
+
+    description: Any
+    tip: str
+    rotors: dict[str, float]
+
+
+def model_arm(file: ArmFile, model: ModelFile) -> Arm:
+    """Return the arm of a model file with a fixed base.
+
+    Args:
+        file: of the arm.
+        model: where the model is, and its tip.
+
+    Raises:
+        InputError: the file cannot be read, is no model, or has no such tip.
+        MissingExtraError: the extra ``arms`` is not installed.
+        UnsupportedError: parts that move have no inertia, or the mechanism is not a chain of simple joints.
+    """
+    text = _text(model)
+    described = _of_urdf(model, text) if "<robot" in text else _of_mjcf(model)
+    algorithms = _algorithms(described)
+    # Joints beyond the tip count too, at home: their masses are carried.
+    q = ca.SX.sym("q", algorithms.NDoF)
+    if len(file.home) != algorithms.NDoF:
+        names = ", ".join(algorithms.model.actuated_joints)
+        raise InputError.of(f"has {len(file.home)} values; allowed: one of each joint: {names}", key="home")
+    if algorithms.NDoF < 3:
+        raise UnsupportedError(f"{model.file}: {algorithms.NDoF} joints move no tip along three axes", key="model.file")
+    still = np.eye(4)
+    inertia = algorithms.crba(still, q)[0].array[6:, 6:]
+    tip = algorithms.forward_kinematics(described.tip, still, q).array[:3, 3]
+    joints = [algorithms.model.joints[name] for name in algorithms.model.actuated_joints]
+    rotors = ca.diag(ca.SX([described.rotors.get(joint.name, 0.0) for joint in joints]))
+    ends = [(q[i] - joint.limit.lower, joint.limit.upper - q[i]) for i, joint in enumerate(joints)]
+    bounds = [end for pair in ends for end in pair if np.isfinite(float(ca.substitute(end, q, ca.SX(file.home))))]
+    return arm_of(file, q, tip, inertia + rotors, ca.vertcat(*bounds) if bounds else ca.SX(0, 1))
+
+
+def _text(model: ModelFile) -> str:
+    path = Path(model.file)
+    try:
+        if path.stat().st_size > _LARGEST_BYTES:
+            raise InputError.of(f"is larger than {_LARGEST_BYTES} bytes", file=model.file, key="model.file")
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise InputError.of(
+            f"cannot be read: {why}; give a URDF or an MJCF", file=model.file, key="model.file"
+        ) from error
+
+
+def _adam() -> Any:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import adam.casadi  # noqa: PLC0415 - an extra
+            import adam.casadi.casadi_like  # noqa: PLC0415
+            import adam.core  # noqa: PLC0415
+            import adam.model  # noqa: PLC0415
+    except ImportError as error:
+        raise MissingExtraError("models in URDF and MJCF need adam-robotics: pip install 'avc-casadi[arms]'") from error
+    return adam
+
+
+def _mujoco() -> Any:
+    try:
+        import mujoco  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise MissingExtraError("models in MJCF need mujoco: pip install 'avc-casadi[arms]'") from error
+    return mujoco
+
+
+def _algorithms(described: _Described) -> Any:
+    """Return adam's algorithms for a model; those of a sliding joint get the direction that adam 0.5 writes wrongly."""
+    adam = _adam()
+    with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
+        warnings.simplefilter("ignore")
+        maths = adam.casadi.casadi_like.SpatialMath()
+        factory = adam.model.build_model_factory(description=described.description, math=maths)
+        names = [joint.name for joint in factory.get_joints() if joint.type in (*_TURNS, *_SLIDES)]
+        model = adam.model.Model.build(factory=factory, joints_name_list=names)
+    for joint in model.joints.values():
+        if joint.type in _SLIDES:
+            joint.motion_subspace = partial(_sliding, maths, joint.axis)
+    if described.tip not in {*model.links, *model.frames}:
+        known = ", ".join(sorted(name.removeprefix(_PREFIX) for name in (*model.links, *model.frames)))
+        raise InputError.of(f"is {described.tip.removeprefix(_PREFIX)!r}; allowed: {known}", key="model.tip")
+    return adam.core.RBDAlgorithms(model=model, math=maths)
+
+
+def _sliding(maths: Any, axis: Any) -> Any:
+    zero = maths.zeros(1)
+    return maths.vertcat(axis[0], axis[1], axis[2], zero, zero, zero)
+
+
+def _of_urdf(model: ModelFile, text: str) -> _Described:
+    try:
+        root = ET.fromstring(text)  # noqa: S314 - a file that the user names; expat of today refuses entity bombs
+    except ET.ParseError as error:
+        raise InputError.of(f"is no XML: {error}", file=model.file, key="model.file") from error
+    kinds = {joint.get("name"): joint.get("type") for joint in root.findall("joint")}
+    other = [f"{name} ({kind})" for name, kind in kinds.items() if kind not in (*_TURNS, *_SLIDES, "fixed")]
+    mimics = [f"{joint.get('name')} (mimic)" for joint in root.findall("joint") if joint.find("mimic") is not None]
+    if other or mimics:
+        raise UnsupportedError(
+            f"{model.file}: joints that are neither hinges nor slides of their own: {', '.join(other + mimics)}",
+            key="model.file",
+        )
+    # Masses of links that are fixed to one that moves count there; a link may be without where another of these has it.
+    parents = {_named(joint, "child"): joint for joint in root.findall("joint")}
+    carried: dict[str, float] = {}
+    for link in root.findall("link"):
+        moves = _moved(link.get("name", ""), parents)
+        if moves:
+            carried[moves] = carried.get(moves, 0.0) + _mass(link)
+    _refuse_massless(model, [name for name, mass in carried.items() if not mass > 0])
+    return _Described(text, model.tip, {})
+
+
+def _named(joint: ET.Element, end: str) -> str:
+    found = joint.find(end)
+    return "" if found is None else found.get("link", "")
+
+
+def _moved(link: str, parents: dict[str, ET.Element]) -> str:
+    """Return the link that moves a link, itself or one that it is fixed to; empty where that is the base."""
+    for _ in range(len(parents) + 1):
+        joint = parents.get(link)
+        if joint is None:
+            return ""
+        if joint.get("type") != "fixed":
+            return link
+        link = _named(joint, "parent")
+    return ""
+
+
+def _mass(link: ET.Element) -> float:
+    inertial = link.find("inertial")
+    if inertial is None:
+        return 0.0
+    mass = inertial.find("mass")
+    try:
+        return float("nan" if mass is None else mass.get("value", "nan"))
+    except ValueError:
+        return float("nan")
+
+
+def _refuse_massless(model: ModelFile, names: list[str]) -> None:
+    if names:
+        raise UnsupportedError(
+            f"{model.file}: no inertia is given for what moves: {', '.join(names)}; such models are made for drawing. "
+            "Give mass and inertia of every link that moves, from CAD or from a scale",
+            key="model.file",
+        )
+
+
+def _of_mjcf(model: ModelFile) -> _Described:
+    mujoco = _mujoco()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            own = mujoco.MjSpec.from_file(model.file)
+            _refuse_massless(model, [body.name for body in own.bodies if _bare(body)])
+            whole = mujoco.MjSpec()
+            whole.compiler.inertiafromgeom = own.compiler.inertiafromgeom
+            # adam takes the first body for one that floats, with no joint of its own.
+            base = whole.worldbody.add_body(name="base", mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
+            whole.attach(own, frame=base.add_frame(), prefix=_PREFIX)
+            compiled = whole.compile()
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError.of(f"is no MJCF that MuJoCo takes: {error}", file=model.file, key="model.file") from error
+    _refuse_what_adam_lacks(model, compiled)
+    names = [compiled.joint(i).name for i in range(compiled.njnt)]
+    rotors = {name: float(compiled.dof_armature[i]) for i, name in enumerate(names)}
+    return _Described(compiled, f"{_PREFIX}{model.tip}", rotors)
+
+
+def _bare(body: Any) -> bool:
+    """Whether a body with joints has neither an inertia nor anything of which one could be taken."""
+    carries = body.explicitinertial or list(body.geoms) or any(not list(child.joints) for child in body.bodies)
+    return bool(list(body.joints)) and not carries
+
+
+def _refuse_what_adam_lacks(model: ModelFile, compiled: Any) -> None:
+    """Refuse by name what adam would leave out of its equations without a word."""
+    hinge, slide = 3, 2  # mjtJoint
+    wrong = []
+    for i in range(compiled.nbody):
+        name = compiled.body(i).name.removeprefix(_PREFIX)
+        if compiled.body_jntnum[i] > 1:
+            wrong.append(f"{name} has {compiled.body_jntnum[i]} joints of its own")
+    for i in range(compiled.njnt):
+        name = compiled.joint(i).name.removeprefix(_PREFIX)
+        if compiled.jnt_type[i] not in (hinge, slide):
+            wrong.append(f"{name} is neither a hinge nor a slide")
+        if _apart(compiled.jnt_pos[i]):
+            wrong.append(f"{name} stands beside the origin of its body")
+    if compiled.neq:
+        wrong.append(f"{compiled.neq} equality constraints close loops or couple joints")
+    if wrong:
+        raise UnsupportedError(f"{model.file}: {'; '.join(wrong)}", key="model.file")
+
+
+def _apart(position: FloatArray) -> bool:
+    return bool(np.abs(position).max() > 1e-12)
