@@ -16,14 +16,15 @@ log and goes on where it stopped; without it the results are printed only.
 from __future__ import annotations
 
 import argparse
-import json
 import resource
 import sys
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from studied import about, kept_rows, made_by, write_rows
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent / "hardware")]
@@ -59,7 +60,7 @@ def one(number: int, seed: int, *, healthy: bool = False) -> dict[str, Any]:
     }
 
 
-def page(rows: list[dict[str, Any]], seed: int) -> str:
+def page(rows: list[dict[str, Any]], made: Mapping[str, Any]) -> str:
     """Return the results as text."""
     logs = [row for row in rows if row["truth"] != HEALTHY]
     quiet = [row for row in rows if row["truth"] == HEALTHY]
@@ -71,7 +72,7 @@ def page(rows: list[dict[str, Any]], seed: int) -> str:
     answers = [*CAUSES, UNDECIDED, HEALTHY]
     share = 100 / max(len(logs), 1)
     summary = (
-        f"{len(logs)} logs, seed {seed}: **{len(right)} named right ({share * len(right):.1f} %), {len(undecided)} "
+        f"{len(logs)} logs: **{len(right)} named right ({share * len(right):.1f} %), {len(undecided)} "
         f'"cannot tell" ({share * len(undecided):.1f} %; the truth among its candidates in {len(among)}), '
         f"{len(unseen)} taken for healthy ({share * len(unseen):.1f} %), {len(wrong)} confident and wrong "
         f"({share * len(wrong):.1f} %)**. Of {len(quiet)} logs with nothing wrong "
@@ -80,7 +81,7 @@ def page(rows: list[dict[str, Any]], seed: int) -> str:
     lines = [
         "# Diagnosis of logs that buzz for one known reason",
         "",
-        "`nice -n 10 python tests/benchmarks/diagnosis.py --count 200 --write`",
+        made_by(made),
         "",
         " ".join((__doc__ or "").split("\n\n")[2].partition(" With --write")[0].split()),
         "",
@@ -116,10 +117,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--write", action="store_true", help="overwrite results/diagnosis.json and the page")
     args = parser.parse_args()
-    rows: list[dict[str, Any]] = []
-    if args.write and OUT.exists():
-        kept = json.loads(OUT.read_text(encoding="utf-8"))
-        rows = kept["rows"] if kept["seed"] == args.seed else []
+    made = about(f"python tests/benchmarks/diagnosis.py --count {args.count} --write", args.seed)
+    rows = kept_rows(OUT, made) if args.write else []
     done = {(row["number"], row["truth"] == HEALTHY) for row in rows}
     for number in range(args.count):
         last = number % len(CAUSES) == len(CAUSES) - 1
@@ -130,9 +129,9 @@ def main() -> None:
             rows.append(row)
             print(f"{number}: {row['truth']} -> {row['answer']} ({row['source']}, {row['cpu_s']:.1f} s)", flush=True)
             if args.write:
-                OUT.write_text(json.dumps({"seed": args.seed, "rows": rows}, indent=1) + "\n", encoding="utf-8")
-                PAGE.write_text(page(rows, args.seed), encoding="utf-8")
-    print(page(rows, args.seed))
+                write_rows(OUT, made, rows)
+                PAGE.write_text(page(rows, made), encoding="utf-8")
+    print(page(rows, made))
 
 
 if __name__ == "__main__":

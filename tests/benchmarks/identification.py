@@ -11,13 +11,14 @@ every device and goes on where it stopped; without it the results are printed on
 from __future__ import annotations
 
 import argparse
-import json
 import resource
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from studied import about, kept_rows, made_by, write_rows
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent / "hardware")]
@@ -112,11 +113,11 @@ def _cpu() -> float:
     return sum(resource.getrusage(who).ru_utime for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
-def page(rows: list[dict[str, Any]], seconds: float) -> str:
+def page(rows: list[dict[str, Any]], made: Mapping[str, Any], seconds: float) -> str:
     """Return the results as text."""
-    about = (__doc__ or "").split("\n\n")[2].partition(" With --write")[0].replace("\n", " ")
+    study = (__doc__ or "").split("\n\n")[2].partition(" With --write")[0].replace("\n", " ")
     told_of = (
-        f"{len(rows)} devices, {seconds:g} s of log each at 1 kHz. {about} *Inside*: "
+        f"{len(rows)} devices, {seconds:g} s of log each at 1 kHz. {study} *Inside*: "
         f"share of "
         "stated intervals (95 %) that hold the truth, of those told. *Bias* and *error*: median of (found - true) "
         "and of "
@@ -127,7 +128,7 @@ def page(rows: list[dict[str, Any]], seconds: float) -> str:
     lines = [
         "# Identification of devices drawn at random",
         "",
-        "`nice -n 10 python tests/benchmarks/identification.py --count 1000 --write`",
+        made_by(made),
         "",
         told_of,
         "",
@@ -179,11 +180,9 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--write", action="store_true", help="overwrite results/identification.json and the page")
     args = parser.parse_args()
-    rows: list[dict[str, Any]] = []
-    if args.write and OUT.exists():
-        kept = json.loads(OUT.read_text(encoding="utf-8"))
-        if (kept["seed"], kept["seconds"]) == (args.seed, args.seconds):
-            rows = kept["rows"]
+    made = about(f"python tests/benchmarks/identification.py --count {args.count} --write", args.seed)
+    made["seconds"], made["first"] = args.seconds, args.first
+    rows = kept_rows(OUT, made) if args.write else []
     for index in range(args.first + len(rows), args.first + args.count):
         row = one(index, args.seed, args.seconds)
         rows.append(row)
@@ -197,11 +196,9 @@ def main() -> None:
             flush=True,
         )
         if args.write:
-            OUT.write_text(
-                json.dumps({"seed": args.seed, "seconds": args.seconds, "rows": rows}) + "\n", encoding="utf-8"
-            )
-            PAGE.write_text(page(rows, args.seconds), encoding="utf-8")
-    print(page(rows, args.seconds))
+            write_rows(OUT, made, rows)
+            PAGE.write_text(page(rows, made, args.seconds), encoding="utf-8")
+    print(page(rows, made, args.seconds))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Round trip without a hand on it: hidden device -> excite -> identify -> excite again -> recommend -> push -> at rest.
 
-nice -n 10 python tests/benchmarks/round_trip.py --count 8 --write
+nice -n 10 python tests/benchmarks/round_trip.py --count 24 --write
 
 Each device is drawn at random within what its file guesses, and stands on an emulated board that runs the packaged
 firmware image. The commands `avc excite`, `avc identify` and `avc recommend` know of it by that board alone; the
@@ -16,11 +16,13 @@ import io
 import json
 import tempfile
 import time
+from collections.abc import Mapping
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from studied import about, kept_rows, made_by, write_rows
 
 from avc_casadi import load_device, read_coupling
 from avc_casadi.cli import main
@@ -42,7 +44,7 @@ RANGE = {
 WALLS_N_PER_M = (1000.0, 2000.0, 3000.0)
 HEAD = """# Round trip
 
-`nice -n 10 python tests/benchmarks/round_trip.py --count {count} --write`
+{made_by}
 
 Hidden device on an emulated board -> `avc excite` (guessed: mass 0.05 to 0.25 kg, damping 0.2 to 4 N.s/m, friction 0 to
 0.4 N, delay 0 to 3 samples; known: encoder 20 um, 8 N, 1 kHz) -> `avc identify` -> `avc excite` with what was found ->
@@ -160,10 +162,10 @@ def inside(row: dict[str, Any], which: int) -> tuple[int, int]:
     return sum(one["low"] <= row["hidden"][key] <= one["high"] for key, one in told), len(told)
 
 
-def page(rows: list[dict[str, Any]]) -> str:
+def page(rows: list[dict[str, Any]], made: Mapping[str, Any]) -> str:
     """Return the results."""
     whole = [row for row in rows if len(row.get("rounds", ())) == 2]
-    lines = HEAD.format(count=len(rows)).splitlines()
+    lines = HEAD.format(made_by=made_by(made)).splitlines()
     lines += [_line(row) for row in rows]
     rest = sum(bool(row.get("tried", {}).get("at_rest")) for row in rows)
     counts = [np.sum([inside(row, which) for row in whole], axis=0) for which in (0, 1)] if whole else [(0, 0)] * 2
@@ -231,14 +233,15 @@ def run() -> None:
     parser.add_argument("--count", type=int, default=3, help="devices; default 3")
     parser.add_argument("--write", action="store_true", help=f"overwrites {OUT.name} and {PAGE.name}")
     arguments = parser.parse_args()
-    rows = json.loads(OUT.read_text()) if arguments.write and OUT.exists() else []
+    made = about(f"python tests/benchmarks/round_trip.py --count {arguments.count} --write", SEED)
+    rows = kept_rows(OUT, made) if arguments.write else []
     for index in range(len(rows), arguments.count):
         rows.append(trip(index))
         print(_line(rows[-1]), flush=True)
         if arguments.write:
-            OUT.write_text(json.dumps(rows, indent=1) + "\n")
-            PAGE.write_text(page(rows))
-    print(page(rows))
+            write_rows(OUT, made, rows)
+            PAGE.write_text(page(rows, made))
+    print(page(rows, made))
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import resource
@@ -39,6 +40,20 @@ def about(command: str, seed: int) -> dict[str, Any]:
         "machine": f"{platform.machine()}, {os.cpu_count()} cores shared with other work",
         "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
     }
+
+
+def kept_rows(out: Path, about: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the rows of a results file that the same package made, with the same seed; none of another."""
+    if not out.exists():
+        return []
+    kept = json.loads(out.read_text(encoding="utf-8"))
+    same = all(kept["about"][key] == about[key] for key in ("commit", "seed", "command"))
+    return list(kept["rows"]) if same else []
+
+
+def write_rows(out: Path, about: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> None:
+    """Overwrite a results file."""
+    out.write_text(json.dumps({"about": about, "rows": list(rows)}, indent=1) + "\n", encoding="utf-8")
 
 
 def made_by(about: Mapping[str, Any]) -> str:
