@@ -33,6 +33,11 @@ class Resonance(Table):
 
     The frequency is that of the two against each other, the device free; the mass ratio is that of the handle to the
     whole.
+
+    Attributes:
+        frequency_hz: of motor and handle against each other, the device free.
+        damping_ratio: of that oscillation.
+        mass_ratio: share of the handle in the device's mass.
     """
 
     frequency_hz: Hertz
@@ -67,9 +72,20 @@ class Device(Table):
     """The haptic device; 0 and None stand for what it does not have.
 
     Attributes:
+        mass_kg: what the hand moves, at the handle.
+        damping_ns_per_m: viscous friction of the device.
+        sample_time_s: from one force to the next.
         delay_samples: from measurement to force, on top of the hold; an int where it is whole.
+        coulomb_friction_n: dry friction.
+        encoder_resolution_m: a step of the measured position.
+        position_noise_rms_m: white noise of the measured position.
+        amplifier_bandwidth_hz: of the actuator's force; None: ideal.
         amplifier_order: 1, a lag; 2, a current loop with a damping ratio of 0.7.
+        max_force_n: largest force of the actuator; None: no limit.
+        backlash_m: play of the measured position.
+        resonance: motor and handle joined by a spring; None: rigid.
         encoder_at: the side of the resonance on which the position is measured.
+        range: how well the device is known.
     """
 
     mass_kg: Mass

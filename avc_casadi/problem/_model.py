@@ -48,7 +48,12 @@ Required = Literal["none", "jnd", "bounds"]
 
 
 class Impedance(Table):
-    """A damper and a spring side by side, b + k/s."""
+    """A damper and a spring side by side, b + k/s.
+
+    Attributes:
+        damping_ns_per_m: damper b.
+        stiffness_n_per_m: spring k.
+    """
 
     damping_ns_per_m: Damping
     stiffness_n_per_m: Stiffness
@@ -73,6 +78,13 @@ class GainBox(Table):
     Contact clip-last: F = max(0, y), y the force of the coupling to an environment on both sides. Gated: the same on
     the tool's penetration, and only where the device is in the wall; so it is, whatever is asked for, where the wall or
     the coupling has no spring.
+
+    Attributes:
+        structure: series, the paper's spring and damper; damped, the same with a contact damper.
+        contact: law at a one-sided wall.
+        damping_ns_per_m: b, [lowest, highest].
+        stiffness_n_per_m: k, [lowest, highest].
+        contact_damping_ns_per_m: b_p, [lowest, highest]; structure damped only.
     """
 
     structure: Structure = "series"
@@ -83,7 +95,14 @@ class GainBox(Table):
 
 
 class Stability(Table):
-    """The claim that the gains must meet: hold model, scope of frequencies, margin on Re Z_h   (12)."""
+    """The claim that the gains must meet: hold model, scope of frequencies, margin on Re Z_h   (12).
+
+    Attributes:
+        model: paper, its hold (z+1)/(2z); sampled-data, the loop that runs on a device.
+        scope: which frequencies or hands each row of gains must hold for.
+        band_factor: for the scope band: from f/factor to f factor.
+        margin_ns_per_m: Re Z_h must be this at least.
+    """
 
     model: Model = "paper"
     scope: Scope = "pointwise"
@@ -96,6 +115,12 @@ class Realism(Table):
 
     Required: nothing; |Z_h - Z_h_ds| <= jnd |Z_h_ds|; or |Z_h| between those of the boundaries. The methods direct and
     schedule keep it as a constraint.
+
+    Attributes:
+        objective: magnitude, (11); complex, phase too; perceptual, what exceeds the just-noticeable difference.
+        jnd: just-noticeable difference as a share of |Z|.
+        require: what direct and schedule keep at every row: within jnd of the desired impedance, or |Z| within
+            the boundaries.
     """
 
     objective: Objective = "magnitude"
@@ -108,6 +133,13 @@ class ScheduleSettings(Table):
 
     A slope limit of None is no limit. Outside `interaction_hz` the error weighs a tenth. The contact damping penalty
     weighs the mean of (b_p/|Z_h_ds|)^2. The hand's damping is credited to the device in the constraints on Re Z_h.
+
+    Attributes:
+        slope_penalty: weight of (d ln b/d ln f)^2 + (d ln k/d ln f)^2.
+        slope_limit: largest |d ln b/d ln f| and |d ln k/d ln f|; None: no limit.
+        hand_damping_ns_per_m: damping that the hand is trusted to add.
+        interaction_hz: where hands interact: errors elsewhere weigh a tenth; None: everywhere alike.
+        contact_damping_penalty: weight of the mean of (b_p/|Z_h_ds|)^2.
     """
 
     slope_penalty: Weight = 1e-3
@@ -121,6 +153,12 @@ class Hands(Table):
     """The set of hands, each value [lowest, highest]: corners and draws of it are used.
 
     With `let_go` the device without any hand belongs to the set, as it must before a coupling may go into a device.
+
+    Attributes:
+        mass_kg: [lowest, highest].
+        damping_ns_per_m: [lowest, highest].
+        stiffness_n_per_m: [lowest, highest].
+        let_go: whether the device without a hand belongs to the set.
     """
 
     mass_kg: MassInterval = (0.05, 0.3)
@@ -130,7 +168,15 @@ class Hands(Table):
 
 
 class Frequency(Table):
-    """The frequencies of interaction: a range, or the list `values_hz` in its place."""
+    """The frequencies of interaction: a range, or the list `values_hz` in its place.
+
+    Attributes:
+        start_hz: lowest frequency of interaction.
+        stop_hz: highest; below half the sampling rate.
+        points: how many rows.
+        spacing: even in ln f, or in f.
+        values_hz: a list in place of all four.
+    """
 
     start_hz: Hertz = 1.0
     stop_hz: Hertz = 450.0

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from avc_casadi.problem._motion_file import Motion, Press
 from avc_casadi.problem._quantity import (
     Damping,
     DampingRatio,
@@ -21,13 +22,11 @@ from avc_casadi.problem._quantity import (
     MassRatio,
     Place,
     Places,
-    Position,
     Rate,
     Sections,
     Seed,
     Share,
     Span,
-    Speed,
     Stiffness,
     Substeps,
     Threshold,
@@ -41,51 +40,14 @@ CouplingChoice = Literal["none", "static", "static-tuned", "closed-form", "direc
 Integrator = Literal["exact", "projected", "rk4"]
 
 
-class _Motion(Table):
-    """Motion of the hand's target along the axis of the device; the wall begins at 0 and lies at x > 0."""
-
-    start_m: Position = -0.01
-    end_m: Position = 0.01
-    speed_m_per_s: Speed = 0.07
-
-
-class Press(_Motion):
-    """From start to end at constant speed, then stay."""
-
-    kind: Literal["press"] = "press"
-
-
-class Tap(_Motion):
-    """To and fro between start and end."""
-
-    kind: Literal["tap"] = "tap"
-    frequency_hz: Hertz = 2.0
-
-
-class Hold(_Motion):
-    """Rest at the end from the beginning on."""
-
-    kind: Literal["hold"] = "hold"
-
-
-class Stroke(_Motion):
-    """From start to end at constant speed, then oscillate about the end."""
-
-    kind: Literal["stroke"] = "stroke"
-    frequency_hz: Hertz = 1.0
-    amplitude_m: Length = 0.005
-
-
-class Free(_Motion):
-    """Oscillate about the start."""
-
-    kind: Literal["free"] = "free"
-    frequency_hz: Hertz = 1.0
-    amplitude_m: Length = 0.005
-
-
 class HandEffect(Table):
-    """A hand between its moving target and the device: mass, damper and spring."""
+    """A hand between its moving target and the device: mass, damper and spring.
+
+    Attributes:
+        mass_kg: None: the middle of [hands].
+        damping_ns_per_m: None: the middle of [hands].
+        stiffness_n_per_m: None: the middle of [hands].
+    """
 
     kind: Literal["hand"] = "hand"
     mass_kg: Mass | None = None
@@ -97,6 +59,13 @@ class StylusHandEffect(Table):
     """A hand on a stylus: tip, grip (k1, b1), mass, arm (k2, b2), ground.
 
     The defaults are the means of 15 subjects (Fu & Cavusoglu 2012).
+
+    Attributes:
+        mass_kg: between grip and arm.
+        grip_damping_ns_per_m: b1.
+        grip_stiffness_n_per_m: k1.
+        arm_damping_ns_per_m: b2.
+        arm_stiffness_n_per_m: k2.
     """
 
     kind: Literal["stylus-hand"] = "stylus-hand"
@@ -108,7 +77,12 @@ class StylusHandEffect(Table):
 
 
 class WallEffect(Table):
-    """The environment on one side only: no force at x < 0."""
+    """The environment on one side only: no force at x < 0.
+
+    Attributes:
+        damping_ns_per_m: None: that of [environment].
+        stiffness_n_per_m: None: that of [environment].
+    """
 
     kind: Literal["wall"] = "wall"
     damping_ns_per_m: Damping | None = None
@@ -116,7 +90,12 @@ class WallEffect(Table):
 
 
 class EnvironmentEffect(Table):
-    """The environment on both sides."""
+    """The environment on both sides.
+
+    Attributes:
+        damping_ns_per_m: None: that of [environment].
+        stiffness_n_per_m: None: that of [environment].
+    """
 
     kind: Literal["environment"] = "environment"
     damping_ns_per_m: Damping | None = None
@@ -124,21 +103,35 @@ class EnvironmentEffect(Table):
 
 
 class CoulombFrictionEffect(Table):
-    """Dry friction of the device, with true sticking."""
+    """Dry friction of the device, with true sticking.
+
+    Attributes:
+        force_n: None: that of [device].
+    """
 
     kind: Literal["coulomb-friction"] = "coulomb-friction"
     force_n: Force | None = None
 
 
 class ViscousFrictionEffect(Table):
-    """Viscous friction of the device."""
+    """Viscous friction of the device.
+
+    Attributes:
+        damping_ns_per_m: on top of the device's own; must be told.
+    """
 
     kind: Literal["viscous-friction"] = "viscous-friction"
     damping_ns_per_m: Damping | None = None
 
 
 class ResonanceEffect(Table):
-    """A structural resonance of the device."""
+    """A structural resonance of the device.
+
+    Attributes:
+        frequency_hz: None: that of [device].
+        damping_ratio: None: that of [device].
+        mass_ratio: share of the handle in the mass; None: that of [device].
+    """
 
     kind: Literal["resonance"] = "resonance"
     frequency_hz: Hertz | None = None
@@ -147,14 +140,23 @@ class ResonanceEffect(Table):
 
 
 class BacklashEffect(Table):
-    """Play between the handle and the motor, on which the encoder sits."""
+    """Play between the handle and the motor, on which the encoder sits.
+
+    Attributes:
+        gap_m: the play; None: that of [device].
+    """
 
     kind: Literal["backlash"] = "backlash"
     gap_m: Length | None = None
 
 
 class EncoderEffect(Table):
-    """Quantised position, at the motor or at the handle beyond the resonance."""
+    """Quantised position, at the motor or at the handle beyond the resonance.
+
+    Attributes:
+        resolution_m: a step; None: that of [device].
+        at: the side of the resonance; None: that of [device].
+    """
 
     kind: Literal["encoder"] = "encoder"
     resolution_m: Length | None = None
@@ -162,7 +164,12 @@ class EncoderEffect(Table):
 
 
 class NoiseEffect(Table):
-    """White noise on the sampled position."""
+    """White noise on the sampled position.
+
+    Attributes:
+        rms_m: None: that of [device].
+        seed: of the draw.
+    """
 
     kind: Literal["noise"] = "noise"
     rms_m: Length | None = None
@@ -170,14 +177,24 @@ class NoiseEffect(Table):
 
 
 class VelocityFilterEffect(Table):
-    """First-order low pass on the velocity."""
+    """First-order low pass on the velocity.
+
+    Attributes:
+        cutoff_hz: where it has 3 dB less.
+    """
 
     kind: Literal["velocity-filter"] = "velocity-filter"
     cutoff_hz: Hertz
 
 
 class NotchEffect(Table):
-    """A notch on the measured position: gain `depth` at its frequency, `width` its band as a share of that."""
+    """A notch on the measured position: gain `depth` at its frequency, `width` its band as a share of that.
+
+    Attributes:
+        frequency_hz: its middle.
+        depth: gain there.
+        width: its band as a share of that frequency.
+    """
 
     kind: Literal["notch"] = "notch"
     frequency_hz: Hertz
@@ -186,7 +203,11 @@ class NotchEffect(Table):
 
 
 class CompensatorEffect(Table):
-    """A linear discrete filter on the measured position, in second-order sections [b0, b1, b2, a1, a2]."""
+    """A linear discrete filter on the measured position, in second-order sections [b0, b1, b2, a1, a2].
+
+    Attributes:
+        sections: second-order sections [b0, b1, b2, a1, a2], one after the other.
+    """
 
     kind: Literal["compensator"] = "compensator"
     sections: Sections
@@ -196,6 +217,11 @@ class ObserverEffect(Table):
     """An observer of the position between encoder steps; the mass is that of device and hand together.
 
     The steps that it looks between and the samples that it looks ahead are those of encoder and delay, if left out.
+
+    Attributes:
+        mass_kg: of device and hand together; None: a little more than device and lightest hand.
+        resolution_m: the steps that it looks between; None: those of the encoder.
+        ahead_samples: how far it looks ahead; None: the delay.
     """
 
     kind: Literal["observer"] = "observer"
@@ -205,7 +231,18 @@ class ObserverEffect(Table):
 
 
 class StateFeedbackEffect(Table):
-    """An observer with a dead zone and state feedback, as a robust design makes it; its states are lengths."""
+    """An observer with a dead zone and state feedback, as a robust design makes it; its states are lengths.
+
+    Attributes:
+        state: matrix from state to state, by rows.
+        force_m_per_n: from force to state.
+        innovation: from what is new to state.
+        feedback: weights of the position that the wall sees.
+        positions: which states are positions.
+        measures: which one is measured.
+        dead_zone_m: half width of what is not believed to be new.
+        face_m: how far the face of the wall is moved out, against the lag of the dead zone.
+    """
 
     kind: Literal["state-feedback"] = "state-feedback"
     state: EntryRows
@@ -219,14 +256,24 @@ class StateFeedbackEffect(Table):
 
 
 class DelayEffect(Table):
-    """Samples between measurement and force, whole or not."""
+    """Samples between measurement and force, whole or not.
+
+    Attributes:
+        samples: None: that of [device].
+    """
 
     kind: Literal["delay"] = "delay"
     samples: DelaySamples | None = None
 
 
 class JitterEffect(Table):
-    """Irregular sampling and lost samples."""
+    """Irregular sampling and lost samples.
+
+    Attributes:
+        rms_s: of the forces' lateness.
+        seed: of the draw.
+        dropped_share: of samples that are lost.
+    """
 
     kind: Literal["jitter"] = "jitter"
     rms_s: Wait
@@ -235,7 +282,12 @@ class JitterEffect(Table):
 
 
 class AmplifierEffect(Table):
-    """Bandwidth of the actuator: a lag of order 1, or a current loop of order 2."""
+    """Bandwidth of the actuator: a lag of order 1, or a current loop of order 2.
+
+    Attributes:
+        bandwidth_hz: None: that of [device].
+        order: None: that of [device].
+    """
 
     kind: Literal["amplifier"] = "amplifier"
     bandwidth_hz: Hertz | None = None
@@ -243,21 +295,35 @@ class AmplifierEffect(Table):
 
 
 class SaturationEffect(Table):
-    """Largest force of the actuator."""
+    """Largest force of the actuator.
+
+    Attributes:
+        force_n: None: that of [device].
+    """
 
     kind: Literal["saturation"] = "saturation"
     force_n: ForceLimit | None = None
 
 
 class EstimatorEffect(Table):
-    """Estimate of the interaction frequency that selects the gains."""
+    """Estimate of the interaction frequency that selects the gains.
+
+    Attributes:
+        method: which algorithm.
+    """
 
     kind: Literal["estimator"] = "estimator"
     method: Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"] = "fused"
 
 
 class AdaptationEffect(Table):
-    """How the gains follow the estimate: wait, limited slew (None: no limit), without creating energy."""
+    """How the gains follow the estimate: wait, limited slew (None: no limit), without creating energy.
+
+    Attributes:
+        hold_s: how long a lost estimate is held.
+        slew_per_s: largest change of a gain a second, as a share of it; None: no limit.
+        passive: whether changes may create no energy.
+    """
 
     kind: Literal["adaptation"] = "adaptation"
     hold_s: Wait = 0.0
@@ -266,13 +332,16 @@ class AdaptationEffect(Table):
 
 
 class GuardEffect(Table):
-    """A guard in the time domain that dissipates what the loop generates."""
+    """A guard in the time domain that dissipates what the loop generates.
+
+    Attributes:
+        method: a passivity controller, or an energy tank.
+    """
 
     kind: Literal["guard"] = "guard"
     method: Literal["passivity-controller", "energy-tank"] = "passivity-controller"
 
 
-Motion = Annotated[Press | Tap | Hold | Stroke | Free, Field(discriminator="kind")]
 Effect = Annotated[
     HandEffect
     | StylusHandEffect
@@ -309,9 +378,14 @@ def _tables(value: Any) -> Any:
 class Scene(Table):
     """What is simulated: the motion of the hand's target, the coupling and the effects.
 
-    With effects listed these and nothing else; without any, a hand, a wall and all that the device declares.
-
-    A gain table is read at the interaction frequency, None being its lowest.
+    Attributes:
+        duration_s: of the simulation.
+        coupling: whose gains are simulated.
+        interaction_hz: where a gain table is read; None: its lowest frequency.
+        integrator: exact; projected and rk4 to compare.
+        substeps: of projected and rk4.
+        motion: of the hand's target.
+        effects: these and nothing else; none listed: a hand, a wall and all that the device declares.
     """
 
     duration_s: Span = 3.0

@@ -1,0 +1,36 @@
+"""Blocks of pages that are written by code: `<!-- results: NAME -->` or `<!-- keys: NAME -->` up to `<!-- end -->`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from documented_keys import key_tables
+
+ROOT = Path(__file__).parents[2]
+_BLOCK = re.compile(r"(<!-- (results|keys): ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+_ROOMS = ("avc_casadi", "hardware", "problems", "tests/benchmarks")
+
+WRITERS: Mapping[tuple[str, str], Callable[[], str]] = {
+    ("keys", "problem"): key_tables,
+}
+
+
+def pages() -> dict[Path, list[tuple[str, str]]]:
+    """The pages that hold blocks, with their names."""
+    found = {}
+    for path in sorted({*ROOT.glob("*.md")} | {page for room in _ROOMS for page in (ROOT / room).rglob("*.md")}):
+        names = [(kind, name) for _, kind, name, *_ in _BLOCK.findall(path.read_text(encoding="utf-8"))]
+        if names:
+            found[path] = names
+    return found
+
+
+def written(path: Path) -> str:
+    """The page as it should stand."""
+
+    def block(found: re.Match[str]) -> str:
+        return f"{found[1]}{WRITERS[found[2], found[3]]()}\n{found[5]}"
+
+    return _BLOCK.sub(block, path.read_text(encoding="utf-8"))
