@@ -4,7 +4,6 @@ import hashlib
 import json
 import math
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from hardware_bench import believer, coupling, push, require, stream
 import avc_hardware
 from avc_casadi import InputError, LinkError, MissingExtraError, UnsupportedError
 from avc_casadi.coupling import Runtime
-from avc_hardware import EMULATOR_IS_FRESH, Connection, EmulatedBoard, RuntimeFigures, TableImage, monitor, save_log
+from avc_hardware import EMULATOR_IS_FRESH, Connection, DeviceStatus, EmulatedBoard, RuntimeFigures, TableImage, monitor
 from avc_hardware import _messages as m
 from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
 from avc_hardware._firmware import IMAGE, image_sha256
@@ -71,21 +70,9 @@ def test_gains_in_force_follow_the_table_at_the_estimated_frequency() -> None:
     rows = made.table.single()
     *_, status = monitor(board, seconds=3.0, rate_hz=20)
     assert status.frequency_hz == pytest.approx(6.0, rel=0.02)
-    assert status.lookup_hz == status.frequency_hz
     near = lookup(rows, np.float32(status.frequency_hz) * np.array([0.97, 1.03], dtype=np.float32))
     for index, value in enumerate((status.damping_ns_per_m, status.stiffness_n_per_m)):
         assert near[:, index].min() * 0.97 <= value <= near[:, index].max() * 1.03
-
-
-def test_log_holds_every_sample(tmp_path: Path) -> None:
-    samples = list(monitor("emulator", seconds=1.5, rate_hz=10))
-    assert save_log(samples, tmp_path / "log.npz") == len(samples)
-    with np.load(tmp_path / "log.npz") as log:
-        assert list(log["ticks"]) == [sample.ticks for sample in samples]
-        assert log["force_n"].dtype == np.float64
-        assert set(log["mode"]) == {0}
-    with pytest.raises(InputError, match=r"\.npz"):
-        save_log(samples, tmp_path / "log.csv")
 
 
 def test_at_rest_the_frequency_is_undefined_and_the_lowest_row_runs() -> None:
@@ -180,9 +167,10 @@ def test_late_gains_are_refused_by_number() -> None:
         payload = m.set_gains(number, 1000, 1.0, 100.0 + number % 10, 0.0)
         answer = connection.run(connection.session.request(Kind.SET_GAINS, payload))
         assert isinstance(answer, m.GainsTaken) is taken, number
-    *_, status = monitor(board, seconds=0.9)
-    assert status.streaming
-    assert status.stiffness_n_per_m == pytest.approx(106.0)
+    *_, sample = monitor(board, seconds=0.9)
+    assert sample.streaming
+    assert sample.stiffness_n_per_m == pytest.approx(106.0)
+    status = Connection(board).run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
     assert (status.stream_number, status.stream_stale, status.stream_missing) == (6, 3, 4)
 
 

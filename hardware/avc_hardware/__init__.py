@@ -1,6 +1,6 @@
 """Serial link to the device: bytes, frames, messages, session; firmware in C beside it.
 
-`push` sends the table of a coupling, `stream` sends its gains live, `monitor` reads the device's state, `excite` plays
+`push` sends the table of a coupling, `stream` sends its gains live, `monitor` watches the device, `excite` plays
 an excitation and logs it, `export_c` writes C for other firmware. A port is a device path or ``emulator``, the real
 firmware image on an emulated board.
 """
@@ -31,7 +31,10 @@ from avc_hardware._figures import RuntimeFigures as RuntimeFigures
 from avc_hardware._host import BoardLimits as BoardLimits
 from avc_hardware._in_the_loop import FirmwareInTheLoop as FirmwareInTheLoop
 from avc_hardware._in_the_loop import LoopTrace as LoopTrace
-from avc_hardware._log import save_log as save_log
+from avc_hardware._live_plot import LivePlot as LivePlot
+from avc_hardware._log import LOG_ENDINGS as LOG_ENDINGS
+from avc_hardware._log import TelemetryLog as TelemetryLog
+from avc_hardware._log import open_log as open_log
 from avc_hardware._monitor import monitor as monitor
 from avc_hardware._ports import Port as Port
 from avc_hardware._ports import find_port as find_port
@@ -46,5 +49,6 @@ from avc_hardware._stream import StreamResult as StreamResult
 from avc_hardware._stream import StreamSample as StreamSample
 from avc_hardware._stream import stream as stream
 from avc_hardware._table import TableImage as TableImage
+from avc_hardware._telemetry import TelemetrySample as TelemetrySample
 from avc_hardware._tried import LoopResult as LoopResult
 from avc_hardware._tried import tried_in_the_loop as tried_in_the_loop

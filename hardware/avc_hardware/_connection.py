@@ -17,6 +17,7 @@ from avc_hardware._messages import HeartbeatSeen, Kind, Log, Message, heartbeat,
 from avc_hardware._ports import find_port
 from avc_hardware._runs_on import emulated_board
 from avc_hardware._session import Answer, Exchange, NoAnswerError, Session
+from avc_hardware._telemetry import Telemetry
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -28,6 +29,8 @@ EMULATOR_IS_FRESH = (
     "the emulated board is a fresh one in every command: no table and no state carries over from one to the next"
 )
 USB = "usb:"
+RAMP_S = 0.1
+"""Time in which the force falls once the host is silent."""
 DEFAULT_BAUD = 115200
 # A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
 _BYTES_ON_THE_WAY = 1536 + 1024
@@ -70,6 +73,7 @@ class Connection:
         self._on_log = on_log
         self._decoder = Decoder()
         self._waiting: deque[tuple[int, Message]] = deque()
+        self._telemetry: deque[Telemetry] = deque()
         try:
             self.link.write(DELIMITER)
             self.device: Device = self.run(self.session.hello())
@@ -122,6 +126,17 @@ class Connection:
         ticks = math.ceil(within_s / self.device.sample_time_s)
         return self.run(self.session.ask(Kind.HEARTBEAT, heartbeat(ticks), HeartbeatSeen)).mode
 
+    def let_force_fall(self) -> None:
+        """End the heartbeats: the force falls to 0 within 0.1 s; returns after that.
+
+        Raises:
+            LinkError: no answer.
+        """
+        self.run(self.session.ask(Kind.HEARTBEAT, heartbeat(1), HeartbeatSeen))
+        end = self.link.now_s() + RAMP_S + 3 * self.device.sample_time_s
+        while (left := end - self.link.now_s()) > 0:
+            self._read(left)
+
     def _exchange(self, exchange: Exchange, end: float) -> Answer:
         if exchange.data:
             self.link.write(exchange.data)
@@ -130,14 +145,34 @@ class Connection:
             left = until - self.link.now_s()
             if left <= 0:
                 return None
-            for frame in self._decoder.feed(self.link.read(left)):
-                message = parse(frame)
-                if isinstance(message, Log):
-                    if self._on_log is not None:
-                        self._on_log(message.text)
-                elif message is not None:
-                    self._waiting.append((frame.sequence, message))
+            self._read(left)
         return self._waiting.popleft()
+
+    def telemetry(self, timeout_s: float) -> Telemetry | None:
+        """Return the next message that the device has pushed; None when none comes in time.
+
+        Raises:
+            LinkError: unplugged.
+        """
+        until = self.link.now_s() + timeout_s
+        while not self._telemetry:
+            left = until - self.link.now_s()
+            if left <= 0:
+                return None
+            self._read(left)
+        return self._telemetry.popleft()
+
+    def _read(self, timeout_s: float) -> None:
+        """Sort what comes in: answers, what is pushed, lines of text."""
+        for frame in self._decoder.feed(self.link.read(timeout_s)):
+            message = parse(frame)
+            if isinstance(message, Log):
+                if self._on_log is not None:
+                    self._on_log(message.text)
+            elif isinstance(message, Telemetry):
+                self._telemetry.append(message)
+            elif message is not None:
+                self._waiting.append((frame.sequence, message))
 
     def close(self) -> None:
         """Close the link."""

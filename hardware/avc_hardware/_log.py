@@ -1,42 +1,166 @@
-"""Log: what `monitor` saw, as arrays in a file."""
+"""Log: what `monitor` sees, written as it goes, so that a program that is killed leaves a readable file.
+
+Both formats count the force along +position, as logs of `avc excite` do and `avc identify` and `avc diagnose` expect;
+samples count it out of the wall, against +position.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import fields
+import importlib
+import json
+import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, Self, TextIO
 
-import numpy as np
+from avc_casadi import InputError, MissingExtraError
+from avc_hardware._device_fault import DeviceFault
+from avc_hardware._telemetry import TelemetrySample
 
-from avc_casadi import InputError
-from avc_hardware._device import MODES, DeviceStatus
+LOG_ENDINGS = (".csv", ".mcap")
+"""File endings of logs."""
+_COLUMNS = {
+    "tick": "integer",
+    "time_ms": "number",
+    "position_um": "number",
+    "force_N": "number",
+    "velocity_m_per_s": "number",
+    "frequency_hz": "number",
+    "damping_ns_per_m": "number",
+    "stiffness_n_per_m": "number",
+    "contact_damping_ns_per_m": "number",
+    "energy_j": "number",
+    "mode": "string",
+    "faults": "string",
+    "coupling": "string",
+    "boot": "integer",
+    "lost": "integer",
+}
 
 
-def save_log(samples: Iterable[DeviceStatus], path: Path) -> int:
-    """Write samples as an ``.npz`` file with one array a field; ``mode`` as its index in `MODES`.
+class TelemetryLog(Protocol):
+    """A file of samples; use as a context manager."""
+
+    def write(self, sample: TelemetrySample) -> None:
+        """Add a sample; it is in the file when this returns."""
+        ...
+
+    def close(self) -> None:
+        """End the file; harmless when repeated."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+def open_log(path: Path) -> TelemetryLog:
+    """Begin a log: ``.csv``, or ``.mcap`` for Foxglove, PlotJuggler and the like (JSON messages on topic ``/avc``).
 
     Args:
-        samples: of `monitor`.
-        path: file to write; its ending must be ``.npz``.
-
-    Returns:
-        Number of samples written.
+        path: file to write; what it held is gone.
 
     Raises:
         InputError: another ending, or the file cannot be written.
+        MissingExtraError: ``.mcap`` without the extra ``mcap``.
+
+    Example:
+        >>> with avc_hardware.open_log(Path("log.csv")) as log:  # doctest: +SKIP
+        ...     for sample in avc_hardware.monitor("/dev/ttyACM0", rate_hz=200, seconds=10):
+        ...         log.write(sample)
     """
-    if path.suffix != ".npz":
-        raise InputError.of("allowed: a name that ends in .npz", file=str(path))
-    rows = list(samples)
-    columns: dict[str, Any] = {
-        field.name: np.array(
-            [MODES.index(row.mode) if field.name == "mode" else getattr(row, field.name) for row in rows]
-        )
-        for field in fields(DeviceStatus)
-    }
+    if path.suffix not in LOG_ENDINGS:
+        raise InputError.of(f"allowed: a name that ends in {' or '.join(LOG_ENDINGS)}", file=str(path))
     try:
-        np.savez_compressed(path, **columns)
+        return _Csv(path) if path.suffix == ".csv" else _Mcap(path)
     except OSError as error:
         raise InputError.of(f"cannot be written ({error.strerror})", file=str(path)) from error
-    return len(rows)
+
+
+def _row(sample: TelemetrySample) -> dict[str, Any]:
+    values = (
+        sample.ticks,
+        1e3 * sample.time_s,
+        1e6 * sample.position_m,
+        0.0 - sample.force_n,
+        sample.velocity_m_per_s,
+        sample.frequency_hz,
+        sample.damping_ns_per_m,
+        sample.stiffness_n_per_m,
+        sample.contact_damping_ns_per_m,
+        sample.energy_j,
+        sample.mode,
+        DeviceFault(sample.faults).word,
+        sample.coupling_id,
+        sample.boot_id,
+        sample.lost,
+    )
+    return dict(zip(_COLUMNS, values, strict=True))
+
+
+class _Csv:
+    def __init__(self, path: Path) -> None:
+        self._file: TextIO = path.open("w", encoding="utf-8", newline="")
+        self._file.write(
+            "# avc monitor: at the device's own ticks; force_N along +position; a lost record is a gap in time\n"
+            f"{','.join(_COLUMNS)}\n"
+        )
+        self._file.flush()
+
+    def write(self, sample: TelemetrySample) -> None:
+        self._file.write(",".join(map(_cell, _row(sample).values())) + "\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    return f'"{value}"' if "," in str(value) else str(value)
+
+
+class _Mcap:
+    def __init__(self, path: Path) -> None:
+        try:
+            writer: Any = importlib.import_module("mcap.writer")
+        except ImportError as error:
+            raise MissingExtraError(
+                "a log in MCAP needs the extra 'mcap': pip install 'avc-casadi[mcap]'; or log to .csv"
+            ) from error
+        self._file = path.open("wb")
+        # Without chunks every message is in the file at once; readers then scan a file that was cut off.
+        self._writer: Any = writer.Writer(self._file, use_chunking=False)
+        self._writer.start(profile="", library="avc-casadi")
+        properties = {name: {"type": [kind, "null"]} for name, kind in _COLUMNS.items()}
+        schema = json.dumps({"type": "object", "properties": properties})
+        number = self._writer.register_schema("avc.Telemetry", "jsonschema", schema.encode())
+        self._channel = self._writer.register_channel("/avc", "json", number)
+        self._file.flush()
+
+    def write(self, sample: TelemetrySample) -> None:
+        row = {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in _row(sample).items()
+        }
+        time_ns = round(1e9 * sample.time_s)
+        data = json.dumps(row).encode()
+        self._writer.add_message(self._channel, time_ns, data, time_ns, sample.ticks & 0xFFFFFFFF)
+        self._file.flush()
+
+    def close(self) -> None:
+        if not self._file.closed:
+            self._writer.finish()
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -11,6 +11,7 @@ from enum import IntEnum
 from avc_hardware._device import MODES, Device, DeviceStatus
 from avc_hardware._frames import PROTOCOL_VERSION, Frame
 from avc_hardware._refusal import INTERFACE_VERSION, Reason, Refusal
+from avc_hardware._telemetry import Telemetry
 
 REPLY = 0x80
 UNITS_SI = 1  # Hz, N.s/m, N/m, N.s/m
@@ -32,6 +33,8 @@ class Kind(IntEnum):
     RECORDS = 0x0B
     STOP = 0x0C
     CLEAR = 0x0D
+    SUBSCRIBE = 0x0E
+    TELEMETRY = 0xFD
     LOG = 0xFE
     REFUSED = 0xFF
 
@@ -134,6 +137,14 @@ class Records:
 
 
 @dataclass(frozen=True)
+class Subscribed:
+    """SUBSCRIBE taken at tick ``ticks``: a record every so many ticks (0: none)."""
+
+    every: int
+    ticks: int
+
+
+@dataclass(frozen=True)
 class Log:
     """A line of text from the firmware."""
 
@@ -152,6 +163,8 @@ Message = (
     | GainsTaken
     | Excited
     | Records
+    | Subscribed
+    | Telemetry
     | Log
 )
 
@@ -194,6 +207,11 @@ def heartbeat(ticks: int) -> bytes:
 def clear(faults: int) -> bytes:
     """Payload of CLEAR: codes of the faults to clear."""
     return _ONE.pack(faults)
+
+
+def subscribe(every: int, ticks: int) -> bytes:
+    """Payload of SUBSCRIBE: a record every so many ticks (0: none), for so many ticks unless it is renewed."""
+    return _TWO.pack(every, ticks)
 
 
 def set_gains(number: int, ticks: int, b: float, k: float, b_p: float) -> bytes:
@@ -251,6 +269,8 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     Kind.EXCITE | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),
     Kind.STOP | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),
     Kind.RECORDS | REPLY: _records,
+    Kind.SUBSCRIBE | REPLY: lambda payload: Subscribed(*_TWO.unpack(payload)),
+    Kind.TELEMETRY: Telemetry.read,
     Kind.LOG: lambda payload: Log(payload.decode("utf-8", "replace")),
     Kind.REFUSED: Refusal.read,
 }

@@ -1,21 +1,29 @@
-"""Monitor: the device's state again and again."""
+"""Monitor: what the device pushes of itself, and the heartbeat of the host that watches."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import suppress
 
-from avc_casadi import LinkError
+from avc_casadi import InputError, LinkError
+from avc_casadi.support import uninterrupted
+from avc_hardware import _messages as m
 from avc_hardware._bytes import ByteLink
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
-from avc_hardware._device import DeviceStatus
+from avc_hardware._device import Device, DeviceStatus
 from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._messages import Kind
 from avc_hardware._session import Answer, Exchange
+from avc_hardware._telemetry import Samples, TelemetrySample
 
+LONGEST_HEARTBEAT_S = 5.0
+"""Longest time from one heartbeat to the next that a device allows."""
 # How often to look whether an unplugged device is back.
 _LOOK_AGAIN_S = 0.2
+# A subscription holds so long without being renewed; heartbeats come three times as often as they must.
+_HOLDS_S, _RENEW_S, _BEATS = 2.0, 0.5, 3
 
 
 def monitor(
@@ -23,44 +31,97 @@ def monitor(
     *,
     rate_hz: float = 20.0,
     seconds: float | None = None,
+    heartbeat_s: float | None = None,
     baud: int = DEFAULT_BAUD,
     reconnect_s: float = 0.0,
-) -> Iterator[DeviceStatus]:
-    """Yield the device's state at a rate, until ``seconds`` are over or the caller stops.
+    on_device: Callable[[Device], None] | None = None,
+    on_end: Callable[[DeviceStatus], None] | None = None,
+) -> Generator[TelemetrySample, None, None]:
+    """Yield what the device pushes, a record every so many ticks, until ``seconds`` are over or the caller stops.
 
     Args:
         port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
-        rate_hz: samples a second by the link's clock; a slow link gives fewer.
+        rate_hz: records a second, as near as whole ticks come; what the line is too slow for is told as `lost`.
         seconds: duration; without it for ever.
+        heartbeat_s: say that this host is alive, at least so often; when it ends, falls silent or is killed, the force
+            falls to 0 within 0.1 s and the device waits for a heartbeat (mode safe). None leaves the device alone.
         baud: rate of a serial port.
         reconnect_s: how long to wait for a device that was unplugged; with ``usb:NUMBER`` it may come back elsewhere.
+        on_device: takes what the device says of itself, at the beginning and after each time it was unplugged.
+        on_end: takes its state at the end, after the force has fallen.
 
     Raises:
+        InputError: a rate or a heartbeat out of range.
         LinkError: no device, or unplugged for longer.
     """
-    left = math.inf if seconds is None else math.floor(seconds * rate_hz) + 1
+    if not (math.isfinite(rate_hz) and rate_hz > 0):
+        raise InputError.of(f"{rate_hz:g} Hz; allowed: a finite rate above 0", key="rate_hz")
+    if heartbeat_s is not None and not 0 < heartbeat_s <= LONGEST_HEARTBEAT_S:
+        raise InputError.of(f"{heartbeat_s:g} s; allowed: above 0, at most {LONGEST_HEARTBEAT_S:g}", key="heartbeat_s")
+    left = math.inf if seconds is None else math.floor(seconds * rate_hz * (1 + 1e-9)) + 1
     give_up: float | None = None
     while left > 0:
         try:
             link = open_link(port, baud=baud) if isinstance(port, str) else port
             with Connection(link, baud=baud) as connection:
-                start = link.now_s()
-                count = 0
-                while left > 0:
-                    status = connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
-                    give_up = None
-                    count += 1
-                    left -= 1
-                    yield status
-                    connection.run(pause(start + count / rate_hz - link.now_s()))
-                    if seconds is None and isinstance(link, EmulatedBoard):
-                        time.sleep(1 / rate_hz)  # virtual time would rush past whoever watches
+                if on_device is not None:
+                    on_device(connection.device)
+                try:
+                    for sample in _watch(connection, rate_hz, heartbeat_s, paced=seconds is None):
+                        give_up = None
+                        left -= 1 + sample.lost
+                        yield sample
+                        if left <= 0:
+                            break
+                except LinkError:
+                    raise
+                except BaseException:
+                    with uninterrupted():
+                        _end(connection, heartbeat_s, on_end)
+                    raise
+                _end(connection, heartbeat_s, on_end)
         except LinkError:
             now = time.monotonic()
             give_up = now + reconnect_s if give_up is None else give_up
             if not isinstance(port, str) or now >= give_up:
                 raise
             time.sleep(_LOOK_AGAIN_S)
+
+
+def _watch(
+    connection: Connection, rate_hz: float, heartbeat_s: float | None, *, paced: bool
+) -> Iterator[TelemetrySample]:
+    """Keep subscription and heartbeat alive; yield for ever."""
+    link, device = connection.link, connection.device
+    every = max(1, round(1 / (rate_hz * device.sample_time_s)))
+    subscribe = m.subscribe(every, math.ceil(_HOLDS_S / device.sample_time_s))
+    samples = Samples(device.sample_time_s, device.metres_per_count)
+    beat_at = math.inf if heartbeat_s is None else -math.inf
+    renew_at = -math.inf
+    start = time.monotonic() - link.now_s()
+    while True:
+        if heartbeat_s is not None and link.now_s() >= beat_at:
+            beat_at = link.now_s() + heartbeat_s / _BEATS
+            connection.heartbeat(heartbeat_s)
+        if link.now_s() >= renew_at:
+            renew_at = link.now_s() + _RENEW_S
+            connection.run(connection.session.ask(Kind.SUBSCRIBE, subscribe, m.Subscribed))
+        message = connection.telemetry(min(beat_at, renew_at) - link.now_s())
+        if message is None:
+            continue
+        if paced and isinstance(link, EmulatedBoard):
+            time.sleep(max(0.0, start + link.now_s() - time.monotonic()))  # virtual time would rush past the watcher
+        yield from samples.take(message)
+
+
+def _end(connection: Connection, heartbeat_s: float | None, on_end: Callable[[DeviceStatus], None] | None) -> None:
+    """End what was begun; a device that is gone needs no more."""
+    with suppress(LinkError):
+        connection.run(connection.session.ask(Kind.SUBSCRIBE, m.subscribe(0, 0), m.Subscribed))
+        if heartbeat_s is not None:
+            connection.let_force_fall()
+        if on_end is not None:
+            on_end(connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus)))
 
 
 def pause(seconds: float) -> Generator[Exchange, Answer, None]:

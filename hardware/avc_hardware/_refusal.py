@@ -9,7 +9,7 @@ from enum import IntEnum
 from avc_hardware._device_fault import DeviceFault
 from avc_hardware._frames import PROTOCOL_VERSION
 
-INTERFACE_VERSION = 6  # of the messages' meaning
+INTERFACE_VERSION = 7  # of the messages' meaning
 _REFUSED = struct.Struct("<HHI")
 
 

@@ -35,6 +35,7 @@ CORE = (
     "avc_excite.c",
     "avc_fault.c",
     "avc_control.c",
+    "avc_telemetry.c",
     "avc_answer.c",
     "avc_transfer.c",
     "avc_excitation.c",

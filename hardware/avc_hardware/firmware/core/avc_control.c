@@ -316,5 +316,8 @@ float avc_control_tick(avc_control_t *c, int32_t encoder_count)
     s->force_n = force;
     c->previous_force = force;
     s->ticks++;
+    if (c->telemetry.left != 0u) {
+        avc_telemetry_tick(c);
+    }
     return force;
 }

@@ -15,6 +15,7 @@
 #include "avc_feedback.h"
 #include "avc_guard.h"
 #include "avc_table.h"
+#include "avc_telemetry.h"
 
 typedef enum { AVC_MODE_TABLE = 0, AVC_MODE_RAMP = 1, AVC_MODE_SAFE = 2, AVC_MODE_FAULT = 3 } avc_mode_t;
 
@@ -81,6 +82,7 @@ typedef struct {
     avc_state_t state;
     avc_feedback_state_t feedback;
     avc_fault_t fault;
+    avc_telemetry_t telemetry;
     avc_excite_t excite;
 } avc_control_t;
 
@@ -97,6 +99,9 @@ void avc_control_fault(avc_control_t *control, uint32_t codes);
 
 /* Whether a force may come, so that the amplifier is to be on. */
 bool avc_control_drives(const avc_control_t *control);
+
+/* Of a tick that has ended, while a host is subscribed. */
+void avc_telemetry_tick(avc_control_t *control);
 
 /* One tick; returns the force in newtons that the device shall push back with (positive out of the wall). */
 float avc_control_tick(avc_control_t *control, int32_t encoder_count);

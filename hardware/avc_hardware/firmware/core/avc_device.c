@@ -232,6 +232,7 @@ static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_RECORDS, 8, 8, avc_on_records},
     {AVC_MESSAGE_STOP, 4, 4, avc_on_stop},
     {AVC_MESSAGE_CLEAR, 4, 4, on_clear},
+    {AVC_MESSAGE_SUBSCRIBE, 8, 8, avc_on_subscribe},
 };
 
 static void on_frame(avc_device_t *device)
@@ -280,7 +281,7 @@ bool avc_device_poll(avc_device_t *device)
             device->frames_bad++;
         }
     }
-    return did;
+    return avc_push_telemetry(device) || did;
 }
 
 void avc_device_init(avc_device_t *device, const avc_limits_t *limits, uint32_t serial, uint32_t boot_id)

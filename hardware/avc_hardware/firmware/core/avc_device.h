@@ -16,7 +16,7 @@
 
 enum {
     AVC_PROTOCOL_VERSION = 1,
-    AVC_INTERFACE_VERSION = 6,
+    AVC_INTERFACE_VERSION = 7,
     AVC_WINDOW = 1536,     /* bytes that the host may have on the way */
     AVC_CHUNK_MAX = 512  /* table bytes in one message */
 };
@@ -35,7 +35,9 @@ typedef enum {
     AVC_MESSAGE_RECORDS = 0x0B,
     AVC_MESSAGE_STOP = 0x0C,
     AVC_MESSAGE_CLEAR = 0x0D,
+    AVC_MESSAGE_SUBSCRIBE = 0x0E,
     AVC_MESSAGE_REPLY = 0x80, /* set in the answer to each of the above */
+    AVC_MESSAGE_TELEMETRY = 0xFD,
     AVC_MESSAGE_LOG = 0xFE,
     AVC_MESSAGE_REFUSED = 0xFF
 } avc_message_t;

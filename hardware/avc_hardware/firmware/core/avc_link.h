@@ -32,6 +32,10 @@ void avc_on_excite(avc_device_t *device, const avc_request_t *request);
 void avc_on_records(avc_device_t *device, const avc_request_t *request);
 void avc_on_stop(avc_device_t *device, const avc_request_t *request);
 
+/* Telemetry. */
+void avc_on_subscribe(avc_device_t *device, const avc_request_t *request);
+bool avc_push_telemetry(avc_device_t *device);
+
 /* The transfer of a table. */
 void avc_on_begin(avc_device_t *device, const avc_request_t *request);
 void avc_on_chunk(avc_device_t *device, const avc_request_t *request);
