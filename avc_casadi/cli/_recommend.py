@@ -188,7 +188,7 @@ def _limits(document: dict[str, Any]) -> list[str]:
     if leaning is not None and felt is not None and leaning > _STIFFER * felt:
         lines.append(
             f"friction: if rest by the declared {number(document['felt']['friction_n'])} N of dry friction is enough, "
-            f"{number(leaning)} N/m: --lean-on-friction"
+            f"{number(leaning)} N/m at least: --lean-on-friction searches for it"
         )
     return lines
 

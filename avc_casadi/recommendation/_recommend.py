@@ -46,7 +46,8 @@ class Recommendation(Comparable):
         stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every hand and let go: with a plain
             spring and damper, or with one of the couplings that were judged, which are no stiffer than the wall asks.
         plain_wall_n_per_m: that of a plain spring and damper, linear stability alone.
-        with_friction_n_per_m: what could be felt if rest by the declared dry friction were enough; None without any.
+        with_friction_n_per_m: what the stiffest of those tried would give if rest by the declared dry friction were
+            enough; a search for that may find more. None without any.
         helps: what would allow a plain spring and damper a stiffer wall.
         considered: how many couplings were judged.
         reason: one sentence: why this one, or why none.
