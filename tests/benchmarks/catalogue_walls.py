@@ -253,7 +253,8 @@ and damper hold with every corner of the hands and let go, at every corner of th
 (`avc_casadi.stability.stiffest_wall`), linear. **Recommended**: coupling and wall in series of `avc recommend`;
 **felt**: median at the end of a press, hands at the force limit left out. **Leaning on friction**: what
 `with_friction_n_per_m` tells: of what was tried, so at least that. Trials: 100 hands, corners among them, on the
-nominal device. **Holds inside the ranges**: of {inside} devices drawn inside the ranges (claims are made at their corners), those on which the coupling is
+nominal device. **Holds inside the ranges**: of {inside} devices drawn inside the ranges (claims are made at their
+corners), those on which the coupling is
 deployable. **Limited by**: the force limit if most presses end at it; else the single change that raises the plain
 limit most (no delay, no resonance, ideal amplifier, each with its range gone; half the sample time) and by how much;
 and the encoder, if without it more hands rest (without friction) before the plain wall of {share:.0%} of the limit.
