@@ -9,7 +9,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.certificate import levels_table
 from avc_casadi.cli import main
-from avc_casadi.cli._recommend import conclusion_lines
+from avc_casadi.recommendation import conclusion_lines
 from avc_casadi.report import ReportContents, report_html, summarise
 from avc_casadi.study.comparison import comparison_document, comparison_tables
 from avc_casadi.support import Table, number

@@ -39,6 +39,7 @@ ROOMS = (
     "study.table1",
     "figures",
     "report",
+    "explore",
     "avc_hardware",
     "cli",
     "_entry",

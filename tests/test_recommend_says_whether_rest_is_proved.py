@@ -9,9 +9,10 @@ from hardware_bench import believer
 
 import avc_casadi as avc
 from avc_casadi.certificate import certified, promises_rest, quick_rest_level
-from avc_casadi.cli._recommend import recommendation_lines, rest_line
+from avc_casadi.cli._recommend import recommendation_lines
 from avc_casadi.coupling import Coupling, Gains, Runtime, spring_before
 from avc_casadi.proof import Rest
+from avc_casadi.recommendation import rest_line
 from avc_casadi.recommendation._rest import proved_first, with_rest
 
 WALL = 8.9e4

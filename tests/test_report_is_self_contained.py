@@ -9,9 +9,9 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.certificate import certify
-from avc_casadi.cli._recommend import conclusion_lines
 from avc_casadi.figures import draw_boundaries, draw_perceived, figure_svg
 from avc_casadi.loop import ASSUMPTIONS, PAPER_ERRORS
+from avc_casadi.recommendation import conclusion_lines
 from avc_casadi.report import ReportContents, report_html, summarise
 
 VOID = {"meta", "img", "link", "br", "hr"}

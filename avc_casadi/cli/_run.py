@@ -15,7 +15,7 @@ from avc_casadi.cli._compare import compared, infeasible
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._deploy import push_or_say
 from avc_casadi.cli._files import output_folder, write_text
-from avc_casadi.cli._recommend import conclusion_lines, recommend_document
+from avc_casadi.cli._recommend import recommend_document
 from avc_casadi.cli._solve import without_gains
 from avc_casadi.cli._subject import add_unsafe
 from avc_casadi.cli._text import titled
@@ -57,6 +57,7 @@ def _worked_through(
 ) -> Answer:
     """Do all of it, with files in one folder, told as files of another."""
     from avc_casadi.coupling import coupling_document, gain_csv, gain_document
+    from avc_casadi.recommendation import conclusion_lines
     from avc_casadi.report import ReportContents, report_html, summarise, summary_lines
     from avc_casadi.study.comparison import comparison_document, with_delivered
     from avc_casadi.support import json_text, meanwhile

@@ -8,6 +8,7 @@ from __future__ import annotations
 VERBS: tuple[str, ...] = (
     "run",
     "recommend",
+    "explore",
     "list",
     "check",
     "solve",

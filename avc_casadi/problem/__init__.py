@@ -30,6 +30,7 @@ from avc_casadi.problem._device_file import Source as Source
 from avc_casadi.problem._device_file import Sources as Sources
 from avc_casadi.problem._device_file import device_catalogue as device_catalogue
 from avc_casadi.problem._device_file import load_device as load_device
+from avc_casadi.problem._device_file import parse_device as parse_device
 from avc_casadi.problem._dump import dump_problem as dump_problem
 from avc_casadi.problem._dump import effect_of as effect_of
 from avc_casadi.problem._dump import problem_document as problem_document

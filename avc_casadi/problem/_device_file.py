@@ -106,8 +106,25 @@ def load_device(source: str | Path) -> DeviceFile:
     path = device_path(source)
     if isinstance(path, str):
         raise InputError.of(path, file=str(source))
-    file, text = str(source), text_of(path, "give the path of a device file or the name of a device from `avc list`")
-    found = checked(DeviceFile, tables_of(text, file), path.stem, _RULES)
+    return parse_device(
+        text_of(path, "give the path of a device file or the name of a device from `avc list`"),
+        file=str(source),
+        name=path.stem,
+    )
+
+
+def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> DeviceFile:
+    """Validate the text of a device file.
+
+    Args:
+        text: TOML.
+        file: what the faults call the file.
+        name: name of the device.
+
+    Raises:
+        InputError: with every fault of the text at once, each with its line and key.
+    """
+    found = checked(DeviceFile, tables_of(text, file), name, _RULES)
     if isinstance(found, DeviceFile):
         return found
     lines = KeyLines(text.replace("\r\n", "\n"))

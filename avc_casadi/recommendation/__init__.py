@@ -16,3 +16,6 @@ from avc_casadi.recommendation._recommend import Recommendation as Recommendatio
 from avc_casadi.recommendation._recommend import judged_as_recommended as judged_as_recommended
 from avc_casadi.recommendation._recommend import recommend as recommend
 from avc_casadi.recommendation._stiffest import stiffest as stiffest
+from avc_casadi.recommendation._told import conclusion_lines as conclusion_lines
+from avc_casadi.recommendation._told import gains_line as gains_line
+from avc_casadi.recommendation._told import rest_line as rest_line

@@ -5,6 +5,7 @@ from avc_casadi.support._arrays import ComplexArray as ComplexArray
 from avc_casadi.support._arrays import Float32Array as Float32Array
 from avc_casadi.support._arrays import FloatArray as FloatArray
 from avc_casadi.support._arrays import IndexArray as IndexArray
+from avc_casadi.support._background import Background as Background
 from avc_casadi.support._display import Columns as Columns
 from avc_casadi.support._display import Tabular as Tabular
 from avc_casadi.support._display import columns_html as columns_html

@@ -63,7 +63,7 @@ def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R
 def _started(work: Callable[[T], R], tasks: Sequence[T], workers: int) -> Iterator[list[Future[R]]]:
     others = set(active_children())
     # A fresh interpreter for each process: CasADi's threads do not survive a fork.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_follow_parent) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=follow_parent) as pool:
         try:
             with starting_processes():
                 futures = [pool.submit(work, task) for task in tasks]
@@ -74,7 +74,7 @@ def _started(work: Callable[[T], R], tasks: Sequence[T], workers: int) -> Iterat
             raise
 
 
-def _follow_parent() -> None:
+def follow_parent() -> None:
     """Leave Ctrl-C to the parent, and end when it has gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_after_parent, daemon=True).start()

@@ -1,0 +1,78 @@
+"""What the page lets an engineer change: keys of a problem file with the units and ranges of their sliders."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Field:
+    """One value of a problem file on the page.
+
+    Attributes:
+        key: dotted key of the problem file; a number at its end is a place in a list.
+        group: heading it stands under.
+        label: its name.
+        unit: unit on the page.
+        low: lowest value of the slider, in that unit; a typed value may lie outside.
+        high: highest value of the slider.
+        scale: linear or log; a flag has no slider, a choice neither.
+        factor: SI units in one unit of the page.
+        blank: what an empty field means; none where it may not be empty.
+        choices: what may be chosen.
+        start: value taken where the problem has none, in SI units.
+    """
+
+    key: str
+    group: str
+    label: str
+    unit: str = ""
+    low: float = 0.0
+    high: float = 1.0
+    scale: str = "linear"
+    factor: float = 1.0
+    blank: str = ""
+    choices: tuple[str, ...] = ()
+    start: float | None = None
+
+
+WALL, DEVICE, LOOP, STRUCTURE, HANDS, RENDERING = (
+    "Wall",
+    "Device",
+    "Sampling, delay and encoder",
+    "Amplifier and resonance",
+    "Hands",
+    "Coupling and model",
+)
+
+FIELDS: tuple[Field, ...] = (
+    Field("environment.stiffness_n_per_m", WALL, "stiffness", "N/m", 100, 1e6, "log"),
+    Field("environment.damping_ns_per_m", WALL, "damping", "N·s/m", 0, 100),
+    Field("device.mass_kg", DEVICE, "mass", "kg", 0.01, 2, "log"),
+    Field("device.damping_ns_per_m", DEVICE, "damping", "N·s/m", 0, 20),
+    Field("device.coulomb_friction_n", DEVICE, "dry friction", "N", 0, 2),
+    Field("device.max_force_n", DEVICE, "largest force", "N", 1, 100, "log", blank="no limit"),
+    Field("device.sample_time_s", LOOP, "sample time", "ms", 0.05, 5, "log", factor=1e-3),
+    Field("device.delay_samples", LOOP, "delay", "samples", 0, 8),
+    Field("device.encoder_resolution_m", LOOP, "encoder step", "µm", 0, 100, factor=1e-6),
+    Field("device.amplifier_bandwidth_hz", STRUCTURE, "amplifier", "Hz", 50, 5000, "log", blank="no lag"),
+    Field("device.resonance.frequency_hz", STRUCTURE, "resonance", "Hz", 20, 1000, "log", blank="rigid"),
+    Field("device.resonance.damping_ratio", STRUCTURE, "its damping ratio", "", 0.005, 0.5, "log", start=0.05),
+    Field("device.resonance.mass_ratio", STRUCTURE, "handle's share of mass", "", 0.05, 0.95, start=0.5),
+    Field("hands.mass_kg.0", HANDS, "mass, lightest", "kg", 0.01, 1, "log"),
+    Field("hands.mass_kg.1", HANDS, "mass, heaviest", "kg", 0.01, 1, "log"),
+    Field("hands.damping_ns_per_m.0", HANDS, "damping, least", "N·s/m", 0, 50),
+    Field("hands.damping_ns_per_m.1", HANDS, "damping, most", "N·s/m", 0, 50),
+    Field("hands.stiffness_n_per_m.0", HANDS, "stiffness, softest", "N/m", 0, 2000),
+    Field("hands.stiffness_n_per_m.1", HANDS, "stiffness, stiffest", "N/m", 0, 2000),
+    Field("coupling.structure", RENDERING, "structure", scale="choice", choices=("series", "damped")),
+    Field("stability.model", RENDERING, "hold model", scale="choice", choices=("paper", "sampled-data")),
+    Field("frequency.points", RENDERING, "frequencies", "", 20, 1000, "log"),
+)
+KEYS: frozenset[str] = frozenset(field.key for field in FIELDS)
+
+
+def fields_document() -> list[dict[str, Any]]:
+    """Return the fields as JSON values."""
+    return [asdict(field) for field in FIELDS]

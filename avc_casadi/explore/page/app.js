@@ -1,0 +1,323 @@
+// The page: its settings stand in the address, every change is asked of the server, the last answer wins.
+
+import { Client, Follow } from "./client.js";
+import { Fields, made } from "./fields.js";
+import { drawImpedance, drawRegion, drawTouch, drawVerdict } from "./pictures.js";
+import { Toy } from "./toy.js";
+
+const UNDO_JOIN_MS = 900;
+const ADDRESS_MS = 300;
+const POLL_MS = 500;
+const GAINS = { damping_ns_per_m: "b, N·s/m", stiffness_n_per_m: "k, N/m", contact_damping_ns_per_m: "b_p, N·s/m" };
+const FRESH = { device: null, values: {}, method: "direct", gains: {}, motion: "press" };
+
+const get = (id) => document.getElementById(id);
+const copy = (value) => JSON.parse(JSON.stringify(value));
+const client = new Client((text) => (get("status").textContent = text));
+
+let about;
+let fields;
+let toy;
+let state = { a: copy(FRESH), b: null, on: "a" };
+const shown = { a: {}, b: {} };
+const asking = { a: "", b: "" };
+const past = [];
+const future = [];
+let joined = { kind: "", time: 0 };
+let polling = null;
+let asked = 0;
+
+const current = () => state[state.on];
+const columns = () => (state.b ? ["a", "b"] : ["a"]);
+
+// ---- state, undo, address
+
+function readAddress() {
+  try {
+    const found = JSON.parse(decodeURIComponent(location.hash.slice(1)));
+    const whole = (one) => ({ ...copy(FRESH), ...one });
+    return { a: whole(found.a), b: found.b ? whole(found.b) : null, on: found.b && found.on === "b" ? "b" : "a" };
+  } catch {
+    return { a: copy(FRESH), b: null, on: "a" };
+  }
+}
+
+let writing = null;
+function writeAddress() {
+  if (writing !== null) return;
+  writing = setTimeout(() => {
+    writing = null;
+    history.replaceState(null, "", `#${encodeURIComponent(JSON.stringify(state))}`);
+  }, ADDRESS_MS);
+}
+
+function change(edit, kind = "") {
+  const time = performance.now();
+  if (!kind || kind !== joined.kind || time - joined.time > UNDO_JOIN_MS) past.push(copy(state));
+  if (past.length > 200) past.shift();
+  joined = { kind, time };
+  future.length = 0;
+  edit();
+  restate();
+}
+
+function travel(from, to) {
+  if (!from.length) return;
+  to.push(copy(state));
+  state = from.pop();
+  joined = { kind: "", time: 0 };
+  restate();
+}
+
+function restate() {
+  writeAddress();
+  showControls();
+  for (const column of columns()) {
+    const wanted = JSON.stringify(state[column]);
+    if (wanted !== asking[column]) follow[column].changed();
+    asking[column] = wanted;
+  }
+}
+
+// ---- controls
+
+function showControls() {
+  const settings = current();
+  get("undo").disabled = !past.length;
+  get("redo").disabled = !future.length;
+  get("tab-b").hidden = get("drop").hidden = !state.b;
+  get("compare").hidden = Boolean(state.b);
+  get("tab-a").setAttribute("aria-pressed", String(state.on === "a"));
+  get("tab-b").setAttribute("aria-pressed", String(state.on === "b"));
+  get("method").value = settings.method;
+  get("device").value = settings.device || "";
+  get("motion").value = settings.motion;
+  get("own-gains").hidden = settings.method !== "constant";
+  for (const key of Object.keys(GAINS)) {
+    const input = get(`g-${key}`);
+    if (input !== document.activeElement) input.value = settings.gains[key] ?? "";
+  }
+  get("work").hidden = !about.slow.includes(settings.method);
+  const known = shown[state.on].values || about.values;
+  fields.show({ ...known, ...settings.values });
+  showFaults();
+  if (!get("work").hidden) watchWork();
+}
+
+function showFaults() {
+  const errors = shown[state.on].errors || [];
+  const rest = fields.faults(errors);
+  for (const key of Object.keys(GAINS)) {
+    const fault = rest.find((one) => one.key === `gains.${key}`);
+    get(`g-${key}-error`).textContent = fault ? fault.message : "";
+    get(`g-${key}`).setAttribute("aria-invalid", String(Boolean(fault)));
+  }
+  get("error-method").textContent = rest.filter((one) => one.key === "method").map((one) => one.message).join("; ");
+  get("error-device").textContent = rest.filter((one) => one.key === "device").map((one) => one.message).join("; ");
+  get("general-error").textContent = rest
+    .filter((one) => !/^(gains\.|method$|device$)/.test(one.key))
+    .map((one) => [one.key, one.message].filter(Boolean).join(" ")).join("; ");
+}
+
+function buildControls() {
+  const named = { direct: "direct (the paper's NLP)", constant: "constant, typed", recommend: "recommend (a run)" };
+  const option = (value, text) => made("option", { value }, text);
+  get("method").append(
+    made("optgroup", { label: "at once" }, ...about.live.map((one) => option(one, named[one] || one))),
+    made("optgroup", { label: "a run, seconds to minutes" }, ...about.slow.map((one) => option(one, named[one] || one))));
+  get("device").append(option("", "as in the problem"), ...about.devices.map((one) => option(one.name, one.title)));
+  for (const [key, name] of Object.entries(GAINS)) {
+    const input = made("input", { id: `g-${key}`, type: "text", inputmode: "decimal", "aria-describedby": `g-${key}-error` });
+    input.addEventListener("input", () => change(() => {
+      const value = Number(input.value);
+      if (input.value.trim() === "") delete current().gains[key];
+      else current().gains[key] = Number.isFinite(value) ? value : input.value;
+    }, `gain ${key}`));
+    get("own-gains").append(made("div", { class: "field" }, made("label", { for: input.id }, name), input,
+      made("p", { class: "error", id: `g-${key}-error` })));
+  }
+  fields = new Fields(get("fields"), about.fields, (key, value, kind, event) => {
+    if (event) asked = event.timeStamp;
+    change(() => (current().values[key] = value), kind);
+  });
+  get("method").addEventListener("change", (event) => change(() => (current().method = event.target.value)));
+  get("motion").addEventListener("change", (event) => change(() => (current().motion = event.target.value)));
+  get("device").addEventListener("change", (event) => chooseDevice({ name: event.target.value }));
+  get("device-file").addEventListener("change", async (event) => {
+    const [file] = event.target.files;
+    if (file) chooseDevice({ text: await file.text(), file: file.name });
+  });
+  get("undo").addEventListener("click", () => travel(past, future));
+  get("redo").addEventListener("click", () => travel(future, past));
+  get("compare").addEventListener("click", () => change(() => (state = { a: state.a, b: copy(state.a), on: "b" })));
+  get("drop").addEventListener("click", () => change(() => {
+    state = { a: state.a, b: null, on: "a" };
+    shown.b = {};
+    asking.b = "";
+    drawAll();
+  }));
+  for (const column of ["a", "b"]) get(`tab-${column}`).addEventListener("click", () => {
+    state.on = column;
+    writeAddress();
+    showControls();
+  });
+  get("work-begin").addEventListener("click", () => watchWork(true));
+  get("work-cancel").addEventListener("click", async () => {
+    await client.ask("cancel", { settings: current() });
+    watchWork();
+  });
+  get("save-problem").addEventListener("click", () => save("problem"));
+  get("save-coupling").addEventListener("click", () => save("coupling"));
+  get("copy-command").addEventListener("click", copyCommand);
+  document.addEventListener("keydown", (event) => {
+    if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || event.target.matches("input[type=text]")) return;
+    event.preventDefault();
+    if (event.shiftKey) travel(future, past);
+    else travel(past, future);
+  });
+  get("controls").addEventListener("submit", (event) => event.preventDefault());
+}
+
+/** A device takes the place of all that the page says of one. */
+async function chooseDevice(which) {
+  const kept = (values) => Object.fromEntries(Object.entries(values).filter(([key]) => !key.startsWith("device.")));
+  if (which.name === "") {
+    get("device-note").textContent = "";
+    change(() => Object.assign(current(), { device: null, values: kept(current().values) }));
+    return;
+  }
+  const found = await client.ask("device", which);
+  if (!found || found.errors) {
+    get("error-device").textContent = found ? found.errors.map((one) => [one.key, one.message].filter(Boolean).join(" ")).join("; ") : "";
+    return;
+  }
+  get("device-note").textContent = found.gaps.length ? `Not known of it, and taken cautiously: ${found.gaps.join(", ")}.` : "";
+  change(() => {
+    const values = kept(current().values);
+    if (which.name) Object.assign(current(), { device: which.name, values });
+    else Object.assign(current(), { device: null, values: { ...values, ...found.values } });
+  });
+}
+
+// ---- slow methods
+
+async function watchWork(begin = false) {
+  clearTimeout(polling);
+  const settings = copy(current());
+  const found = await client.ask("work", { settings, begin });
+  if (!found || JSON.stringify(settings) !== JSON.stringify(current())) return;
+  const running = found.state === "running";
+  const says = {
+    "not-begun": "Not run for these settings yet.",
+    running: `${found.what || "starting"}: ${found.done} of ${found.total || "?"}, ${found.seconds} s`,
+    done: `Done in ${found.seconds} s.`,
+    error: `Ended: ${found.error}`,
+    refused: found.error,
+  };
+  get("work-says").textContent = found.errors ? "" : says[found.state];
+  const bar = get("work-progress");
+  bar.hidden = !running;
+  bar.value = found.total ? found.done / found.total : 0;
+  get("work-begin").hidden = running || found.state === "done";
+  get("work-cancel").hidden = !running;
+  get("told").replaceChildren(...(found.lines || []).map((line) => made("li", {}, line)));
+  if (running) polling = setTimeout(watchWork, POLL_MS);
+  else if (found.state === "done" && !(shown[state.on].now && shown[state.on].now.gains)) follow[state.on].changed();
+}
+
+// ---- answers
+
+const follow = Object.fromEntries(["a", "b"].map((column) => [column, new Follow(client, () => state[column], {
+  first: "now",
+  after: ["judge", "touch", "region"],
+  answered(part, found) {
+    const mine = shown[column];
+    if (part === "now") {
+      mine.errors = found.errors || (found.refused ? [{ key: "", message: found.refused }] : []);
+      if (found.values) mine.values = found.values;
+      if (column === state.on) showControls();
+      if (mine.errors.length) {
+        markStale();
+        return;
+      }
+      Object.assign(mine, { now: found, judge: null, touch: null });
+      drawImpedance(shown, columns());
+      if (asked) performance.measure("picture", { start: asked, end: performance.now() });
+      asked = 0;
+      if (toy && toy.running) toy.reload();
+    } else {
+      mine[part] = found;
+    }
+    if (part === "touch") drawTouch(shown, columns());
+    if (part === "now" || part === "region") drawRegion(shown, columns(), state);
+    drawVerdict(shown, columns(), state);
+    markStale();
+  },
+})]));
+
+/** Faded is what does not belong to the settings as they stand. */
+function markStale() {
+  const late = columns().some((one) => !shown[one].judge || shown[one].errors.length);
+  document.querySelector("main").classList.toggle("stale", late);
+}
+
+function drawAll() {
+  const there = columns().filter((column) => shown[column].now);
+  if (!there.includes("a")) return;
+  drawImpedance(shown, columns());
+  drawTouch(shown, columns());
+  drawRegion(shown, columns(), state);
+  drawVerdict(shown, columns(), state);
+}
+
+// ---- files
+
+async function save(kind) {
+  const found = await client.ask("file", { settings: current(), kind });
+  if (!found) return;
+  if (found.errors || found.refused) {
+    get("file-says").textContent = `Not saved: ${found.refused || found.errors.map((one) => one.message).join("; ")}`;
+    return;
+  }
+  const link = made("a", { href: URL.createObjectURL(new Blob([found.text])), download: found.name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  get("file-says").textContent = `Saved ${found.name}${found.told ? `; ${found.told}` : ""}.`;
+}
+
+async function copyCommand() {
+  const found = await client.ask("file", { settings: current(), kind: "command" });
+  if (!found || !found.text) return;
+  get("command").textContent = found.text;
+  get("command").hidden = false;
+  try {
+    await navigator.clipboard.writeText(found.text);
+    get("file-says").textContent = "Copied.";
+  } catch {
+    get("file-says").textContent = "Copy it from below.";
+  }
+}
+
+// ---- begin
+
+async function begin() {
+  about = await client.ask("start", {});
+  if (!about) return;
+  document.title = `avc explore: ${about.problem}`;
+  get("title").textContent = `avc explore: ${about.title || about.problem}`;
+  state = readAddress();
+  buildControls();
+  toy = new Toy((without) => client.ask("toy", { settings: current(), without_coupling: without }));
+  window.addEventListener("hashchange", () => {
+    state = readAddress();
+    restate();
+  });
+  let width = window.innerWidth;
+  window.addEventListener("resize", () => {
+    if (window.innerWidth !== width) drawAll();
+    width = window.innerWidth;
+  });
+  restate();
+}
+
+begin();

@@ -1,0 +1,112 @@
+// The controls: one slider and one field a value, in the units of the page; errors stand next to the field.
+
+const STEPS = 1000;
+
+function made(name, attributes = {}, ...children) {
+  const element = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (value === true) element.setAttribute(key, "");
+    else if (value !== false && value !== null) element.setAttribute(key, value);
+  }
+  element.append(...children);
+  return element;
+}
+
+const plain = (value) => String(Number(value.toPrecision(6)));
+const toPage = (field, value) => (typeof value === "number" ? plain(value / field.factor) : value === null || value === undefined ? "" : String(value));
+
+function fromPage(field, text) {
+  const trimmed = text.trim().replace(",", ".");
+  if (trimmed === "") return null;
+  const value = Number(trimmed);
+  if (!Number.isFinite(value)) return text.trim();
+  return Number((value * field.factor).toPrecision(12));
+}
+
+const place = (field, value) => field.scale === "log"
+  ? Math.log(value / field.low) / Math.log(field.high / field.low)
+  : (value - field.low) / (field.high - field.low);
+
+function placed(field, share) {
+  const value = field.scale === "log" ? field.low * (field.high / field.low) ** share : field.low + (field.high - field.low) * share;
+  const whole = field.key === "frequency.points";
+  return whole ? Math.round(value) : Number(value.toPrecision(3));
+}
+
+/** Build the controls of all fields. `changed(key, value, kind)` is told of every change; kind joins undo steps. */
+export class Fields {
+  constructor(host, fields, changed) {
+    this.entries = new Map();
+    const groups = new Map();
+    const narrow = window.matchMedia("(max-width: 800px)").matches;
+    for (const field of fields) {
+      if (!groups.has(field.group)) {
+        const open = !narrow || groups.size === 0;
+        const box = made("details", { open }, made("summary", {}, field.group));
+        groups.set(field.group, box);
+        host.append(box);
+      }
+      groups.get(field.group).append(this.#entry(field, changed));
+    }
+  }
+
+  #entry(field, changed) {
+    const id = `f-${field.key.replaceAll(".", "-")}`;
+    const error = made("p", { class: "error", id: `${id}-error` });
+    const name = made("label", { for: id }, field.label);
+    const entry = { field, error };
+    const row = made("div", { class: "field" }, name);
+    if (field.choices.length) {
+      entry.input = made("select", { id, "aria-describedby": error.id }, ...field.choices.map((one) => made("option", { value: one }, one)));
+      entry.input.addEventListener("change", () => changed(field.key, entry.input.value, field.key));
+      row.append(entry.input, error);
+    } else {
+      entry.input = made("input", { id, type: "text", inputmode: "decimal", placeholder: field.blank, "aria-describedby": error.id });
+      entry.slider = made("input", { type: "range", min: 0, max: STEPS, step: 1, "aria-label": `${field.group}: ${field.label}` });
+      entry.input.addEventListener("input", (event) => changed(field.key, fromPage(field, entry.input.value), field.key, event));
+      entry.slider.addEventListener("input", (event) => {
+        const value = placed(field, entry.slider.value / STEPS);
+        entry.input.value = plain(value);
+        changed(field.key, fromPage(field, entry.input.value), field.key, event);
+      });
+      row.append(entry.input, made("span", { class: "unit" }, field.unit), entry.slider, error);
+    }
+    this.entries.set(field.key, entry);
+    return row;
+  }
+
+  /** Show values; the field that is being typed in is left alone. */
+  show(values) {
+    for (const [key, { field, input, slider }] of this.entries) {
+      const value = values[key];
+      if (input !== document.activeElement) input.value = toPage(field, value);
+      if (slider && typeof value === "number") {
+        if (slider !== document.activeElement) slider.value = Math.round(STEPS * Math.min(1, Math.max(0, place(field, value / field.factor) || 0)));
+        slider.setAttribute("aria-valuetext", `${toPage(field, value)} ${field.unit}`);
+      } else if (slider) {
+        slider.setAttribute("aria-valuetext", field.blank || "none");
+      }
+    }
+  }
+
+  /** Show faults next to their fields; returns those that belong to none. */
+  faults(errors) {
+    const rest = [];
+    for (const { input, error } of this.entries.values()) {
+      error.textContent = "";
+      input.removeAttribute("aria-invalid");
+    }
+    for (const fault of errors) {
+      const entry = this.entries.get(fault.key);
+      if (!entry) {
+        rest.push(fault);
+        continue;
+      }
+      entry.error.textContent = `${entry.error.textContent} ${fault.message}`.trim();
+      entry.input.setAttribute("aria-invalid", "true");
+    }
+    return rest;
+  }
+}
+
+export { made };

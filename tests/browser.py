@@ -1,0 +1,88 @@
+"""A real browser for tests: headless Chromium of the system, at the widths of a desk, a tablet and a phone."""
+
+import base64
+import json
+import shutil
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+WIDTHS = {"desktop": 1400, "tablet": 768, "phone": 390}
+AXE = Path(__file__).parent / "axe" / "axe.min.js"
+_SERIOUS = """
+const done = arguments[arguments.length - 1];
+axe.run(document, {resultTypes: ['violations']}).then((found) => done(found.violations
+  .filter((one) => ['serious', 'critical'].includes(one.impact))
+  .map((one) => `${one.id}: ${one.nodes.map((node) => node.html.slice(0, 120)).slice(0, 3).join(' | ')}`)));
+"""
+# Whatever sticks out of the page sideways, but for what scrolls inside a box of its own.
+_SIDEWAYS = "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
+
+
+@contextmanager
+def chromium(folder):
+    """Start Chromium; downloads go to the folder. Skips with a word where Chromium or its driver is not installed."""
+    browser, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if browser is None or driver is None:
+        pytest.skip("no Chromium with its driver (Debian: apt-get install chromium chromium-driver)")
+    from selenium import webdriver  # noqa: PLC0415 - only where there is a browser
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = browser
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--window-size=1400,900",
+        f"--user-data-dir={folder}/p",
+    ):
+        options.add_argument(argument)
+    options.add_experimental_option("prefs", {"download.default_directory": str(folder)})
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    started = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    started.set_script_timeout(60)
+    try:
+        yield started
+    finally:
+        started.quit()
+
+
+def resize(driver, width, height=900):
+    driver.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500},
+    )
+
+
+def sticks_out_by(driver):
+    return driver.execute_script(_SIDEWAYS)
+
+
+def serious_violations(driver):
+    """What axe-core finds of the kinds serious and critical."""
+    driver.execute_script(AXE.read_text(encoding="utf-8"))
+    return driver.execute_async_script(_SERIOUS)
+
+
+def console_errors(driver):
+    return [entry["message"] for entry in driver.get_log("browser") if entry["level"] in {"SEVERE", "WARNING"}]
+
+
+def requested(driver):
+    """Every address that the page has asked for since this was last called."""
+    events = (json.loads(entry["message"])["message"] for entry in driver.get_log("performance"))
+    return [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
+
+
+def screenshot(driver, whole=True):
+    found = driver.execute_cdp_cmd("Page.captureScreenshot", {"format": "png", "captureBeyondViewport": whole})
+    return base64.b64decode(found["data"])
+
+
+def printed_pages(driver):
+    """The page as Chromium prints it on A4: PDF."""
+    found = driver.execute_cdp_cmd(
+        "Page.printToPDF", {"paperWidth": 8.27, "paperHeight": 11.69, "printBackground": False}
+    )
+    return base64.b64decode(found["data"])

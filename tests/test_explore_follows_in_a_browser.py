@@ -1,0 +1,234 @@
+"""`avc explore` in Chromium: it follows sliders and typing, tells faults, keeps its settings, and asks nobody else."""
+
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+from browser import WIDTHS, chromium, console_errors, requested, resize, serious_violations, sticks_out_by
+from hardware_bench import believer
+
+import avc_casadi as avc
+from avc_casadi.coupling import NO_COUPLING, Coupling, Gains, Runtime
+from avc_casadi.explore import Explorer, ExploreServer
+from avc_casadi.explore._toy import toy_document
+from avc_casadi.scene import simulate
+
+WALL = "f-environment-stiffness_n_per_m"
+
+
+@pytest.fixture(scope="module")
+def server():
+    with ExploreServer(Explorer(avc.load_problem("figure5").changed(frequency={"points": 40}), "figure5")) as started:
+        threading.Thread(target=started.serve_forever, daemon=True).start()
+        yield started
+        started.shutdown()
+
+
+@pytest.fixture(scope="module")
+def driver(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("browser")) as started:
+        yield started
+
+
+@pytest.fixture
+def page(driver, server):
+    driver.get("about:blank")
+    requested(driver)
+    driver.get(server.url)
+    settled(driver)
+    yield driver
+    assert console_errors(driver) == []
+    own = f"http://127.0.0.1:{server.port}/"
+    assert [url for url in requested(driver) if not url.startswith((own, "data:", "blob:", "about:"))] == []
+
+
+def until(question, seconds=30.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        found = question()
+        if found:
+            return found
+        time.sleep(0.03)
+    raise AssertionError("it did not happen in time")
+
+
+def by_id(driver, name):
+    return driver.find_element("id", name)
+
+
+def settled(driver):
+    until(
+        lambda: driver.execute_script(
+            "return document.getElementById('status').textContent === 'ready'"
+            " && !document.querySelector('main').classList.contains('stale')"
+            " && document.querySelector('#c-region svg') !== null && document.querySelector('#levels table') !== null"
+        )
+    )
+
+
+def typed(driver, name, text):
+    by_id(driver, name).send_keys("\ue009a\ue000", text)  # all of it is selected, and typed over
+
+
+def state(driver):
+    return driver.execute_script("return JSON.parse(decodeURIComponent(location.hash.slice(1)))")
+
+
+def shown(driver, figure):
+    return by_id(driver, figure).find_element("css selector", "svg").get_attribute("aria-label")
+
+
+def test_a_slider_moves_the_picture_and_undo_brings_it_back(page):
+    before = shown(page, "c-magnitude")
+    slider = page.find_element("css selector", "[aria-label='Wall: stiffness']")
+    slider.send_keys("\ue012" * 3)  # arrow left
+    until(lambda: shown(page, "c-magnitude") != before)
+    assert float(by_id(page, WALL).get_attribute("value")) < 1e5
+    by_id(page, "undo").click()
+    until(lambda: shown(page, "c-magnitude") == before)
+    assert float(by_id(page, WALL).get_attribute("value")) == 1e5
+    settled(page)
+
+
+def test_faults_stand_beside_their_fields_all_at_once(page):
+    typed(page, WALL, "-8000")
+    typed(page, "f-device-mass_kg", "heavy")
+    told = until(lambda: by_id(page, f"{WALL}-error").text and by_id(page, "f-device-mass_kg-error").text)
+    assert "not a number; allowed: 0 or 1e-9 to 1e6 kg" in told
+    assert "-8000" in by_id(page, f"{WALL}-error").text
+    assert by_id(page, WALL).get_attribute("aria-invalid") == "true"
+    typed(page, WALL, "8000")
+    typed(page, "f-device-mass_kg", "0.1")
+    until(lambda: not by_id(page, f"{WALL}-error").text and not by_id(page, "f-device-mass_kg-error").text)
+    settled(page)
+
+
+def test_settings_survive_a_reload_and_stay_in_their_own_tab(page, server):
+    typed(page, WALL, "9000")
+    by_id(page, "compare").click()
+    typed(page, WALL, "4000")
+    until(lambda: (state(page).get("b") or {}).get("values", {}).get("environment.stiffness_n_per_m") == 4000)
+    first = page.current_window_handle
+    page.switch_to.new_window("tab")
+    page.get(server.url)
+    settled(page)
+    assert float(by_id(page, WALL).get_attribute("value")) == 1e5
+    page.close()
+    page.switch_to.window(first)
+    page.refresh()
+    settled(page)
+    assert float(by_id(page, WALL).get_attribute("value")) == 4000
+    assert state(page)["a"]["values"] == {"environment.stiffness_n_per_m": 9000}
+    assert [cell.text for cell in page.find_elements("css selector", "#verdict thead th")] == ["what", "A", "B"]
+
+
+def test_a_slow_server_is_waited_for_and_the_last_setting_wins(page, server, monkeypatch):
+    whole = server.explorer.schedule
+
+    def slowly(settings):
+        time.sleep(0.4)
+        return whole(settings)
+
+    monkeypatch.setattr(server.explorer, "schedule", slowly)
+    for text in ("7000", "6000", "5000"):
+        typed(page, WALL, text)
+    until(lambda: by_id(page, "status").text == "computing")
+    settled(page)
+    assert "5000 N/m" in shown(page, "c-region")
+
+
+def test_files_are_saved_as_they_were_set(page, tmp_path):
+    page.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
+    page.find_element("css selector", "#device option[value='novint-falcon']").click()
+    typed(page, WALL, "8000")
+    page.find_element("css selector", "#method option[value='constant']").click()
+    typed(page, "g-stiffness_n_per_m", "900")
+    until(lambda: "900 to 900 N/m" in shown(page, "c-stiffness"))
+    for name in ("save-problem", "save-coupling"):
+        by_id(page, name).click()
+        until(lambda: by_id(page, "file-says").text.startswith("Saved"))
+    problem = avc.load_problem(until(lambda: next(tmp_path.glob("*.toml"), None)))
+    assert problem.device == avc.load_device("novint-falcon").device
+    assert problem.environment.stiffness_n_per_m == 8000
+    coupling = avc.read_coupling(until(lambda: next(tmp_path.glob("*.json"), None)))
+    assert coupling.table.rows[0, 1:].tolist() == [0.0, 900.0, 0.0]
+    by_id(page, "copy-command").click()
+    assert "avc compare figure5-explored.toml --mine 900,0" in until(lambda: by_id(page, "command").text)
+
+
+@pytest.mark.parametrize("size", WIDTHS)
+def test_nothing_sticks_out_and_nothing_is_hidden_from_anybody(page, size):
+    resize(page, WIDTHS[size])
+    page.refresh()
+    settled(page)
+    assert sticks_out_by(page) <= 0
+    if size != "tablet":
+        assert serious_violations(page) == []
+    resize(page, WIDTHS["desktop"])
+
+
+@pytest.mark.parametrize("gains", [None, (0.0, 6e3, 12.0), (4.0, 2e4, 0.0)])
+def test_the_page_moves_the_device_as_the_scene_does(page, gains):
+    """The toy's own loop against the compiled scene, on a device with all that the toy knows."""
+    problem = avc.load_problem("figure5").changed(
+        device={
+            "delay_samples": 1.5,
+            "encoder_resolution_m": 2e-5,
+            "amplifier_bandwidth_hz": 1000.0,
+            "max_force_n": 3.0,
+            "resonance": {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.4},
+        },
+        environment={"stiffness_n_per_m": 4e3, "damping_ns_per_m": 1.0},
+        boundaries={"upper": {"stiffness_n_per_m": 4e3}, "lower": {"stiffness_n_per_m": 4e3}},
+        scene={"duration_s": 0.6, "integrator": "projected", "substeps": 4},
+    )
+    coupling = None if gains is None else avc.Coupling.constant(problem, coupling_gains(gains), "typed")
+    run = simulate(problem, coupling_gains(gains) if coupling is None else coupling)
+    moved = driven(page, problem, coupling, run)
+    np.testing.assert_allclose(moved[:, 0], run.position_m, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(moved[:, 1], run.force_n, rtol=0, atol=1e-5)
+    assert np.abs(run.force_n).max() > 1.0
+
+
+def test_the_page_feeds_back_the_believed_state_as_the_scene_does(page):
+    problem = avc.load_problem("figure5").changed(
+        scene={"duration_s": 0.5, "integrator": "projected", "substeps": 4}, device={"encoder_resolution_m": 1e-5}
+    )
+    runtime = Runtime(state_feedback=believer(1))
+    coupling = Coupling.constant(problem, Gains(0.0, 1e8), "believer", runtime)
+    run = simulate(problem, coupling)
+    moved = driven(page, problem, coupling, run)
+    kept = slice(0, 200)  # the loop amplifies what rounding leaves
+    np.testing.assert_allclose(moved[kept, 0], run.position_m[kept], rtol=0, atol=1e-9)
+
+
+def coupling_gains(gains):
+    return NO_COUPLING if gains is None else Gains(*gains)
+
+
+def driven(page, problem, coupling, run):
+    """Let the page's loop follow the scene's target; returns position and force at every sample."""
+    numbers = json.dumps(toy_document(problem, coupling))
+    speed = np.gradient(run.target_m, run.sample_time_s)
+    target = np.stack([run.target_m, np.r_[np.diff(run.target_m) / run.sample_time_s, speed[-1]]], axis=1)
+    return np.array(
+        page.execute_async_script(
+            """
+            const [numbers, targets, start, done] = arguments;
+            import(new URL('loop.js', location.href)).then(({ gainsAt, Loop }) => {
+              const found = JSON.parse(numbers);
+              const loop = new Loop(found, found.rows ? gainsAt(found.rows, 1) : null, start);
+              done(targets.map(([position, velocity]) => {
+                const before = loop.position_m;
+                loop.step(position, velocity);
+                return [before, loop.force];
+              }));
+            });
+            """,
+            numbers,
+            target.tolist(),
+            float(run.position_m[0]),
+        )
+    )

@@ -1,0 +1,158 @@
+"""The server of `avc explore` answers its own page alone; anything else is refused, and nothing is computed."""
+
+import http.client
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+
+import pytest
+from background_work import endless, halved
+
+import avc_casadi as avc
+from avc_casadi.explore import Explorer, ExploreServer
+from avc_casadi.support import Background
+
+SETTINGS = {"device": None, "values": {}, "method": "direct", "gains": {}, "motion": "press"}
+QUESTION = json.dumps({"settings": SETTINGS}).encode()
+JSON = {"Content-Type": "application/json"}
+
+
+@pytest.fixture(scope="module")
+def server():
+    with ExploreServer(Explorer(avc.load_problem("soft"), "soft")) as started:
+        threading.Thread(target=started.serve_forever, daemon=True).start()
+        yield started
+        started.shutdown()
+
+
+@pytest.fixture
+def untouched(server, monkeypatch):
+    """Fails if anything is computed."""
+    asked = []
+    monkeypatch.setattr(server.explorer, "problem", asked.append)
+    yield
+    assert asked == []
+
+
+def ask(server, method, path, body=b"", headers=None, host=None):
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=20)
+    try:
+        connection.putrequest(method, path, skip_host=True)
+        connection.putheader("Host", host or f"127.0.0.1:{server.port}")
+        for name, value in ({"Content-Length": str(len(body))} | (headers or {})).items():
+            connection.putheader(name, value)
+        connection.endheaders(body)
+        answer = connection.getresponse()
+        return answer.status, answer.read(), dict(answer.getheaders())
+    finally:
+        connection.close()
+
+
+def inside(server, path):
+    return f"/{server.token}/{path}"
+
+
+def test_the_page_and_a_question_are_answered(server):
+    status, page, headers = ask(server, "GET", inside(server, ""))
+    assert (status, headers["Content-Type"]) == (200, "text/html; charset=utf-8")
+    assert b"app.js" in page
+    assert "default-src 'none'" in headers["Content-Security-Policy"]
+    status, answer, _ = ask(server, "POST", inside(server, "now"), QUESTION, JSON)
+    assert status == 200
+    assert len(json.loads(answer)["frequency_hz"]) == 200
+
+
+@pytest.mark.parametrize(
+    ("status", "method", "path", "body", "headers"),
+    [
+        (403, "GET", "/", b"", {}),
+        (403, "POST", "/wrong/now", QUESTION, JSON),
+        (403, "POST", "TOKEN/now", QUESTION, JSON | {"Origin": "http://example.org"}),
+        (403, "POST", "TOKEN/now", QUESTION, JSON | {"Origin": "null"}),
+        (403, "GET", "TOKEN/", b"", {"Sec-Fetch-Site": "cross-site"}),
+        (404, "GET", "TOKEN/../_server.py", b"", {}),
+        (404, "GET", "TOKEN/%2e%2e/_server.py", b"", {}),
+        (404, "POST", "TOKEN/nothing", QUESTION, JSON),
+        (405, "GET", "TOKEN/now", b"", {}),
+        (405, "POST", "TOKEN/", QUESTION, JSON),
+        (405, "PUT", "TOKEN/now", QUESTION, JSON),
+        (405, "DELETE", "TOKEN/now", b"", {}),
+        (411, "POST", "TOKEN/now", b"", JSON | {"Content-Length": "-1"}),
+        (413, "POST", "TOKEN/now", b"", JSON | {"Content-Length": "99999999"}),
+        (415, "POST", "TOKEN/now", QUESTION, {"Content-Type": "text/plain"}),
+        (400, "POST", "TOKEN/now", b"{", JSON),
+        (400, "POST", "TOKEN/now", b"[]", JSON),
+        (400, "POST", "TOKEN/now", b'{"settings": NaN}', JSON),
+        (400, "POST", "TOKEN/now", b"[" * 100_000, JSON),
+        (400, "POST", "TOKEN/now", b'{"settings": {"values": {"device.__class__": 1}}}', JSON),
+        (400, "POST", "TOKEN/work", b'{"settings": {"method": "rm"}}', JSON),
+        (400, "POST", "TOKEN/device", b'{"name": 7}', JSON),
+    ],
+)
+@pytest.mark.usefixtures("untouched")
+def test_anything_else_is_refused(server, status, method, path, body, headers):
+    found, answer, _ = ask(server, method, path.replace("TOKEN", f"/{server.token}"), body, headers)
+    assert found == status
+    assert json.loads(answer)["error"]
+
+
+@pytest.mark.usefixtures("untouched")
+def test_another_name_for_this_machine_is_refused(server):
+    """What a page elsewhere could make a browser believe: a name of its own that leads to 127.0.0.1."""
+    assert ask(server, "GET", inside(server, ""), host=f"evil.example:{server.port}")[0] == 421
+
+
+def test_it_listens_to_this_machine_alone(server):
+    assert server.server_address[0] == "127.0.0.1"
+
+
+def test_no_two_servers_share_an_address():
+    explorer = Explorer(avc.load_problem("soft"), "soft")
+    with ExploreServer(explorer) as one, ExploreServer(explorer) as other:
+        assert one.token != other.token
+        assert len(one.token) >= 20
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
+def test_ctrl_c_ends_it_in_peace():
+    command = [sys.executable, "-m", "avc_casadi", "explore", "soft"]
+    with subprocess.Popen(  # noqa: S603
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        lines = [process.stdout.readline(), process.stdout.readline()]
+        url = lines[1].split()[1]
+        with urllib.request.urlopen(url, timeout=20) as answer:  # noqa: S310 - the address that it has printed
+            assert answer.status == 200
+        os.kill(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (0, "")
+
+
+def waited(work, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not work.over and time.monotonic() < end:
+        time.sleep(0.02)
+    return work.over
+
+
+def test_work_in_the_background_is_told_of_and_ends_when_it_is_cancelled():
+    counting, half, refused = (
+        Background.of(work, task) for work, task in ((endless, 0), (halved, 3.0), (halved, -1.0))
+    )
+    assert waited(half)
+    assert (half.result, half.error, half.said) == (1.5, "", (1, 2, "half"))
+    assert waited(refused)
+    assert refused.error == "task: is negative"
+    end = time.monotonic() + 60
+    while not counting.said[2] and time.monotonic() < end:
+        time.sleep(0.02)
+    assert counting.said[2] == "counting"
+    counting.cancel()
+    assert waited(counting)
+    assert counting.error == "cancelled"
+    assert not counting._process.is_alive()
