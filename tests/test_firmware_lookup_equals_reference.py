@@ -29,11 +29,11 @@ def device_ln(x: float) -> np.float32:
 
 
 def device_lookup(made: Coupling, frequency: Float32Array) -> Float32Array:
-    """Look up in the compiled core; its table has room for 256 rows behind a header of 32 bytes."""
+    """Look up in the compiled core; its table has room for 256 rows behind a header of 32 bytes, and some more."""
     library = ctypes.CDLL(str(host_library()))
     library.avc_table_lookup.restype = Gains
     library.avc_table_lookup.argtypes = [ctypes.c_void_p, ctypes.c_float, ctypes.POINTER(ctypes.c_uint32)]
-    table = ctypes.create_string_buffer(32 + 256 * 16 + 256 * 4 + 8)
+    table = ctypes.create_string_buffer(32 + 256 * 16 + 256 * 4 + 64)
     image = TableImage.of(made).image
     ctypes.memmove(table, image, len(image))
     library.avc_table_prepare(table)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Container, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -78,6 +78,27 @@ class _Node:
     constant: float = 0.0
 
 
+@dataclass
+class _Body:
+    """The statements of a C function as they grow.
+
+    Attributes:
+        of_input: where the function finds an input.
+        constants: by place, what stands for a constant instead of its number.
+        prefix: of the names of values.
+        names: of the values that are there, by place.
+        truths: which of them are truth values.
+        lines: the statements.
+    """
+
+    of_input: Callable[[str], str]
+    constants: Mapping[int, str]
+    prefix: str = ""
+    names: dict[int, str] = field(default_factory=dict)
+    truths: set[int] = field(default_factory=set)
+    lines: list[str] = field(default_factory=list)
+
+
 class FloatProgram:
     """The instructions of a CasADi function of scalars, in CasADi's order, each value computed once.
 
@@ -140,12 +161,13 @@ class FloatProgram:
             return _Node(_SELECT, (second, b, a))
         return node
 
-    def _reachable(self) -> list[int]:
-        wanted = set(self._results.values())
+    def _reachable(self, known: Container[int] = (), wanted: Iterable[int] | None = None) -> list[int]:
+        """Return the places that some results need, in order; what is known needs nothing."""
+        needed = set(self._results.values() if wanted is None else wanted)
         for at in range(len(self._nodes) - 1, -1, -1):
-            if at in wanted and self._nodes[at].operation in self._operations:
-                wanted |= set(self._nodes[at].arguments)
-        return sorted(wanted)
+            if at in needed and at not in known and self._nodes[at].operation in self._operations:
+                needed |= set(self._nodes[at].arguments)
+        return sorted(needed)
 
     def constants_of(self, other: FloatProgram) -> dict[int, float] | None:
         """Return the values that this program's constants have in another, by place.
@@ -198,12 +220,38 @@ class FloatProgram:
             return array if array.dtype == np.bool_ else array != 0
         return array.astype(self.precision.dtype, copy=False)
 
+    def settled_by(self, inputs: Collection[str], constants: Collection[int] = ()) -> tuple[int, ...]:
+        """Return the values that depend on some inputs alone and are asked for by what depends on others too.
+
+        Args:
+            inputs: names; given once for many runs.
+            constants: places of constants that are to be kept like these inputs.
+        """
+        ca = self._ca
+        known: set[int] = set()
+        asked: set[int] = set(self._results.values())
+        for at in self._needed:
+            node = self._nodes[at]
+            if node.operation == ca.OP_CONST:
+                given = at in constants
+            elif node.operation == ca.OP_INPUT:
+                given = self.inputs[node.arguments[0]] in inputs
+            else:
+                literal = {place for place in node.arguments if self._nodes[place].operation == ca.OP_CONST}
+                given = set(node.arguments) <= known | literal
+                if not given:
+                    asked |= set(node.arguments)
+            if given:
+                known.add(at)
+        return tuple(sorted(known & asked))
+
     def c_lines(
         self,
         of_input: Callable[[str], str],
         of_output: Callable[[str], str],
         *,
         constants: Mapping[int, str] | None = None,
+        kept: Mapping[int, str] | None = None,
         prefix: str = "",
     ) -> list[str]:
         """Return the statements of a C function; an output may share its place with an input, as a state does.
@@ -212,41 +260,56 @@ class FloatProgram:
             of_input: where the function finds an input.
             of_output: what an output is assigned to.
             constants: by place, what stands for a constant instead of its number.
+            kept: by place, where values are that were computed before (`settled_by`, `settling_lines`).
             prefix: of the names of values, for two programs in one function.
         """
-        places = constants or {}
-        real, literal = self.precision.c_type, self.precision.literal
-        zero, one = literal(0.0), literal(1.0)
-        lines: list[str] = []
-        names: dict[int, str] = {}
-        truths: set[int] = set()
+        there = kept or {}
+        real = self.precision.c_type
+        body = _Body(of_input, constants or {}, prefix, dict(there))
+        self._write(body, self._reachable(there))
+        # States are read all over the body: none is written before all is computed.
+        late, stores = [], []
+        for index, name in enumerate(self.outputs):
+            value = self._value(body, self._results[index], truth=False)
+            if "->" in value and value not in there.values():
+                late.append(f"const {real} {prefix}r{index} = {value};")
+                value = f"{prefix}r{index}"
+            stores.append(f"{of_output(name)} = {value};")
+        return body.lines + late + stores
 
-        def argument(at: int, *, truth: bool) -> str:
-            if truth == (at in truths):
-                return names[at]
-            return f"({names[at]} != {zero})" if truth else f"({names[at]} ? {one} : {zero})"
+    def settling_lines(
+        self, of_input: Callable[[str], str], kept: Mapping[int, str], *, constants: Mapping[int, str] | None = None
+    ) -> list[str]:
+        """Return the statements that compute the values to be kept, and put each where it is kept."""
+        body = _Body(of_input, constants or {})
+        self._write(body, self._reachable((), kept))
+        return body.lines + [f"{place} = {self._value(body, at, truth=False)};" for at, place in kept.items()]
 
-        for at in self._needed:
+    def _write(self, body: _Body, places: list[int]) -> None:
+        """Add the statements that compute the values at some places, in order."""
+        zero, one = self.precision.literal(0.0), self.precision.literal(1.0)
+        for at in places:
+            if at in body.names:
+                continue
             node = self._nodes[at]
             if node.operation == self._ca.OP_CONST:
-                names[at] = places.get(at) or literal(node.constant)
+                body.names[at] = body.constants.get(at) or self.precision.literal(node.constant)
             elif node.operation == self._ca.OP_INPUT:
-                names[at] = of_input(self.inputs[node.arguments[0]])
+                body.names[at] = body.of_input(self.inputs[node.arguments[0]])
             else:
                 chosen = self._operations[node.operation]
                 pairs = zip(node.arguments, chosen.of_truth, strict=False)
-                given = [argument(value, truth=truth) for value, truth in pairs]
+                given = [self._value(body, value, truth=truth) for value, truth in pairs]
                 text = chosen.c.format(*given, zero=zero, one=one)
-                names[at] = f"{prefix}v{at}"
+                body.names[at] = f"{body.prefix}v{at}"
                 if chosen.truth:
-                    truths.add(at)
-                lines.append(f"const {'bool' if chosen.truth else real} {names[at]} = {text};")
-        # States are read all over the body: none is written before all is computed.
-        kept, stores = [], []
-        for index, name in enumerate(self.outputs):
-            value = argument(self._results[index], truth=False)
-            if "->" in value:
-                kept.append(f"const {real} {prefix}r{index} = {value};")
-                value = f"{prefix}r{index}"
-            stores.append(f"{of_output(name)} = {value};")
-        return lines + kept + stores
+                    body.truths.add(at)
+                kind = "bool" if chosen.truth else self.precision.c_type
+                body.lines.append(f"const {kind} {body.names[at]} = {text};")
+
+    def _value(self, body: _Body, at: int, *, truth: bool) -> str:
+        """Return how a value is written, as a number or as a truth."""
+        name, literal = body.names[at], self.precision.literal
+        if truth == (at in body.truths):
+            return name
+        return f"({name} != {literal(0.0)})" if truth else f"({name} ? {literal(1.0)} : {literal(0.0)})"

@@ -30,7 +30,7 @@ class ReferenceTick:
 
     Attributes:
         force_n: output.
-        frequency_hz: estimate; NaN at rest.
+        frequency_hz: estimate; NaN at rest, and where constant gains run.
         lookup_hz: where the table is read.
         gains: b, k, b_p in force, shape (devices, 3).
     """
@@ -100,12 +100,13 @@ class ReferenceDevice:
     def __init__(self, figures: RuntimeFigures, limits: BoardLimits, devices: int) -> None:
         """Make devices without a table."""
         self._limits = limits
-        self._estimate, self._couple, self._guard = runtime_programs(figures)
+        self._estimate, self._couple, self._guard = runtime_programs(figures)[:3]
         self._states: dict[str, Columns] = {}
         self._force = np.zeros(devices, dtype=np.float32)
         self._contact = np.zeros(devices, dtype=np.bool_)
         self._tables: list[_Table] = []
         self._waits = np.zeros(devices, dtype=np.bool_)
+        self._estimates = np.zeros(devices, dtype=np.bool_)
 
     def swap(self, table: TableImage) -> None:
         """Give a table that takes over from the next tick on, in each device as soon as it is out of contact."""
@@ -121,17 +122,20 @@ class ReferenceDevice:
     def tick(self, counts: NDArray[np.int32]) -> ReferenceTick:
         """Run one tick; ``counts`` are the encoders' positions, shape (devices,)."""
         x = counts.astype(np.float32) * _f(self._limits.metres_per_count)
-        if not self._states:
-            self._states["estimate"] = self._estimate.start(x)
         taken = self._take_over(x) if self._waits.any() else self._waits
         without = ~np.any([one.runs for one in self._tables], axis=0) if self._tables else np.ones(len(x), np.bool_)
         self._rest(without | taken, x)
-        seen = self._run(self._estimate, {"position_m": x, "rest_hz": self._each(lambda one: one.rows[0, 0], 1.0)})
-        frequency = np.where(seen["valid"] != 0, seen["estimate_hz"], _f(np.nan))
+        rest_hz = self._each(lambda one: one.rows[0, 0], 1.0)
+        follows = without | (self._each(lambda one: one.varies) != 0)
+        self._begin(self._estimate, follows & ~self._estimates, x)
+        self._estimates = follows
+        seen = self._run(self._estimate, {"position_m": x, "rest_hz": rest_hz})
+        frequency = np.where(follows & (seen["valid"] != 0), seen["estimate_hz"], _f(np.nan))
+        lookup_hz = np.where(follows, seen["frequency_hz"], rest_hz)
         wanted = np.zeros((len(x), 3), dtype=np.float32)
         y = x
         for one in self._tables:
-            wanted = np.where(one.runs[:, np.newaxis], lookup(one.table.rows, seen["frequency_hz"]), wanted)
+            wanted = np.where(one.runs[:, np.newaxis], lookup(one.table.rows, lookup_hz), wanted)
             if one.feedback is not None:
                 y = np.where(one.runs, one.feedback(x, self._force), y)
         inputs: Columns = {f"wanted_{name}": wanted[..., index] for index, name in enumerate(GAINS)}
@@ -159,7 +163,7 @@ class ReferenceDevice:
         self._states["guard"]["held_force_n"] = force
         self._force = force
         gains = np.stack([np.where(without, _f(0), made[name]) for name in GAINS], axis=-1)
-        return ReferenceTick(force, frequency, seen["frequency_hz"], gains)
+        return ReferenceTick(force, frequency, lookup_hz, gains)
 
     def _take_over(self, x: Float32Array) -> BoolArray:
         """Give the newest table to the devices that are out of contact and out of its wall; returns which took it."""
@@ -176,9 +180,12 @@ class ReferenceDevice:
 
     def _rest(self, where: BoolArray, x: Float32Array) -> None:
         for part in (self._couple, self._guard):
-            begun = part.start(x)
-            states = self._states.get(part.name, begun)
-            self._states[part.name] = {name: np.where(where, begun[name], states[name]) for name in begun}
+            self._begin(part, where, x)
+
+    def _begin(self, part: RuntimeProgram, where: BoolArray, x: Float32Array) -> None:
+        begun = part.start(x)
+        states = self._states.get(part.name, begun)
+        self._states[part.name] = {name: np.where(where, begun[name], states[name]) for name in begun}
 
     def _each(self, number: Callable[[TableImage], float], without: float = 0.0) -> Float32Array:
         """Return a number of each device's table, shape (devices,)."""

@@ -6,68 +6,133 @@ from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 from avc_hardware._host import BoardLimits
 from avc_hardware._precision import SINGLE, Precision
 from avc_hardware._runtime_constants import Template, constants, templates
+from avc_hardware._runtime_program import LAWS
 
 _BANNER = """/* Generated from the scene's CasADi expressions, do not edit:
  * python -m avc_hardware.firmware_build generate */"""
 
 
 def c_sources(template: Template) -> dict[str, str]:
-    """Return header and source of one part by file name; its numbers are in `constants_sources`."""
-    part = template.part
-    name = f"avc_{part.name}"
-    numbers = f"{name}_constants"
+    """Return the sources of one part by file name; its numbers are in `constants_sources`.
 
-    def struct(kind: str, members: tuple[str, ...]) -> str:
-        return "typedef struct {\n" + "".join(f"    float {member};\n" for member in members) + f"}} {name}_{kind}_t;\n"
+    The estimator is a function. What is short is compiled into the tick: the guard, and of the coupling for each law
+    one header for gains that change and one for gains that stay, with the same states.
+    """
+    name = template.part.name
+    kind, _, law = name.partition("_")
+    if kind == "estimate":
+        return _function(template)
+    if kind == "steady":
+        return {f"avc_{name}.h": _header(f"avc_{name}", ['#include "avc_couple.h"', "", *_steady(template)])}
+    step = [*_numbers(template), "", *_step(template, f"avc_{kind}", f"avc_{name}_step")]
+    own = [*_types(template, f"avc_{kind}"), "", *_start(template, f"avc_{kind}")]
+    if not law:
+        return {f"avc_{name}.h": _header(f"avc_{name}", [*own, "", *step])}
+    files = {f"avc_{name}.h": _header(f"avc_{name}", [f'#include "avc_{kind}.h"', "", *step])}
+    # The other law sees a penetration of 0 in a start before the wall.
+    return files | ({f"avc_{kind}.h": _header(f"avc_{kind}", own)} if LAWS[law] else {})
 
-    def of_input(symbol: str) -> str:
-        return f"state->{symbol[6:]}" if symbol.startswith("state_") else f"in->{symbol}"
 
-    def of_output(symbol: str) -> str:
-        return f"state->{symbol[5:]}" if symbol.startswith("next_") else f"out->{symbol[4:]}"
-
-    start = f"void {name}_start({name}_state_t *state, float position_m)"
-    step = f"void {name}_step({name}_state_t *state, const {name}_in_t *in, {name}_out_t *out)"
+def _header(name: str, lines: list[str]) -> str:
     guard = f"{name.upper()}_H"
-    header = "\n".join(
-        [
-            _BANNER,
-            f"#ifndef {guard}",
-            f"#define {guard}",
-            "",
-            struct("state", part.states),
-            struct("in", part.inputs),
-            struct("out", part.outputs),
-            "/* What depends on sample time, encoder and settings. */",
-            f"extern const float {numbers}[{template.size}];",
-            "",
-            "/* The state of a device that has always rested at a position. */",
-            f"{start};",
-            "",
-            "/* One tick. */",
-            f"{step};",
-            "",
-            "#endif",
-            "",
-        ]
-    )
-    places = {place: f"{numbers}[{index}]" for index, place in enumerate(template.constants)}
+    body = ["#include <stdbool.h>", "", *lines] if any("bool" in line for line in lines) else lines
+    return "\n".join([_BANNER, f"#ifndef {guard}", f"#define {guard}", "", *body, "", "#endif", ""])
+
+
+def _struct(name: str, members: tuple[str, ...]) -> list[str]:
+    return ["typedef struct {", *(f"    float {member};" for member in members), f"}} {name}_t;"]
+
+
+def _types(template: Template, name: str) -> list[str]:
+    part = template.part
+    kinds = {"state": part.states, "in": part.inputs, "out": part.outputs}
+    lines = [line for kind, members in kinds.items() for line in [*_struct(f"{name}_{kind}", members), ""]]
+    return lines[:-1]
+
+
+def _numbers(template: Template) -> list[str]:
+    return [
+        "/* What depends on sample time, encoder and settings. */",
+        f"extern const float avc_{template.part.name}_constants[{template.size}];",
+    ]
+
+
+def _start(template: Template, name: str) -> list[str]:
+    part = template.part
     first = len(template.constants)
-    starts = {state: f"{numbers}[{first + index}]" for index, state in enumerate(template.starts)}
-    body = part.program.c_lines(of_input, of_output, constants=places)
-    source = [
-        _BANNER,
-        f'#include "{name}.h"',
-        "",
-        "#include <stdbool.h>",
-        "",
-        start,
+    starts = {state: f"avc_{part.name}_constants[{first + index}]" for index, state in enumerate(template.starts)}
+    return [
+        "/* The state of a device that has always rested at a position. */",
+        f"static inline void {name}_start({name}_state_t *state, float position_m)",
         "{",
         *(f"    {line}" for line in start_lines("state", part.states, part.initial, starts)),
         "}",
     ]
-    source += ["", step, "{", *(f"    {line}" for line in body), "}", ""]
+
+
+def _step(template: Template, types: str, name: str) -> list[str]:
+    places = {place: f"avc_{template.part.name}_constants[{index}]" for index, place in enumerate(template.constants)}
+    body = template.part.program.c_lines(_of_input, _of_output, constants=places)
+    return [
+        "/* One tick. */",
+        f"static inline void {name}({types}_state_t *state, const {types}_in_t *in, {types}_out_t *out)",
+        "{",
+        *(f"    {line}" for line in body),
+        "}",
+    ]
+
+
+def _of_input(symbol: str) -> str:
+    return f"state->{symbol[6:]}" if symbol.startswith("state_") else f"in->{symbol}"
+
+
+def _of_output(symbol: str) -> str:
+    return f"state->{symbol[5:]}" if symbol.startswith("next_") else f"out->{symbol[4:]}"
+
+
+def _function(template: Template) -> dict[str, str]:
+    name = f"avc_{template.part.name}"
+    start, step = _start(template, name), _step(template, name, f"{name}_step")
+    bodies = [[line.removeprefix("static inline ") for line in lines] for lines in (start, step)]
+    declared = [line for lines in bodies for line in (lines[0], f"{lines[1]};", "")]
+    header = _header(name, [*_types(template, name), "", *_numbers(template), "", *declared[:-1]])
+    source = [_BANNER, f'#include "{name}.h"', "", "#include <stdbool.h>", "", *bodies[0][1:], "", *bodies[1][1:], ""]
     return {f"{name}.h": header, f"{name}.c": "\n".join(source)}
+
+
+def _steady(template: Template) -> list[str]:
+    """Return what is computed once for gains that stay, and the step with it."""
+    part, name = template.part, f"avc_{template.part.name}"
+    numbers = {place: f"{name}_constants[{index}]" for index, place in enumerate(template.constants)}
+    given = tuple(symbol for symbol in part.inputs if symbol != "position_m")
+    kept = {place: f"steady->v{place}" for place in part.program.settled_by(given, template.constants)}
+    settle = part.program.settling_lines(_of_input, kept, constants=numbers)
+    return [
+        "/* What gains and wall come to, computed once. */",
+        *_struct(name, tuple(place.removeprefix("steady->") for place in kept.values())),
+        "",
+        *_struct(f"{name}_in", given),
+        "",
+        *_struct(f"{name}_out", part.outputs),
+        "",
+        *_numbers(template),
+        "",
+        f"static inline void {name}_settle({name}_t *steady, const {name}_in_t *in)",
+        "{",
+        *(f"    {line}" for line in settle),
+        "}",
+        "",
+        "/* One tick; of the coupling's states only those that gains which stay have. */",
+        f"static inline void {name}_step(avc_couple_state_t *state, const {name}_t *steady, float position_m,",
+        f"                                {name}_out_t *out)",
+        "{",
+        *(f"    {line}" for line in part.program.c_lines(_of_steady, _of_output, kept=kept)),
+        "}",
+    ]
+
+
+def _of_steady(symbol: str) -> str:
+    return _of_input(symbol) if symbol.startswith("state_") else symbol
 
 
 MADE_FOR = "avc_made_for.h"

@@ -58,14 +58,18 @@ class Template:
 
 
 def templates(figures: RuntimeFigures) -> tuple[Template, ...]:
-    """Return the parts estimate, couple and guard, whatever the numbers of the figures."""
+    """Return the parts that a processor runs, whatever the numbers of the figures."""
     return _templates(figures.estimator, figures.slew_per_s is not None, figures.passive)
+
+
+def _run(figures: RuntimeFigures) -> list[RuntimeProgram]:
+    return [part for part in runtime_programs(figures) if part.name != "couple"]
 
 
 @functools.lru_cache(maxsize=8)
 def _templates(estimator: str, slews: bool, passive: bool) -> tuple[Template, ...]:
     parts = [
-        runtime_programs(RuntimeFigures(time, step, estimator, hold, slew if slews else None, passive, guard))
+        _run(RuntimeFigures(time, step, estimator, hold, slew if slews else None, passive, guard))
         for time, step, hold, slew, guard in _GENERIC
     ]
     made = []
@@ -95,7 +99,7 @@ def constants(figures: RuntimeFigures) -> dict[str, Float32Array]:
             key="device.sample_time_s",
         )
     found = {}
-    for template, part in zip(templates(figures), runtime_programs(figures), strict=True):
+    for template, part in zip(templates(figures), _run(figures), strict=True):
         numbers = template.numbers(part)
         if numbers is None:
             raise UnsupportedError(

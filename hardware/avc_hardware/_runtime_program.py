@@ -2,7 +2,9 @@
 
 A scene reads its gains from a table that is part of the expression; a device receives table and wall by message. So the
 tick is cut where the table is: `estimate` gives the frequency of the look-up, `couple` takes the gains looked up, and
-`guard` acts on the force. All three come from the code that scenes run; nothing of them is written a second time.
+`guard` acts on the force. The contact law is an input of `couple`; for each law there is a program that is made for it
+alone, and one for gains that are constant, where nothing adapts: what a processor runs. All come from the code that
+scenes run; nothing of them is written a second time.
 """
 
 from __future__ import annotations
@@ -14,11 +16,15 @@ from numpy.typing import NDArray
 
 from avc_casadi.runtime import AdaptationSettings, EstimatorSettings, GuardSettings, HoldSettings
 from avc_casadi.scene.effects import Adaptation, Estimator, Guard
-from avc_casadi.scene.loop import Environment, Tick, wall_force
+from avc_casadi.scene.loop import AdaptedGains, Environment, Tick, wall_force
 from avc_casadi.support import Float32Array, HeldInterrupt
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._float_program import FloatProgram
 
+LAWS = {"gated": False, "clips": True}
+"""Whether the contact law of each name is clip-last."""
+# In the order of `Environment`.
+_WALL = ("wall_stiffness_n_per_m", "wall_damping_ns_per_m")
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 
 
@@ -108,8 +114,8 @@ class AnyTable:
         return self.wanted
 
 
-def runtime_programs(figures: RuntimeFigures) -> tuple[RuntimeProgram, RuntimeProgram, RuntimeProgram]:
-    """Return the parts estimate, couple and guard."""
+def runtime_programs(figures: RuntimeFigures) -> tuple[RuntimeProgram, ...]:
+    """Return the parts estimate, couple, guard; of each law couple_LAW and steady_LAW."""
     parts = []
     # CasADi asks Python for shapes while it builds an expression, and passes over what is raised then.
     with HeldInterrupt():
@@ -117,8 +123,7 @@ def runtime_programs(figures: RuntimeFigures) -> tuple[RuntimeProgram, RuntimePr
         for name, (tick, inputs, outputs) in ticks[0].items():
             starts = [[slot.initial for slot in other[name][0].states] for other in ticks]
             parts.append(_program(name, tick, inputs, outputs, list(zip(*starts, strict=True))))
-    estimate, couple, guard = parts
-    return estimate, couple, guard
+    return tuple(parts)
 
 
 _Part = tuple[Tick, dict[str, Any], dict[str, Any]]
@@ -150,35 +155,6 @@ def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
         "frequency_hz": table.frequency[0],
     }
 
-    couple = Tick(time, start_m, adapt=estimate.adapt)
-    # The adaptation keeps its states in the tick that it was made for: it is made once more for this one.
-    couple.position = ca.SX.sym("position_m")
-    couple.frequency_hz = couple.frequency_valid = ca.SX(0)
-    hold_states = len(couple.states)
-    adaptation.sample(couple)
-    del couple.states[hold_states:]
-    wall = symbols("wall_damping_ns_per_m", "wall_stiffness_n_per_m")
-    # Gains that do not vary leave nothing to relax out of contact: their scene has no adaptation.
-    relaxes = symbols("relaxes")
-    laws = symbols("clips_last")
-    given = {"position_m": couple.position} | wanted | rest | wall | relaxes | laws
-    adapt: Any = couple.adapt
-
-    def adapted(deflection: Any, one_sided: bool) -> Any:
-        found = adapt(deflection, one_sided)
-        return replace(found, touching=ca.if_else(relaxes["relaxes"], found.touching, 1))
-
-    couple.adapt = adapted
-    environment = _AnyWall(
-        wall["wall_stiffness_n_per_m"], wall["wall_damping_ns_per_m"], one_sided=True, clips_last=laws["clips_last"]
-    )
-    couple.command = wall_force(couple, environment, rigid=False, damped=True)
-    for settle in couple.at_end:
-        settle()
-    made = {"force_n": couple.command, "tool_m": couple.traces["tool_m"]}
-    made |= {name: couple.traces[name] for name in (*GAINS, "anchor_m")}
-    made["stored_j"] = couple.environment_energy_j + couple.coupling_energy_j
-
     guard = Tick(time, start_m)
     pushed = symbols("position_m", "force_n", "stored_j")
     guard.position, guard.command, guard.environment_energy_j = pushed.values()
@@ -186,11 +162,70 @@ def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
     for settle in guard.at_end:
         settle()
     guarded = {"guarded_n": guard.command, "reserve_j": guard.traces["guard_reserve_j"]}
-    return {
-        "estimate": (estimate, seen, found),
-        "couple": (couple, given, made),
-        "guard": (guard, pushed, guarded),
+
+    def couple(law: bool | None) -> _Part:
+        return _couple(adaptation, estimate, wanted | rest, clips_last=law)
+
+    parts = {"estimate": (estimate, seen, found), "couple": couple(None), "guard": (guard, pushed, guarded)}
+    for name, law in LAWS.items():
+        parts |= {f"couple_{name}": couple(law), f"steady_{name}": _steady(time, start_m, clips_last=law)}
+    return parts
+
+
+def _couple(adaptation: Adaptation, estimate: Tick, gains: dict[str, Any], *, clips_last: bool | None) -> _Part:
+    """Build coupling and wall with gains that may change; a law of None is an input."""
+    import casadi as ca  # noqa: PLC0415
+
+    couple = Tick(estimate.sample_time_s, estimate.start_m, adapt=estimate.adapt)
+    # The adaptation keeps its states in the tick that it was made for: it is made once more for this one.
+    couple.position = ca.SX.sym("position_m")
+    couple.frequency_hz = couple.frequency_valid = ca.SX(0)
+    hold_states = len(couple.states)
+    adaptation.sample(couple)
+    del couple.states[hold_states:]
+    wall: dict[str, Any] = {name: ca.SX.sym(name) for name in _WALL}
+    # Gains that do not vary leave nothing to relax out of contact: their scene has no adaptation.
+    relaxes = {"relaxes": ca.SX.sym("relaxes")}
+    laws = {"clips_last": ca.SX.sym("clips_last")} if clips_last is None else {}
+    given = {"position_m": couple.position} | gains | wall | relaxes | laws
+    adapt: Any = couple.adapt
+
+    def adapted(deflection: Any, one_sided: bool) -> Any:
+        found = adapt(deflection, one_sided)
+        return replace(found, touching=ca.if_else(relaxes["relaxes"], found.touching, 1))
+
+    couple.adapt = adapted
+    law = laws.get("clips_last", clips_last)
+    wall_stiffness, wall_damping = wall.values()
+    environment = _AnyWall(wall_stiffness, wall_damping, one_sided=True, clips_last=law)
+    couple.command = wall_force(couple, environment, rigid=False, damped=True)
+    for settle in couple.at_end:
+        settle()
+    made = {"force_n": couple.command, "tool_m": couple.traces["tool_m"]}
+    made |= {name: couple.traces[name] for name in (*GAINS, "anchor_m")}
+    made["stored_j"] = couple.environment_energy_j + couple.coupling_energy_j
+    return couple, given, made
+
+
+def _steady(sample_time_s: float, start_m: float, *, clips_last: bool) -> _Part:
+    """Build coupling and wall with gains that stay as they are."""
+    import casadi as ca  # noqa: PLC0415
+
+    gains: dict[str, Any] = {f"wanted_{name}": ca.SX.sym(name) for name in GAINS}
+    wall: dict[str, Any] = {name: ca.SX.sym(name) for name in _WALL}
+    tick = Tick(sample_time_s, start_m)
+    tick.position = ca.SX.sym("position_m")
+    damping, stiffness, contact_damping = gains.values()
+    tick.adapt = lambda *_, **__: AdaptedGains(damping, stiffness, contact_damping, anchor_m=0, touching=1)
+    wall_stiffness, wall_damping = wall.values()
+    environment = _AnyWall(wall_stiffness, wall_damping, one_sided=True, clips_last=clips_last)
+    force = wall_force(tick, environment, rigid=False, damped=True)
+    made = {
+        "force_n": force,
+        "tool_m": tick.traces["tool_m"],
+        "stored_j": tick.environment_energy_j + tick.coupling_energy_j,
     }
+    return tick, {"position_m": tick.position} | gains | wall, made
 
 
 def _program(

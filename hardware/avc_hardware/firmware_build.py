@@ -42,9 +42,10 @@ CORE = (
     "avc_device.c",
 )
 # Generated once, and once for every estimator; the numbers of the figures are in sources of their own.
-PARTS = ("avc_couple.c", "avc_guard.c")
 ESTIMATOR_PARTS = ("avc_estimate.c",)
-NUMBERS = ("avc_couple_constants.c", "avc_guard_constants.c")
+NUMBERS = tuple(
+    f"avc_{part}_constants.c" for part in ("guard", "couple_gated", "steady_gated", "couple_clips", "steady_clips")
+)
 ESTIMATOR_NUMBERS = ("avc_estimate_constants.c", "avc_figures.c")
 HOST_INSTALL = "apt-get install -y --no-install-recommends gcc"
 
@@ -87,7 +88,7 @@ def _common(estimator: str, made: Path | None = None) -> list[str]:
 def _core_sources(estimator: str, made: Path | None = None) -> list[Path]:
     """Return the sources; those generated that ``made`` has come from there."""
     sources = [FIRMWARE / "core" / name for name in CORE]
-    packaged = [GENERATED / name for name in (*PARTS, *NUMBERS)]
+    packaged = [GENERATED / name for name in NUMBERS]
     packaged += [GENERATED / estimator / name for name in (*ESTIMATOR_PARTS, *ESTIMATOR_NUMBERS)]
     for path in packaged:
         own = None if made is None else made / path.name

@@ -7,8 +7,6 @@ on the wire are virtual: they depend on no computer.
 from __future__ import annotations
 
 import math
-import re
-import shutil
 import statistics
 import tempfile
 from collections import Counter
@@ -18,10 +16,9 @@ from hardware_bench import coupling, dense_believer, push, run, stream
 from script_arguments import script_arguments
 
 from avc_casadi.coupling import Runtime
-from avc_hardware import Connection, DeviceStatus, EmulatedBoard, RuntimeFigures, TableImage, firmware_build
+from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableImage
 from avc_hardware._messages import Kind
 from avc_hardware._profile import tick_instructions
-from avc_hardware._runtime_c import all_sources
 from avc_hardware.firmware_build import TARGETS, build_image
 
 MADE = coupling(200, largest=(300.0, 1e5, 50.0))
@@ -72,14 +69,18 @@ def instructions() -> None:
     for name, count in most.most_common():
         typical = statistics.median(tick.functions.get(name, 0) for tick in (*ticks[500:], *guarded[-1:]))
         print(f"  {name:20} {typical:6.0f} typical {count:6} at most")
-    rows = {
-        "look-up, interpolation, force": ("avc_table_lookup", "avc_ln", "avc_couple_step"),
-        "everything but the estimator": tuple(name for name in most if name != "avc_estimate_step"),
-        "everything": tuple(most),
-    }
-    for title, names in rows.items():
-        totals = [sum(tick.functions.get(name, 0) for name in names) for tick in ticks]
-        print(f"  {title:30} {statistics.median(totals[500:]):6.0f} typical {max(totals):6} at most")
+    constant = {"constant gains": None, "the same with a guard": "passivity-controller"}
+    for title, guard in constant.items():
+        made = coupling(1, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard=guard))
+        tell(title, [tick.total for tick in tick_instructions(made, counts=motion, ticks=300)])
+    for title, counted in (("a table", ticks), ("the same with a guard", guarded)):
+        tell(title, [tick.total for tick in counted])
+        tell("  without the estimator", [tick.total - tick.functions["avc_estimate_step"] for tick in counted])
+
+
+def tell(title: str, totals: list[int]) -> None:
+    """Print the instructions of whole ticks."""
+    print(f"  {title:30} {statistics.median(totals[len(totals) // 3 :]):6.0f} typical {max(totals):6} at most")
 
 
 def state_feedback() -> None:
@@ -93,31 +94,6 @@ def state_feedback() -> None:
             f"state feedback with {states} states: {len(TableImage.of(made).image)} bytes, pushed in "
             f"{pushed.seconds:.3f} s, {statistics.median(own):.0f} instructions typical, {max(own)} at most"
         )
-
-
-def bare_force(folder: Path) -> None:
-    """The same without what makes a change of gains passive: look-up, interpolation and coupling force alone."""
-    copy = folder / "bare"
-    shutil.copytree(firmware_build.FIRMWARE, copy)
-    figures = RuntimeFigures(slew_per_s=None, passive=False)
-    for name, text in all_sources(figures).items():
-        if "couple" in name:
-            (copy / "core" / "generated" / name).write_text(text, encoding="utf-8")
-    figures_c = copy / "core" / "generated" / "fused" / "avc_figures.c"
-    figures_c.write_text(all_sources(figures)["avc_figures.c"], encoding="utf-8")
-    control = copy / "core" / "avc_control.c"  # a coupling without anchor has no use for the force before
-    control.write_text(
-        re.sub(r".*couple\.asked_force_n = .*", "", control.read_text(encoding="utf-8")), encoding="utf-8"
-    )
-    kept = firmware_build.FIRMWARE, firmware_build.GENERATED
-    firmware_build.FIRMWARE, firmware_build.GENERATED = copy, copy / "core" / "generated"
-    image = build_image("netduinoplus2", folder / "bare-image")
-    firmware_build.FIRMWARE, firmware_build.GENERATED = kept
-    bare = coupling(200, largest=(300.0, 1e5, 50.0), runtime=Runtime(slew_per_s=None, passive=False))
-    ticks = tick_instructions(bare, counts=motion, ticks=1500, image=image)
-    names = ("avc_table_lookup", "avc_ln", "avc_couple_step")
-    totals = [sum(tick.functions.get(name, 0) for name in names) for tick in ticks]
-    print(f"  the force without adaptation   {statistics.median(totals[500:]):6.0f} typical {max(totals):6} at most")
 
 
 def sizes(folder: Path) -> None:
@@ -141,5 +117,4 @@ if __name__ == "__main__":
             wire(Path(name), rate)
         instructions()
         state_feedback()
-        bare_force(Path(name))
         sizes(Path(name))

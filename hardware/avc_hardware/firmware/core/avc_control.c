@@ -56,6 +56,62 @@ static void rest(avc_control_t *c, float x)
     avc_guard_start(&c->guard, x);
     c->feedback.started = false;
     c->fault.settled = false;
+    c->begun = false;
+    c->steadies = false;
+}
+
+static bool varies(const avc_table_t *table)
+{
+    return (table->image.header.flags & AVC_TABLE_VARIES) != 0u;
+}
+
+static float at_least_0(float x)
+{
+    return x > 0.0f ? x : 0.0f;
+}
+
+/* What the gated law remembers of the wall: where the other one, or a start, has left a place before it, there is none. */
+static void see_penetration(avc_control_t *c)
+{
+    c->couple.environment_deflection_before_m = at_least_0(c->couple.environment_deflection_before_m);
+}
+
+/* The coupling begins, out of contact: with gains that stay where they may, and none of another kind are on the way. */
+static void begin(avc_control_t *c, const avc_table_t *table)
+{
+    c->begun = true;
+    if (varies(table) || c->state.mode == AVC_MODE_SAFE || c->stream_fresh != 0u) {
+        return;
+    }
+    const avc_row_t *row = &table->image.row[0];
+    c->steadies = true;
+    c->steady = table->steady;
+    c->state.gains = (avc_gains_t){row->damping_ns_per_m, row->stiffness_n_per_m, row->contact_damping_ns_per_m};
+    c->state.streaming = 0u;
+    if ((table->image.header.flags & AVC_TABLE_CLIPS) == 0u) {
+        see_penetration(c);
+    }
+}
+
+/* Other gains come: they are slewed to from those that stayed, with nothing in the tank that pays for a change. */
+static void adapt(avc_control_t *c, const avc_table_t *table)
+{
+    const avc_table_header_t *header = &table->image.header;
+    avc_couple_state_t *state = &c->couple;
+    const float depth = at_least_0(state->environment_deflection_before_m);
+    const float spring = state->coupling_deflection_before_m;
+    const float stretch = (header->flags & AVC_TABLE_CLIPS) != 0u ? at_least_0(spring) : spring;
+    c->steadies = false;
+    state->environment_energy_j = 0.5f * header->wall_stiffness_n_per_m * depth * depth;
+    state->asked_force_n = c->previous_force;
+    state->adaptation_started = 1.0f;
+    state->adaptation_damping_ns_per_m = c->state.gains.damping_ns_per_m;
+    state->adaptation_stiffness_n_per_m = c->state.gains.stiffness_n_per_m;
+    state->adaptation_contact_damping_ns_per_m = c->state.gains.contact_damping_ns_per_m;
+    state->adaptation_stored_j =
+        0.5f * c->state.gains.stiffness_n_per_m * stretch * stretch + state->environment_energy_j;
+    state->adaptation_held_force_n = c->previous_force;
+    state->adaptation_position_m = at_least_0(state->contact_position_before_m);
 }
 
 /* Whether a table that begins here gives no force and stores no energy. */
@@ -77,12 +133,13 @@ static void supervise(avc_control_t *c, float x)
         atomic_signal_fence(memory_order_acquire);
         c->heartbeat_ticks = c->heartbeat_wanted;
         c->heartbeat_left = c->heartbeat_ticks;
+        c->silent = false;
     }
     const bool watched = c->heartbeat_ticks != 0u;
     const bool alive = !watched || c->heartbeat_left != 0u;
-    c->silent = !alive;
-    if (watched && c->heartbeat_left != 0u) {
-        c->heartbeat_left--;
+    if (watched) {
+        c->silent = !alive;
+        c->heartbeat_left -= alive ? 1u : 0u;
     }
     if (c->state.mode == AVC_MODE_TABLE) {
         if (!alive) {
@@ -167,8 +224,8 @@ static float fail(avc_control_t *c, uint32_t codes, float x)
     return avc_fault_fade(&c->fault);
 }
 
-/* The coupling's force, guarded where the table asks for it, scaled by the supervision. */
-static float push(avc_control_t *c, const avc_table_t *table, float x, float work_j)
+/* The coupling's force with gains that may change. */
+static avc_steady_gated_out_t couple(avc_control_t *c, const avc_table_t *table, float position_m)
 {
     avc_state_t *s = &c->state;
     const avc_table_header_t *header = &table->image.header;
@@ -176,46 +233,77 @@ static float push(avc_control_t *c, const avc_table_t *table, float x, float wor
     const avc_gains_t goal = choose_gains(c, table, &rest_stiffness_n_per_m);
     /* Safe gains mean the same whatever the table, and may be a damper alone, which clip-last would feel everywhere. */
     const bool clips = (header->flags & AVC_TABLE_CLIPS) != 0u && s->mode != AVC_MODE_SAFE;
-    avc_couple_in_t in = {
-        .position_m = x,
+    const avc_couple_in_t in = {
+        .position_m = position_m,
         .wanted_damping_ns_per_m = goal.damping_ns_per_m,
         .wanted_stiffness_n_per_m = goal.stiffness_n_per_m,
         .wanted_contact_damping_ns_per_m = goal.contact_damping_ns_per_m,
         .rest_stiffness_n_per_m = rest_stiffness_n_per_m,
         .wall_damping_ns_per_m = header->wall_damping_ns_per_m,
         .wall_stiffness_n_per_m = header->wall_stiffness_n_per_m,
-        .relaxes = (header->flags & AVC_TABLE_VARIES) != 0u || s->streaming != 0u ? 1.0f : 0.0f,
-        .clips_last = clips ? 1.0f : 0.0f,
+        .relaxes = varies(table) || s->streaming != 0u ? 1.0f : 0.0f,
     };
-    if (avc_states(header) != 0u && s->mode != AVC_MODE_SAFE) { /* safe gains mean the same whatever the table */
-        in.position_m = avc_feedback_step(&c->feedback, &table->image, x, c->previous_force);
-    }
     avc_couple_out_t out;
-    avc_couple_step(&c->couple, &in, &out);
+    if (clips) {
+        avc_couple_clips_step(&c->couple, &in, &out);
+    } else {
+        see_penetration(c);
+        avc_couple_gated_step(&c->couple, &in, &out);
+    }
     s->gains = (avc_gains_t){out.damping_ns_per_m, out.stiffness_n_per_m, out.contact_damping_ns_per_m};
+    return (avc_steady_gated_out_t){out.force_n, out.tool_m, out.stored_j};
+}
+
+/* The coupling's force, guarded where the table asks for it, scaled by the supervision. */
+static float push(avc_control_t *c, const avc_table_t *table, float x, float work_j)
+{
+    avc_state_t *s = &c->state;
+    const avc_table_header_t *header = &table->image.header;
+    if (!c->steadies) {
+        if (!c->begun) {
+            begin(c, table);
+        }
+    } else if (c->stream_fresh != 0u || s->mode == AVC_MODE_SAFE) {
+        adapt(c, table);
+    }
+    float position_m = x;
+    if (avc_states(header) != 0u && s->mode != AVC_MODE_SAFE) { /* safe gains mean the same whatever the table */
+        position_m = avc_feedback_step(&c->feedback, &table->image, x, c->previous_force);
+    }
+    avc_steady_gated_out_t out;
+    if (!c->steadies) {
+        out = couple(c, table, position_m);
+    } else if ((header->flags & AVC_TABLE_CLIPS) == 0u) {
+        avc_steady_gated_step(&c->couple, &c->steady.gated, position_m, &out);
+    } else {
+        avc_steady_clips_out_t made;
+        avc_steady_clips_step(&c->couple, &c->steady.clips, position_m, &made);
+        out = (avc_steady_gated_out_t){made.force_n, made.tool_m, made.stored_j};
+    }
     s->contact = out.tool_m > 0.0f || out.force_n > 0.0f ? 1u : 0u; /* clip-last pushes before the surface */
     float force = out.force_n;
     if ((header->flags & AVC_TABLE_GUARD) != 0u) {
-        const avc_guard_in_t watched = {.position_m = in.position_m, .force_n = force, .stored_j = out.stored_j};
+        const avc_guard_in_t watched = {.position_m = position_m, .force_n = force, .stored_j = out.stored_j};
         avc_guard_out_t guarded;
         avc_guard_step(&c->guard, &watched, &guarded);
         force = guarded.guarded_n;
     }
     force = force * c->scale;
-    if (!avc_is_finite(force) || !avc_is_finite(out.tool_m)) {
+    if (!avc_is_finite(force + out.tool_m)) { /* neither where one of them is not */
         s->not_finite++;
         return fail(c, AVC_FAULT_NOT_FINITE, x);
     }
     const float most = avc_force_limit(header, &c->limits);
-    const bool clipped = force > most || force < -most || c->scale != 1.0f;
+    bool clipped = c->scale != 1.0f;
     if (force > most || force < -most) {
         s->saturated++;
         force = force > most ? most : -most;
+        clipped = true;
     }
     if (clipped || c->clipped) {
+        c->clipped = clipped;
         c->fault.settled = false;
     }
-    c->clipped = clipped;
     if (avc_fault_energy(&c->fault, work_j, out.stored_j)) {
         return fail(c, AVC_FAULT_ENERGY, x);
     }
@@ -248,6 +336,28 @@ static void swap(avc_control_t *c, float x)
     c->swap_wanted = 0u;
 }
 
+/* How often the hand moves, as long as gains follow it. */
+static void estimate(avc_control_t *c, const avc_table_t *table, float x)
+{
+    avc_state_t *s = &c->state;
+    const float lowest_hz = s->has_table != 0u ? table->image.row[0].frequency_hz : 1.0f;
+    if (s->has_table != 0u && !varies(table) && c->stream_left == 0u) {
+        c->estimates = false;
+        s->frequency_hz = not_a_number();
+        s->lookup_hz = lowest_hz;
+        return;
+    }
+    if (!c->estimates) {
+        c->estimates = true;
+        avc_estimate_start(&c->estimate, x);
+    }
+    const avc_estimate_in_t seen = {x, lowest_hz};
+    avc_estimate_out_t found;
+    avc_estimate_step(&c->estimate, &seen, &found);
+    s->frequency_hz = found.valid != 0.0f ? found.estimate_hz : not_a_number();
+    s->lookup_hz = found.frequency_hz;
+}
+
 static float excite(avc_control_t *c, float x, int32_t encoder_count)
 {
     if (c->excite.state != AVC_EXCITE_RUNS) {
@@ -273,32 +383,28 @@ static void clear(avc_control_t *c)
 float avc_control_tick(avc_control_t *c, int32_t encoder_count)
 {
     avc_state_t *s = &c->state;
-    const int32_t moved = (int32_t)((uint32_t)encoder_count - (uint32_t)s->encoder_count); /* wraps rightly */
+    int32_t moved = (int32_t)((uint32_t)encoder_count - (uint32_t)s->encoder_count); /* wraps rightly */
     const float x = (float)encoder_count * c->limits.metres_per_count;
     if (c->swap_wanted != 0u) {
         swap(c, x); /* the only place where the table changes */
-    } else {
-        c->waited = 0u;
-        c->away = 0u;
+    }
+    int32_t watched = moved;
+    if (s->ticks < 2u) {
+        watched = 0;
+        moved = c->started ? moved : 0;
+        c->started = true;
     }
     const avc_table_t *table = &c->tables[c->active];
-    const float step = c->started ? (float)moved * c->limits.metres_per_count : 0.0f;
-    if (!c->started) {
-        c->started = true;
-        avc_estimate_start(&c->estimate, x);
-    }
+    const float step = (float)moved * c->limits.metres_per_count;
     s->encoder_count = encoder_count;
     s->position_m = x;
     s->velocity_m_per_s = step * c->rate_hz;
     const float work_j = c->previous_force * step;
     s->energy_j = s->energy_j + work_j;
-    const uint32_t wrong =
-        avc_fault_watch(&c->fault, s->ticks > 1u ? moved : 0, c->previous_force, s->overruns);
-    const avc_estimate_in_t seen = {x, s->has_table != 0u ? table->image.row[0].frequency_hz : 1.0f};
-    avc_estimate_out_t estimate;
-    avc_estimate_step(&c->estimate, &seen, &estimate);
-    s->frequency_hz = estimate.valid != 0.0f ? estimate.estimate_hz : not_a_number();
-    s->lookup_hz = estimate.frequency_hz;
+    const uint32_t wrong = avc_fault_watch(&c->fault, watched, c->previous_force, s->overruns);
+    if (!c->steadies) {
+        estimate(c, table, x);
+    }
     supervise(c, x);
     if (c->fault.clear_wanted != 0u) {
         clear(c);

@@ -8,7 +8,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "avc_couple.h"
+#include "avc_couple_clips.h"
+#include "avc_couple_gated.h"
 #include "avc_estimate.h"
 #include "avc_excite.h"
 #include "avc_fault.h"
@@ -48,41 +49,45 @@ typedef struct {
     uint8_t has_table;
 } avc_state_t;
 
+/* What the tick reads every time comes first: near the start a load takes one instruction. */
 typedef struct {
     avc_limits_t limits;
     float rate_hz; /* 1/T */
+    float scale;   /* of the force: ramps to 0 when the heartbeat is lost */
+    float previous_force;
+    avc_state_t state;
+    avc_fault_t fault;
+    avc_couple_state_t couple;
+    avc_guard_state_t guard;
+    avc_steady_t steady; /* of the running table */
+    avc_feedback_state_t feedback;
 
-    avc_table_t tables[2];
     volatile uint32_t active;      /* index of the running table */
-    uint32_t near;                 /* row of the last look-up */
-    uint32_t waited;               /* ticks since the tick first saw that a table waits */
-    uint32_t away;                 /* of these the last ones, out of the new wall */
-    uint32_t swap_tick;            /* the tick that took the running table over */
-    uint32_t swap_waited;          /* ticks that it had waited */
     volatile uint32_t swap_wanted; /* set by the link, cleared by the tick that swaps, out of contact */
-
-    avc_stream_t stream[2];
-    volatile uint32_t stream_slot;
     volatile uint32_t stream_fresh; /* set by the link, cleared by the tick */
     uint32_t stream_left;
-
     volatile uint32_t heartbeat_wanted; /* ticks to the next at the latest; 0: not supervised */
     volatile uint32_t heartbeat_seen;   /* set by the link after that, cleared by the tick */
     uint32_t heartbeat_ticks;           /* the tick's own, so that no tick sees one without the other */
     uint32_t heartbeat_left;
-    bool silent; /* the host, for longer than it said */
-    float scale; /* of the force: ramps to 0 when the heartbeat is lost */
-
-    avc_estimate_state_t estimate;
-    avc_couple_state_t couple;
-    avc_guard_state_t guard;
-    bool started;
-    float previous_force;
+    bool silent;  /* the host, for longer than it said */
     bool clipped; /* at the tick before, so that the stored energy is not what the force says */
-    avc_state_t state;
-    avc_feedback_state_t feedback;
-    avc_fault_t fault;
+    bool started;
+    bool estimates; /* the frequency, as long as gains follow it */
+    bool begun;     /* the coupling, since it rested last */
+    bool steadies;  /* it runs with gains that stay: without estimate, look-up and adaptation */
+
+    uint32_t near;        /* row of the last look-up */
+    uint32_t waited;      /* ticks since the tick first saw that a table waits */
+    uint32_t away;        /* of these the last ones, out of the new wall */
+    uint32_t swap_tick;   /* the tick that took the running table over */
+    uint32_t swap_waited; /* ticks that it had waited */
+    avc_stream_t stream[2];
+    volatile uint32_t stream_slot;
+
     avc_telemetry_t telemetry;
+    avc_estimate_state_t estimate;
+    avc_table_t tables[2];
     avc_excite_t excite;
 } avc_control_t;
 

@@ -3,8 +3,6 @@
 static const float fade_s = 0.02f;
 static const float forget_s = 1.0f;
 static const float slow_s = 0.02f;
-/* Swings of the force without a single count: two may be a force that settles after a blow. */
-static const uint32_t most_swings = 4u;
 /* Counts that quantisation adds to a movement, and to the difference of two. */
 static const float quantised = 2.0f;
 
@@ -36,66 +34,6 @@ void avc_fault_raise(avc_fault_t *fault, uint32_t codes, uint32_t tick, float fo
         fault->fade_n = (force_n < 0.0f ? -force_n : force_n) * sample_time_s / fade_s;
     }
     fault->codes |= codes;
-}
-
-static bool beyond(int32_t counts, uint32_t most)
-{
-    return (uint32_t)counts + most > 2u * most; /* on either side */
-}
-
-/* Slow turns of the force by more than a swing since the last count. */
-static bool stuck(avc_fault_t *fault, int32_t moved, float force_n)
-{
-    if (moved != 0) {
-        fault->swings = 0u;
-        fault->extreme_n = force_n;
-        return false;
-    }
-    const float away = fault->rising ? fault->extreme_n - force_n : force_n - fault->extreme_n;
-    fault->swing_ticks++;
-    if (away > fault->swing_n) {
-        fault->rising = !fault->rising;
-        fault->swings = fault->swing_ticks >= fault->slow_ticks ? fault->swings + 1u : 0u;
-        fault->swing_ticks = 0u;
-    }
-    if (away > fault->swing_n || away < 0.0f) {
-        fault->extreme_n = force_n;
-    }
-    return fault->swings >= most_swings;
-}
-
-uint32_t avc_fault_watch(avc_fault_t *fault, int32_t moved, float force_n, uint32_t overruns)
-{
-    uint32_t codes = fault->disabled != 0u ? (uint32_t)AVC_FAULT_DISABLED : 0u;
-    const int32_t change = (int32_t)((uint32_t)moved - (uint32_t)fault->moved);
-    fault->moved = moved;
-    if (beyond(change, fault->most_change)) {
-        codes |= AVC_FAULT_JUMP;
-    }
-    if (beyond(moved, fault->most_moved)) {
-        codes |= AVC_FAULT_SPEED;
-    }
-    if (fault->swing_n > 0.0f && stuck(fault, moved, force_n)) {
-        codes |= AVC_FAULT_STUCK;
-    }
-    fault->overruns_in_a_row = overruns != fault->overruns ? fault->overruns_in_a_row + 1u : 0u;
-    fault->overruns = overruns;
-    if (fault->overruns_in_a_row >= fault->most_overruns) {
-        codes |= AVC_FAULT_OVERRUN;
-    }
-    return codes;
-}
-
-bool avc_fault_energy(avc_fault_t *fault, float work_j, float stored_j)
-{
-    const float gained = stored_j - fault->stored_j;
-    fault->stored_j = stored_j;
-    if (fault->settled) {
-        const float lacking = fault->lacking_j * fault->keep + (work_j - gained);
-        fault->lacking_j = lacking < 0.0f ? lacking : 0.0f;
-    }
-    fault->settled = true;
-    return fault->lacking_j < fault->least_j;
 }
 
 float avc_fault_fade(avc_fault_t *fault)

@@ -6,6 +6,9 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "avc_steady_clips.h"
+#include "avc_steady_gated.h"
+
 enum {
     AVC_ROWS_MAX = 256,
     AVC_STATES_MAX = 8, /* of the observer whose state is fed back */
@@ -61,9 +64,16 @@ typedef struct {
     };
 } avc_image_t;
 
+/* What constant gains come to with the wall, by the table's contact law. */
+typedef union {
+    avc_steady_gated_t gated;
+    avc_steady_clips_t clips;
+} avc_steady_t;
+
 typedef struct {
     avc_image_t image;
     float ln_frequency[AVC_ROWS_MAX];
+    avc_steady_t steady; /* of the only row, where the gains are constant */
     uint32_t id;
     uint32_t crc32;
 } avc_table_t;
@@ -157,7 +167,7 @@ avc_reason_t avc_gains_check(const avc_gains_t *gains, const avc_limits_t *limit
 /* Check a received image; at_row says where it fails. */
 avc_reason_t avc_image_check(const avc_image_t *image, const avc_limits_t *limits, uint16_t *at_row);
 
-/* Fill what the look-up needs beside the image. */
+/* Fill what the tick needs beside the image. */
 void avc_table_prepare(avc_table_t *table);
 
 /* Gains at a frequency: linear in ln(frequency), the first and last row beyond the table's ends.

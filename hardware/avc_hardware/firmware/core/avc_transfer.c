@@ -161,6 +161,8 @@ void avc_on_commit(avc_device_t *device, const avc_request_t *request)
     transfer->committing = true;
     transfer->commit_sequence = request->sequence;
     transfer->commit_tick = transfer->last_tick;
+    device->control.waited = 0u;
+    device->control.away = 0u;
     atomic_signal_fence(memory_order_release);
     device->control.swap_wanted = 1u;
 }

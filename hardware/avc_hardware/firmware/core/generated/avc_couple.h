@@ -29,10 +29,9 @@ typedef struct {
     float wanted_stiffness_n_per_m;
     float wanted_contact_damping_ns_per_m;
     float rest_stiffness_n_per_m;
-    float wall_damping_ns_per_m;
     float wall_stiffness_n_per_m;
+    float wall_damping_ns_per_m;
     float relaxes;
-    float clips_last;
 } avc_couple_in_t;
 
 typedef struct {
@@ -45,13 +44,26 @@ typedef struct {
     float stored_j;
 } avc_couple_out_t;
 
-/* What depends on sample time, encoder and settings. */
-extern const float avc_couple_constants[4];
-
 /* The state of a device that has always rested at a position. */
-void avc_couple_start(avc_couple_state_t *state, float position_m);
-
-/* One tick. */
-void avc_couple_step(avc_couple_state_t *state, const avc_couple_in_t *in, avc_couple_out_t *out);
+static inline void avc_couple_start(avc_couple_state_t *state, float position_m)
+{
+    state->environment_deflection_before_m = position_m;
+    state->coupling_deflection_before_m = 0.0f;
+    state->environment_energy_j = 0.0f;
+    state->asked_force_n = 0.0f;
+    state->adaptation_started = 0.0f;
+    state->adaptation_damping_ns_per_m = 0.0f;
+    state->adaptation_stiffness_n_per_m = 0.0f;
+    state->adaptation_contact_damping_ns_per_m = 0.0f;
+    state->adaptation_tank_j = 0.0f;
+    state->adaptation_stored_j = 0.0f;
+    state->adaptation_anchor_m = 0.0f;
+    state->adaptation_held_force_n = 0.0f;
+    state->adaptation_moved_m = 0.0f;
+    state->adaptation_position_m = 0.0f;
+    state->adaptation_mean_deflection_m = 0.0f;
+    state->adaptation_missing = 0.0f;
+    state->contact_position_before_m = position_m;
+}
 
 #endif
