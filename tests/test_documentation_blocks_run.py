@@ -52,27 +52,46 @@ def once(monkeypatch):
 @pytest.mark.usefixtures("once")
 def test_blocks_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    said = {}
     for page in RUN:
         names = {}
         for block in blocks(page):
             if block.mark.startswith("file: "):
                 tmp_path.joinpath(block.mark.removeprefix("file: ")).write_text(block.text, encoding="utf-8")
+            if block.mark.startswith("output: avc "):
+                assert_said(block, said[block.mark.removeprefix("output: avc ")])
             if runnable(block):
-                run(block, names, capsys)
+                said |= run(block, names, capsys)
+
+
+def assert_said(block, said):
+    """Each line of the block begins a line of the answer; numbers may differ by a hundredth."""
+    number = re.compile(r"\d+(?:\.\d+)?(?:e[+-]\d+)?")
+    lines = said.splitlines()
+    for line in block.text.splitlines():
+        words = number.sub("#", line)
+        found = next((one for one in lines if number.sub("#", one).startswith(words)), None)
+        assert found is not None, (block.page, line)
+        pairs = zip(number.findall(line), number.findall(found), strict=False)
+        assert all(float(told) == pytest.approx(float(is_now), rel=0.01) for told, is_now in pairs), (line, found)
 
 
 def run(block, names, capsys):
+    """Run a block; returns what each of its commands said."""
     place = f"{block.page}:{block.line}"
     if block.language == "python":
         exec(compile(block.text, place, "exec"), names)  # noqa: S102
-        return
+        return {}
     found = commands(block.text)
     assert len(found) == len(re.findall(r"^avc |; avc ", block.text, re.MULTILINE)), place
     last = int(block.mark.removeprefix("ends with ")) if block.mark.startswith("ends with ") else 0
+    outputs = {}
     for words, wanted in zip(found, [0] * (len(found) - 1) + [last], strict=True):
         code = main(words)
         said = capsys.readouterr()
         assert (code, bool(said.out)) == (wanted, True), (place, words, said.err)
+        outputs[" ".join(words)] = said.out
+    return outputs
 
 
 @pytest.mark.parametrize(
@@ -88,7 +107,7 @@ def test_exempt_commands_exist(block: Block):
 
 def test_every_mark_is_known_and_shell_blocks_are_commands():
     every = [block for page in ORDER for block in blocks(page)]
-    known = r"not run: \w.*|file: [\w.-]+|ends with \d|test command|results: .*|"
+    known = r"not run: \w.*|file: [\w.-]+|output: avc .*|ends with \d|test command|"
     strange = [f"{block.page}:{block.line}: {block.mark}" for block in every if not re.fullmatch(known, block.mark)]
     assert not strange
     for block in filter(runnable, every):

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from documented_keys import key_tables
+from documented_results import BLOCKS
 
 ROOT = Path(__file__).parents[2]
 _BLOCK = re.compile(r"(<!-- (results|keys): ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
@@ -14,6 +15,7 @@ _ROOMS = ("avc_casadi", "hardware", "problems", "tests/benchmarks")
 
 WRITERS: Mapping[tuple[str, str], Callable[[], str]] = {
     ("keys", "problem"): key_tables,
+    **{("results", name): block.text for name, block in BLOCKS.items()},
 }
 
 

@@ -1,4 +1,4 @@
-"""Solve random problems by `direct` and `exact`, which share no candidate formula, and count what goes wrong.
+"""Solve random problems by `direct` and `exact`, which search the gain box by different means, and count faults.
 
     python -m tests.benchmarks.random_problems --count 10000
 

@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import itertools
 import json
-import platform
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 from script_arguments import script_arguments
+from studied import about
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from whole_device import REST, WholeDevice, held, people, tapping
@@ -78,22 +77,13 @@ def measured(name, wall, lean, count):
 
 def main():
     arguments = script_arguments(__doc__, people=200, out=RESULTS)
-    git = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short", "HEAD"]
-    commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()  # noqa: S603
+    made = about("python tests/benchmarks/robust_goals.py", SEED)
     rows = []
     for name, walls in GOALS.items():
         for wall, lean in zip(walls, (True, False), strict=True):
             rows.append(measured(name, wall, lean, arguments.people))
             print(json.dumps(rows[-1]), flush=True)
-            whole = {
-                "command": "python tests/benchmarks/robust_goals.py",
-                "commit": commit,
-                "machine": platform.machine(),
-                "version": avc.__version__,
-                "seed": SEED,
-                "rows": rows,
-            }
-            arguments.out.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+            arguments.out.write_text(json.dumps({"about": made, "rows": rows}, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
