@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
     add_port(parser)
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
+    parser.add_argument("--device-id", metavar="ID", help="refuse another device than this one (avc ports --ask)")
     add_problem_of_gains(parser)
     add_unsafe(parser)
 
@@ -44,7 +45,12 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         document = plain(
             {"schema": "avc-push/2", "coupling": coupling.id, "deployable": verdict.document()}
             | push(
-                coupling, args.port, baud=args.baud, unsafe=args.unsafe, on_wait=lambda: console.say(LET_GO)
+                coupling,
+                args.port,
+                baud=args.baud,
+                unsafe=args.unsafe,
+                device_id=args.device_id,
+                on_wait=lambda: console.say(LET_GO),
             ).document()
         )
     document["unsafe"] = unsafe_note(verdict)

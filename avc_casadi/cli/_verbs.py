@@ -24,6 +24,7 @@ VERBS: tuple[str, ...] = (
     "identify",
     "diagnose",
     "arm",
+    "commission",
     "push",
     "stream",
     "export",
@@ -31,5 +32,6 @@ VERBS: tuple[str, ...] = (
     "ports",
     "monitor",
     "clear",
+    "limits",
     "doctor",
 )

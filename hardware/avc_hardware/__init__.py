@@ -13,6 +13,8 @@ from avc_hardware._bytes import ByteLink as ByteLink
 from avc_hardware._bytes import SerialLink as SerialLink
 from avc_hardware._clear import Cleared as Cleared
 from avc_hardware._clear import clear_faults as clear_faults
+from avc_hardware._commission import Commissioned as Commissioned
+from avc_hardware._commission import commission as commission
 from avc_hardware._connection import DEFAULT_BAUD as DEFAULT_BAUD
 from avc_hardware._connection import EMULATOR as EMULATOR
 from avc_hardware._connection import EMULATOR_IS_FRESH as EMULATOR_IS_FRESH
@@ -31,6 +33,9 @@ from avc_hardware._figures import RuntimeFigures as RuntimeFigures
 from avc_hardware._host import BoardLimits as BoardLimits
 from avc_hardware._in_the_loop import FirmwareInTheLoop as FirmwareInTheLoop
 from avc_hardware._in_the_loop import LoopTrace as LoopTrace
+from avc_hardware._limits import DeviceLimits as DeviceLimits
+from avc_hardware._limits import Limits as Limits
+from avc_hardware._limits import set_limits as set_limits
 from avc_hardware._live_plot import LivePlot as LivePlot
 from avc_hardware._log import LOG_ENDINGS as LOG_ENDINGS
 from avc_hardware._log import TelemetryLog as TelemetryLog
@@ -52,3 +57,4 @@ from avc_hardware._table import TableImage as TableImage
 from avc_hardware._telemetry import TelemetrySample as TelemetrySample
 from avc_hardware._tried import LoopResult as LoopResult
 from avc_hardware._tried import tried_in_the_loop as tried_in_the_loop
+from avc_hardware._wired_bench import Wiring as Wiring

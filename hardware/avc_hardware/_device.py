@@ -11,8 +11,8 @@ from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 
 MODES = ("table", "ramp", "safe", "fault")
 _COUPLING_ID = 14  # place in STATUS
-_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHHHHI8fI")
-_STATUS = struct.Struct("<II9fi18I8B")
+_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHHHHI8fI3f12s")
+_STATUS = struct.Struct("<II9fi18I8B3f")
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,10 @@ class Device:
         stuck_swing_n: of the force, under which an encoder moves.
         max_overruns: ticks in a row that are too long.
         faults: codes of `DeviceFault`.
+        lowered_force_n: limit at run time, at most `max_force_n`.
+        lowered_speed_m_per_s: the same of `max_speed_m_per_s`.
+        lowered_energy_j: the same of `max_energy_j`.
+        unique_id: number that no other chip has, hexadecimal; empty where it has none.
     """
 
     interface_version: int
@@ -86,6 +90,10 @@ class Device:
     stuck_swing_n: float
     max_overruns: int
     faults: int
+    lowered_force_n: float
+    lowered_speed_m_per_s: float
+    lowered_energy_j: float
+    unique_id: str
 
     @classmethod
     def read(cls, payload: bytes) -> Device:
@@ -105,9 +113,10 @@ class Device:
         )
         running = (*values[13:16], bool(values[16]))
         coupling = _coupling(values[26], bool(values[15]))
+        unique_id = values[39].hex() if any(values[39]) else ""
         wall, watched = map(_meant, values[27:30]), map(_meant, values[30:34])
         head = [*values[:4], build, *values[5:7], *meant, *running, figures, *values[22:26], coupling, *wall]
-        return cls(*[*head, *watched, int(values[34]), values[35]])
+        return cls(*[*head, *watched, int(values[34]), values[35], *map(_meant, values[36:39]), unique_id])
 
 
 @dataclass(frozen=True)
@@ -150,6 +159,11 @@ class DeviceStatus:
         contact: whether the wall is touched.
         has_table: whether there is a table.
         waits: whether another table waits for the device to be let go.
+        has_zero: whether its position was set to 0 since it started; otherwise 0 is where it stood then.
+        limits_wait: whether higher limits wait for it to be let go.
+        lowered_force_n: limit at run time.
+        lowered_speed_m_per_s: limit at run time.
+        lowered_energy_j: limit at run time.
     """
 
     ticks: int
@@ -187,16 +201,21 @@ class DeviceStatus:
     contact: bool
     has_table: bool
     waits: bool
+    has_zero: bool
+    limits_wait: bool
+    lowered_force_n: float
+    lowered_speed_m_per_s: float
+    lowered_energy_j: float
 
     @classmethod
     def read(cls, payload: bytes) -> DeviceStatus:
         """Read the payload of the answer to STATUS."""
         values = _STATUS.unpack(payload)
-        mode, streaming, contact, has_table, waits = values[-8:-3]
+        mode, streaming, contact, has_table, waits, has_zero, limits_wait, _ = values[-11:-3]
         at = _COUPLING_ID
         coupling = _coupling(values[at], bool(has_table))
-        flags = (MODES[mode], *map(bool, (streaming, contact, has_table, waits)))
-        return cls(*[*values[:at], coupling, *values[at + 1 : -8], *flags])
+        flags = (MODES[mode], *map(bool, (streaming, contact, has_table, waits, has_zero, limits_wait)))
+        return cls(*[*values[:at], coupling, *values[at + 1 : -11], *flags, *map(_meant, values[-3:])])
 
 
 def _coupling(number: int, has_table: bool) -> str:

@@ -23,6 +23,9 @@ class DeviceFault(IntFlag):
     WATCHDOG = 128
     BROWN_OUT = 256
     HEARTBEAT = 512
+    ENCODER_REVERSED = 1024
+    MOTOR_REVERSED = 2048
+    MOTOR_DEAD = 4096
 
     @property
     def word(self) -> str:
@@ -46,6 +49,9 @@ _WORDS = {
     DeviceFault.WATCHDOG: "reset by the watchdog",
     DeviceFault.BROWN_OUT: "supply sank",
     DeviceFault.HEARTBEAT: "host silent",
+    DeviceFault.ENCODER_REVERSED: "encoder reversed",
+    DeviceFault.MOTOR_REVERSED: "motor reversed",
+    DeviceFault.MOTOR_DEAD: "motor dead",
 }
 _ADVICE = {
     DeviceFault.JUMP: "between two ticks it moved as nothing of this mass can; look at its wires, shield and supply",
@@ -58,4 +64,10 @@ _ADVICE = {
     DeviceFault.WATCHDOG: "the firmware hung and was started anew; push the coupling again",
     DeviceFault.BROWN_OUT: "the supply fell below its limit and the device started anew; push the coupling again",
     DeviceFault.HEARTBEAT: "no heartbeat in time; send them again, and let go of the device",
+    DeviceFault.ENCODER_REVERSED: "it counts down on the way into the wall; swap its lines A and B, commission again",
+    DeviceFault.MOTOR_REVERSED: "a force into the wall moved it out; swap the motor's two wires, then commission again",
+    DeviceFault.MOTOR_DEAD: "a force moved it by no count; look at the amplifier's enable and supply, the motor's "
+    "wires, and whether friction holds it (--force-n), then commission again",
 }
+WIRED_WRONGLY = DeviceFault.ENCODER_REVERSED | DeviceFault.MOTOR_REVERSED | DeviceFault.MOTOR_DEAD
+"""What commissioning may find; with any of them a device takes no table."""

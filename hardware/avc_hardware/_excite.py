@@ -154,19 +154,30 @@ def excite(
     with Connection(link, baud=baud) as connection:
         _check_device(plan, connection.device, link.name)
         _check_rate(plan, connection.device, baud)
-        number = secrets.randbits(32) or 1
-        records = _Records(plan, link.name)
-        try:
-            ask = connection.session.ask
-            connection.run(ask(Kind.EXCITE, plan_bytes(plan, number), m.Excited))
-            return _read(connection, records, number, progress)
-        except BaseException as error:
-            with uninterrupted():
-                with suppress(LinkError):
-                    connection.run(connection.session.ask(Kind.STOP, m.stop(number), m.Excited))
-                if cut is not None and isinstance(error, KeyboardInterrupt) and records.index:
-                    cut(records.log("cut by Ctrl-C"))
-            raise
+        return excite_over(connection, plan, progress=progress, cut=cut)
+
+
+def excite_over(
+    connection: Connection,
+    plan: Plan,
+    *,
+    progress: Progress = SILENT,
+    cut: Callable[[ExcitationLog], None] | None = None,
+) -> ExcitationLog:
+    """Do the same over an open connection, with a plan that fits its device."""
+    number = secrets.randbits(32) or 1
+    records = _Records(plan, connection.link.name)
+    try:
+        ask = connection.session.ask
+        connection.run(ask(Kind.EXCITE, plan_bytes(plan, number), m.Excited))
+        return _read(connection, records, number, progress)
+    except BaseException as error:
+        with uninterrupted():
+            with suppress(LinkError):
+                connection.run(connection.session.ask(Kind.STOP, m.stop(number), m.Excited))
+            if cut is not None and isinstance(error, KeyboardInterrupt) and records.index:
+                cut(records.log("cut by Ctrl-C"))
+        raise
 
 
 def plan_bytes(plan: Plan, number: int) -> bytes:

@@ -34,6 +34,9 @@ class Kind(IntEnum):
     STOP = 0x0C
     CLEAR = 0x0D
     SUBSCRIBE = 0x0E
+    ZERO = 0x0F
+    LATCH = 0x10
+    LIMITS = 0x11
     TELEMETRY = 0xFD
     LOG = 0xFE
     REFUSED = 0xFF
@@ -50,6 +53,7 @@ _RECORDS = struct.Struct("<5Ii")
 _TWO = struct.Struct("<II")
 _THREE = struct.Struct("<III")
 _ONE = struct.Struct("<I")
+_LIMITS = struct.Struct("<3f")
 
 
 @dataclass(frozen=True)
@@ -137,6 +141,22 @@ class Records:
 
 
 @dataclass(frozen=True)
+class Zeroed:
+    """ZERO taken, for the next tick after ``ticks``."""
+
+    ticks: int
+
+
+@dataclass(frozen=True)
+class LimitsTaken:
+    """LIMITS taken: they hold from the next tick on, a higher force from the next one out of contact."""
+
+    force_n: float
+    speed_m_per_s: float
+    energy_j: float
+
+
+@dataclass(frozen=True)
 class Subscribed:
     """SUBSCRIBE taken at tick ``ticks``: a record every so many ticks (0: none)."""
 
@@ -163,6 +183,8 @@ Message = (
     | GainsTaken
     | Excited
     | Records
+    | Zeroed
+    | LimitsTaken
     | Subscribed
     | Telemetry
     | Log
@@ -207,6 +229,16 @@ def heartbeat(ticks: int) -> bytes:
 def clear(faults: int) -> bytes:
     """Payload of CLEAR: codes of the faults to clear."""
     return _ONE.pack(faults)
+
+
+def latch(faults: int) -> bytes:
+    """Payload of LATCH: faults that commissioning has found."""
+    return _ONE.pack(faults)
+
+
+def limits(force_n: float, speed_m_per_s: float, energy_j: float) -> bytes:
+    """Payload of LIMITS; 0 stands for the board's own."""
+    return _LIMITS.pack(force_n, speed_m_per_s, energy_j)
 
 
 def subscribe(every: int, ticks: int) -> bytes:
@@ -269,6 +301,9 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     Kind.EXCITE | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),
     Kind.STOP | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),
     Kind.RECORDS | REPLY: _records,
+    Kind.ZERO | REPLY: lambda payload: Zeroed(*_ONE.unpack(payload)),
+    Kind.LATCH | REPLY: _clear,
+    Kind.LIMITS | REPLY: lambda payload: LimitsTaken(*_LIMITS.unpack(payload)),
     Kind.SUBSCRIBE | REPLY: lambda payload: Subscribed(*_TWO.unpack(payload)),
     Kind.TELEMETRY: Telemetry.read,
     Kind.LOG: lambda payload: Log(payload.decode("utf-8", "replace")),

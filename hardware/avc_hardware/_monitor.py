@@ -67,7 +67,7 @@ def monitor(
                 if on_device is not None:
                     on_device(connection.device)
                 try:
-                    for sample in _watch(connection, rate_hz, heartbeat_s, paced=seconds is None):
+                    for sample in watch(connection, rate_hz, heartbeat_s, paced=seconds is None):
                         give_up = None
                         left -= 1 + sample.lost
                         yield sample
@@ -88,10 +88,10 @@ def monitor(
             time.sleep(_LOOK_AGAIN_S)
 
 
-def _watch(
-    connection: Connection, rate_hz: float, heartbeat_s: float | None, *, paced: bool
+def watch(
+    connection: Connection, rate_hz: float, heartbeat_s: float | None = None, *, paced: bool = False
 ) -> Iterator[TelemetrySample]:
-    """Keep subscription and heartbeat alive; yield for ever."""
+    """Keep subscription and heartbeat alive over an open connection; yield for ever."""
     link, device = connection.link, connection.device
     every = max(1, round(1 / (rate_hz * device.sample_time_s)))
     subscribe = m.subscribe(every, math.ceil(_HOLDS_S / device.sample_time_s))

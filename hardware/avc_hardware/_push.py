@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi import LinkError
 from avc_casadi.certificate import require_deployable
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware._device_fault import DeviceFault
@@ -82,6 +83,7 @@ def push(
     safe: Gains | None = None,
     deadline_s: float | None = None,
     unsafe: bool = False,
+    device_id: str | None = None,
     on_log: Callable[[str], None] | None = None,
     on_wait: Callable[[], None] | None = None,
 ) -> PushResult:
@@ -97,6 +99,7 @@ def push(
         safe: gains after a lost heartbeat; None is no force.
         deadline_s: longest duration on the link's clock.
         unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
+        device_id: number of the chip that it is for; another device is refused.
         on_log: takes the firmware's lines of text.
         on_wait: called when the table waits for the device to be let go.
 
@@ -113,6 +116,8 @@ def push(
     link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
     start = link.now_s()
     with Connection(link, baud=baud, deadline_s=deadline_s, on_log=on_log, on_wait=on_wait) as connection:
+        if device_id is not None:
+            _require_device(connection, device_id)
         return push_over(connection, coupling, safe=safe, start_s=start, unsafe=unsafe)
 
 
@@ -144,10 +149,20 @@ def push_over(
         seconds=connection.link.now_s() - start,
         rounding_max=table.rounding_max,
         left_out=int(np.count_nonzero(~coupling.schedule.usable)),
-        max_force_n=min(table.max_force_n or device.max_force_n, device.max_force_n),
+        max_force_n=min(table.max_force_n or device.max_force_n, device.lowered_force_n),
         notes=_notes(coupling, device),
         device=upload.device,
     )
+
+
+def _require_device(connection: Connection, device_id: str) -> None:
+    found = connection.device.unique_id
+    if not found:
+        raise LinkError(f"{connection.link.name}: not sent: the device has no number of its own; leave out --device-id")
+    if found != device_id.lower():
+        raise LinkError(
+            f"{connection.link.name}: not sent: this is device {found}, not {device_id}; see avc ports --ask"
+        )
 
 
 def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
@@ -161,6 +176,11 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
         notes.append(
             f"the device limits the force at {device.max_force_n:g} N, the coupling was made for {force:g} N; its "
             "certificate does not know the lower limit"
+        )
+    if device.lowered_force_n < min(device.max_force_n, force or device.max_force_n) * (1 - 1e-6):
+        notes.append(
+            f"the device's force is limited to {device.lowered_force_n:g} N at run time; raise it when the first touch "
+            "was good: avc limits --force-n N"
         )
     if step and step < device.metres_per_count * (1 - 1e-6):
         notes.append(

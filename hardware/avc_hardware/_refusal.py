@@ -70,7 +70,12 @@ _SENTENCES = {
     Reason.EXCITED: "an excitation is running (number {detail:#010x}); wait for its end, or stop it",
     Reason.NO_EXCITATION: "the device knows of another excitation or of none ({detail:#010x}); it may have been reset",
 }
-_PLACES = {0xFFFF: "the table's header", 0xFFFE: "the state feedback", 0xFFFD: "the plan of the excitation"}
+_PLACES = {
+    0xFFFF: "the table's header",
+    0xFFFE: "the state feedback",
+    0xFFFD: "the plan of the excitation",
+    0xFFFC: "a limit",
+}
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,7 @@ CORE = (
     "avc_answer.c",
     "avc_transfer.c",
     "avc_excitation.c",
+    "avc_commission.c",
     "avc_device.c",
 )
 # Generated once, and once for every estimator; the numbers of the figures are in sources of their own.

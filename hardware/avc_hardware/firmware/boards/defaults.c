@@ -1,4 +1,4 @@
-/* A board without enable line, amplifier enable, watchdog and reset cause. */
+/* A board without enable line, amplifier enable, watchdog, reset cause and a number of its own. */
 #include "hal.h"
 
 __attribute__((weak)) bool hal_enabled(void)
@@ -18,4 +18,9 @@ __attribute__((weak)) uint32_t hal_reset_faults(void)
 
 __attribute__((weak)) void hal_feed_watchdog(void)
 {
+}
+
+__attribute__((weak)) void hal_unique(uint8_t id[12])
+{
+    (void)id;
 }

@@ -20,6 +20,7 @@ bool hal_enabled(void);            /* the enable line, as through an emergency s
 void hal_drive(bool on);           /* the amplifier's enable; after every tick */
 uint32_t hal_reset_faults(void);   /* AVC_FAULT_WATCHDOG or AVC_FAULT_BROWN_OUT where the last reset was one */
 void hal_feed_watchdog(void);      /* within 50 ms; hal_start starts it */
+void hal_unique(uint8_t id[12]);   /* the number of this chip that no other has; left alone where it has none */
 
 void serial_handler(void);          /* the receive interrupt: gives each byte to avc_on_byte */
 

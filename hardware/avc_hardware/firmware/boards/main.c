@@ -34,6 +34,7 @@ int main(void)
 {
     boots++;
     avc_device_init(&device, &hal_limits, 0u, boots);
+    hal_unique(device.unique);
     avc_control_fault(&device.control, hal_reset_faults());
     hal_start();
     bool waiting = false;

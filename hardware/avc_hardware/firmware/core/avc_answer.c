@@ -30,6 +30,13 @@ void avc_put_float(avc_answer_t *a, float value)
     avc_put(a, &value, sizeof value);
 }
 
+void avc_put_lowered(avc_answer_t *a, const avc_lowered_t *lowered)
+{
+    avc_put_float(a, lowered->force_n);
+    avc_put_float(a, lowered->speed_m_per_s);
+    avc_put_float(a, lowered->energy_j);
+}
+
 void avc_put_gains(avc_answer_t *a, const avc_gains_t *gains)
 {
     avc_put_float(a, gains->damping_ns_per_m);

@@ -22,6 +22,7 @@ void avc_control_init(avc_control_t *control, const avc_limits_t *limits)
     control->rate_hz = 1.0f / limits->sample_time_s;
     control->scale = 1.0f;
     control->state.frequency_hz = not_a_number();
+    control->lowered = (avc_lowered_t){limits->max_force_n, limits->max_speed_m_per_s, limits->max_energy_j};
     avc_fault_init(&control->fault, limits);
 }
 
@@ -48,6 +49,12 @@ bool avc_control_drives(const avc_control_t *c)
 uint32_t avc_longest_hold(const avc_control_t *control)
 {
     return (uint32_t)(longest_hold_s * control->rate_hz + 0.5f);
+}
+
+float avc_most_force(const avc_control_t *c)
+{
+    const bool falls = c->limits_wanted != 0u && c->wanted.force_n < c->lowered.force_n;
+    return falls ? c->wanted.force_n : c->lowered.force_n;
 }
 
 static void rest(avc_control_t *c, float x)
@@ -293,7 +300,7 @@ static float push(avc_control_t *c, const avc_table_t *table, float x, float wor
         s->not_finite++;
         return fail(c, AVC_FAULT_NOT_FINITE, x);
     }
-    const float most = avc_force_limit(header, &c->limits);
+    const float most = c->most_n;
     bool clipped = c->scale != 1.0f;
     if (force > most || force < -most) {
         s->saturated++;
@@ -312,6 +319,12 @@ static float push(avc_control_t *c, const avc_table_t *table, float x, float wor
     return force;
 }
 
+static void limit_force(avc_control_t *c)
+{
+    const float tables = avc_force_limit(&c->tables[c->active].image.header, &c->limits);
+    c->most_n = c->lowered.force_n < tables ? c->lowered.force_n : tables;
+}
+
 /* Out of the wall of the new table, and of the old one too: nothing of it is left. Where an observer goes on believing in
  * contact, being measured out of it for some ticks is enough. */
 static void swap(avc_control_t *c, float x)
@@ -327,6 +340,7 @@ static void swap(avc_control_t *c, float x)
     c->waited = 0u;
     c->away = 0u;
     c->active = 1u - c->active;
+    limit_force(c);
     c->near = 0u;
     c->stream_fresh = 0u;
     c->stream_left = 0u;
@@ -380,9 +394,57 @@ static void clear(avc_control_t *c)
     }
 }
 
-float avc_control_tick(avc_control_t *c, int32_t encoder_count)
+/* Here, without a table: what ran before knew another place of the wall. */
+static void set_zero(avc_control_t *c, int32_t raw_count)
 {
+    const uint32_t by = (uint32_t)raw_count - (uint32_t)c->zero;
+    c->zero_wanted = 0u;
+    c->zero = raw_count;
+    c->state.encoder_count = (int32_t)((uint32_t)c->state.encoder_count - by);
+    c->state.has_table = 0u;
+    c->state.contact = 0u;
+    c->estimates = false;
+    c->has_zero = 1u;
+}
+
+/* A lower force limit at once; a higher one out of contact, where no spring is held back by the old one. */
+static void adopt_limits(avc_control_t *c)
+{
+    const bool free = c->state.has_table == 0u || (c->state.contact == 0u && c->state.position_m <= 0.0f);
+    if (c->wanted.force_n > c->lowered.force_n && !free) {
+        return;
+    }
+    c->lowered = c->wanted;
+    limit_force(c);
+    avc_fault_limit(&c->fault, &c->limits, c->wanted.speed_m_per_s, c->wanted.energy_j);
+    c->limits_wanted = 0u;
+}
+
+/* What the link asks of a tick, beside its table. */
+static void attend(avc_control_t *c, int32_t raw_count)
+{
+    c->asked = 0u;
+    atomic_signal_fence(memory_order_acquire);
+    if (c->zero_wanted != 0u) {
+        set_zero(c, raw_count);
+    }
+    if (c->latch_wanted != 0u) {
+        avc_control_fault(c, c->latch_wanted);
+        c->latch_wanted = 0u;
+    }
+    if (c->limits_wanted != 0u) {
+        adopt_limits(c);
+        c->asked = c->limits_wanted;
+    }
+}
+
+float avc_control_tick(avc_control_t *c, int32_t raw_count)
+{
+    if (c->asked != 0u) {
+        attend(c, raw_count);
+    }
     avc_state_t *s = &c->state;
+    const int32_t encoder_count = (int32_t)((uint32_t)raw_count - (uint32_t)c->zero);
     int32_t moved = (int32_t)((uint32_t)encoder_count - (uint32_t)s->encoder_count); /* wraps rightly */
     const float x = (float)encoder_count * c->limits.metres_per_count;
     if (c->swap_wanted != 0u) {

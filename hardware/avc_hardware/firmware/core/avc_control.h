@@ -49,12 +49,22 @@ typedef struct {
     uint8_t has_table;
 } avc_state_t;
 
+/* Limits at run time, never above those of the board. */
+typedef struct {
+    float force_n;
+    float speed_m_per_s;
+    float energy_j;
+} avc_lowered_t;
+
 /* What the tick reads every time comes first: near the start a load takes one instruction. */
 typedef struct {
     avc_limits_t limits;
     float rate_hz; /* 1/T */
     float scale;   /* of the force: ramps to 0 when the heartbeat is lost */
     float previous_force;
+    float most_n;             /* force limit in force: of board, table and run time the lowest */
+    volatile uint32_t asked; /* set last by the link: the tick looks at zero, latch and limits */
+    int32_t zero;            /* count of the encoder where the position is 0 */
     avc_state_t state;
     avc_fault_t fault;
     avc_couple_state_t couple;
@@ -85,6 +95,12 @@ typedef struct {
     avc_stream_t stream[2];
     volatile uint32_t stream_slot;
 
+    volatile uint32_t zero_wanted;
+    volatile uint32_t latch_wanted; /* codes of faults */
+    volatile uint32_t limits_wanted;
+    volatile uint32_t has_zero;
+    avc_lowered_t wanted;
+    avc_lowered_t lowered; /* in force */
     avc_telemetry_t telemetry;
     avc_estimate_state_t estimate;
     avc_table_t tables[2];
@@ -105,10 +121,13 @@ void avc_control_fault(avc_control_t *control, uint32_t codes);
 /* Whether a force may come, so that the amplifier is to be on. */
 bool avc_control_drives(const avc_control_t *control);
 
+/* The force that is allowed, with what is lowered from the next tick on. */
+float avc_most_force(const avc_control_t *control);
+
 /* Of a tick that has ended, while a host is subscribed. */
 void avc_telemetry_tick(avc_control_t *control);
 
 /* One tick; returns the force in newtons that the device shall push back with (positive out of the wall). */
-float avc_control_tick(avc_control_t *control, int32_t encoder_count);
+float avc_control_tick(avc_control_t *control, int32_t raw_count);
 
 #endif

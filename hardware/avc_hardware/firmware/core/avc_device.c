@@ -76,6 +76,8 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put_float(&a, limits->stuck_swing_n);
     avc_put_float(&a, limits->max_overruns);
     avc_put32(&a, avc_faults(&device->control));
+    avc_put_lowered(&a, &device->control.lowered);
+    avc_put(&a, device->unique, sizeof device->unique);
     avc_send(&a);
 }
 
@@ -128,8 +130,10 @@ static void on_status(avc_device_t *device, const avc_request_t *request)
     avc_put32(&a, device->control.fault.first);
     avc_put32(&a, device->control.fault.first_tick);
     const uint8_t waits = device->transfer.committing ? 1u : 0u;
-    const uint8_t flags[8] = {s.mode, s.streaming, s.contact, s.has_table, waits, 0u, 0u, 0u};
+    const uint8_t flags[8] = {s.mode, s.streaming, s.contact, s.has_table, waits,
+                              (uint8_t)device->control.has_zero, (uint8_t)device->control.limits_wanted, 0u};
     avc_put(&a, flags, sizeof flags);
+    avc_put_lowered(&a, &device->control.lowered);
     avc_send(&a);
 }
 
@@ -233,6 +237,9 @@ static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_STOP, 4, 4, avc_on_stop},
     {AVC_MESSAGE_CLEAR, 4, 4, on_clear},
     {AVC_MESSAGE_SUBSCRIBE, 8, 8, avc_on_subscribe},
+    {AVC_MESSAGE_ZERO, 0, 0, avc_on_zero},
+    {AVC_MESSAGE_LATCH, 4, 4, avc_on_latch},
+    {AVC_MESSAGE_LIMITS, 12, 12, avc_on_limits},
 };
 
 static void on_frame(avc_device_t *device)

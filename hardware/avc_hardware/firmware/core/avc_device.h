@@ -18,7 +18,8 @@ enum {
     AVC_PROTOCOL_VERSION = 1,
     AVC_INTERFACE_VERSION = 7,
     AVC_WINDOW = 1536,     /* bytes that the host may have on the way */
-    AVC_CHUNK_MAX = 512  /* table bytes in one message */
+    AVC_CHUNK_MAX = 512, /* table bytes in one message */
+    AVC_UNIQUE_SIZE = 12 /* bytes of the number that no other chip has; 0 where there is none */
 };
 
 typedef enum {
@@ -36,6 +37,9 @@ typedef enum {
     AVC_MESSAGE_STOP = 0x0C,
     AVC_MESSAGE_CLEAR = 0x0D,
     AVC_MESSAGE_SUBSCRIBE = 0x0E,
+    AVC_MESSAGE_ZERO = 0x0F,
+    AVC_MESSAGE_LATCH = 0x10,
+    AVC_MESSAGE_LIMITS = 0x11,
     AVC_MESSAGE_REPLY = 0x80, /* set in the answer to each of the above */
     AVC_MESSAGE_TELEMETRY = 0xFD,
     AVC_MESSAGE_LOG = 0xFE,
@@ -65,6 +69,7 @@ typedef struct {
     uint8_t encoded[AVC_FRAME_MAX];
     uint32_t boot_id;
     uint32_t serial;
+    uint8_t unique[AVC_UNIQUE_SIZE];
     volatile uint32_t rx_overruns;
     uint32_t frames_good;
     uint32_t frames_bad;

@@ -17,12 +17,17 @@ void avc_fault_init(avc_fault_t *fault, const avc_limits_t *limits)
 {
     const float time = limits->sample_time_s;
     fault->most_change = counts_of(limits->max_acceleration_m_per_s2 * time * time, limits->metres_per_count);
-    fault->most_moved = counts_of(limits->max_speed_m_per_s * time, limits->metres_per_count);
     fault->most_overruns = limits->max_overruns > 0.0f ? (uint32_t)limits->max_overruns : 0xFFFFFFFFu;
     fault->swing_n = limits->stuck_swing_n;
     fault->slow_ticks = (uint32_t)(slow_s / time);
     fault->keep = 1.0f - time / forget_s;
-    fault->least_j = limits->max_energy_j > 0.0f ? -limits->max_energy_j : -3e38f;
+    avc_fault_limit(fault, limits, limits->max_speed_m_per_s, limits->max_energy_j);
+}
+
+void avc_fault_limit(avc_fault_t *fault, const avc_limits_t *limits, float speed_m_per_s, float energy_j)
+{
+    fault->most_moved = counts_of(speed_m_per_s * limits->sample_time_s, limits->metres_per_count);
+    fault->least_j = energy_j > 0.0f ? -energy_j : -3e38f;
 }
 
 void avc_fault_raise(avc_fault_t *fault, uint32_t codes, uint32_t tick, float force_n, float sample_time_s)

@@ -17,7 +17,12 @@ typedef enum {
     AVC_FAULT_DISABLED = 64,    /* the enable line is open */
     AVC_FAULT_WATCHDOG = 128,   /* the last start was a reset by the watchdog */
     AVC_FAULT_BROWN_OUT = 256,  /* or by a supply that sank */
-    AVC_FAULT_HEARTBEAT = 512   /* the host is silent; alone not latched: told in ramp and safe */
+    AVC_FAULT_HEARTBEAT = 512,  /* the host is silent; alone not latched: told in ramp and safe */
+    /* What commissioning found; latched by the host. With them no table is taken. */
+    AVC_FAULT_ENCODER_REVERSED = 1024,
+    AVC_FAULT_MOTOR_REVERSED = 2048,
+    AVC_FAULT_MOTOR_DEAD = 4096,
+    AVC_FAULT_WIRED_WRONGLY = AVC_FAULT_ENCODER_REVERSED | AVC_FAULT_MOTOR_REVERSED | AVC_FAULT_MOTOR_DEAD
 } avc_fault_code_t;
 
 typedef struct {
@@ -48,6 +53,9 @@ typedef struct {
 } avc_fault_t;
 
 void avc_fault_init(avc_fault_t *fault, const avc_limits_t *limits);
+
+/* Other limits of speed and energy than those of the board; 0: not watched. */
+void avc_fault_limit(avc_fault_t *fault, const avc_limits_t *limits, float speed_m_per_s, float energy_j);
 
 /* Latch codes at a tick; the force falls from force_n. */
 void avc_fault_raise(avc_fault_t *fault, uint32_t codes, uint32_t tick, float force_n, float sample_time_s);

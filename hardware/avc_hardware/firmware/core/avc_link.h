@@ -23,6 +23,7 @@ void avc_put(avc_answer_t *a, const void *data, size_t size);
 void avc_put16(avc_answer_t *a, uint32_t value);
 void avc_put32(avc_answer_t *a, uint32_t value);
 void avc_put_float(avc_answer_t *a, float value);
+void avc_put_lowered(avc_answer_t *a, const avc_lowered_t *lowered);
 void avc_put_gains(avc_answer_t *a, const avc_gains_t *gains);
 void avc_send(avc_answer_t *a);
 void avc_refuse(avc_device_t *device, uint16_t sequence, avc_reason_t reason, uint32_t detail);
@@ -31,6 +32,11 @@ void avc_refuse(avc_device_t *device, uint16_t sequence, avc_reason_t reason, ui
 void avc_on_excite(avc_device_t *device, const avc_request_t *request);
 void avc_on_records(avc_device_t *device, const avc_request_t *request);
 void avc_on_stop(avc_device_t *device, const avc_request_t *request);
+
+/* Commissioning. */
+void avc_on_zero(avc_device_t *device, const avc_request_t *request);
+void avc_on_latch(avc_device_t *device, const avc_request_t *request);
+void avc_on_limits(avc_device_t *device, const avc_request_t *request);
 
 /* Telemetry. */
 void avc_on_subscribe(avc_device_t *device, const avc_request_t *request);

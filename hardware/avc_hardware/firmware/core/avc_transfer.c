@@ -129,6 +129,11 @@ void avc_on_commit(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_EXCITED, device->control.excite.plan.number);
         return;
     }
+    const uint32_t faults = device->control.fault.codes | device->control.latch_wanted;
+    if ((faults & (uint32_t)AVC_FAULT_WIRED_WRONGLY) != 0u) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_FAULT, faults);
+        return;
+    }
     transfer->last_tick = device->control.state.ticks;
     if (transfer->committing) {
         transfer->commit_sequence = request->sequence;

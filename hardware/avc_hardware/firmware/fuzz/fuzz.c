@@ -39,6 +39,12 @@ static void check(void)
     must(avc_is_finite(control->state.force_n), "the force is a number");
     must(control->state.force_n <= limits.max_force_n && control->state.force_n >= -limits.max_force_n,
          "the force keeps its limit");
+    const float lowered = control->lowered.force_n * 1.000001f;
+    must(lowered <= limits.max_force_n * 1.00001f, "no limit rises above the board's");
+    must((control->state.force_n <= lowered && control->state.force_n >= -lowered) || control->fault.codes != 0u ||
+             control->asked != 0u,
+         "the force keeps the lowered limit");
+    must(control->telemetry.made - control->telemetry.sent <= AVC_SAMPLES_KEPT, "the records fit");
     const avc_excite_t *excited = &control->excite;
     must(excited->state <= AVC_EXCITE_FAULT, "an excitation ends in a known way");
     if (excited->state == AVC_EXCITE_RUNS) {
@@ -225,7 +231,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         at += 2u;
         length = length < size - at ? length : size - at;
         if (kind < 0xC0u) {
-            message(kind % 16u, &data[at], length);
+            message(kind % 20u, &data[at], length);
         } else if (kind < 0xC8u) {
             wild_chunk(&data[at], length);
         } else if (kind < 0xCCu) {

@@ -12,6 +12,7 @@ size_t avc_host_read(avc_device_t *device, uint8_t *out, size_t room);
 void avc_host_state(const avc_device_t *device, avc_state_t *state);
 size_t avc_host_image(const avc_device_t *device, uint8_t *out);
 void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, float *frequency, size_t size);
+void avc_host_unique(avc_device_t *device, const uint8_t *id);
 void avc_host_disable(avc_device_t *device, int disabled);
 void avc_host_overrun(avc_device_t *device);
 void avc_host_fault(avc_device_t *device, uint32_t codes);
@@ -80,6 +81,12 @@ void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, f
         force[i] = avc_device_tick(device, counts[i]);
         frequency[i] = device->control.state.frequency_hz;
     }
+}
+
+/* The number of the chip. */
+void avc_host_unique(avc_device_t *device, const uint8_t *id)
+{
+    memcpy(device->unique, id, AVC_UNIQUE_SIZE);
 }
 
 /* The enable line. */

@@ -1,0 +1,74 @@
+"""Commission a device: its wiring checked by hand and a small pulse, its wall placed, its force limited at first.
+
+A person pushes the device into the wall by hand, draws it back to where the wall's face shall be and lets go; then a
+small stated pulse must move it the way of the force. A reversed or stuck encoder, a reversed or dead motor is named
+and latched on the device, which then takes no coupling. After that the force is limited until `avc limits` raises it.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import avc_casadi as avc
+from avc_casadi.cli._arguments import add_port, positive, positive_int
+from avc_casadi.cli._check_device import is_device
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._text import number
+
+_WIRINGS = ("right", "encoder-reversed", "encoder-stuck", "motor-reversed", "motor-dead")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "device",
+        metavar="DEVICE",
+        help="what is known of it: a device or a problem; a file or a catalogue name",
+    )
+    add_port(parser)
+    parser.add_argument(
+        "--force-n",
+        type=positive,
+        metavar="N",
+        help="of the pulse; default three times the dry friction, at least a tenth of the device's force",
+    )
+    parser.add_argument(
+        "--first-touch-n", type=positive, metavar="N", help="force limit afterwards; default a tenth of the device's"
+    )
+    parser.add_argument(
+        "--by-hand-m", type=positive, default=5e-3, metavar="X", help="least way of the hand; default 0.005"
+    )
+    parser.add_argument(
+        "--on-bench", choices=_WIRINGS, default="right", help="with --port emulator: how its device is wired"
+    )
+    parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Say what to do, look, tell; 1 where something is wired wrongly."""
+    from avc_casadi.support import plain
+    from avc_hardware import EMULATOR, Wiring, commission
+
+    if args.on_bench != "right" and args.port != EMULATOR:
+        raise avc.InputError.of(
+            f"goes with --port emulator alone, not with {args.port}; leave it out", key="--on-bench"
+        )
+    device = avc.load_device(args.device).device if is_device(args.device) else avc.load_problem(args.device).device
+    found = commission(
+        device,
+        args.port,
+        force_n=args.force_n,
+        first_touch_n=args.first_touch_n,
+        by_hand_m=args.by_hand_m,
+        on_bench=Wiring(args.on_bench),
+        baud=args.baud,
+        on_step=console.say if not console.as_json else console.complain,
+    )
+    document = plain({"schema": "avc-commission/1"} | found.document())
+    if found.found:
+        return Answer(document, "", code=1, complaint=f"avc: {found.port}: {found.sentence}")
+    text = (
+        f"{found.sentence}\nfirst touch: the force is limited to {number(found.limits.force_n)} N; next: avc push, "
+        "touch the wall, then raise it: avc limits --force-n N"
+    )
+    return Answer(document, text)
