@@ -117,9 +117,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 def _device(device: Device) -> str:
     running = f"coupling {device.coupling_id}" if device.coupling_id else "no coupling"
-    number_of_its_own = f" {device.unique_id}" if device.unique_id else ""
+    own = f" {device.unique_id}" if device.unique_id else ""
     return (
-        f"device{number_of_its_own} with firmware {device.build}: a tick every {1e3 * device.sample_time_s:g} ms, at most "
+        f"device{own} with firmware {device.build}: a tick every {1e3 * device.sample_time_s:g} ms, at most "
         f"{device.max_force_n:g} N, {running}"
     )
 
