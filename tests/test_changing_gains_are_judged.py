@@ -9,12 +9,16 @@ import sys
 import numpy as np
 import pytest
 from clip_last_simulator import Simulator
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.linalg import expm
+from scipy.optimize import nnls
 
 import avc_casadi as avc
 from avc_casadi.certificate import certify
 from avc_casadi.coupling import Coupling, GainTable
-from avc_casadi.proof import Changing, joint_spectral_radius, prove_changes
+from avc_casadi.proof import Changing, gain_corners, joint_spectral_radius, prove_changes, rows_and_between
+from avc_casadi.stability import joint_rendering
 
 INF = np.inf
 SPRING = avc.load_problem("figure5").changed(environment={"damping_ns_per_m": 0.0})
@@ -197,6 +201,66 @@ def test_tampered_proofs_are_rejected(proved, refuted):
     assert not dataclasses.replace(refuted, order="neighbours", gains=dampers(92, 100, 110), pattern=(0, 0, 2)).replays(
         SPRING
     )
+
+
+def entries(problem, gains):
+    """All that the gains enter, a column for each row of gains."""
+    found = joint_rendering(problem, *gains)
+    return np.hstack([found.force, found.state]).T
+
+
+def least_distance(corners, point):
+    """How far a point is from the convex hull of some corners, as a share of the largest entry."""
+    scale = np.abs(corners).max(axis=1, keepdims=True) + 1e-12
+    weight = 1e3  # of the sum of the shares, beside entries of order 1
+    shares, left = nnls(
+        np.vstack([corners / scale, weight * np.ones(corners.shape[1])]), [*(point / scale[:, 0]), weight]
+    )
+    return left / max(shares.max(), 1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6))
+def test_what_is_between_is_a_mixture_of_what_is_proved(seed):
+    """All gains of a box are mixtures of its corners, and the way between two rows of these and the crossed ones."""
+    random = np.random.default_rng(seed)
+    problem = SPRING.changed(environment={"damping_ns_per_m": float(random.choice([0.0, random.uniform(1, 200)]))})
+    rows = np.exp(random.uniform(np.log([[1.0], [100.0], [0.5]]), np.log([[1e4], [1e7], [200.0]]), (3, 3)))
+    rows[2] *= random.integers(2)
+    inside = rows.min(axis=1) + random.uniform(size=3) * (rows.max(axis=1) - rows.min(axis=1))
+    assert least_distance(entries(problem, gain_corners(rows)), entries(problem, inside[:, None])[:, 0]) < 1e-8
+    share = random.uniform()
+    way = (1 - share) * rows[:, 1] + share * rows[:, 2]
+    some = entries(problem, rows_and_between(rows[:, 1:]))
+    assert some.shape[1] == (4 if rows[2].any() else 2)
+    assert least_distance(some, entries(problem, way[:, None])[:, 0]) < 1e-8
+    # The rows alone do not hold it where both kinds of gains change, and no corner may be left out.
+    if rows[2].any():
+        assert least_distance(some[:, :2], entries(problem, way[:, None])[:, 0]) > 1e-9
+
+
+def test_gains_that_wander_in_a_box_that_is_proved_come_to_rest():
+    """In a simulator of its own, pressed into the wall: b, k and b_p drawn anew at every sample."""
+    pytest.importorskip("clarabel")
+    rows = np.array([[5.0, 8.0], [2e4, 3e4], [5.0, 9.0]])
+    corners = gain_corners(rows)
+    assert corners.shape == (3, 8)
+    assert prove_changes(SOFT, corners).outcome == "proved"
+    random = np.random.default_rng(3)
+    corner = {name: max(getattr(SOFT.hands, name)) for name in ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")}
+    wall, depth = SOFT.environment.stiffness_n_per_m, 0.05
+    gains = {"b": 5.0, "k": 2e4, "b_p": 5.0, "b_e": 0.0, "k_e": wall}
+    # The place of rest moves with k. What is between two motions under the same gains does not know of it.
+    hand = {name: np.full(2, value) for name, value in corner.items()}
+    simulator = Simulator(SOFT.device.model_dump() | {"max_force_n": None}, gains, hand, np.full(2, 8 * depth))
+    simulator.start(np.full(2, depth), np.array([0.0, 0.01]), tool=np.full(2, depth * 2e4 / (2e4 + wall)))
+    apart = []
+    for _ in range(3000):
+        gains["b"], gains["k"], gains["b_p"] = (float(random.uniform(*row)) for row in rows)
+        position, _, force = simulator.step()
+        assert (force > 0).all()
+        apart.append(abs(position[1] - position[0]))
+    assert max(apart[-300:]) < 1e-3 * max(apart[:300])
 
 
 def test_without_the_extra_it_is_named(monkeypatch):

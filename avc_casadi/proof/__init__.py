@@ -1,5 +1,7 @@
 """Proofs and refutations: what holds for every hand of a box, with enclosures in place of samples."""
 
+from avc_casadi.proof._between import gain_corners as gain_corners
+from avc_casadi.proof._between import rows_and_between as rows_and_between
 from avc_casadi.proof._changing import MOST_CELLS as MOST_CELLS
 from avc_casadi.proof._changing import Changing as Changing
 from avc_casadi.proof._changing import Order as Order

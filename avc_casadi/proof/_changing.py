@@ -2,7 +2,7 @@
 
 The claim is of the loop that is clipped last, of rigid mechanics with a whole delay, while the device stays in contact:
 then it is linear, and its state decays geometrically to where the hand rests, or stays bounded while a change of
-stiffness moves that place. Rows themselves are judged, not what is interpolated between them.
+stiffness moves that place. Rows themselves are judged; `_between` gives rows that hold what is between others.
 """
 
 from __future__ import annotations
