@@ -39,18 +39,17 @@ def changes_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResul
     gains = coupling.table.gains
     whole = _order(coupling, gain_corners(gains), "any", progress)
     if whole.outcome == "proved":
-        found, outcome = [whole], whole.outcome
+        found = [whole]
         claim = (
             "proved: the gains may change at any speed, each for itself, anywhere within the box that the table spans, "
             f"with every hand of the box, in kept contact ({len(whole.cells)} cells)"
         )
     else:
         found, claim = _rows(coupling, gains, progress)
-        outcome = found[0].outcome
     if coupling.contact == "gated":
         claim += "; behind the gate the same in kept contact"
     claim += "; the anchor that pays for a change of stiffness and what happens at the surface are not covered"
-    return told(outcome, claim, {"proofs": [one.document() for one in found]})
+    return told(found[0].outcome, claim, {"proofs": [one.document() for one in found]})
 
 
 def _rows(coupling: Coupling, gains: FloatArray, progress: Progress) -> tuple[list[Changing], str]:
