@@ -41,7 +41,7 @@ def in_qemu(folder: Path) -> list[int]:
     image = build_image("bench-m4f", scratch())
     symbols = read_elf(image).symbols
     entry = symbols["avc_device_tick"][0]
-    handler = range(symbols["systick_handler"][0], sum(symbols["systick_handler"]))
+    handler = range(symbols["avc_on_tick"][0], sum(symbols["avc_on_tick"]))
     log = folder / "trace.log"
     start = -1
 

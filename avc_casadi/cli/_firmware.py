@@ -23,12 +23,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
         f"{__doc__}\nNo gains are in it: they are pushed (avc push), and a coupling for another sample time or for\n"
-        "more force is refused by the device. It needs arm-none-eabi-gcc."
+        "more force is refused by the device. It needs the board's compiler: arm-none-eabi-gcc, or that of your folder."
     )
     parser.add_argument(
         "subject", metavar="SUBJECT", help="device, or problem; or a coupling file, for what runs beside its gains"
     )
-    parser.add_argument("--board", required=True, help="a board (a wrong name lists them): stm32f405, mps2-an386, ...")
+    parser.add_argument(
+        "--board",
+        required=True,
+        help="a board (a wrong name lists them), or the folder of your own (hardware/PORTING.md)",
+    )
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for the .elf, .bin and .hex file")
     parser.add_argument("--baud", type=positive_int, help="rate of its serial port; default 115200")
     add_problem_of_gains(parser)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+
+from avc_hardware._firmware import ARM_INSTALL
 
 _M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
 _M3 = ("-mcpu=cortex-m3", "-mthumb", "-mfloat-abi=soft")
@@ -14,7 +17,7 @@ class Target:
 
     Attributes:
         title: what it is, for people.
-        folder: in firmware/boards, holds board.c and board.h.
+        folder: name of the one that holds board.h and the sources.
         cpu: compiler flags of the core.
         flash: origin and size, bytes.
         ram: origin and size, bytes.
@@ -23,6 +26,12 @@ class Target:
         estimator: method; the fused one is too slow for floats in software.
         commands: how to put an image on it, or to run it, with {name} for the file without its ending; empty for a
             board of tests alone.
+        root: the folder of a board that is not in the package; None for firmware/boards/FOLDER.
+        sources: in the folder.
+        cortex_m: takes start, tick and linker script of the package.
+        linker_script: in the folder; empty for that of the package.
+        compiler: the cross compiler, a gcc.
+        install: how to get it.
     """
 
     title: str
@@ -34,6 +43,12 @@ class Target:
     defines: tuple[str, ...] = ()
     estimator: str = "fused"
     commands: tuple[str, ...] = ()
+    root: Path | None = None
+    sources: tuple[str, ...] = ("board.c",)
+    cortex_m: bool = True
+    linker_script: str = ""
+    compiler: str = "arm-none-eabi-gcc"
+    install: str = ARM_INSTALL
 
 
 _STM32F405 = ((0x08000000, 0x100000), (0x20000000, 0x20000))

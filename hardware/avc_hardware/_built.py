@@ -10,11 +10,12 @@ from avc_casadi import InputError
 from avc_casadi.coupling import Coupling
 from avc_casadi.problem import Problem
 from avc_hardware._bench_plant import board_limits
-from avc_hardware._boards import TARGETS
+from avc_hardware._boards import TARGETS, Target
 from avc_hardware._elf import read_elf
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._firmware import source_hash
 from avc_hardware._image_files import as_binary, as_intel_hex
+from avc_hardware._manifest import read_board
 from avc_hardware._runs_on import check_runs_on, figures_of
 
 if TYPE_CHECKING:
@@ -58,19 +59,17 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
     Args:
         of: a device or a problem, for sample time, encoder and force limit (where it says nothing 2 um and 50 N); or
             a coupling, for its estimator, hold, slew, passive change and guard limit too.
-        board: a key of `BOARDS`.
+        board: a key of `BOARDS`, or the folder of a board of your own with its ``board.toml`` (hardware/PORTING.md).
         out: folder for ``BOARD.elf``, ``BOARD.bin`` and ``BOARD.hex``.
         baud: rate of the serial line; None is 115200.
 
     Raises:
-        InputError: unknown board.
+        InputError: unknown board, or all faults of its manifest.
         FirmwareLacksError: the coupling needs what no firmware of this release has.
         UnsupportedError: a sample time that no program is made for.
         MissingExtraError: no cross compiler; says how to install it.
     """
-    if board not in BOARDS:
-        raise InputError.of(f"is {board!r}; allowed: {', '.join(BOARDS)}", key="board")
-    target = TARGETS[board]
+    target = _target(board)
     problem = of.problem if isinstance(of, Coupling) else of
     limits = board_limits(problem.device if isinstance(problem, Problem) else problem)
     figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, target.estimator)
@@ -83,12 +82,24 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
     from avc_hardware._runtime_c import sources_for  # noqa: PLC0415
     from avc_hardware.firmware_build import build_image  # noqa: PLC0415
 
-    elf = build_image(board, out, baud=baud, generated=sources_for(limits, figures))
+    elf = build_image(board if target.root is None else target, out, baud=baud, generated=sources_for(limits, figures))
     image = read_elf(elf)
     address, data = as_binary(image)
     binary, text = elf.with_suffix(".bin"), elf.with_suffix(".hex")
     binary.write_bytes(data)
     text.write_text(as_intel_hex(image), encoding="ascii")
-    commands = tuple(command.format(name=board) for command in target.commands)
+    name = elf.stem
+    commands = tuple(command.replace("{name}", name) for command in target.commands)
     files = (elf, binary, text)
-    return BuiltFirmware(board, target.title, source_hash(), files, address, len(data), limits, figures, commands)
+    return BuiltFirmware(name, target.title, source_hash(), files, address, len(data), limits, figures, commands)
+
+
+def _target(board: str) -> Target:
+    if board in BOARDS:
+        return TARGETS[board]
+    if Path(board).is_dir():
+        return read_board(Path(board))
+    raise InputError.of(
+        f"is {board!r}; allowed: {', '.join(BOARDS)}, or the folder of a board of your own (hardware/PORTING.md)",
+        key="board",
+    )

@@ -9,6 +9,7 @@ from pathlib import Path
 from avc_casadi import UnsupportedError
 
 _LOAD = 1
+_PROCESSORS = (40, 243)
 _SYMBOL_TABLE = 2
 
 
@@ -51,14 +52,14 @@ class Image:
 
 
 def read_elf(path: Path) -> Image:
-    """Read a 32-bit little-endian ARM image.
+    """Read a 32-bit little-endian image of an ARM or RISC-V processor.
 
     Raises:
         UnsupportedError: it is something else.
     """
     data = path.read_bytes()
-    if data[:6] != b"\x7fELF\x01\x01" or struct.unpack_from("<H", data, 18)[0] != 40:
-        raise UnsupportedError(f"{path.name} is no 32-bit little-endian ARM ELF image")
+    if data[:6] != b"\x7fELF\x01\x01" or struct.unpack_from("<H", data, 18)[0] not in _PROCESSORS:
+        raise UnsupportedError(f"{path.name} is no 32-bit little-endian ARM or RISC-V ELF image")
     program_at, section_at = struct.unpack_from("<II", data, 28)
     program_size, programs, section_size, sections = struct.unpack_from("<HHHH", data, 42)
     segments = []

@@ -12,9 +12,9 @@ IMAGE = FIRMWARE / "image" / "netduinoplus2.elf"
 ARM_INSTALL = "apt-get install -y --no-install-recommends gcc-arm-none-eabi"
 
 
-def source_hash(folder: Path = FIRMWARE) -> str:
+def source_hash(folder: Path = FIRMWARE, *further: bytes) -> str:
     """Return the first 8 hexadecimal digits of the SHA-256 over all firmware sources: the build's name in HELLO."""
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(b"".join(further))
     parts = [*(folder / "core").rglob("*"), *(folder / "boards").rglob("*")]
     for path in sorted(path for path in parts if path.suffix in {".c", ".h", ".ld"}):
         digest.update(path.relative_to(folder).as_posix().encode())

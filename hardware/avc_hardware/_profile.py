@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 _ENTRY = "avc_device_tick"
-_OUTSIDE = "systick_handler"
+_OUTSIDE = "avc_on_tick"
 
 
 def _conditional(code: Callable[[int, int], bytes], address: int) -> tuple[int, ...]:

@@ -9,15 +9,36 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from avc_casadi import LinkError, MissingExtraError
 
-QEMU_INSTALL = "apt-get install -y --no-install-recommends qemu-system-arm"
-# Machine, nanoseconds an instruction as a power of two, clock of the timer: of each bench target.
-MACHINES = {"bench-m4f": ("mps2-an386", 6, 25e6), "bench-m3": ("lm3s6965evb", 5, 12.5e6)}
+QEMU_INSTALL = "apt-get install -y --no-install-recommends qemu-system-arm qemu-system-misc"
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What runs a bench's firmware.
+
+    Attributes:
+        name: QEMU's.
+        shift: nanoseconds an instruction as a power of two.
+        clock_hz: of the timer that the bench reads.
+        options: further ones of QEMU.
+        program: QEMU's.
+    """
+
+    name: str
+    shift: int
+    clock_hz: float
+    options: tuple[str, ...] = ()
+    program: str = "qemu-system-arm"
+
+
+MACHINES = {"bench-m4f": Machine("mps2-an386", 6, 25e6), "bench-m3": Machine("lm3s6965evb", 5, 12.5e6)}
 _RECORD = struct.Struct("<fII")
 _LINE_MAX = 64
 
@@ -33,24 +54,24 @@ class LockStepBoard:
     """
 
     def __init__(
-        self, image: Path, target: str, *, position: Callable[[int], int], options: tuple[str, ...] = ()
+        self, image: Path, target: str | Machine, *, position: Callable[[int], int], options: tuple[str, ...] = ()
     ) -> None:
         """Start QEMU.
 
         Args:
             image: made by `firmware_build.build_image` for a bench target.
-            target: its name.
+            target: its name, or what runs it.
             position: encoder counts at a tick; it may look at ``force_n`` of the tick before.
             options: further ones of QEMU.
 
         Raises:
             MissingExtraError: QEMU is not installed.
         """
-        program = shutil.which("qemu-system-arm")
+        machine = MACHINES[target] if isinstance(target, str) else target
+        program = shutil.which(machine.program)
         if program is None:
-            raise MissingExtraError(f"qemu-system-arm is not installed; on Debian or Ubuntu: {QEMU_INSTALL}")
-        machine, shift, clock_hz = MACHINES[target]
-        self._instructions_per_cycle = 1e9 / clock_hz / 2**shift
+            raise MissingExtraError(f"{machine.program} is not installed; on Debian or Ubuntu: {QEMU_INSTALL}")
+        self._instructions_per_cycle = 1e9 / machine.clock_hz / 2**machine.shift
         self._position = position
         self._folder = tempfile.TemporaryDirectory(prefix="avc-bench-")
         pipes = [Path(self._folder.name) / name for name in ("from_plant", "to_plant")]
@@ -58,8 +79,18 @@ class LockStepBoard:
             os.mkfifo(pipe)
         self._process = subprocess.Popen(  # noqa: S603 - our own arguments
             [
-                *(program, "-M", machine, "-kernel", str(image.resolve()), "-nodefaults", "-display", "none"),
-                *("-semihosting-config", "enable=on,target=native", "-icount", f"shift={shift},sleep=off"),
+                *(
+                    program,
+                    "-M",
+                    machine.name,
+                    *machine.options,
+                    "-kernel",
+                    str(image.resolve()),
+                    "-nodefaults",
+                    "-display",
+                    "none",
+                ),
+                *("-semihosting-config", "enable=on,target=native", "-icount", f"shift={machine.shift},sleep=off"),
                 *options,
             ],
             cwd=self._folder.name,

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from avc_casadi import MissingExtraError, UnsupportedError
-from avc_hardware._boards import TARGETS
-from avc_hardware._firmware import ARM_INSTALL, FIRMWARE, GENERATED, source_hash
+from avc_hardware._boards import TARGETS, Target
+from avc_hardware._firmware import FIRMWARE, GENERATED, source_hash
 
 if TYPE_CHECKING:
     from avc_hardware._figures import RuntimeFigures
@@ -69,7 +69,7 @@ def _run(command: list[str]) -> None:
         raise UnsupportedError(f"{command[0]} failed:\n{done.stderr.strip()}")
 
 
-def _common(estimator: str, made: Path | None = None) -> list[str]:
+def _common(estimator: str, made: Path | None = None, build: str = "") -> list[str]:
     """Return the options; ``made`` is a folder whose generated sources stand for the packaged ones."""
     core = FIRMWARE / "core"
     return [
@@ -78,7 +78,7 @@ def _common(estimator: str, made: Path | None = None) -> list[str]:
         *WARNINGS,
         *EXACT_FLOAT,
         f"-ffile-prefix-map={FIRMWARE}=firmware",
-        f'-DAVC_BUILD="{source_hash(FIRMWARE)}"',
+        f'-DAVC_BUILD="{build or source_hash(FIRMWARE)}"',
         *(() if made is None else (f"-I{made}",)),
         f"-I{core}",
         f"-I{GENERATED}",
@@ -98,33 +98,34 @@ def _core_sources(estimator: str, made: Path | None = None) -> list[Path]:
 
 
 def build_image(
-    target: str,
+    target: str | Target,
     out: Path,
     *,
     baud: int | None = None,
-    gcc: str = "arm-none-eabi-gcc",
     generated: Mapping[str, str] | None = None,
 ) -> Path:
     """Build the ELF image of a board.
 
     Args:
-        target: a key of ``TARGETS``.
+        target: a key of ``TARGETS``, or a board that is not in the package (`_manifest.read_board`).
         out: folder for ``<target>.elf``.
         baud: another rate than the board's 115200.
-        gcc: the cross compiler.
         generated: sources by file name in place of the packaged ones (`_runtime_c.sources_for`).
 
     Raises:
         UnsupportedError: unknown target, or the compiler refused the sources.
         MissingExtraError: no cross compiler.
     """
-    if target not in TARGETS:
+    if isinstance(target, str) and target not in TARGETS:
         raise UnsupportedError(f"unknown board {target!r}; allowed: {', '.join(TARGETS)}")
-    board = TARGETS[target]
+    board = TARGETS[target] if isinstance(target, str) else target
+    name = target if isinstance(target, str) else board.folder
     boards = FIRMWARE / "boards"
-    sources = [boards / "start.c", boards / "main.c", boards / "limits.c", boards / "defaults.c"]
-    sources.append(boards / board.folder / "board.c")
-    image = out / f"{target}.elf"
+    root = board.root or boards / board.folder
+    common = ["memory.c", "main.c", "limits.c", "defaults.c", *(["start.c", "systick.c"] if board.cortex_m else [])]
+    sources = [*(boards / source for source in common), *(root / source for source in board.sources)]
+    script = root / board.linker_script if board.linker_script else boards / "link.ld"
+    image = out / f"{name}.elf"
     out.mkdir(parents=True, exist_ok=True)
     places = {
         "FLASH_ORIGIN": board.flash[0],
@@ -132,19 +133,22 @@ def build_image(
         "RAM_ORIGIN": board.ram[0],
         "RAM_SIZE": board.ram[1],
     }
+    own = [] if board.root is None else [path.read_bytes() for path in sources if path.is_relative_to(board.root)]
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder)
-        _write({made / name: text for name, text in (generated or {}).items()})
-        sources += [boards / name for name in board.extra] + _core_sources(board.estimator, made)
+        _write({made / file: text for file, text in (generated or {}).items()})
+        sources += [boards / file for file in board.extra] + _core_sources(board.estimator, made)
         _run(
             [
-                compiler(gcc, ARM_INSTALL),
-                *_common(board.estimator, made),
+                compiler(board.compiler, board.install),
+                *_common(board.estimator, made, source_hash(FIRMWARE, *own)),
                 *board.cpu,
                 *board.defines,
                 *([f"-DBOARD_BAUD={baud}u"] if baud else []),
                 f"-I{boards}",
-                f"-I{boards / board.folder}",
+                f"-I{root}",
+                *("-idirafter", str(boards / "library")),
+                *([f"-ffile-prefix-map={root}=board"] if board.root else []),
                 "-fno-tree-loop-distribute-patterns",
                 "-ffunction-sections",
                 "-fdata-sections",
@@ -152,8 +156,8 @@ def build_image(
                 "-g0",
                 "-nostdlib",
                 "-Wl,--gc-sections,--build-id=none,--no-warn-rwx-segments",
-                *(f"-Wl,--defsym={name}={value:#x}" for name, value in places.items()),
-                f"-T{boards / 'link.ld'}",
+                *(f"-Wl,--defsym={place}={value:#x}" for place, value in places.items()),
+                f"-T{script}",
                 *map(str, sources),
                 "-lgcc",
                 "-o",

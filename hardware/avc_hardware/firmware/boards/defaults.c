@@ -1,4 +1,5 @@
-/* A board without enable line, amplifier enable, watchdog, reset cause and a number of its own. */
+/* A board without enable line, amplifier enable, watchdog, reset cause, a number of its own and a timer that tells of a
+ * tick too late. */
 #include "hal.h"
 
 __attribute__((weak)) bool hal_enabled(void)
@@ -23,4 +24,9 @@ __attribute__((weak)) void hal_feed_watchdog(void)
 __attribute__((weak)) void hal_unique(uint8_t id[12])
 {
     (void)id;
+}
+
+__attribute__((weak)) bool hal_tick_is_due(void)
+{
+    return false;
 }

@@ -1,10 +1,6 @@
 /* The board's own figures. In a source of its own: an emulated image is given those of its device here. */
 #include "avc_made_for.h"
-#include "board.h"
 #include "hal.h"
-
-_Static_assert((uint64_t)BOARD_CLOCK_HZ * AVC_MADE_FOR_SAMPLE_TIME_NS / 1000000000u <= 0x1000000u,
-               "the sample time is longer than SysTick counts at this clock");
 
 const avc_limits_t hal_limits = {
     .sample_time_s = AVC_MADE_FOR_SAMPLE_TIME_S,

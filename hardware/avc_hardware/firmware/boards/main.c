@@ -1,6 +1,5 @@
 /* The same on every board: the interrupts tick and receive, the main loop talks. */
 #include "avc_device.h"
-#include "cortex_m.h"
 #include "hal.h"
 
 static avc_device_t device;
@@ -13,14 +12,12 @@ void avc_on_byte(uint8_t byte)
     avc_device_receive(&device, byte);
 }
 
-void systick_handler(void);
-void systick_handler(void)
+void avc_on_tick(void)
 {
-    (void)SYSTICK_CONTROL; /* clears its flag */
     device.control.fault.disabled = hal_enabled() ? 0u : 1u;
     hal_apply_force(avc_device_tick(&device, hal_encoder_count()));
     hal_drive(avc_control_drives(&device.control));
-    if ((SYSTICK_CONTROL & SYSTICK_COUNTED) != 0u) {
+    if (hal_tick_is_due()) {
         device.control.state.overruns++; /* the next tick came due before this one had ended */
     }
 }

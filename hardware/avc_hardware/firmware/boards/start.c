@@ -1,5 +1,4 @@
 /* Vector table and reset for Cortex-M; board.h names the serial port's interrupt. */
-#include <stddef.h>
 #include <stdint.h>
 
 #include "board.h"
@@ -31,26 +30,6 @@ void reset_handler(void)
     __asm volatile("dsb\n\tisb");
 #endif
     (void)main();
-}
-
-/* Only what the link and the control loop use of the C library. */
-void *memcpy(void *restrict to, const void *restrict from, size_t size)
-{
-    uint8_t *t = to;
-    const uint8_t *f = from;
-    while (size-- != 0u) {
-        *t++ = *f++;
-    }
-    return to;
-}
-
-void *memset(void *to, int value, size_t size)
-{
-    uint8_t *t = to;
-    while (size-- != 0u) {
-        *t++ = (uint8_t)value;
-    }
-    return to;
 }
 
 typedef union {

@@ -11,14 +11,21 @@
 
 #include "avc_table.h"
 
+/* What a board with less memory defines otherwise: a power of two. */
+#ifndef AVC_CAPACITY_RECORDS
+#define AVC_CAPACITY_RECORDS 4096
+#endif
+
 enum {
     AVC_TONES_MAX = 64,
     AVC_KNOTS = 33,                        /* of the envelope, evenly spread over the time played */
     AVC_FULL = 32767,                      /* units of the largest force */
-    AVC_RECORDS = 4096,                    /* a power of two */
+    AVC_RECORDS = AVC_CAPACITY_RECORDS,
     AVC_RECORDS_KEPT = AVC_RECORDS - 64,   /* older ones may be overwritten while they are copied */
     AVC_SPEED_WINDOW_MAX = 32
 };
+
+_Static_assert(AVC_RECORDS >= 128 && (AVC_RECORDS & (AVC_RECORDS - 1)) == 0, "records: a power of two, 128 or more");
 
 typedef enum { AVC_SHAPE_SINE = 0, AVC_SHAPE_RELEASE = 1 } avc_shape_t;
 

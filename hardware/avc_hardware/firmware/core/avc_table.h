@@ -9,8 +9,13 @@
 #include "avc_steady_clips.h"
 #include "avc_steady_gated.h"
 
+/* What a board with less memory defines otherwise. */
+#ifndef AVC_CAPACITY_ROWS
+#define AVC_CAPACITY_ROWS 256
+#endif
+
 enum {
-    AVC_ROWS_MAX = 256,
+    AVC_ROWS_MAX = AVC_CAPACITY_ROWS,
     AVC_STATES_MAX = 8, /* of the observer whose state is fed back */
     AVC_FEEDBACK_MAX = AVC_STATES_MAX * (AVC_STATES_MAX + 3)
 };

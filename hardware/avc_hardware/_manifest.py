@@ -1,0 +1,140 @@
+"""A board of one's own: a folder anywhere with its sources and a ``board.toml`` that says how they are built."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from avc_casadi import Fault, InputError
+from avc_hardware._boards import Target
+from avc_hardware._figures import ESTIMATOR_NUMBERS
+
+MANIFEST = "board.toml"
+# The format counts rows and records in 16 bits; a table with state feedback is as long as 27 rows.
+ROWS = (27, 4096)
+RECORDS = (128, 32768)
+
+
+@dataclass
+class _Reader:
+    """Takes keys out of a table and notes what is wrong with them."""
+
+    file: str
+    keys: dict[str, Any]
+    faults: list[Fault] = field(default_factory=list)
+    place: str = ""
+
+    def fault(self, key: str, message: str) -> None:
+        self.faults.append(Fault(self.file, None, self.place + key, message))
+
+    def take(self, key: str, default: Any, allowed: str, accepts: Callable[[Any], bool]) -> Any:
+        """Return a key's value, or the default; None as default asks for the key."""
+        if key not in self.keys:
+            if default is None:
+                self.fault(key, f"is missing; give {allowed}")
+            return default
+        value = self.keys.pop(key)
+        if not accepts(value):
+            self.fault(key, f"is {value!r}; allowed: {allowed}")
+            return default
+        return value
+
+    def table(self, key: str) -> _Reader:
+        value = self.keys.pop(key, {})
+        if not isinstance(value, dict):
+            self.fault(key, f"is {value!r}; allowed: a table")
+            value = {}
+        return _Reader(self.file, dict(value), self.faults, f"{self.place}{key}.")
+
+    def end(self) -> None:
+        for key in self.keys:
+            self.fault(key, "is unknown; see hardware/PORTING.md")
+
+
+def _text(value: Any) -> bool:
+    return isinstance(value, str) and bool(value.strip())
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list) and all(_text(one) for one in value)
+
+
+def _whole(low: int, high: int = 2**32) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+
+
+def _region(reader: _Reader, key: str) -> tuple[int, int]:
+    table = reader.table(key)
+    origin = table.take("origin", None, "the first address", _whole(0))
+    size = table.take("bytes", None, "the size in bytes", _whole(1))
+    table.end()
+    return origin or 0, size or 0
+
+
+def read_board(folder: Path) -> Target:
+    """Read the manifest of a board.
+
+    Args:
+        folder: holds ``board.toml``.
+
+    Raises:
+        InputError: no such file, or all that is wrong in it.
+    """
+    path = folder / MANIFEST
+    try:
+        keys = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        message = f"has no {MANIFEST}; write one: hardware/PORTING.md"
+        raise InputError.of(message, file=str(folder), key="board") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError.of(f"is no TOML: {error}", file=str(path)) from error
+    reader = _Reader(str(path), keys)
+    processors = ("cortex-m", "other")
+    processor = reader.take("processor", None, " or ".join(processors), processors.__contains__)
+    title = reader.take("title", folder.name, "a line of text", _text)
+    compiler = reader.take("compiler", None, "a program, as arm-none-eabi-gcc", _text)
+    install = reader.take("install", "see its maker's page", "how to install the compiler, a line of text", _text)
+    flags = reader.take("flags", [], "a list of the compiler's flags", _texts)
+    sources = reader.take("sources", None, "a list of files of the folder", _texts)
+    script = reader.take("linker_script", "", "a file of the folder", _text)
+    estimators = ", ".join(ESTIMATOR_NUMBERS)
+    estimator = reader.take("estimator", "zero-crossing", estimators, ESTIMATOR_NUMBERS.__contains__)
+    commands = reader.take("commands", [], "a list of commands that flash {name}.elf, {name}.bin or {name}.hex", _texts)
+    flash, memory = _region(reader, "flash"), _region(reader, "memory")
+    capacity = reader.table("capacity")
+    rows = capacity.take("rows", 256, "{} to {} rows of a table".format(*ROWS), _whole(*ROWS))
+    records = capacity.take(
+        "records",
+        4096,
+        "{} to {} records of an excitation, a power of two".format(*RECORDS),
+        lambda value: _whole(*RECORDS)(value) and value & (value - 1) == 0,
+    )
+    capacity.end()
+    reader.end()
+    if processor == "other" and not script:
+        reader.fault("linker_script", "is missing; the packaged one is for cortex-m: give a file of the folder")
+    for key, names in (("sources", sources or []), ("linker_script", [script] if script else [])):
+        for name in names:
+            if not (folder / name).is_file():
+                reader.fault(key, f"{name} is no file of {folder}; write it, or correct the name")
+    if reader.faults:
+        raise InputError(reader.faults)
+    return Target(
+        title=title,
+        folder=folder.resolve().name,
+        cpu=tuple(flags),
+        flash=flash,
+        ram=memory,
+        defines=(f"-DAVC_CAPACITY_ROWS={rows}", f"-DAVC_CAPACITY_RECORDS={records}"),
+        estimator=estimator,
+        commands=tuple(commands),
+        root=folder.resolve(),
+        sources=tuple(sources),
+        cortex_m=processor == "cortex-m",
+        linker_script=script,
+        compiler=compiler,
+        install=install,
+    )

@@ -1,0 +1,26 @@
+/* Semihosting and the tick of a Cortex-M0. */
+#include "board.h"
+#include "cortex_m.h"
+
+static inline uintptr_t semihost(uint32_t operation, const uintptr_t *parameters)
+{
+    register uintptr_t r0 __asm("r0") = operation;
+    register const uintptr_t *r1 __asm("r1") = parameters;
+    __asm volatile("bkpt 0xAB" : "+r"(r0) : "r"(r1) : "memory");
+    return r0;
+}
+
+static inline void start_ticks(void)
+{
+    systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s + 0.5f));
+}
+
+static inline void hold_ticks(void)
+{
+    __asm volatile("cpsid i" ::: "memory");
+}
+
+static inline void let_ticks(void)
+{
+    __asm volatile("cpsie i" ::: "memory");
+}
