@@ -12,7 +12,9 @@ from avc_casadi.certificate import zwidth
 from avc_casadi.cli._console import Console
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.pointwise import edge_search_gains, exact_gains
+from avc_casadi.excitation import plan_excitation
 from avc_casadi.loop import loop_at
+from avc_casadi.problem import Device
 from avc_casadi.recommendation import judged_as_recommended
 
 
@@ -116,6 +118,33 @@ def test_a_terminal_is_written_to_five_times_a_second(monkeypatch):
     lines = terminal.getvalue().split("\r")
     assert 8 <= sum(" of 1000 rows" in line for line in lines) <= 10
     assert lines[-1].endswith("work ... 2.00 s\n")
+
+
+def test_rate_and_what_is_left_are_told_of_the_present_piece(monkeypatch):
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    console = Console(as_json=False)
+    with console.step("work"):
+        for total, seconds in ((100, 0.1), (10, 4.0)):
+            for done in range(1, total + 1):
+                now[0] += seconds
+                console.advance(done, total, "rows")
+    lines = terminal.getvalue().split("\r")
+    # Ten rows a second, of which the first was done when it began to count; then one in four seconds.
+    assert any(line.endswith("51 of 100 rows; 10 a second, 5 s left") for line in lines)
+    assert any(line.endswith("6 of 10 rows; 16 s left") for line in lines)
+    # The new piece begins anew, and guesses nothing at once.
+    assert any(line.endswith(" 1 of 10 rows") for line in lines)
+
+
+def test_a_plan_of_excitation_tells_of_its_search_and_its_simulations():
+    listener = Listener()
+    device = Device(mass_kg=0.1, damping_ns_per_m=0.5, coulomb_friction_n=0.1, max_force_n=8.0)
+    plan_excitation(device, seconds=2.0, progress=listener)
+    assert {what.split()[-1] for _, _, what in listener.told} == {"tones", "simulated"}
+    assert all(0 <= done <= total for done, total, _ in listener.told)
 
 
 def test_nothing_is_written_where_nobody_looks(monkeypatch):

@@ -12,6 +12,8 @@ from typing import Any, TextIO
 
 # A line of progress is written at most five times a second.
 _BETWEEN_S = 0.2
+# A rate is told when it has been seen for so long.
+_RATE_AFTER_S = 1.0
 
 INTERRUPTED = 130
 """Exit code of what Ctrl-C ended."""
@@ -34,6 +36,32 @@ class Answer:
     complaint: str = ""
 
 
+@dataclass
+class _Piece:
+    """Work of so many parts.
+
+    Attributes:
+        total: parts.
+        first: parts that were done when it was first told of.
+        done: parts that are done.
+        began: when it was first told of, s.
+    """
+
+    total: int = -1
+    first: int = 0
+    done: int = 0
+    began: float = 0.0
+
+    def pace(self, now: float) -> str:
+        """Say the rate and what is left; nothing as long as that is a guess."""
+        seconds, made = now - self.began, self.done - self.first
+        if seconds < _RATE_AFTER_S or made <= 0:
+            return ""
+        rate = made / seconds
+        left = (self.total - self.done) / rate
+        return f"; {rate:.2g} a second, {left:.0f} s left" if rate >= 1 else f"; {left:.0f} s left"
+
+
 class Console:
     """Standard output carries the answer alone, standard error everything else.
 
@@ -50,6 +78,7 @@ class Console:
         self._descriptor: int | None = None
         self._step: str | None = None
         self._shown = 0.0
+        self._piece = _Piece()
         if sys.stdout is not None and _is_descriptor(sys.stdout, 1):
             sys.stdout.flush()
             self._descriptor = os.dup(1)
@@ -100,7 +129,7 @@ class Console:
             yield
             return
         started = time.perf_counter()
-        self._step, self._shown = what, started
+        self._step, self._shown, self._piece = what, started, _Piece()
         self._show(f"{what} ...")
         outcome = "stopped"
         try:
@@ -111,11 +140,16 @@ class Console:
             self._step = None
 
     def advance(self, done: int, total: int, what: str = "") -> None:
-        """Show in the line of the present step how far it has come, a few times a second."""
+        """Show in the line of the present step how far it has come, how fast, and how long the rest takes."""
+        if self._step is None:
+            return
         now = time.perf_counter()
-        if self._step is not None and now - self._shown >= _BETWEEN_S:
+        if total != self._piece.total or done < self._piece.done:
+            self._piece = _Piece(total, done, began=now)
+        self._piece.done = done
+        if now - self._shown >= _BETWEEN_S:
             self._shown = now
-            self._show(f"{self._step} ... {done} of {total} {what}".rstrip())
+            self._show(f"{self._step} ... {done} of {total} {what}".rstrip() + self._piece.pace(now))
 
     def _show(self, line: str) -> None:
         """Overwrite the line of the present step; Ctrl-C may have cut it anywhere."""

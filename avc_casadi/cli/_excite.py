@@ -78,7 +78,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.excitation import plan_excitation
     from avc_hardware import excite
 
-    with console.step("plan"):
+    with console.step("plan: a signal within the limits on every device of the ranges"):
         made = plan_excitation(
             device,
             args.signal,
@@ -86,6 +86,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             force_n=args.force_n,
             speed_m_per_s=args.speed_m_per_s,
             travel_m=args.travel_m,
+            progress=console,
         )
     document: dict[str, Any] = {"schema": "avc-excite/1", "plan": _plan(made), "out": None, "log": None}
     text = _plan_text(made, args.port)

@@ -32,7 +32,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     problem = avc.load_problem(args.problem)
     gains, notes = gains_of(args.gains, problem, console)
     with console.step("the scene without each of its effects"):
-        document = screen(problem, NO_COUPLING if gains is None else gains, tolerance=args.tolerance).document()
+        chosen = NO_COUPLING if gains is None else gains
+        document = screen(problem, chosen, tolerance=args.tolerance, progress=console).document()
     document["notes"] = notes
     return Answer(document, "\n".join([_text(document), *(f"note: {note}" for note in notes)]))
 

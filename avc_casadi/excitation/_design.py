@@ -16,7 +16,7 @@ from avc_casadi.excitation._plan import Kind, Plan, speed_window
 from avc_casadi.excitation._signal import FULL, KNOTS, Signal
 from avc_casadi.loop import device_plant
 from avc_casadi.problem import Device
-from avc_casadi.support import FloatArray, number
+from avc_casadi.support import SILENT, FloatArray, Progress, number
 
 KINDS: Mapping[Kind, str] = {
     "multisine": "sines of which the sum tells the most of mass, damping, friction and delay",
@@ -85,6 +85,7 @@ def plan_excitation(
     force_n: float | None = None,
     speed_m_per_s: float = SPEED_M_PER_S,
     travel_m: float = TRAVEL_M,
+    progress: Progress = SILENT,
 ) -> Excitation:
     """Plan an excitation that no device of the ranges takes beyond the limits.
 
@@ -96,6 +97,7 @@ def plan_excitation(
             this and the limits of speed and travel allow on every device of the ranges.
         speed_m_per_s: limit.
         travel_m: limit, to either side of where the device stands.
+        progress: is told how far the search and the simulations of it have come.
 
     Raises:
         InputError: an argument out of range, or limits that leave nothing to see.
@@ -122,8 +124,8 @@ def plan_excitation(
         window=window,
         signal=Signal((0,), (0,), (0,)),
     )
-    signal = _signal(empty, devices, centring)
-    return _scaled(replace(empty, signal=signal), devices)
+    signal = _signal(empty, devices, centring, progress)
+    return _scaled(replace(empty, signal=signal), devices, progress)
 
 
 def peak_force_n(plan: Plan) -> float:
@@ -147,8 +149,8 @@ def check_plan(plan: Plan, device: Device) -> Forecast:
     return _checked(plan, corners_of(device))
 
 
-def _checked(plan: Plan, devices: Sequence[Device]) -> Forecast:
-    found = forecast(plan, devices)
+def _checked(plan: Plan, devices: Sequence[Device], progress: Progress = SILENT) -> Forecast:
+    found = forecast(plan, devices, progress=progress)
     faults = _broken(plan, devices, found)
     if faults:
         raise InputError(faults)
@@ -225,12 +227,12 @@ def _centring(devices: Sequence[Device], force_n: float, travel_m: float, kind: 
     return Centring(float(spring), float(2 * _CENTRING_RATIO * np.sqrt(spring * lightest)))
 
 
-def _signal(empty: Plan, devices: Sequence[Device], centring: Centring) -> Signal:
+def _signal(empty: Plan, devices: Sequence[Device], centring: Centring, progress: Progress) -> Signal:
     period = empty.sample_time_s
     low = max(_LOWEST_HZ, 2 / empty.seconds)
     high = min(_HIGHEST_HZ, _HIGHEST_SHARE / period)
     if empty.kind == "multisine":
-        return _multisine(empty, devices, centring, low, high)
+        return _multisine(empty, devices, centring, (low, high), progress)
     if empty.kind == "release":
         repeats = max(1, round(empty.seconds / _RELEASE_S))
         return Signal.of([repeats / empty.seconds], [1.0], [0.0], period, shape="release")
@@ -281,9 +283,11 @@ def _allowed(
     return travel, speed
 
 
-def _multisine(plan: Plan, devices: Sequence[Device], centring: Centring, low: float, high: float) -> Signal:
+def _multisine(
+    plan: Plan, devices: Sequence[Device], centring: Centring, band_hz: tuple[float, float], progress: Progress
+) -> Signal:
     period_s = min(_PERIOD_S, plan.seconds)
-    lines = np.unique(np.round(np.geomspace(low, high, _TONES) * period_s))
+    lines = np.unique(np.round(np.geomspace(*band_hz, _TONES) * period_s))
     frequency = lines[lines >= 1] / period_s
     time = np.asarray(np.arange(round(period_s / plan.sample_time_s)) * plan.sample_time_s, dtype=np.float64)
     # Delay moves the information little.
@@ -298,7 +302,7 @@ def _multisine(plan: Plan, devices: Sequence[Device], centring: Centring, low: f
             _MARGIN * plan.max_speed_m_per_s / _PEAK,
             _MARGIN * plan.max_travel_m / _PEAK,
         )
-        power = best_power(unlike, frequency, centring, room, plan.ticks)
+        power = best_power(unlike, frequency, centring, room, plan.ticks, progress)
         phase = low_crest_phases(frequency, power, time)
         wave = np.sin(np.outer(time, 2 * np.pi * frequency) + phase) @ np.sqrt(2 * power)
         crest = crest_factor(wave)
@@ -306,21 +310,22 @@ def _multisine(plan: Plan, devices: Sequence[Device], centring: Centring, low: f
     return Signal.of(frequency, share, phase, plan.sample_time_s)
 
 
-def _scaled(plan: Plan, devices: Sequence[Device]) -> Excitation:
+def _scaled(plan: Plan, devices: Sequence[Device], progress: Progress) -> Excitation:
     """Return the plan at the largest peak that takes no device near a limit."""
     full = float(np.abs(plan.signal.units(plan.ticks)).max()) / FULL
     scales = _SCALES * _MARGIN / full
-    best = _largest(plan, devices, scales)
-    best = _largest(plan, devices, np.geomspace(best, min(best * scales[1] / scales[0], scales[-1]), _FINER))
+    best = _largest(plan, devices, scales, progress)
+    finer = np.geomspace(best, min(best * scales[1] / scales[0], scales[-1]), _FINER)
+    best = _largest(plan, devices, finer, progress)
     made = replace(plan, signal=_louder(plan.signal, best))
-    after = _checked(made, devices)
+    after = _checked(made, devices, progress)
     _moves(made, devices, after)
     return Excitation(made, tuple(devices), after, crest_factor(made.signal.units(made.ticks).astype(np.float64)))
 
 
-def _largest(plan: Plan, devices: Sequence[Device], scales: FloatArray) -> float:
+def _largest(plan: Plan, devices: Sequence[Device], scales: FloatArray, progress: Progress) -> float:
     """Return the largest of rising scales up to which no device comes near a limit."""
-    found = forecast(plan, devices, scales)
+    found = forecast(plan, devices, scales, progress)
     good = (
         (found.force_n <= plan.max_force_n)
         & (found.speed_m_per_s <= _MARGIN * plan.max_speed_m_per_s)

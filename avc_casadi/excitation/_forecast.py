@@ -15,10 +15,12 @@ from avc_casadi.excitation._plan import Plan
 from avc_casadi.excitation._signal import FULL, WHOLE, ramp
 from avc_casadi.loop import LINEAR_KEYS, LinearPlant, device_corners, device_plant, device_with, transition
 from avc_casadi.problem import Device
-from avc_casadi.support import FloatArray, IndexArray
+from avc_casadi.support import SILENT, FloatArray, IndexArray, Progress
 
 # Parts of a sample in which friction is constant, where the force does not arrive inside it.
 _PARTS = 2
+# Ticks between two words of progress.
+_TOLD = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +49,16 @@ def corners_of(device: Device) -> list[Device]:
     return [whole, *(one for one in corners if one != whole)]
 
 
-def forecast(plan: Plan, devices: Sequence[Device], scales: FloatArray | None = None) -> Forecast:
+def forecast(
+    plan: Plan, devices: Sequence[Device], scales: FloatArray | None = None, progress: Progress = SILENT
+) -> Forecast:
     """Simulate a plan on devices, with the signal as it is and larger or smaller.
 
     Args:
         plan: at the sample time of the devices.
         devices: of one structure, such as the corners of one.
         scales: of the signal; None is 1 alone.
+        progress: is told of the ticks.
     """
     scales = np.ones(1) if scales is None else scales
     signal = plan.signal.units(plan.ticks) * (plan.max_force_n / FULL)
@@ -67,6 +72,8 @@ def forecast(plan: Plan, devices: Sequence[Device], scales: FloatArray | None = 
     most = np.zeros((3, *shape))
     window_s = plan.window * plan.sample_time_s
     for tick in range(plan.ticks):
+        if tick % _TOLD == 0:
+            progress.advance(tick, plan.ticks, "ticks simulated")
         away = state[..., steps.seen]
         slot = tick % plan.window
         speed = (away - passed[slot]) / window_s

@@ -18,7 +18,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.problem import Device
-from avc_casadi.support import ComplexArray, FloatArray, undisguised_interrupts
+from avc_casadi.support import SILENT, ComplexArray, FloatArray, Progress, undisguised_interrupts
 
 # Below this the identification forgets: what disturbs a device there is not its own.
 _FORGETS_RAD_PER_S = 20.0
@@ -94,7 +94,12 @@ def information(
 
 
 def best_power(
-    devices: Sequence[Device], frequency_hz: FloatArray, centring: Centring, room: Room, ticks: int
+    devices: Sequence[Device],
+    frequency_hz: FloatArray,
+    centring: Centring,
+    room: Room,
+    ticks: int,
+    progress: Progress = SILENT,
 ) -> FloatArray:
     """Return the power of each tone, N^2, that tells the most of devices on average: the mean of log det is largest.
 
@@ -104,13 +109,15 @@ def best_power(
         centring: beside the device.
         room: which every device must keep.
         ticks: of the record.
+        progress: is told of each pass.
 
     Raises:
         UnsupportedError: no power is found.
     """
     tones = frequency_hz.size
     power = _fitting(devices, frequency_hz, centring, np.full(tones, room.force_n**2 / tones), room, ticks)
-    for _ in range(_PASSES):
+    for done in range(_PASSES):
+        progress.advance(done, _PASSES, f"passes over {tones} tones")
         about = [_linearised(device, frequency_hz, power, centring, ticks) for device in devices]
         power = _programme(about, frequency_hz, power, room)
     return power

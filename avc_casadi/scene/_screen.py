@@ -12,7 +12,7 @@ from avc_casadi.scene._explain import EffectCost, explain_effects
 from avc_casadi.scene._run import Run
 from avc_casadi.scene._simulate import AnyGains, settled, simulate_effects, staged
 from avc_casadi.scene.effects import build_effects
-from avc_casadi.support import Columns, FloatArray, Tabular, plain
+from avc_casadi.support import SILENT, Columns, FloatArray, Progress, Tabular, plain
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -123,6 +123,7 @@ def screen(
     interaction_hz: float | None = None,
     seed: int = 0,
     tolerance: float = DEFAULT_TOLERANCE,
+    progress: Progress = SILENT,
 ) -> Screening:
     """Leave out each effect of a scene in turn, then all that it does not need together.
 
@@ -132,6 +133,7 @@ def screen(
         interaction_hz: as in `simulate`.
         seed: as in `simulate`.
         tolerance: largest relative change of position, force and apparent stiffness that does not count, 0 to below 1.
+        progress: is told of each effect.
 
     Raises:
         InputError: as `simulate`; or the tolerance is outside its range.
@@ -148,7 +150,8 @@ def screen(
         return _compare(whole, simulate_effects(problem, rest, chosen, coupling, seed=seed), kinds, tolerance)
 
     found, essential = [], []
-    for kind in costs:
+    for done, kind in enumerate(costs):
+        progress.advance(done, len(costs), f"effects, without {kind}")
         try:
             found.append(dropped((kind,)))
         except InputError:  # the only mass

@@ -139,8 +139,10 @@ def pareto(problem: Problem | str | Path, progress: Progress = SILENT) -> Pareto
         inside[:] = True
     weight = np.where(inside, _log_weights(frequency), 0.0)
     points = []
-    for variant in variants(problem):
-        with progress.step(f"{variant.study} {variant.label}{', constant gains' if variant.constant else ''}"):
+    designs = list(variants(problem))
+    for number, variant in enumerate(designs, start=1):
+        name = f"{variant.study} {variant.label}{', constant gains' if variant.constant else ''}"
+        with progress.step(f"{number} of {len(designs)}: {name}"):
             points.append(_point(variant, weight / weight.sum()))
     upper, lower = problem.boundaries.upper, problem.boundaries.lower
     return Pareto(
