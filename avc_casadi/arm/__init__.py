@@ -2,6 +2,23 @@
 
 from avc_casadi.arm._arm import Arm as Arm
 from avc_casadi.arm._arm import evaluated as evaluated
+from avc_casadi.arm._contact import ContactLoops as ContactLoops
+from avc_casadi.arm._contact import Contacts as Contacts
+from avc_casadi.arm._contact import contact_loops as contact_loops
+from avc_casadi.arm._coupled import CoupledCertificate as CoupledCertificate
+from avc_casadi.arm._coupled import WorstContact as WorstContact
+from avc_casadi.arm._coupled import coupled_certificate as coupled_certificate
+from avc_casadi.arm._coupled import critical_factor as critical_factor
+from avc_casadi.arm._coupled import electronics as electronics
+from avc_casadi.arm._coupled import radii as radii
+from avc_casadi.arm._coupled import random_points as random_points
+from avc_casadi.arm._design import RESERVE as RESERVE
+from avc_casadi.arm._design import SHARE as SHARE
+from avc_casadi.arm._design import ArmDesign as ArmDesign
+from avc_casadi.arm._design import design_arm as design_arm
+from avc_casadi.arm._document import gains_document as gains_document
+from avc_casadi.arm._document import gains_toml as gains_toml
+from avc_casadi.arm._drawn import drawn as drawn
 from avc_casadi.arm._effective import MassRange as MassRange
 from avc_casadi.arm._effective import effective_masses as effective_masses
 from avc_casadi.arm._effective import grid as grid
@@ -10,6 +27,9 @@ from avc_casadi.arm._effective import mobility as mobility
 from avc_casadi.arm._effective import one_normal as one_normal
 from avc_casadi.arm._effective import operational_inertia as operational_inertia
 from avc_casadi.arm._effective import reached as reached
+from avc_casadi.arm._gains import DirectedGains as DirectedGains
 from avc_casadi.arm._made import arm as arm
 from avc_casadi.arm._tip_device import tip_device as tip_device
 from avc_casadi.arm._tip_device import tip_device_file as tip_device_file
+from avc_casadi.arm._walls import WorkspaceMap as WorkspaceMap
+from avc_casadi.arm._walls import workspace_map as workspace_map

@@ -1,9 +1,9 @@
-"""The frozen loop of a contact in space: tip, hand and a wall of stiffness K n n' + s K (I - n n'), sample to sample.
+"""The frozen loop of a contact in space: tip, hand and a coupling K n n' + s K_t (I - n n'), sample to sample.
 
 The tip moves as L x'' + b x' + M_h x'' + B_h x' + K_h x = -F; L is that of the pose, the hand's matrices are symmetric
-and each has axes of its own; no velocity products, which vanish at rest. F is held for a sample and is
-W (K x + D (x - x_before)/T) with W = n n' + s (I - n n'): s = 0 leaves the tangent free, s = 1 holds it as a proxy that
-sticks.
+and each has axes of its own; no velocity products, which vanish at rest. F is held for a sample and is that of
+the springs K n n' + s K_t (I - n n') over x, and of the dampers D n n' + s D_t (I - n n') over (x - x_before)/T: s = 0
+leaves the tangent free, s = 1 holds it as a proxy that sticks.
 """
 
 from __future__ import annotations
@@ -68,7 +68,8 @@ class ContactLoops:
         open_loop: shape (p, s, s).
         push: how the force asked for now enters, shape (p, s, d), forces in `force_unit_n`.
         force_unit_n: shape (p,).
-        weight: W, shape (p, d, d).
+        along: n n', shape (p, d, d).
+        across: s (I - n n'), shape (p, d, d).
         before: state of the first axis of the position measured before.
         sample_time_s: T.
         free_states: eigenvalues of free motion along the surface, shape (p,).
@@ -77,15 +78,20 @@ class ContactLoops:
     open_loop: FloatArray
     push: FloatArray
     force_unit_n: FloatArray
-    weight: FloatArray
+    along: FloatArray
+    across: FloatArray
     before: int
     sample_time_s: float
     free_states: IndexArray
 
     def radius(self, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray) -> FloatArray:
-        """Return the spectral radius of each contact with a wall of its own, K and D of shape (p,).
+        """Return the spectral radius of each contact with a coupling of its own, shape (p,).
 
         Free motion along the surface, which neither dies out nor grows, is left out.
+
+        Args:
+            stiffness_n_per_m: K and K_t, shape (2, p).
+            damping_ns_per_m: D and D_t, shape (2, p).
         """
         values = np.concatenate(
             [
@@ -105,12 +111,14 @@ class ContactLoops:
 
     def _closed(self, some: slice, stiffness: FloatArray, damping: FloatArray) -> FloatArray:
         d = self.push.shape[2]
-        scale = 1 / self.force_unit_n[some]
-        rate = scale * damping[some] / self.sample_time_s
-        weight = self.weight[some]
-        law = np.zeros((len(weight), d, self.open_loop.shape[2]))
-        law[:, :, :d] = weight * (scale * stiffness[some] + rate)[:, None, None]
-        law[:, :, self.before : self.before + d] = -weight * rate[:, None, None]
+        unit = self.force_unit_n[some]
+        parts = np.stack([self.along[some], self.across[some]])
+        spring, rate = (
+            np.einsum("kp,kpij->pij", gain[:, some] / unit, parts) for gain in (stiffness, damping / self.sample_time_s)
+        )
+        law = np.zeros((len(unit), d, self.open_loop.shape[2]))
+        law[:, :, :d] = spring + rate
+        law[:, :, self.before : self.before + d] = -rate
         return np.asarray(self.open_loop[some] + self.push[some] @ law)
 
 
@@ -139,11 +147,12 @@ def contact_loops(device: Device, contacts: Contacts) -> ContactLoops:
     unit = np.trace(own, axis1=1, axis2=2) / d / period**2
     loop, push, before = _delayed(*_rates(device, contacts, own, unit), device.delay_samples)
     square = contacts.normal[:, :, None] * contacts.normal[:, None, :]
-    weight = square + contacts.tangent_share[:, None, None] * (np.eye(d) - square)
+    across = contacts.tangent_share[:, None, None] * (np.eye(d) - square)
     held = np.abs(contacts.hand_stiffness_n_per_m).max(axis=(1, 2), initial=0.0) > 0
     loose = ~held & (contacts.tangent_share == 0)
-    free = np.where(contacts.damping_ns_per_m > 0, 1, 2) * (d - 1)
-    return ContactLoops(loop, push, unit, weight, before, period, np.where(loose, free, 0))
+    # Position and velocity, of which damping takes the latter: however slowly.
+    free = np.where(loose, 2 * (d - 1), 0)
+    return ContactLoops(loop, push, unit, square, across, before, period, free)
 
 
 def _rates(device: Device, contacts: Contacts, own: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:

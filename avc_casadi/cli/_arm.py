@@ -2,23 +2,30 @@
 
 An arm is a file or a name of the catalogue (avc list). Along a normal n its effective mass lies between
 1/(n' L^-1 n), the tangent free, and n' L n, the tangent held, L the operational-space inertia; --out writes both ends
-as the range of a device file: in a problem file device = "tip.toml", then avc recommend.
+as the range of a device file: in a problem file device = "tip.toml", then avc recommend. --map draws the stiffest wall
+over the workspace. --gains designs spring and damper for every contact normal, searches the coupled loop for the worst
+pose, normal and hand, and writes TOML, JSON, constants in C and an example for CHAI3D.
 """
 
 from __future__ import annotations
 
 import math
+import os
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi.cli._arguments import positive_int
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import output_file, write_text
+from avc_casadi.cli._files import output_file, output_folder, write_text
 from avc_casadi.cli._text import number, table, titled
 
 if TYPE_CHECKING:
     import argparse
+    from pathlib import Path
 
     from avc_casadi.arm import Arm
+
+_POSES, _MOST_REGIONS = 1000, 20
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,12 +34,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--at", metavar="X,Y,Z", help="a place of the tip, m from home; left out: the workspace")
     parser.add_argument("--normal", metavar="X,Y,Z", help="of the wall; left out: every direction")
     parser.add_argument("--out", metavar="FILE", help="write the device along the normal as a device file (.toml)")
+    parser.add_argument("--map", metavar="FILE", help="draw the stiffest wall over the workspace: .png, .svg or .pdf")
+    parser.add_argument(
+        "--poses", type=positive_int, default=_POSES, metavar="N", help=f"of the map (default {_POSES})"
+    )
+    parser.add_argument("--gains", metavar="DIR", help="design gains for every normal and write them into a folder")
+    parser.add_argument("--regions", metavar="A,B,C", help="parts of the workspace along each axis (default 1 each)")
+    parser.add_argument("--one-coupling", action="store_true", help="the same gains for every normal")
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Weigh, write and show."""
     out = None if args.out is None else output_file(args.out, "--out", (".toml",))
+    drawing = None if args.map is None else output_file(args.map, "--map", (".png", ".svg", ".pdf"))
     at, normal = _numbers(args.at, "--at"), _numbers(args.normal, "--normal")
+    regions = _numbers(args.regions, "--regions")
+    if args.gains is None and (regions is not None or args.one_coupling):
+        key = "--one-coupling" if regions is None else "--regions"
+        raise avc.InputError.of("goes with --gains DIR; give both or none", key=key)
     from avc_casadi.arm import arm, mass_range, one_normal
 
     made = arm(args.arm)
@@ -55,7 +74,47 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         where = ("any direction" if normal is None else f"normal {args.normal}") + ", "
         where += "whole workspace" if at is None else f"{args.at} m from home"
         write_text(out, device_text(tip_device_file(made, *ends, where)), "--out")
+    if drawing is not None:
+        document["map"] = _map(made, args, drawing, console)
+    if args.gains is not None:
+        document["gains"] = _gains(made, args, _cells(made, regions), console)
     return Answer(document, _text(document, args))
+
+
+def _map(made: Arm, args: argparse.Namespace, drawing: Path, console: Console) -> dict[str, Any]:
+    from avc_casadi.arm import workspace_map
+    from avc_casadi.figures import draw_workspace, save_figure
+
+    with console.step("map"):
+        found = workspace_map(made, args.poses, min(2, os.cpu_count() or 1), console)
+        save_figure(draw_workspace({"": found}), drawing)
+    told: dict[str, Any] = _plain({**vars(found), "file": str(drawing)})
+    return told
+
+
+def _cells(made: Arm, regions: tuple[float, ...] | None) -> tuple[int, ...] | None:
+    if regions is None:
+        return None
+    whole = tuple(int(one) for one in regions)
+    if len(whole) != len(made.axes) or whole != regions or not all(1 <= one <= _MOST_REGIONS for one in whole):
+        message = f"is {', '.join(f'{one:g}' for one in regions)}; allowed: {len(made.axes)} whole numbers, 1 to "
+        raise avc.InputError.of(f"{message}{_MOST_REGIONS}", key="--regions")
+    return whole
+
+
+def _gains(made: Arm, args: argparse.Namespace, regions: tuple[int, ...] | None, console: Console) -> dict[str, Any]:
+    from avc_casadi.arm import design_arm, gains_document, gains_toml
+    from avc_casadi.support import json_text
+    from avc_hardware import arm_gains_c
+
+    with output_folder(args.gains, "--gains") as folder:
+        with console.step("gains"):
+            design = design_arm(made, regions, one=args.one_coupling, progress=console)
+        document = gains_document(made, design)
+        files = {"gains.json": json_text(document), "gains.toml": gains_toml(document), **arm_gains_c(document)}
+        for name, text in files.items():
+            write_text(folder / name, text, "--gains")
+    return {**document, "folder": args.gains, "files": sorted(files)}
 
 
 def _numbers(text: str | None, key: str) -> tuple[float, ...] | None:
@@ -158,7 +217,45 @@ def _text(document: dict[str, Any], args: argparse.Namespace) -> str:
             )
     if document["out"]:
         lines.append(f'written: {document["out"]}; in a problem file: device = "{document["out"]}"')
+    if "map" in document:
+        lines += _map_lines(document["map"])
+    if "gains" in document:
+        lines += _gains_lines(document["gains"], axes)
     return "\n".join(line for line in lines if line)
+
+
+def _map_lines(found: dict[str, Any]) -> list[str]:
+    rows = []
+    for column, label in enumerate(found["labels"]):
+        walls = [row[column] for row in found["stiffness_n_per_m"] if row[column] is not None]
+        rows.append([label, number(min(walls)), number(max(walls))])
+    return [
+        f"stiffest wall, spring and damper, every hand and let go, over {sum(found['there'])} poses:",
+        table(["normal", "least\nN/m", "most\nN/m"], rows, left=(0,)),
+        f"drawn: {found['file']}",
+    ]
+
+
+def _gains_lines(found: dict[str, Any], axes: list[str]) -> list[str]:
+    claim, rows = found["claim"], []
+    for place, region in enumerate(found["regions"], 1):
+        for way, k, b in zip(found["directions"], region["stiffness_n_per_m"], region["damping_ns_per_m"], strict=True):
+            rows.append([str(place), _place(way), number(k), number(b)])
+        k, b = region["tangent_stiffness_n_per_m"], region["tangent_damping_ns_per_m"]
+        rows.append([str(place), "along the surface", number(k), number(b)])
+    normal = f"normal\n{', '.join(axes)}"
+    worst = claim["worst"]
+    who = "held by a hand" if worst["held"] else "let go"
+    return [
+        table(["region", normal, "k\nN/m", "b\nN.s/m"], rows, left=(1,)),
+        (
+            f"coupled loop: stable up to {claim['factor']:.4g} times these gains with all that was looked at (designed "
+            f"along one axis alone: {claim['factor_of_one_axis_designs']:.4g} times); the worst is {who} at "
+            f"{_place(worst['tip_m'])} m, normal {_place(worst['normal'])}, {worst['delay_samples']:g} samples late"
+        ),
+        "a search, not a proof; frozen gains and poses: keep the gains of the first touch until the contact ends",
+        f"written: {', '.join(found['files'])} in {found['folder']}",
+    ]
 
 
 def _place(position_m: list[float]) -> str:

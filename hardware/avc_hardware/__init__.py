@@ -5,6 +5,7 @@ an excitation and logs it, `export_c` writes C for other firmware. A port is a d
 firmware image on an emulated board.
 """
 
+from avc_hardware._arm_gains import arm_gains_c as arm_gains_c
 from avc_hardware._bench_plant import BenchDevice as BenchDevice
 from avc_hardware._built import BOARDS as BOARDS
 from avc_hardware._built import BuiltFirmware as BuiltFirmware
