@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 import avc_casadi as avc
 from avc_casadi import figures
+from avc_casadi.arm import arm, workspace_map
 from avc_casadi.certificate import llewellyn_table
 from avc_casadi.diagnosis import diagnose
 from avc_casadi.identification import Columns, Record, identify
@@ -94,6 +95,11 @@ def _diagnosed():
     return diagnose(Columns("still", time, position, np.zeros(800)))
 
 
+@functools.cache
+def _workspace():
+    return workspace_map(arm("pantograph"), 9)
+
+
 CALLS = {
     "draw_accuracy": (3, lambda axes: figures.draw_accuracy(_accuracy(), axes)),
     "draw_boundaries": (2, lambda axes: figures.draw_boundaries(COMPARISON, axes)),
@@ -111,6 +117,7 @@ CALLS = {
     ),
     "draw_scene": (4, lambda axes: figures.draw_scene(RUNS, axes=axes)),
     "draw_traces": (4, lambda axes: figures.draw_traces(dict(zip("ab", RUNS, strict=True)), axes)),
+    "draw_workspace": (6, lambda axes: figures.draw_workspace({"a": _workspace(), "b": _workspace()}, axes)),
     "draw_zwidth": (2, lambda axes: figures.draw_zwidth(REGION, llewellyn_table(PROBLEM), axes=axes)),
     "draw_zwidth, one panel": (1, lambda axes: figures.draw_zwidth(REGION, axes=axes)),
 }

@@ -25,7 +25,7 @@ _SINGULAR = 1e-9
 _STEPS, _NEWTON = 8, 5
 _REACHED_M = 1e-9
 _FINEST = 9
-_STARTS = 6
+_STARTS = 4
 
 
 def reached(arm: Arm, points_m: FloatArray, start: FloatArray | None = None) -> tuple[FloatArray, BoolArray]:

@@ -96,9 +96,10 @@ public:
         typedef AVC_CLOCK Time;
         const Time::duration period = std::chrono::duration_cast<Time::duration>(
             std::chrono::duration<double>(static_cast<double>(AVC_ARM_SAMPLE_TIME_S)));
-        const bool late = started_ && Time::now() > due_;
+        const AVC_CLOCK::time_point next = started_ ? due_ + period : Time::now();
+        const bool late = started_ && Time::now() > next;
         late_ = late ? late_ + 1 : 0;
-        due_ = started_ && !late ? due_ + period : Time::now() + period;
+        due_ = late ? Time::now() : next;
         started_ = true;
         while (Time::now() < due_) {
         }
