@@ -122,7 +122,7 @@ def coupled_certificate(
         if not found or case.factor < _HOPEFUL * min(one.factor for one in found):
             found.append(case.searched(seed))
     least = min(found, key=lambda one: one.factor)
-    radius = max(one.radius for one in (*cases, *found))
+    radius = max(*(case.radius for case in cases), *(one.radius for one in found))
     stable = least.factor > 1 and radius < 1 - RADIUS_TOLERANCE
     return CoupledCertificate(stable, least, radius, points * len(cases))
 

@@ -52,7 +52,8 @@ def draw_workspace(maps: Mapping[str, WorkspaceMap], axes: GivenAxes = None) -> 
                 1e3 * corner[0], 1e3 * corner[1], slices[column].T / 1e3, vmin=0.0, vmax=top, cmap="viridis"
             )
             one.grid(visible=False)
-            one.set_aspect("equal")
+            if panels.own:
+                one.set_aspect("equal")
             one.set_xlabel(f"{sides[0]} (mm)")
             if column == 0:
                 one.set_ylabel(f"{sides[1]} (mm)")
