@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import BoundaryNorm
+from matplotlib.patches import Patch
 
 from avc_casadi.figures._panels import GivenAxes, Panels
 from avc_casadi.figures._style import styled
@@ -18,6 +22,7 @@ if TYPE_CHECKING:
     from avc_casadi.support import FloatArray
 
 _AXES = ("x", "y", "z")
+_COLOURS = 12
 
 
 @styled
@@ -35,31 +40,41 @@ def draw_workspace(maps: Mapping[str, WorkspaceMap], axes: GivenAxes = None) -> 
     """
     labels = next(iter(maps.values())).labels
     names = [f"normal {label}" if label in _AXES else "any direction" for label in labels]
-    titles = [f"{name}{': ' * bool(name)}{normal}" for name in maps for normal in names]
+    titles = [f"{name}\n{normal}" if name else normal for name in maps for normal in names]
     panels = Panels.of(
         axes,
         titles,
-        0.8 + 2.1 * len(maps),
+        1.1 + 1.6 * len(maps),
         lambda figure: figure.subplots(len(maps), len(labels), sharex=True, sharey=True, squeeze=False).ravel(),
     )
-    for row, found in enumerate(maps.values()):
-        here = panels.axes[row * len(labels) : (row + 1) * len(labels)]
-        sides, corner, slices = _plane(found)
-        top = np.nanmax(found.stiffness_n_per_m) / 1e3
-        for column, one in enumerate(here):
+    planes = [_plane(found) for found in maps.values()]
+    whole = np.concatenate([part.ravel() for _, _, parts in planes for part in parts])
+    colours, levels = _levels(whole[np.isfinite(whole)] / 1e3)
+    for row, (sides, grid, parts) in enumerate(planes):
+        for column, (one, part) in enumerate(
+            zip(panels.axes[row * len(labels) : (row + 1) * len(labels)], parts, strict=True)
+        ):
             one.set_facecolor("0.85")
-            drawn = one.pcolormesh(
-                1e3 * corner[0], 1e3 * corner[1], slices[column].T / 1e3, vmin=0.0, vmax=top, cmap="viridis"
-            )
+            one.pcolormesh(1e3 * grid[0], 1e3 * grid[1], part.T / 1e3, norm=levels, cmap=colours)
             one.grid(visible=False)
             if panels.own:
                 one.set_aspect("equal")
-            one.set_xlabel(f"{sides[0]} (mm)")
+            if row == len(maps) - 1:
+                one.set_xlabel(f"{sides[0]} (mm)")
             if column == 0:
                 one.set_ylabel(f"{sides[1]} (mm)")
-        if panels.own:
-            panels.figure.colorbar(drawn, ax=list(here), label="stiffest wall (kN/m)", shrink=0.9)
+    ends = levels.boundaries
+    handles = [Patch(color=colours(index)) for index in range(len(ends) - 1)]
+    spans = [f"{low:.3g} to {high:.3g} kN/m" for low, high in pairwise(ends)]
+    panels.legend(handles, spans, 4)
     return panels.figure
+
+
+def _levels(stiffness_kn_per_m: FloatArray) -> tuple[Any, BoundaryNorm]:
+    """Return colours of even ratios from the softest wall to the stiffest."""
+    low, high = float(stiffness_kn_per_m.min()), float(stiffness_kn_per_m.max())
+    ends = np.geomspace(0.999 * low, 1.001 * high, _COLOURS + 1)
+    return colormaps["viridis"].resampled(_COLOURS), BoundaryNorm(ends, _COLOURS)
 
 
 def _plane(found: WorkspaceMap) -> tuple[tuple[str, str], tuple[FloatArray, FloatArray], list[FloatArray]]:
