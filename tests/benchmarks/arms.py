@@ -3,7 +3,7 @@
 nice -n 10 python tests/benchmarks/arms.py
 
 Overwrites results/arms.json, figures/workspace.png and RESULTS_arms.md, each part once; goes on where it stopped. About
-5 minutes of processor time. With --before DIR, a checkout of the package without arms, it also times `avc run figure5`.
+2 minutes of processor time. With --before DIR, a checkout of the package without arms, it also times `avc run figure5`.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ STUDIES = (
     Study("guide_figures.py", 0.1, ("guide_figures",)),
     Study("table1_study.py 200", 1.5, ("table1",)),
     Study("robust_goals.py", 2, ("robust_goals",)),
-    Study("arms.py", 3, ("arms",)),
+    Study("arms.py", 1.2, ("arms",)),
     Study("proof_contradictions.py", 2.3, ("proof_contradictions",)),
     Study("recommended.py", 3, ("recommended",)),
     Study("tampered_proofs.py", 5.4, ("tampered_proofs",)),
