@@ -182,7 +182,7 @@ def write_page(document: dict[str, Any]) -> None:
         lines += [
             (
                 f"**One axis pays nothing**: `avc run figure5` takes {one['after']:.1f} s of processor time, "
-                f"{one['before']:.1f} before there were arms (least of three, in turn)."
+                f"{one['before']:.1f} before there were arms; other changes lie between (least of three, in turn)."
             ),
             "",
         ]
