@@ -59,7 +59,7 @@ class _Piece:
             return ""
         rate = made / seconds
         left = (self.total - self.done) / rate
-        return f"; {rate:.2g} a second, {left:.0f} s left" if rate >= 1 else f"; {left:.0f} s left"
+        return f"; {rate:.0f} a second, {left:.0f} s left" if rate >= 1 else f"; {left:.0f} s left"
 
 
 class Console:
