@@ -1,4 +1,4 @@
-"""`direct` reaches the global optimum at every frequency; it shares no candidate formula with `exact`."""
+"""`direct` reaches the global optimum at every frequency; it and `exact` search the edges by different means."""
 
 import numpy as np
 import pytest

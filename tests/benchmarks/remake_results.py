@@ -81,6 +81,8 @@ def made(name: str) -> str:
     """The commit that a results file was made as of; empty where it does not say."""
     found = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
     about = found.get("about", found) if isinstance(found, dict) else {}
+    # A list of edits is made area by area; the first is no newer than the others.
+    about = next(iter(about.get("areas", {}).values()), {"about": about})["about"]
     return str(about.get("commit", "")).removesuffix("-dirty")
 
 
