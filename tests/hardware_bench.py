@@ -120,8 +120,8 @@ def unwatched(*values: float, **options: float) -> BoardLimits:
     return dataclasses.replace(BoardLimits(*values, **options), **dict.fromkeys(watched, 0.0))
 
 
-def host_core() -> HostCore:
-    return HostCore(host_library(), unwatched())
+def host_core(**options: Any) -> HostCore:
+    return HostCore(host_library(), unwatched(), **options)
 
 
 def schedule(

@@ -218,7 +218,7 @@ def test_an_excitation_keeps_the_lowered_force() -> None:
 
 def test_a_push_for_a_device_refuses_another() -> None:
     core = host_core()
-    with pytest.raises(LinkError, match="the device has no number of its own"):
+    with pytest.raises(LinkError, match="no number of its own and no name"):
         push(WALL, HostLink(core), device_id="0102030405060708090a0b0c")
     core.name_chip(bytes(range(1, 13)))
     with pytest.raises(LinkError, match="this is device 0102030405060708090a0b0c, not ff"):

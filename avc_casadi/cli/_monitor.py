@@ -117,7 +117,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 def _device(device: Device) -> str:
     running = f"coupling {device.coupling_id}" if device.coupling_id else "no coupling"
-    own = f" {device.unique_id}" if device.unique_id else ""
+    own = "".join(f" {word}" for word in (device.name, device.unique_id) if word)
     return (
         f"device{own} with firmware {device.build}: a tick every {1e3 * device.sample_time_s:g} ms, at most "
         f"{device.max_force_n:g} N, {running}"

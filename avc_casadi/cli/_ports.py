@@ -54,6 +54,7 @@ def _asked(port: str, baud: int) -> dict[str, Any] | None:
     except avc.LinkError:
         return None
     return {
+        "name": device.name or None,
         "unique_id": device.unique_id or None,
         "build": device.build,
         "coupling_id": device.coupling_id or None,
@@ -65,4 +66,5 @@ def _asked(port: str, baud: int) -> dict[str, Any] | None:
 def _told(found: dict[str, Any] | None) -> tuple[str, str]:
     if found is None:
         return "-", "-"
-    return found["unique_id"] or "without a number of its own", found["coupling_id"] or "none"
+    own = " ".join(filter(None, (found["name"], found["unique_id"])))
+    return own or "without name and number", found["coupling_id"] or "none"

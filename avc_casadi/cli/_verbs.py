@@ -33,5 +33,6 @@ VERBS: tuple[str, ...] = (
     "monitor",
     "clear",
     "limits",
+    "store",
     "doctor",
 )

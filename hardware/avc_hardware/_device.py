@@ -11,7 +11,7 @@ from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 
 MODES = ("table", "ramp", "safe", "fault")
 _COUPLING_ID = 14  # place in STATUS
-_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHHHHI8fI3f12s")
+_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHHHHI8fI3f12s4I16s")
 _STATUS = struct.Struct("<II9fi18I8B3f")
 
 
@@ -56,6 +56,11 @@ class Device:
         lowered_speed_m_per_s: the same of `max_speed_m_per_s`.
         lowered_energy_j: the same of `max_energy_j`.
         unique_id: number that no other chip has, hexadecimal; empty where it has none.
+        flash_bytes: of each slot of the memory that lasts; 0 without one.
+        kept_number: how often something was stored there; 0: nothing is.
+        kept_coupling_id: of the coupling that is kept; empty without one.
+        kept_acts: whether it takes over after a reset.
+        name: that a user gave it; empty without one.
     """
 
     interface_version: int
@@ -94,6 +99,11 @@ class Device:
     lowered_speed_m_per_s: float
     lowered_energy_j: float
     unique_id: str
+    flash_bytes: int
+    kept_number: int
+    kept_coupling_id: str
+    kept_acts: bool
+    name: str
 
     @classmethod
     def read(cls, payload: bytes) -> Device:
@@ -114,9 +124,11 @@ class Device:
         running = (*values[13:16], bool(values[16]))
         coupling = _coupling(values[26], bool(values[15]))
         unique_id = values[39].hex() if any(values[39]) else ""
+        flash_bytes, number, flags, kept_coupling, name = values[40:45]
+        kept = (flash_bytes, number, _coupling(kept_coupling, bool(flags & 1)), bool(flags & 2), _name(name))
         wall, watched = map(_meant, values[27:30]), map(_meant, values[30:34])
         head = [*values[:4], build, *values[5:7], *meant, *running, figures, *values[22:26], coupling, *wall]
-        return cls(*[*head, *watched, int(values[34]), values[35], *map(_meant, values[36:39]), unique_id])
+        return cls(*[*head, *watched, int(values[34]), values[35], *map(_meant, values[36:39]), unique_id, *kept])
 
 
 @dataclass(frozen=True)
@@ -220,6 +232,10 @@ class DeviceStatus:
 
 def _coupling(number: int, has_table: bool) -> str:
     return f"{number:08x}" if has_table else ""
+
+
+def _name(data: bytes) -> str:
+    return data.rstrip(b"\0").decode("utf-8", "replace")
 
 
 def _meant(value: float) -> float:

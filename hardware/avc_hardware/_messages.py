@@ -15,6 +15,7 @@ from avc_hardware._telemetry import Telemetry
 
 REPLY = 0x80
 UNITS_SI = 1  # Hz, N.s/m, N/m, N.s/m
+KEEPS_COUPLING, COUPLING_ACTS = 1, 2
 
 
 class Kind(IntEnum):
@@ -37,6 +38,7 @@ class Kind(IntEnum):
     ZERO = 0x0F
     LATCH = 0x10
     LIMITS = 0x11
+    STORE = 0x12
     TELEMETRY = 0xFD
     LOG = 0xFE
     REFUSED = 0xFF
@@ -54,6 +56,7 @@ _TWO = struct.Struct("<II")
 _THREE = struct.Struct("<III")
 _ONE = struct.Struct("<I")
 _LIMITS = struct.Struct("<3f")
+_STORE = struct.Struct("<I16s")
 
 
 @dataclass(frozen=True)
@@ -157,6 +160,14 @@ class LimitsTaken:
 
 
 @dataclass(frozen=True)
+class StoreTaken:
+    """STORE done: how often something was stored, and what was."""
+
+    number: int
+    flags: int
+
+
+@dataclass(frozen=True)
 class Subscribed:
     """SUBSCRIBE taken at tick ``ticks``: a record every so many ticks (0: none)."""
 
@@ -185,6 +196,7 @@ Message = (
     | Records
     | Zeroed
     | LimitsTaken
+    | StoreTaken
     | Subscribed
     | Telemetry
     | Log
@@ -239,6 +251,11 @@ def latch(faults: int) -> bytes:
 def limits(force_n: float, speed_m_per_s: float, energy_j: float) -> bytes:
     """Payload of LIMITS; 0 stands for the board's own."""
     return _LIMITS.pack(force_n, speed_m_per_s, energy_j)
+
+
+def store(flags: int, name: str) -> bytes:
+    """Payload of STORE: 1 keeps the coupling, 2 lets it act after a reset; the name of the device."""
+    return _STORE.pack(flags, name.encode())
 
 
 def subscribe(every: int, ticks: int) -> bytes:
@@ -304,6 +321,7 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     Kind.ZERO | REPLY: lambda payload: Zeroed(*_ONE.unpack(payload)),
     Kind.LATCH | REPLY: _clear,
     Kind.LIMITS | REPLY: lambda payload: LimitsTaken(*_LIMITS.unpack(payload)),
+    Kind.STORE | REPLY: lambda payload: StoreTaken(*_TWO.unpack(payload)),
     Kind.SUBSCRIBE | REPLY: lambda payload: Subscribed(*_TWO.unpack(payload)),
     Kind.TELEMETRY: Telemetry.read,
     Kind.LOG: lambda payload: Log(payload.decode("utf-8", "replace")),

@@ -99,7 +99,7 @@ def push(
         safe: gains after a lost heartbeat; None is no force.
         deadline_s: longest duration on the link's clock.
         unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
-        device_id: number of the chip that it is for; another device is refused.
+        device_id: name of the device that it is for, or number of its chip; another device is refused.
         on_log: takes the firmware's lines of text.
         on_wait: called when the table waits for the device to be let go.
 
@@ -156,13 +156,13 @@ def push_over(
 
 
 def _require_device(connection: Connection, device_id: str) -> None:
-    found = connection.device.unique_id
-    if not found:
-        raise LinkError(f"{connection.link.name}: not sent: the device has no number of its own; leave out --device-id")
-    if found != device_id.lower():
-        raise LinkError(
-            f"{connection.link.name}: not sent: this is device {found}, not {device_id}; see avc ports --ask"
-        )
+    name, number = connection.device.name, connection.device.unique_id
+    where = f"{connection.link.name}: not sent"
+    if not name and not number:
+        raise LinkError(f"{where}: the device has no number of its own and no name (avc store --name)")
+    if device_id != name and device_id.lower() != number:
+        found = " ".join(filter(None, (name, number)))
+        raise LinkError(f"{where}: this is device {found}, not {device_id}; see avc ports --ask")
 
 
 def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:

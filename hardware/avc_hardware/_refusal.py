@@ -41,6 +41,8 @@ class Reason(IntEnum):
     MODE = 23
     HOLD = 24
     FAULT = 25
+    NO_FLASH = 26
+    FLASH = 27
 
 
 _SENTENCES = {
@@ -62,6 +64,8 @@ _SENTENCES = {
     Reason.IN_CONTACT: "the device is in contact; the table takes over when it is let go",
     Reason.MODE: "the device does not run its table now (mode {detail}); nothing is kept for later",
     Reason.FAULT: "the device has latched faults ({fault}); clear them first: avc clear",
+    Reason.NO_FLASH: "this board has no memory that lasts",
+    Reason.FLASH: "the memory did not take it (a slot has {detail} bytes); what was kept before still is",
     Reason.HOLD: "it would hold too long; allowed: at most {detail} ticks",
     Reason.STALE: "gains with a number not above {detail} came late",
     Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",

@@ -40,6 +40,8 @@ CORE = (
     "avc_transfer.c",
     "avc_excitation.c",
     "avc_commission.c",
+    "avc_store.c",
+    "avc_keep.c",
     "avc_device.c",
 )
 # Generated once, and once for every estimator; the numbers of the figures are in sources of their own.

@@ -25,6 +25,7 @@ void avc_on_zero(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_IN_CONTACT, 0u);
         return;
     }
+    avc_forget_recalled(device);
     control->zero_wanted = 1u;
     ask(control);
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_ZERO | AVC_MESSAGE_REPLY, request->sequence);
@@ -48,23 +49,12 @@ void avc_on_latch(avc_device_t *device, const avc_request_t *request)
     avc_send(&a);
 }
 
-/* Whether a limit is one, within the board's; 0 stands for the board's. */
-static bool lowered(float *limit, float boards)
-{
-    if (*limit == 0.0f) {
-        *limit = boards;
-    }
-    return avc_is_finite(*limit) && *limit >= 0.0f && (boards <= 0.0f || *limit <= boards);
-}
-
 void avc_on_limits(avc_device_t *device, const avc_request_t *request)
 {
     avc_control_t *control = &device->control;
-    const avc_limits_t *boards = &control->limits;
     avc_lowered_t wanted = {avc_get_float(&request->payload[0]), avc_get_float(&request->payload[4]),
                             avc_get_float(&request->payload[8])};
-    if (!lowered(&wanted.force_n, boards->max_force_n) || !lowered(&wanted.speed_m_per_s, boards->max_speed_m_per_s) ||
-        !lowered(&wanted.energy_j, boards->max_energy_j)) {
+    if (!avc_lowered_check(&wanted, &control->limits)) {
         avc_refuse(device, request->sequence, AVC_REFUSED_LIMIT, AVC_AT_LIMITS);
         return;
     }

@@ -51,6 +51,20 @@ uint32_t avc_longest_hold(const avc_control_t *control)
     return (uint32_t)(longest_hold_s * control->rate_hz + 0.5f);
 }
 
+static bool within(float *limit, float boards)
+{
+    if (*limit == 0.0f) {
+        *limit = boards;
+    }
+    return avc_is_finite(*limit) && *limit >= 0.0f && (boards <= 0.0f || *limit <= boards);
+}
+
+bool avc_lowered_check(avc_lowered_t *lowered, const avc_limits_t *boards)
+{
+    return within(&lowered->force_n, boards->max_force_n) && within(&lowered->speed_m_per_s, boards->max_speed_m_per_s) &&
+           within(&lowered->energy_j, boards->max_energy_j);
+}
+
 float avc_most_force(const avc_control_t *c)
 {
     const bool falls = c->limits_wanted != 0u && c->wanted.force_n < c->lowered.force_n;
@@ -436,12 +450,42 @@ static void attend(avc_control_t *c, int32_t raw_count)
         adopt_limits(c);
         c->asked = c->limits_wanted;
     }
+    if (c->pause_wanted != 0u && (c->state.has_table == 0u || (c->state.contact == 0u && c->state.position_m <= 0.0f))) {
+        c->paused = 1u;
+    }
+    if (c->pause_wanted != 0u || c->paused != 0u) {
+        c->asked = 1u;
+    }
+}
+
+/* A tick without force; the last of them leads back as after a lost heartbeat, out of contact. */
+static float idle(avc_control_t *c, int32_t encoder_count)
+{
+    avc_state_t *s = &c->state;
+    c->fault.moved = (int32_t)((uint32_t)encoder_count - (uint32_t)s->encoder_count);
+    s->encoder_count = encoder_count;
+    s->position_m = (float)encoder_count * c->limits.metres_per_count;
+    s->force_n = 0.0f;
+    c->previous_force = 0.0f;
+    rest(c, s->position_m);
+    if (c->pause_wanted == 0u) {
+        c->paused = 0u;
+        if (s->mode == AVC_MODE_TABLE || s->mode == AVC_MODE_RAMP) {
+            s->mode = AVC_MODE_SAFE;
+        }
+        c->scale = 0.0f;
+    }
+    s->ticks++;
+    return 0.0f;
 }
 
 float avc_control_tick(avc_control_t *c, int32_t raw_count)
 {
     if (c->asked != 0u) {
         attend(c, raw_count);
+        if (c->paused != 0u) {
+            return idle(c, (int32_t)((uint32_t)raw_count - (uint32_t)c->zero));
+        }
     }
     avc_state_t *s = &c->state;
     const int32_t encoder_count = (int32_t)((uint32_t)raw_count - (uint32_t)c->zero);

@@ -99,6 +99,8 @@ typedef struct {
     volatile uint32_t latch_wanted; /* codes of faults */
     volatile uint32_t limits_wanted;
     volatile uint32_t has_zero;
+    volatile uint32_t pause_wanted; /* no force, so that the link may take its time */
+    volatile uint32_t paused;
     avc_lowered_t wanted;
     avc_lowered_t lowered; /* in force */
     avc_telemetry_t telemetry;
@@ -120,6 +122,9 @@ void avc_control_fault(avc_control_t *control, uint32_t codes);
 
 /* Whether a force may come, so that the amplifier is to be on. */
 bool avc_control_drives(const avc_control_t *control);
+
+/* Whether limits are such, within the board's; 0 becomes the board's. */
+bool avc_lowered_check(avc_lowered_t *lowered, const avc_limits_t *boards);
 
 /* The force that is allowed, with what is lowered from the next tick on. */
 float avc_most_force(const avc_control_t *control);

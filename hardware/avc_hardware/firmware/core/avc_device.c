@@ -78,6 +78,11 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put32(&a, avc_faults(&device->control));
     avc_put_lowered(&a, &device->control.lowered);
     avc_put(&a, device->unique, sizeof device->unique);
+    avc_put32(&a, hal_flash_size());
+    avc_put32(&a, device->kept_number);
+    avc_put32(&a, device->kept.flags);
+    avc_put32(&a, device->kept_coupling);
+    avc_put(&a, device->kept.name, sizeof device->kept.name);
     avc_send(&a);
 }
 
@@ -129,7 +134,7 @@ static void on_status(avc_device_t *device, const avc_request_t *request)
     avc_put32(&a, avc_faults(&device->control));
     avc_put32(&a, device->control.fault.first);
     avc_put32(&a, device->control.fault.first_tick);
-    const uint8_t waits = device->transfer.committing ? 1u : 0u;
+    const uint8_t waits = device->control.swap_wanted != 0u ? 1u : 0u;
     const uint8_t flags[8] = {s.mode, s.streaming, s.contact, s.has_table, waits,
                               (uint8_t)device->control.has_zero, (uint8_t)device->control.limits_wanted, 0u};
     avc_put(&a, flags, sizeof flags);
@@ -240,6 +245,7 @@ static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_ZERO, 0, 0, avc_on_zero},
     {AVC_MESSAGE_LATCH, 4, 4, avc_on_latch},
     {AVC_MESSAGE_LIMITS, 12, 12, avc_on_limits},
+    {AVC_MESSAGE_STORE, 4 + AVC_NAME_SIZE, 4 + AVC_NAME_SIZE, avc_on_store},
 };
 
 static void on_frame(avc_device_t *device)
@@ -276,6 +282,10 @@ bool avc_device_poll(avc_device_t *device)
             did = true;
             continue;
         }
+        if (device->storing && avc_watch_store(device)) {
+            did = true;
+            continue;
+        }
         if (!avc_ring_get(&device->rx, &byte)) {
             break;
         }
@@ -298,6 +308,7 @@ void avc_device_init(avc_device_t *device, const avc_limits_t *limits, uint32_t 
     avc_decoder_reset(&device->decoder);
     device->serial = serial;
     device->boot_id = boot_id;
+    avc_recall(device);
     const char note[] = "avc device ready";
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_LOG, 0u);
     avc_put(&a, note, sizeof note - 1u);

@@ -13,6 +13,7 @@
 #include "avc_control.h"
 #include "avc_frame.h"
 #include "avc_ring.h"
+#include "avc_store.h"
 
 enum {
     AVC_PROTOCOL_VERSION = 1,
@@ -40,6 +41,7 @@ typedef enum {
     AVC_MESSAGE_ZERO = 0x0F,
     AVC_MESSAGE_LATCH = 0x10,
     AVC_MESSAGE_LIMITS = 0x11,
+    AVC_MESSAGE_STORE = 0x12,
     AVC_MESSAGE_REPLY = 0x80, /* set in the answer to each of the above */
     AVC_MESSAGE_TELEMETRY = 0xFD,
     AVC_MESSAGE_LOG = 0xFE,
@@ -70,6 +72,14 @@ typedef struct {
     uint32_t boot_id;
     uint32_t serial;
     uint8_t unique[AVC_UNIQUE_SIZE];
+    avc_kept_t kept;      /* what is kept over a reset */
+    uint32_t kept_number; /* of it; 0: nothing is */
+    uint32_t kept_coupling;
+    bool storing; /* its answer is still owed */
+    uint16_t store_sequence;
+    uint32_t store_tick;
+    uint32_t store_flags;
+    char store_name[AVC_NAME_SIZE];
     volatile uint32_t rx_overruns;
     uint32_t frames_good;
     uint32_t frames_bad;

@@ -49,6 +49,7 @@ void avc_on_excite(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, (uint32_t)request->size);
         return;
     }
+    avc_forget_recalled(device);
     e->plan = plan;
     e->stop_wanted = 0u;
     e->heard = 0u;

@@ -131,7 +131,9 @@ typedef enum {
     AVC_REFUSED_IN_CONTACT = 22,
     AVC_REFUSED_MODE = 23,
     AVC_REFUSED_HOLD = 24,
-    AVC_REFUSED_FAULT = 25
+    AVC_REFUSED_FAULT = 25,
+    AVC_REFUSED_NO_FLASH = 26,
+    AVC_REFUSED_FLASH = 27
 } avc_reason_t;
 
 /* What a refusal names in place of a row. */

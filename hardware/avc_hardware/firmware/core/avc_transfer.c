@@ -52,6 +52,7 @@ void avc_on_begin(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_BUSY, transfer->session);
         return;
     }
+    avc_forget_recalled(device); /* from here on its place is the new table's */
     const uint32_t size = avc_image_size(rows, states);
     transfer->open = true;
     transfer->session = session;
