@@ -12,9 +12,9 @@ from avc_casadi.cli._text import number
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
-        f"{__doc__}\nThe device gives no force meanwhile. Where the power is cut, what was kept before\n"
-        "or this is whole. A coupling that acts after a reset takes over out of contact alone; an encoder that counts from where it\n"
-        "stood has its wall there, until avc commission places it. --no-coupling switches it off."
+        f"{__doc__}\nThe device gives no force meanwhile. Where the power is cut, what was kept before or this\n"
+        "is whole. A coupling that acts after a reset takes over out of contact alone; an encoder that counts from\n"
+        "where it stood has its wall there, until avc commission places it. --no-coupling switches it off."
     )
     add_port(parser)
     parser.add_argument("--acts", action="store_true", help="the coupling takes over after a reset by itself")
