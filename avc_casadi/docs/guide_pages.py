@@ -13,6 +13,7 @@ PAGES = {
     "avc_casadi/README.md": "equations-and-layout",
     "problems/README.md": "problems",
     "hardware/README.md": "hardware",
+    "hardware/PORTING.md": "porting",
     "tests/benchmarks/README.md": "measured",
     "CONTRIBUTING.md": "contributing",
     "CHANGELOG.md": "changelog",
