@@ -9,12 +9,12 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.certificate import certify
-from avc_casadi.figures import draw_boundaries, draw_perceived, figure_svg
+from avc_casadi.figures import draw_boundaries, draw_perceived
 from avc_casadi.loop import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.recommendation import conclusion_lines
-from avc_casadi.report import ReportContents, report_html, summarise
+from avc_casadi.report import Picture, ReportContents, picture_words, report_html, summarise
 
-VOID = {"meta", "img", "link", "br", "hr"}
+VOID = {"meta", "img", "source", "link", "br", "hr"}
 HOSTILE = "</title><script>alert('x')</script> & \"quoted\" $title"
 
 
@@ -49,8 +49,8 @@ def contents():
     certificate = certify(problem, comparison.methods["direct"]).document()
     push = {"refused": "the <b>device</b> & its limits"}
     figures = [
-        ("first <figure>", figure_svg(draw_boundaries(comparison))),
-        ("second", figure_svg(draw_perceived(comparison))),
+        Picture.of(draw_boundaries, comparison, "first <figure>", "what <it> shows"),
+        Picture.of(draw_perceived, comparison, "second", picture_words(comparison)["perceived"]),
     ]
     summary = summarise(problem, comparison, comparison.methods["direct"], certificate, push)
     found = avc.recommend(problem, hands=10).document()
@@ -65,7 +65,7 @@ def html(contents):
 
 def test_nothing_is_loaded_from_elsewhere(html):
     page = Page(html)
-    assert len(page.links) == 2
+    assert len(page.links) == 4  # wide, and for a phone
     assert all(link.startswith("data:image/svg+xml;base64,") for link in page.links)
     for forbidden in ("http:", "https:", "file:", "url(", "@import", "<script", "<iframe", "<link"):
         assert forbidden not in html

@@ -24,6 +24,7 @@ from avc_casadi.cli._versions import package_versions
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.design import MethodName
+    from avc_casadi.report import Picture
     from avc_casadi.study.comparison import Comparison
 
 _CAPTIONS = {
@@ -128,21 +129,22 @@ def _by_method(problem: avc.Problem, method: MethodName, console: Console) -> di
     return recommend_document(found) | {"of": found.coupling}
 
 
-def _drawn(comparison: Comparison) -> dict[str, tuple[bytes, str]]:
-    """Return each figure as PNG and SVG."""
-    from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, figure_png, figure_svg
+def _drawn(comparison: Comparison) -> dict[str, tuple[bytes, Picture]]:
+    """Return each figure as PNG, and for the page."""
+    from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, figure_png
+    from avc_casadi.report import Picture, picture_words
 
-    drawn = {
-        "boundaries": draw_boundaries(comparison),
-        "perceived": draw_perceived(comparison),
-        "comparison": draw_comparison(comparison),
+    words = picture_words(comparison)
+    draws = {"boundaries": draw_boundaries, "perceived": draw_perceived, "comparison": draw_comparison}
+    return {
+        name: (figure_png(draw(comparison)), Picture.of(draw, comparison, _CAPTIONS[name], words[name]))
+        for name, draw in draws.items()
     }
-    return {name: (figure_png(figure), figure_svg(figure)) for name, figure in drawn.items()}
 
 
-def _written(drawn: dict[str, tuple[bytes, str]], folder: Path) -> list[tuple[str, str]]:
-    """Write each figure; return captions with SVG texts for the report."""
-    for name, (png, svg) in drawn.items():
+def _written(drawn: dict[str, tuple[bytes, Picture]], folder: Path) -> list[Picture]:
+    """Write each figure; return those of the report."""
+    for name, (png, picture) in drawn.items():
         (folder / f"{name}.png").write_bytes(png)
-        write_text(folder / f"{name}.svg", svg, "--out")
-    return [(_CAPTIONS[name], svg) for name, (_, svg) in drawn.items()]
+        write_text(folder / f"{name}.svg", picture.wide, "--out")
+    return [picture for _, picture in drawn.values()]

@@ -21,6 +21,7 @@ from avc_casadi.figures._save import figure_png as figure_png
 from avc_casadi.figures._save import figure_svg as figure_svg
 from avc_casadi.figures._save import save_figure as save_figure
 from avc_casadi.figures._scene import draw_scene as draw_scene
+from avc_casadi.figures._stacked import stacked as stacked
 from avc_casadi.figures._traces import draw_traces as draw_traces
 from avc_casadi.figures._workspace import draw_workspace as draw_workspace
 from avc_casadi.figures._zwidth import draw_zwidth as draw_zwidth

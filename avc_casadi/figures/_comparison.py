@@ -59,8 +59,12 @@ def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     for name, magnitude_error, complex_error in errors:
         with np.errstate(divide="ignore", invalid="ignore"):
             share = 100 * magnitude_error / size
-        lines[name].draw(magnitude, comparison.frequency_hz, np.maximum(share, _ROUNDING))
-        lines[name].draw(complex_, comparison.frequency_hz, np.maximum(100 * complex_error, _UNNOTICED))
+        given = comparison.methods.get(name)
+        usable = np.ones(len(share), dtype=bool) if given is None else given.usable
+        for panel, error, floor in ((magnitude, share, _ROUNDING), (complex_, 100 * complex_error, _UNNOTICED)):
+            shown = np.maximum(error, floor)
+            lines[name].draw(panel, comparison.frequency_hz, np.where(usable, shown, np.nan))
+            lines[name].draw_asked(panel, comparison.frequency_hz, np.where(usable, np.nan, shown))
     for panel, floor, label in (
         (magnitude, _ROUNDING, f"error of {PERCEIVED} (%)"),
         (complex_, _UNNOTICED, "complex error (%)"),
@@ -74,7 +78,7 @@ def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     panels.legend(
         [*handles, *patches],
         [*labels, *(str(patch.get_label()) for patch in patches)],
-        4 if comparison.delivered == comparison.optimum else 3,
+        3,
     )
     return panels.figure
 

@@ -139,18 +139,8 @@ def _gain(axes: Axes, comparison: Comparison, shown: tuple[str, ...], key: str, 
         drawn.append(value)
         asked = scale * getattr(gains, f"requested_{key}", np.full(gains.rows, np.nan))
         refused = np.where(gains.usable | ~np.isfinite(asked), np.nan, asked)
-        if np.isfinite(refused).any():
-            lines[name].draw(
-                axes,
-                comparison.frequency_hz,
-                refused,
-                label=f"{lines[name].label} asks for, not realisable",
-                linestyle="none",
-                marker="x",
-                markersize=3.2,
-                markevery=max(1, refused.size // 60),
-            )
-            drawn.append(refused)
+        lines[name].draw_asked(axes, comparison.frequency_hz, refused)
+        drawn.append(refused)
     frequency_axis(axes, comparison.frequency_hz)
     value_axis(axes, *drawn, wide=1.2)
     if axes.get_yscale() != "log":  # where 0 has no place, and would move the limits

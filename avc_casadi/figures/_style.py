@@ -101,6 +101,21 @@ class Line:
             | changes,
         )
 
+    def draw_asked(self, axes: Axes, x: ArrayLike, y: ArrayLike, *, most: int = 60) -> None:
+        """Draw what no gains can give as points, never as a line; nothing where y is no number."""
+        known = np.isfinite(np.asarray(y))
+        if known.any():
+            self.draw(
+                axes,
+                x,
+                y,
+                label=f"{self.label} asks for, not realisable",
+                linestyle="none",
+                marker="x",
+                markersize=3.2,
+                markevery=max(1, known.size // most),
+            )
+
 
 DESIRED = Line("desired", "0.78", "-", "", 4.5, 2, 0.0)
 NO_COUPLING = Line("no coupling", "0.35", (0, (1, 1.4)), "", 1.4, 3, 0.0)

@@ -7,8 +7,8 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from avc_casadi.diagnosis import CAUSES
-from avc_casadi.figures import draw_diagnosis, figure_svg
-from avc_casadi.report._frame import figure_html, filled, items_html, page_html
+from avc_casadi.figures import draw_diagnosis
+from avc_casadi.report._frame import Picture, filled, items_html, page_html, table_html
 from avc_casadi.support import Table, number
 
 if TYPE_CHECKING:
@@ -49,9 +49,11 @@ def _body(found: Diagnosis) -> str:
         "diagnosis",
         conclusion=escape(f"{found.source}: {found.conclusion}"),
         decides=escape(f"Would decide: {found.decides}." if found.decides else ""),
-        cures=cures.html(),
+        cures=table_html(cures),
         evidence=items_html(found.evidence),
-        shares=shares.html(),
-        figures=figure_html(f"{found.source}: {_CAPTION}", figure_svg(draw_diagnosis(found))),
+        shares=table_html(shares),
+        figures=Picture.of(
+            draw_diagnosis, found, f"{found.source}: {_CAPTION}", f"{found.source}: {found.conclusion}"
+        ).html(),
         notes=items_html(found.notes or ("nothing beyond what was declared",)),
     )

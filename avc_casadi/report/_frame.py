@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from string import Template
+from typing import TYPE_CHECKING, Any
 
+from avc_casadi.figures import figure_svg, stacked
 from avc_casadi.support import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _HERE = Path(__file__).parent
 
@@ -22,7 +28,7 @@ def page_html(title: str, source: str, body: str, versions: Mapping[str, str]) -
         body: HTML.
         versions: versions by package.
     """
-    told = Table(("package", "version"), tuple(versions.items()), (0, 1)).html()
+    told = table_html(Table(("package", "version"), tuple(versions.items()), (0, 1)), "versions")
     return filled("frame", title=escape(title), source=escape(source), body=body, versions=told)
 
 
@@ -36,8 +42,46 @@ def items_html(texts: Iterable[str]) -> str:
     return "\n".join(f"<li>{escape(text)}</li>" for text in texts)
 
 
-def figure_html(caption: str, svg: str) -> str:
-    """Return a figure with its picture inside."""
-    data = base64.b64encode(svg.encode()).decode()
-    text = escape(caption)
-    return f'<figure><img src="data:image/svg+xml;base64,{data}" alt="{text}"><figcaption>{text}</figcaption></figure>'
+@dataclass(frozen=True)
+class Picture:
+    """A figure for a page.
+
+    Attributes:
+        caption: what it is, for everybody.
+        words: what it shows, in numbers, for who cannot see it.
+        wide: SVG text.
+        narrow: the same with its panels one below the other, for a phone.
+    """
+
+    caption: str
+    words: str
+    wide: str
+    narrow: str
+
+    @classmethod
+    def of(cls, draw: Callable[..., Figure], result: Any, caption: str, words: str) -> Picture:
+        """Draw a result both ways."""
+        return cls(caption, words, figure_svg(draw(result)), figure_svg(stacked(draw, result)))
+
+    def html(self) -> str:
+        """Return the figure with its pictures inside."""
+        wide, narrow = (
+            f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}" for svg in (self.wide, self.narrow)
+        )
+        return (
+            f'<figure><picture><source media="(max-width: 700px)" srcset="{narrow}"><img src="{wide}" '
+            f'alt="{escape(self.words)}"></picture><figcaption>{escape(self.caption)}</figcaption></figure>'
+        )
+
+
+def table_html(table: Table, what: str = "") -> str:
+    """Return a table that scrolls by itself, under its title and with its notes below.
+
+    Args:
+        table: the table.
+        what: what it tells, for a screen reader; empty takes its title.
+    """
+    told = f"<p>{escape(table.title)}</p>\n" if table.title else ""
+    below = f"\n<ul>\n{items_html(table.notes)}\n</ul>" if table.notes else ""
+    name = escape(what or table.title or ", ".join(" ".join(head.split()) for head in table.header))
+    return f'{told}<div class="wide" tabindex="0" role="region" aria-label="{name}">\n{table.html()}\n</div>{below}'

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING
 
-from avc_casadi.figures import draw_correlations, draw_identification, figure_svg
+from avc_casadi.figures import draw_correlations, draw_identification
 from avc_casadi.identification import TERMS, device_text
-from avc_casadi.report._frame import figure_html, filled, items_html, page_html
+from avc_casadi.report._frame import Picture, filled, items_html, page_html, table_html
 from avc_casadi.support import Table, number
 
 if TYPE_CHECKING:
@@ -47,14 +47,14 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
         "force, an observer of 4 rad/s holding it near (a, b); frequency response where force and motion are coherent "
         "(c, d); intervals (e); prediction error from sample to sample, white inside the grey band (f)"
     )
+    named = ", ".join(f"{one.key} {number(one.value)} {one.unit or ''}".strip() for one in found.estimates.values())
     figures = (
-        (
-            caption,
-            figure_svg(draw_identification(found)),
-        ),
-        (
+        Picture.of(draw_identification, found, caption, f"{shown.record}: log and model side by side; found: {named}"),
+        Picture.of(
+            draw_correlations,
+            found,
             "Correlations of the estimates: two numbers near +-1 are known together better than alone",
-            figure_svg(draw_correlations(found)),
+            f"Correlations of {', '.join(found.estimates)} as a table of shades; the numbers stand in --json",
         ),
     )
     device = "No device file: mass or damping is not told." if found.device is None else device_text(found.device)
@@ -65,11 +65,11 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
             f"Model: {', '.join(TERMS[term].words for term in found.terms)}. Intervals of 95 % from "
             f"{found.spread_from}."
         ),
-        estimates=estimates.html(),
+        estimates=table_html(estimates),
         notes=items_html(found.notes),
-        refused=refused.html(),
-        figures="\n".join(figure_html(caption, svg) for caption, svg in figures),
-        evidence=evidence.html(),
+        refused=table_html(refused),
+        figures="\n".join(one.html() for one in figures),
+        evidence=table_html(evidence),
         device=escape(device),
     )
     title = "Device identified from its log" if found.device is None else found.device.title

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.certificate import levels_table
 from avc_casadi.loop import ASSUMPTIONS, PAPER_ERRORS
-from avc_casadi.report._frame import figure_html, filled, items_html, page_html
+from avc_casadi.report._frame import Picture, filled, items_html, page_html, table_html
 from avc_casadi.report._summary import device_line, injection_line, scope_line, summary_lines
 from avc_casadi.study.comparison import comparison_document, comparison_tables
 from avc_casadi.support import Cell, Table, number
@@ -28,7 +28,7 @@ class ReportContents:
         comparison: its comparison.
         summary: what `summarise` found.
         certificate: the `certify` document.
-        figures: caption and SVG text of each figure.
+        figures: the figures of the paper's question.
         versions: versions by package.
         conclusion: what to deploy and why, or that nothing can be; one sentence a line.
         deployment: the `recommend` document behind it.
@@ -38,7 +38,7 @@ class ReportContents:
     comparison: Comparison
     summary: Mapping[str, Any]
     certificate: Mapping[str, Any]
-    figures: Sequence[tuple[str, str]]
+    figures: Sequence[Picture]
     versions: Mapping[str, str]
     conclusion: Sequence[str]
     deployment: Mapping[str, Any]
@@ -52,15 +52,16 @@ def report_html(contents: ReportContents) -> str:
     tables = comparison_tables(comparison)
     body = filled(
         "page",
-        conclusion=items_html(contents.conclusion),
+        verdict=_verdict(contents.deployment),
+        conclusion=_conclusion(contents.conclusion),
         deployment=_deployment(contents.deployment),
         summary=items_html(summary_lines(contents.summary)),
-        figures="\n".join(figure_html(caption, svg) for caption, svg in contents.figures),
+        figures="\n".join(figure.html() for figure in contents.figures),
         scope=escape(scope_line(contents.summary)),
-        verdicts=_told(tables.verdicts),
+        verdicts=table_html(tables.verdicts),
         injection=escape(f"The closed form: {injection_line(contents.summary)}."),
-        comparison=_told(tables.frequencies),
-        certificate="\n".join(map(_told, (levels_table(contents.certificate), tables.safety, tables.realism))),
+        comparison=table_html(tables.frequencies),
+        certificate="\n".join(map(table_html, (levels_table(contents.certificate), tables.safety, tables.realism))),
         rows=str(len(best["frequency_hz"])),
         method=escape(comparison["delivered"]),
         gains=_gains(best),
@@ -77,10 +78,45 @@ def report_html(contents: ReportContents) -> str:
     return page_html(title, contents.problem.source, body, contents.versions)
 
 
+def _verdict(found: Mapping[str, Any]) -> str:
+    """Return the answer in a line: deploy this, do not, or there is nothing to deploy."""
+    if found["coupling"] is None:
+        return '<p class="verdict fail">Deploy nothing: no coupling holds with every hand and let go.</p>'
+    if not found["deployable"]:
+        return '<p class="verdict fail">Do not deploy this coupling.</p>'
+    rested = [found["trial"], *([found["confirmed"]] if found["confirmed"] else [])]
+    if any(one["at_rest"] < one["hands"] for one in rested):
+        return '<p class="verdict fail">Deployable, but not every simulated hand comes to rest with it.</p>'
+    return '<p class="verdict pass">Deploy this coupling.</p>'
+
+
+def _conclusion(lines: Sequence[str]) -> str:
+    """Return the sentences of the conclusion, each under the word that it begins with."""
+    parts = (line.partition(": ") for line in lines)
+    rows = (f"<dt>{escape(what)}</dt><dd>{escape(told)}</dd>" for what, _, told in parts)
+    return "<dl>\n" + "\n".join(rows) + "\n</dl>"
+
+
 def _deployment(found: Mapping[str, Any]) -> str:
-    """Return what was proved of the coupling to deploy, how it was tried, what would help and what is assumed."""
+    """Return how the coupling to deploy was tried, what was proved of it, what would help and what is assumed."""
     claims = (found["certificate"] or {}).get("deployable", {}).get("claims", [])
+    tried = {
+        "those that chose it": found["trial"],
+        "others, no part in the choice": found["confirmed"],
+        **{f"{holding}, nothing promised": of for holding, of in found["other_hands"].items()},
+    }
     parts = [
+        "<h3>How simulated hands fared</h3>",
+        _table(
+            ("hands", "how many", "at rest", "without friction", "quiet"),
+            [
+                (who, *(of[key] for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")))
+                for who, of in tried.items()
+                if of
+            ],
+            left=(0,),
+        ),
+        "<h3>What is claimed of it</h3>",
         _table(
             ("claim", "result", "what was found"),
             [
@@ -88,6 +124,7 @@ def _deployment(found: Mapping[str, Any]) -> str:
                 *((("rest (L7)", found["rest"]["word"], found["rest"]["sentence"]),) if found["rest"] else ()),
             ],
         ),
+        "<h3>What limits it, and what would help</h3>",
         _table(
             ("what would help", "plain spring and damper hold, N/m"),
             [
@@ -103,13 +140,7 @@ def _deployment(found: Mapping[str, Any]) -> str:
 
 def _table(header: tuple[str, ...], rows: Iterable[tuple[Cell, ...]], left: tuple[int, ...] | None = None) -> str:
     """Return an HTML table; columns are texts where ``left`` is None."""
-    return Table(header, tuple(rows), tuple(range(len(header))) if left is None else left).html()
-
-
-def _told(table: Table) -> str:
-    """Return a table under its title, with its notes below."""
-    below = f"\n<ul>\n{items_html(table.notes)}\n</ul>" if table.notes else ""
-    return f'<p>{escape(table.title)}</p>\n<div class="wide">\n{table.html()}\n</div>{below}'
+    return table_html(Table(header, tuple(rows), tuple(range(len(header))) if left is None else left))
 
 
 def _text(value: Any) -> str:

@@ -10,6 +10,7 @@ from html import escape
 Cell = float | str | None
 
 ROWS_SHOWN = 20
+_VERDICTS = {"pass": "pass", "proved": "pass", "fail": "fail", "FAIL": "fail", "refuted": "fail"}
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -59,16 +60,20 @@ class Table:
         return text_table(self.header, self._cells(), left=self.left)
 
     def html(self) -> str:
-        """Return the header and rows as an HTML table; every text is escaped."""
-        right = ["" if column in self.left else ' class="n"' for column in range(len(self.header))]
+        """Return the header and rows as an HTML table; every text is escaped, verdicts are classes of their cells."""
+        right = ["" if column in self.left else "n" for column in range(len(self.header))]
         heads = [_in_a_line(cell) for cell in self.header]
 
-        def row(cells: Iterable[str], tag: str) -> str:
-            inner = (f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(right, cells, strict=True))
+        def row(cells: Iterable[str], tag: str, more: str) -> str:
+            inner = (
+                f"<{tag}{more}{_classes(kind, cell)}>{escape(cell)}</{tag}>"
+                for kind, cell in zip(right, cells, strict=True)
+            )
             return f"<tr>{''.join(inner)}</tr>"
 
-        body = "\n".join(row(cells, "td") for cells in self._cells())
-        return f"<table>\n<thead>{row(heads, 'th')}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+        body = "\n".join(row(cells, "td", "") for cells in self._cells())
+        head = row(heads, "th", ' scope="col"')
+        return f"<table>\n<thead>{head}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
 
     def _cells(self) -> list[list[str]]:
         return [[_shown(cell, self.digits) for cell in row] for row in self.rows]
@@ -101,6 +106,12 @@ def _shown(cell: Cell, digits: int) -> str:
     if isinstance(cell, int | str):
         return str(cell)
     return number(cell, digits)
+
+
+def _classes(kind: str, cell: str) -> str:
+    """Return the class of a cell: that of its column, and the verdict that it tells."""
+    found = " ".join(filter(None, (kind, _VERDICTS.get(cell, ""))))
+    return f' class="{found}"' if found else ""
 
 
 def _in_a_line(cell: str) -> str:

@@ -25,7 +25,7 @@ const past = [];
 const future = [];
 let joined = { kind: "", time: 0 };
 let polling = null;
-let asked = 0;
+let changedAt = 0;
 
 const current = () => state[state.on];
 const columns = () => (state.b ? ["a", "b"] : ["a"]);
@@ -74,9 +74,10 @@ function restate() {
   showControls();
   for (const column of columns()) {
     const wanted = JSON.stringify(state[column]);
-    if (wanted !== asking[column]) follow[column].changed();
+    if (wanted !== asking[column]) follow[column].changed(changedAt || performance.now());
     asking[column] = wanted;
   }
+  changedAt = 0;
 }
 
 // ---- controls
@@ -137,7 +138,7 @@ function buildControls() {
       made("p", { class: "error", id: `g-${key}-error` })));
   }
   fields = new Fields(get("fields"), about.fields, (key, value, kind, event) => {
-    if (event) asked = event.timeStamp;
+    changedAt = event ? event.timeStamp : 0;
     change(() => (current().values[key] = value), kind);
   });
   get("method").addEventListener("change", (event) => change(() => (current().method = event.target.value)));
@@ -222,7 +223,7 @@ async function watchWork(begin = false) {
   get("work-cancel").hidden = !running;
   get("told").replaceChildren(...(found.lines || []).map((line) => made("li", {}, line)));
   if (running) polling = setTimeout(watchWork, POLL_MS);
-  else if (found.state === "done" && !(shown[state.on].now && shown[state.on].now.gains)) follow[state.on].changed();
+  else if (found.state === "done" && !(shown[state.on].now && shown[state.on].now.gains)) follow[state.on].changed(performance.now());
 }
 
 // ---- answers
@@ -230,7 +231,7 @@ async function watchWork(begin = false) {
 const follow = Object.fromEntries(["a", "b"].map((column) => [column, new Follow(client, () => state[column], {
   first: "now",
   after: ["judge", "touch", "region"],
-  answered(part, found) {
+  answered(part, found, since) {
     const mine = shown[column];
     if (part === "now") {
       mine.errors = found.errors || (found.refused ? [{ key: "", message: found.refused }] : []);
@@ -242,8 +243,7 @@ const follow = Object.fromEntries(["a", "b"].map((column) => [column, new Follow
       }
       Object.assign(mine, { now: found, judge: null, touch: null });
       drawImpedance(shown, columns());
-      if (asked) performance.measure("picture", { start: asked, end: performance.now() });
-      asked = 0;
+      painted("picture", since);
       if (toy && toy.running) toy.reload();
     } else {
       mine[part] = found;
@@ -252,8 +252,14 @@ const follow = Object.fromEntries(["a", "b"].map((column) => [column, new Follow
     if (part === "now" || part === "region") drawRegion(shown, columns(), state);
     drawVerdict(shown, columns(), state);
     markStale();
+    if (part === "judge" || part === "touch") painted(part, since);
   },
 })]));
+
+/** Note how long it took from a change to what it made visible, for whoever measures. */
+function painted(what, since) {
+  requestAnimationFrame(() => setTimeout(() => performance.measure(what, { start: since, end: performance.now() })));
+}
 
 /** Faded is what does not belong to the settings as they stand. */
 function markStale() {

@@ -1,5 +1,8 @@
 // Questions to the server. Of each kind one is under way; what was asked meanwhile is asked once, as it is then.
 
+// What follows would slow a slider down that still moves.
+const PAUSE_MS = 120;
+
 export class Client {
   /** @param tell is given a short text on what is under way. */
   constructor(tell) {
@@ -42,16 +45,18 @@ export class Follow {
    * @param client asks.
    * @param settings gives the settings of now, or null.
    * @param parts first: what is asked at every change; after: what follows when that has been answered and nothing has
-   *   changed meanwhile; answered(part, found) is given each answer.
+   *   changed meanwhile; answered(part, found, since) is given each answer, and when its oldest change was made.
    */
   constructor(client, settings, parts) {
     Object.assign(this, { client, settings, parts });
     this.version = 0;
     this.busy = new Set();
+    this.unasked = this.since = 0;
   }
 
-  changed() {
+  changed(time) {
     this.version += 1;
+    this.unasked ||= time;
     this.#run(this.parts.first);
   }
 
@@ -60,16 +65,20 @@ export class Follow {
     this.busy.add(part);
     const version = this.version;
     const settings = this.settings();
+    if (part === this.parts.first) [this.since, this.unasked] = [this.unasked, 0];
+    const since = this.since;
     const found = settings && await this.client.ask(part, { settings });
     this.busy.delete(part);
     const first = part === this.parts.first;
-    if (found && (first || version === this.version)) this.parts.answered(part, found);
+    if (found && (first || version === this.version)) this.parts.answered(part, found, since);
     if (version !== this.version) {
       if (first) this.#run(part);
       else this.#rest(part);
       return;
     }
-    if (first && found && !found.errors && !found.refused) for (const next of this.parts.after) this.#rest(next);
+    if (!first || !found || found.errors || found.refused) return;
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.parts.after.forEach((next) => this.#rest(next)), PAUSE_MS);
   }
 
   /** Ask for what follows, unless the first answer is still to come: that asks for it then. */
