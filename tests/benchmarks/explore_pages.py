@@ -63,6 +63,7 @@ def main():
     parser.add_argument(
         "--minutes", type=float, default=5.0, help="how long the slider moves for the memory; default 5"
     )
+    parser.add_argument("--changes", type=int, default=20, help="changes waited for at rest; default 20")
     parser.add_argument("--pictures", action="store_true", help="take the screenshots only")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, chromium(Path(folder)) as driver:
@@ -70,7 +71,7 @@ def main():
             pictures(driver, Path(folder))
             return
         driver.set_script_timeout(600)
-        cases = {name: latency(driver, changes) for name, changes in CASES.items()}
+        cases = {name: latency(driver, changes, args.changes) for name, changes in CASES.items()}
         found = {
             "version": avc.__version__,
             "load": os.getloadavg(),
@@ -100,13 +101,13 @@ def opened(driver, url):
         time.sleep(0.1)
 
 
-def latency(driver, changes):
+def latency(driver, changes, rests):
     """Milliseconds of every picture while a slider is dragged, and of all that follows where it rests."""
     with serving(changes) as server:
         opened(driver, server.url)
         dragged = driver.execute_async_script(_DRAG, 50, 100, 3000)["picture"]
         rested = {what: [] for what in _SHOWN}
-        for _ in range(20):
+        for _ in range(rests):
             driver.execute_async_script(_DRAG, 10, 1, 0)
             wait_for_all(driver)
             for what, times in driver.execute_script(_MEASURED).items():
@@ -115,7 +116,7 @@ def latency(driver, changes):
     return {
         "dragged": spread(dragged),
         "rested": {what: spread(times) for what, times in rested.items()},
-        "work": {what: work(changes, parts) for what, parts in _WORK.items()},
+        "work": {what: work(changes, parts, rests) for what, parts in _WORK.items()},
     }
 
 
@@ -124,11 +125,11 @@ def wait_for_all(driver):
         time.sleep(0.05)
 
 
-def work(changes, parts):
+def work(changes, parts, count):
     """Milliseconds of processor time of the server for one change of the wall."""
     explorer = Explorer(avc.load_problem("figure5").changed(frequency=changes), "figure5")
     times = []
-    for wall in np.geomspace(1e4, 2e5, 21):
+    for wall in np.geomspace(1e4, 2e5, count + 1):
         asked = {"settings": {"values": {"environment.stiffness_n_per_m": float(wall)}}}
         if parts != ("now",):
             answer(explorer, PARTS["now"], asked)
