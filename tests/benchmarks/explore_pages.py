@@ -73,6 +73,7 @@ def main():
         driver.set_script_timeout(600)
         cases = {name: latency(driver, changes, args.changes) for name, changes in CASES.items()}
         found = {
+            "command": f"{COMMAND} --changes {args.changes} --minutes {args.minutes:g}",
             "version": avc.__version__,
             "load": os.getloadavg(),
             "cases": cases,
@@ -183,9 +184,9 @@ def page(found):
     ]
     return f"""# avc explore: how fast it follows, and its memory
 
-`{COMMAND}` (version {found["version"]}, headless Chromium on the same
+`{found["command"]}` (version {found["version"]}, headless Chromium on the same
 {os.cpu_count()} cores as the server). Other work held these cores: the load was
-{found["load"][0]:.0f} while it was measured, and the times by the clock are as much longer.
+{found["load"][0]:.0f} while it was measured.
 
 From an input to the frame after the picture, ms by the clock. Dragged: a change of the wall every 50 ms for 5 s; the
 time of a picture counts from the oldest change in it. At rest: one change, and nothing until all has followed.
@@ -194,8 +195,7 @@ time of a picture counts from the oldest change in it. At rest: one change, and 
 |---|---|--:|--:|--:|
 {chr(10).join(lines)}
 
-Processor time of the server for one change, ms: what the times above come to where nothing else runs, but for the
-browser's own share.
+Processor time of the server for one change, ms.
 
 | problem | what | median | 95 % |
 |---|---|--:|--:|
