@@ -34,6 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a board (a wrong name lists them), or the folder of your own (hardware/PORTING.md)",
     )
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for the .elf, .bin and .hex file")
+    parser.add_argument(
+        "--built-in",
+        action="store_true",
+        help="run the coupling's exported C itself, whatever is beside its gains; no other can be pushed then",
+    )
+    parser.add_argument("--unsafe", action="store_true", help="build a coupling in that is not deployable")
     parser.add_argument("--baud", type=positive_int, help="rate of its serial port; default 115200")
     add_problem_of_gains(parser)
 
@@ -49,7 +55,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     else:
         subject = avc.load_device(args.subject).device if is_device(args.subject) else avc.load_problem(args.subject)
     with output_folder(args.out, "--out") as folder, console.step(f"firmware for {args.board}"):
-        built = build_firmware(subject, args.board, folder, baud=args.baud)
+        built = build_firmware(subject, args.board, folder, baud=args.baud, built_in=args.built_in, unsafe=args.unsafe)
     limits, figures = built.limits, built.figures
     document: dict[str, Any] = plain(
         {
@@ -64,12 +70,18 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             "commands": list(built.commands),
         }
     )
+    held = (
+        f"coupling {getattr(subject, 'id', '')} built in: no other can be pushed"
+        if args.built_in
+        else "gains are pushed: avc push"
+    )
     lines = [
         f"{built.board} ({built.title}), build {built.build}, {built.size} bytes from {built.address:#010x}:",
         (
             f"  made for T = {number(limits.sample_time_s)} s, encoder steps of {number(limits.metres_per_count)} m, "
             f"at most {number(limits.max_force_n)} N; estimator {figures.estimator}"
         ),
+        f"  {held}",
         *(f"  {path}" for path in document["files"]),
         f"flash it from within {args.out}, by any one of:",
         *(f"  {command}" for command in built.commands),

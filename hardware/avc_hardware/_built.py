@@ -12,10 +12,12 @@ from avc_casadi.problem import Problem
 from avc_hardware._bench_plant import board_limits
 from avc_hardware._boards import TARGETS, Target
 from avc_hardware._elf import read_elf
+from avc_hardware._export import export_c
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._firmware import source_hash
 from avc_hardware._image_files import as_binary, as_intel_hex
 from avc_hardware._manifest import read_board
+from avc_hardware._precision import SINGLE
 from avc_hardware._runs_on import check_runs_on, figures_of
 
 if TYPE_CHECKING:
@@ -53,8 +55,34 @@ class BuiltFirmware:
     commands: tuple[str, ...]
 
 
-def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, baud: int | None = None) -> BuiltFirmware:
-    """Build the firmware of a board for a device: no gains are in it, they are pushed.
+_BUILT_IN = """\
+/* The coupling that is built in; do not edit. */
+#include "avc_built_in.h"
+#include "avc_made_for.h"
+
+_Static_assert(AVC_COUPLING_SAMPLE_TIME_NS == AVC_MADE_FOR_SAMPLE_TIME_NS, "the coupling has another sample time");
+
+const avc_table_header_t avc_built_in = {{
+    .rows = 1u,
+    .sample_time_s = AVC_COUPLING_SAMPLE_TIME_S,
+    .wall_damping_ns_per_m = {damping},
+    .wall_stiffness_n_per_m = {stiffness},
+    .max_force_n = {force},
+    .coupling_id = 0x{id}u,
+}};
+"""
+
+
+def build_firmware(
+    of: Coupling | Problem | Device,
+    board: str,
+    out: Path,
+    *,
+    baud: int | None = None,
+    built_in: bool = False,
+    unsafe: bool = False,
+) -> BuiltFirmware:
+    """Build the firmware of a board for a device: no gains are in it, they are pushed; or with a coupling built in.
 
     Args:
         of: a device or a problem, for sample time, encoder and force limit (where it says nothing 2 um and 50 N); or
@@ -62,9 +90,12 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
         board: a key of `BOARDS`, or the folder of a board of your own with its ``board.toml`` (hardware/PORTING.md).
         out: folder for ``BOARD.elf``, ``BOARD.bin`` and ``BOARD.hex``.
         baud: rate of the serial line; None is 115200.
+        built_in: whether the exported C of the coupling is what runs, any that can be exported; no other can be pushed.
+        unsafe: whether a coupling that is not deployable is built in too.
 
     Raises:
-        InputError: unknown board, or all faults of its manifest.
+        InputError: unknown board, all faults of its manifest, or nothing to build in.
+        NotDeployableError: what is to be built in is not stable with every hand of ``[hands]`` and let go.
         FirmwareLacksError: the coupling needs what no firmware of this release has.
         UnsupportedError: a sample time that no program is made for.
         MissingExtraError: no cross compiler; says how to install it.
@@ -73,7 +104,8 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
     problem = of.problem if isinstance(of, Coupling) else of
     limits = board_limits(problem.device if isinstance(problem, Problem) else problem)
     figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, target.estimator)
-    if isinstance(of, Coupling):
+    generated = _coupling_sources(of, unsafe=unsafe) if built_in else {}
+    if isinstance(of, Coupling) and not built_in:
         check_runs_on(of)
         figures = figures_of(of)
         if of.table.constant:
@@ -82,7 +114,8 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
     from avc_hardware._runtime_c import sources_for  # noqa: PLC0415
     from avc_hardware.firmware_build import build_image  # noqa: PLC0415
 
-    elf = build_image(board if target.root is None else target, out, baud=baud, generated=sources_for(limits, figures))
+    generated |= sources_for(limits, figures)
+    elf = build_image(board if target.root is None else target, out, baud=baud, generated=generated)
     image = read_elf(elf)
     address, data = as_binary(image)
     binary, text = elf.with_suffix(".bin"), elf.with_suffix(".hex")
@@ -92,6 +125,23 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
     commands = tuple(command.replace("{name}", name) for command in target.commands)
     files = (elf, binary, text)
     return BuiltFirmware(name, target.title, source_hash(), files, address, len(data), limits, figures, commands)
+
+
+def _coupling_sources(of: Coupling | Problem | Device, *, unsafe: bool) -> dict[str, str]:
+    """Return the exported C of a coupling, and what HELLO tells of it."""
+    if not isinstance(of, Coupling):
+        raise InputError.of(
+            "is no coupling, and nothing else can be built in; make one: avc recommend P --out coupling.json",
+            key="built_in",
+        )
+    wall = of.wall
+    header = _BUILT_IN.format(
+        damping=SINGLE.literal(wall.damping_ns_per_m),
+        stiffness=SINGLE.literal(wall.stiffness_n_per_m),
+        force=SINGLE.literal(of.max_force_n or 0.0),
+        id=of.id,
+    )
+    return export_c(of, unsafe=unsafe) | {"avc_built_in.c": header}
 
 
 def _target(board: str) -> Target:

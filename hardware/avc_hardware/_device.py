@@ -21,7 +21,7 @@ class Device:
 
     Attributes:
         interface_version: of the messages' meaning; must equal this program's.
-        capacity_rows: rows that a table may have.
+        capacity_rows: rows that a table may have; 0 where a coupling is built in.
         window_bytes: bytes that may be on the way unanswered.
         chunk_bytes: largest part of a table in one message.
         build: name of the firmware's sources.
@@ -104,6 +104,11 @@ class Device:
     kept_coupling_id: str
     kept_acts: bool
     name: str
+
+    @property
+    def built_in(self) -> bool:
+        """Whether its coupling is part of the firmware, so that it takes no other."""
+        return self.capacity_rows == 0
 
     @classmethod
     def read(cls, payload: bytes) -> Device:

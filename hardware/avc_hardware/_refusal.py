@@ -43,6 +43,7 @@ class Reason(IntEnum):
     FAULT = 25
     NO_FLASH = 26
     FLASH = 27
+    BUILT_IN = 28
 
 
 _SENTENCES = {
@@ -66,6 +67,7 @@ _SENTENCES = {
     Reason.FAULT: "the device has latched faults ({fault}); clear them first: avc clear",
     Reason.NO_FLASH: "this board has no memory that lasts",
     Reason.FLASH: "the memory did not take it (a slot has {detail} bytes); what was kept before still is",
+    Reason.BUILT_IN: "coupling {detail:08x} is built into the firmware, which takes no other; flash another",
     Reason.HOLD: "it would hold too long; allowed: at most {detail} ticks",
     Reason.STALE: "gains with a number not above {detail} came late",
     Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 GUARD = "passivity-controller"
 # A limit that travels in single precision is the same one.
 _ROUNDED = 1 + 1e-6
-_EXPORT = "export it for firmware of your own (avc export)"
+_BUILD = "build it into firmware (avc firmware FILE --board B --built-in --out DIR), or export it (avc export)"
 
 
 class FirmwareLacksError(NotDeployableError, UnsupportedError):
@@ -52,6 +52,11 @@ def check_runs_on(coupling: Coupling, device: Device | None = None) -> None:
     """
     require_coupling(coupling)
     runtime = coupling.runtime
+    if device is not None and device.built_in:
+        raise FirmwareLacksError(
+            f"{coupling.problem.name}: the device takes no coupling: coupling {device.coupling_id} is built into its "
+            "firmware; flash firmware without one to push others (avc firmware DEVICE --board B --out DIR)"
+        )
     lacks = []
     if runtime.observer_mass_kg is not None:
         lacks.append("it has no observer between encoder steps (runtime.observer_mass_kg)")
@@ -63,7 +68,7 @@ def check_runs_on(coupling: Coupling, device: Device | None = None) -> None:
     if lacks:
         raise FirmwareLacksError(
             f"{coupling.problem.name}: the coupling does not run on this firmware: {'; '.join(lacks)}. "
-            f"Take a coupling that it can run (of a method: avc solve P --method static-tuned --out FILE), or {_EXPORT}"
+            f"Take a coupling that it can run (of a method: avc solve P --method static-tuned --out FILE), or {_BUILD}"
         )
 
 

@@ -50,6 +50,8 @@ NUMBERS = tuple(
     f"avc_{part}_constants.c" for part in ("guard", "couple_gated", "steady_gated", "couple_clips", "steady_clips")
 )
 ESTIMATOR_NUMBERS = ("avc_estimate_constants.c", "avc_figures.c")
+# Of a coupling that is built in.
+BUILT_IN = ("avc_coupling.c", "avc_built_in.c")
 HOST_INSTALL = "apt-get install -y --no-install-recommends gcc"
 
 
@@ -136,16 +138,19 @@ def build_image(
         "RAM_SIZE": board.ram[1],
     }
     own = [] if board.root is None else [path.read_bytes() for path in sources if path.is_relative_to(board.root)]
+    own += [text.encode() for file, text in (generated or {}).items() if file in BUILT_IN]
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder)
         _write({made / file: text for file, text in (generated or {}).items()})
         sources += [boards / file for file in board.extra] + _core_sources(board.estimator, made)
+        built_in = [made / file for file in BUILT_IN if (made / file).exists()]
         _run(
             [
                 compiler(board.compiler, board.install),
                 *_common(board.estimator, made, source_hash(FIRMWARE, *own)),
                 *board.cpu,
                 *board.defines,
+                *(["-DAVC_BUILT_IN"] if built_in else []),
                 *([f"-DBOARD_BAUD={baud}u"] if baud else []),
                 f"-I{boards}",
                 f"-I{root}",
@@ -160,7 +165,7 @@ def build_image(
                 "-Wl,--gc-sections,--build-id=none,--no-warn-rwx-segments",
                 *(f"-Wl,--defsym={place}={value:#x}" for place, value in places.items()),
                 f"-T{script}",
-                *map(str, sources),
+                *map(str, [*sources, *built_in]),
                 "-lgcc",
                 "-o",
                 str(image),

@@ -24,6 +24,15 @@ void avc_control_init(avc_control_t *control, const avc_limits_t *limits)
     control->state.frequency_hz = not_a_number();
     control->lowered = (avc_lowered_t){limits->max_force_n, limits->max_speed_m_per_s, limits->max_energy_j};
     avc_fault_init(&control->fault, limits);
+    if (AVC_IS_BUILT_IN) { /* it waits for the device to be out of contact, as after a lost heartbeat */
+        avc_table_t *table = &control->tables[control->active];
+        table->image.header = avc_built_in;
+        table->id = avc_built_in.coupling_id;
+        control->state.has_table = 1u;
+        control->state.mode = AVC_MODE_SAFE;
+        control->scale = 0.0f;
+        control->most_n = avc_force_limit(&avc_built_in, limits);
+    }
 }
 
 void avc_control_fault(avc_control_t *c, uint32_t codes)
@@ -76,6 +85,9 @@ static void rest(avc_control_t *c, float x)
     avc_couple_start(&c->couple, x);
     avc_guard_start(&c->guard, x);
     c->feedback.started = false;
+    if (AVC_IS_BUILT_IN) {
+        avc_coupling_start(&c->built_in);
+    }
     c->fault.settled = false;
     c->begun = false;
     c->steadies = false;
@@ -139,7 +151,11 @@ static void adapt(avc_control_t *c, const avc_table_t *table)
 static bool out_of_wall(const avc_table_t *table, float x)
 {
     float seen = x;
-    if (avc_states(&table->image.header) != 0u) {
+    if (AVC_IS_BUILT_IN) {
+        avc_coupling_t begun;
+        avc_coupling_start(&begun);
+        seen = avc_coupling_step(&begun, x);
+    } else if (avc_states(&table->image.header) != 0u) {
         avc_feedback_state_t begun = {.started = false};
         seen = avc_feedback_step(&begun, &table->image, x, 0.0f);
     }
@@ -275,10 +291,18 @@ static avc_steady_gated_out_t couple(avc_control_t *c, const avc_table_t *table,
     return (avc_steady_gated_out_t){out.force_n, out.tool_m, out.stored_j};
 }
 
-/* The coupling's force, guarded where the table asks for it, scaled by the supervision. */
-static float push(avc_control_t *c, const avc_table_t *table, float x, float work_j)
+/* The force of the exported coupling; none in safe mode, since it has no safe gains. It tells nothing of tool and energy. */
+static avc_steady_gated_out_t built_in(avc_control_t *c, float x)
 {
-    avc_state_t *s = &c->state;
+    const float force = c->state.mode == AVC_MODE_SAFE ? 0.0f : avc_coupling_step(&c->built_in, x);
+    c->fault.settled = false;
+    return (avc_steady_gated_out_t){force, x, 0.0f};
+}
+
+/* The force of the coupling that was pushed; the position becomes the one that the wall sees. */
+static inline avc_steady_gated_out_t pushed(avc_control_t *c, const avc_table_t *table, float *position_m)
+{
+    const avc_state_t *s = &c->state;
     const avc_table_header_t *header = &table->image.header;
     if (!c->steadies) {
         if (!c->begun) {
@@ -287,20 +311,29 @@ static float push(avc_control_t *c, const avc_table_t *table, float x, float wor
     } else if (c->stream_fresh != 0u || s->mode == AVC_MODE_SAFE) {
         adapt(c, table);
     }
-    float position_m = x;
     if (avc_states(header) != 0u && s->mode != AVC_MODE_SAFE) { /* safe gains mean the same whatever the table */
-        position_m = avc_feedback_step(&c->feedback, &table->image, x, c->previous_force);
+        *position_m = avc_feedback_step(&c->feedback, &table->image, *position_m, c->previous_force);
     }
     avc_steady_gated_out_t out;
     if (!c->steadies) {
-        out = couple(c, table, position_m);
+        out = couple(c, table, *position_m);
     } else if ((header->flags & AVC_TABLE_CLIPS) == 0u) {
-        avc_steady_gated_step(&c->couple, &c->steady.gated, position_m, &out);
+        avc_steady_gated_step(&c->couple, &c->steady.gated, *position_m, &out);
     } else {
         avc_steady_clips_out_t made;
-        avc_steady_clips_step(&c->couple, &c->steady.clips, position_m, &made);
+        avc_steady_clips_step(&c->couple, &c->steady.clips, *position_m, &made);
         out = (avc_steady_gated_out_t){made.force_n, made.tool_m, made.stored_j};
     }
+    return out;
+}
+
+/* The coupling's force, guarded where the table asks for it, scaled by the supervision. */
+static float push(avc_control_t *c, const avc_table_t *table, float x, float work_j)
+{
+    avc_state_t *s = &c->state;
+    const avc_table_header_t *header = &table->image.header;
+    float position_m = x;
+    const avc_steady_gated_out_t out = AVC_IS_BUILT_IN ? built_in(c, x) : pushed(c, table, &position_m);
     s->contact = out.tool_m > 0.0f || out.force_n > 0.0f ? 1u : 0u; /* clip-last pushes before the surface */
     float force = out.force_n;
     if ((header->flags & AVC_TABLE_GUARD) != 0u) {
@@ -508,7 +541,7 @@ float avc_control_tick(avc_control_t *c, int32_t raw_count)
     const float work_j = c->previous_force * step;
     s->energy_j = s->energy_j + work_j;
     const uint32_t wrong = avc_fault_watch(&c->fault, watched, c->previous_force, s->overruns);
-    if (!c->steadies) {
+    if (!c->steadies && !AVC_IS_BUILT_IN) {
         estimate(c, table, x);
     }
     supervise(c, x);

@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "avc_built_in.h"
 #include "avc_couple_clips.h"
 #include "avc_couple_gated.h"
 #include "avc_estimate.h"
@@ -107,6 +108,7 @@ typedef struct {
     avc_estimate_state_t estimate;
     avc_table_t tables[2];
     avc_excite_t excite;
+    avc_coupling_t built_in;
 } avc_control_t;
 
 /* Longest time that streamed gains or a heartbeat may hold, in ticks. */

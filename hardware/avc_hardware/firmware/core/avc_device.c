@@ -41,7 +41,7 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     const bool has_table = device->control.state.has_table != 0u;
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_HELLO | AVC_MESSAGE_REPLY, request->sequence);
     avc_put16(&a, AVC_INTERFACE_VERSION);
-    avc_put16(&a, AVC_ROWS_MAX);
+    avc_put16(&a, AVC_IS_BUILT_IN ? 0u : AVC_ROWS_MAX);
     avc_put16(&a, AVC_WINDOW);
     avc_put16(&a, AVC_CHUNK_MAX);
     avc_put(&a, avc_build, sizeof avc_build);
@@ -171,6 +171,10 @@ static void on_clear(avc_device_t *device, const avc_request_t *request)
 
 static void on_set_gains(avc_device_t *device, const avc_request_t *request)
 {
+    if (AVC_IS_BUILT_IN) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_BUILT_IN, avc_built_in.coupling_id);
+        return;
+    }
     const uint32_t number = avc_get32(&request->payload[0]);
     const uint32_t ticks = avc_get32(&request->payload[4]);
     const avc_gains_t gains = {avc_get_float(&request->payload[8]), avc_get_float(&request->payload[12]),

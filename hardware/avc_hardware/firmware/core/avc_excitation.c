@@ -16,6 +16,10 @@ static void tell(avc_device_t *device, uint8_t type, uint16_t sequence)
 
 void avc_on_excite(avc_device_t *device, const avc_request_t *request)
 {
+    if (AVC_IS_BUILT_IN) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_BUILT_IN, avc_built_in.coupling_id);
+        return;
+    }
     avc_excite_t *e = &device->control.excite;
     const uint32_t number = avc_get32(request->payload);
     if (number == e->plan.number && number != 0u) { /* its answer was lost; it is not played again */

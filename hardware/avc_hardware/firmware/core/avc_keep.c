@@ -21,6 +21,10 @@ void avc_recall(avc_device_t *device)
         control->lowered = kept->lowered;
         avc_fault_limit(&control->fault, &control->limits, kept->lowered.speed_m_per_s, kept->lowered.energy_j);
     }
+    if (AVC_IS_BUILT_IN) { /* only the limits are those kept */
+        control->most_n = control->lowered.force_n < control->most_n ? control->lowered.force_n : control->most_n;
+        return;
+    }
     if ((kept->flags & (uint32_t)AVC_KEEPS_COUPLING) == 0u || kept->table_size < sizeof(avc_table_header_t)) {
         return;
     }

@@ -133,7 +133,8 @@ typedef enum {
     AVC_REFUSED_HOLD = 24,
     AVC_REFUSED_FAULT = 25,
     AVC_REFUSED_NO_FLASH = 26,
-    AVC_REFUSED_FLASH = 27
+    AVC_REFUSED_FLASH = 27,
+    AVC_REFUSED_BUILT_IN = 28
 } avc_reason_t;
 
 /* What a refusal names in place of a row. */

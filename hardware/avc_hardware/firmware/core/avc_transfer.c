@@ -32,6 +32,10 @@ static bool transfer_stale(const avc_device_t *device)
 
 void avc_on_begin(avc_device_t *device, const avc_request_t *request)
 {
+    if (AVC_IS_BUILT_IN) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_BUILT_IN, avc_built_in.coupling_id);
+        return;
+    }
     avc_transfer_t *transfer = &device->transfer;
     const uint32_t session = avc_get32(&request->payload[0]);
     const uint32_t table_id = avc_get32(&request->payload[4]);
