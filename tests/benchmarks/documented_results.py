@@ -312,7 +312,7 @@ def recorded(name: str) -> Callable[[Document], str]:
     def write(found: Document) -> str:
         part = found["findings"][name]
         about = part["about"]
-        return f"{part['text']}\n\n*`{about['command']}`, as of commit {about['commit']}.*"
+        return f"{part['text']}\n\n*`{about['command']}`, written down in commit {about['commit']}.*"
 
     return write
 

@@ -52,8 +52,9 @@ def kept_rows(out: Path, about: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def write_rows(out: Path, about: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Overwrite a results file."""
-    out.write_text(json.dumps({"about": about, "rows": list(rows)}, indent=1) + "\n", encoding="utf-8")
+    """Overwrite a results file, a line for each row."""
+    lines = ",\n".join(json.dumps(row) for row in rows)
+    out.write_text(f'{{"about": {json.dumps(about)},\n"rows": [\n{lines}\n]}}\n', encoding="utf-8")
 
 
 def made_by(about: Mapping[str, Any]) -> str:
