@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import struct
+import importlib
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from avc_casadi import UnsupportedError
+from avc_casadi import MissingExtraError, UnsupportedError
 
-_LOAD = 1
-_PROCESSORS = (40, 243)
-_SYMBOL_TABLE = 2
+_PROCESSORS = ("EM_ARM", "EM_RISCV")
+_ALLOWED = "allowed: a 32-bit little-endian image of an ARM or RISC-V processor"
 
 
 @dataclass(frozen=True)
@@ -56,26 +56,32 @@ def read_elf(path: Path) -> Image:
 
     Raises:
         UnsupportedError: it is something else.
+        MissingExtraError: pyelftools is not installed.
     """
-    data = path.read_bytes()
-    if data[:6] != b"\x7fELF\x01\x01" or struct.unpack_from("<H", data, 18)[0] not in _PROCESSORS:
-        raise UnsupportedError(f"{path.name} is no 32-bit little-endian ARM or RISC-V ELF image")
-    program_at, section_at = struct.unpack_from("<II", data, 28)
-    program_size, programs, section_size, sections = struct.unpack_from("<HHHH", data, 42)
-    segments = []
-    for index in range(programs):
-        kind, offset, _, physical, size = struct.unpack_from("<5I", data, program_at + index * program_size)
-        if kind == _LOAD and size:
-            segments.append(Segment(physical, data[offset : offset + size]))
-    symbols: dict[str, tuple[int, int]] = {}
-    headers = [struct.unpack_from("<10I", data, section_at + index * section_size) for index in range(sections)]
-    for header in headers:
-        if header[1] == _SYMBOL_TABLE:
-            strings = headers[header[6]]
-            names = data[strings[4] : strings[4] + strings[5]]
-            for at in range(header[4], header[4] + header[5], 16):
-                name, value, size = struct.unpack_from("<III", data, at)
-                text = names[name : names.index(b"\0", name)].decode()
-                if text:
-                    symbols[text] = (value & ~1 if data[at + 12] & 15 == 2 else value, size)
-    return Image(tuple(segments), symbols)
+    try:
+        elffile: Any = importlib.import_module("elftools.elf.elffile")
+        exceptions: Any = importlib.import_module("elftools.common.exceptions")
+    except ImportError as error:
+        raise MissingExtraError(
+            "reading a firmware image needs the extra 'emulator': pip install 'avc-casadi[emulator]'"
+        ) from error
+    with path.open("rb") as stream:
+        try:
+            elf = elffile.ELFFile(stream)
+        except exceptions.ELFError as error:
+            raise UnsupportedError(f"{path.name} is no ELF image ({error}); {_ALLOWED}") from error
+        if elf.elfclass != 32 or not elf.little_endian or elf["e_machine"] not in _PROCESSORS:
+            what = f"{elf.elfclass}-bit, {'little' if elf.little_endian else 'big'}-endian, {elf['e_machine']}"
+            raise UnsupportedError(f"{path.name} is {what}; {_ALLOWED}")
+        segments = tuple(
+            Segment(part["p_paddr"], part.data()) for part in elf.iter_segments("PT_LOAD") if part["p_filesz"]
+        )
+        table = elf.get_section_by_name(".symtab")
+        symbols = {one.name: _place(one) for one in (table.iter_symbols() if table else ()) if one.name}
+    return Image(segments, symbols)
+
+
+def _place(symbol: Any) -> tuple[int, int]:
+    """Return address and size of a symbol, without the Thumb bit of a function."""
+    address, size = symbol["st_value"], symbol["st_size"]
+    return (address & ~1 if symbol["st_info"]["type"] == "STT_FUNC" else address), size
