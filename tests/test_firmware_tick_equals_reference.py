@@ -180,7 +180,7 @@ def test_compiled_tick_gives_the_bits_of_the_expressions(board: str, estimator: 
         got_force, got_frequency = on_host(HostCore(built, limits(board)), counts[motion], board)
         assert got_force.tobytes() == force[motion].tobytes(), motion
         assert got_frequency.tobytes() == frequency[motion].tobytes(), motion
-    assert np.isfinite(frequency).sum() > TICKS / 4
+    assert np.isfinite(frequency).sum() > 100  # where gains vary; the notch is slow to find one
     assert (force > 0).sum() > TICKS
     assert force.max() == BOARDS[board][1]
     assert force[:, SWAPS[-1] :].max() == 6.0

@@ -131,5 +131,6 @@ def test_verb_writes_device_document_and_page(tmp_path, capsys):
     assert np.array(document["correlation"]["of_estimates"]).shape == (len(names), len(names))
     assert avc.load_device(out).device.mass_kg == pytest.approx(0.1, rel=0.01)
     text = page.read_text(encoding="utf-8")
-    assert text.count("data:image/svg+xml;base64,") == 2
+    # Two pictures, each for a desktop and with its panels stacked for a phone.
+    assert text.count("data:image/svg+xml;base64,") == 4
     assert "http://" not in text.replace("http://www.w3.org", "")

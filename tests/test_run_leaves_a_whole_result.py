@@ -147,7 +147,7 @@ def test_the_gains_of_the_problems_own_scope_are_those_drawn_and_told(scope, tmp
         assert drawn[key] != compare["methods"]["direct"][key]
     assert drawn["certificate"] == delivered["certificate"]
     report = (folder / "report.html").read_text()
-    assert f"All 12 rows of {name}" in report
+    assert f"Gains: all 12 rows of {name}" in report
     assert "the pointwise gains stand here for reference" in report
 
 
