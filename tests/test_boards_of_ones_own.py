@@ -102,6 +102,16 @@ def test_every_fault_of_a_manifest_is_told_at_once(tmp_path: Path) -> None:
     assert all(word in told for word in ("allowed: cortex-m or other", "give the size in bytes", "is no file of"))
 
 
+def test_memory_over_flash_and_a_board_without_sources_are_faults(tmp_path: Path) -> None:
+    manifest = (FOLDER / "cortex-m0" / "board.toml").read_text()
+    manifest = manifest.replace('["../lock_step.c"]', "[]").replace("0x20000000", "0x3f000")
+    (tmp_path / "board.toml").write_text(manifest)
+    with pytest.raises(InputError) as caught:
+        build_firmware(load_device("reference-r1").device, str(tmp_path), tmp_path)
+    assert [fault.key for fault in caught.value.faults] == ["sources", "memory"]
+    assert "0x3f000 to 0x43000 lies over flash, 0x0 to 0x40000" in str(caught.value)
+
+
 def test_a_board_that_is_nowhere_is_refused_with_those_there_are(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"allowed: netduinoplus2.*or the folder of a board of your own"):
         build_firmware(load_device("reference-r1").device, str(tmp_path / "absent"), tmp_path)

@@ -97,6 +97,14 @@ def test_gains_that_are_none_are_told_with_their_fields():
     assert {fault["key"] for fault in found["errors"]} == {"gains.stiffness_n_per_m", "gains.damping_ns_per_m"}
 
 
+def test_what_would_take_minutes_is_refused_beside_its_field():
+    slow = {"device.sample_time_s": 1e-5, "device.delay_samples": 1000, "frequency.points": 1_000_000}
+    for part in ("now", "touch", "judge"):
+        faults = told(part, values=slow)["errors"]
+        assert {fault["key"] for fault in faults} == set(slow)
+        assert all("allowed on this page" in fault["message"] for fault in faults)
+
+
 def test_a_device_file_that_is_wrong_says_where():
     found = answer(
         Explorer(BASE, "figure5"), PARTS["device"], {"text": "[device]\nmass_kg = -1\n", "file": "mine.toml"}

@@ -171,6 +171,7 @@ def _pose(made: Arm, at: tuple[float, ...], normals: Any) -> dict[str, Any]:
             f"is {', '.join(map(str, at))} m from home, which the mechanism does not reach; allowed: a place that it "
         )
         raise avc.InputError.of(message + "reaches", key="--at")
+    tip, (low, high) = made.home_tip_m + at, made.box_m
     here = mobility(made, joints)
     inertia = operational_inertia(here)[0]
     values = np.linalg.eigvalsh(here)[0]
@@ -178,6 +179,7 @@ def _pose(made: Arm, at: tuple[float, ...], normals: Any) -> dict[str, Any]:
     pose: dict[str, Any] = _plain(
         {
             "from_home_m": list(at),
+            "in_workspace": bool((low <= tip).all() and (tip <= high).all()),
             "joints": joints[0],
             "inertia_kg": inertia,
             "free_kg": float(ends[0]),
@@ -204,6 +206,8 @@ def _text(document: dict[str, Any], args: argparse.Namespace) -> str:
             f"at {args.at} m from home {along}: {number(1e3 * pose['free_kg'])} g free, "
             f"{number(1e3 * pose['held_kg'])} g held"
         )
+        if not pose["in_workspace"]:
+            lines.append("  that is outside the declared workspace, for which map and gains are made")
     else:
         found = document["workspace"]
         lines.append(

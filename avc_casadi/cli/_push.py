@@ -50,7 +50,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
                 baud=args.baud,
                 unsafe=args.unsafe,
                 device_id=args.device_id,
-                on_wait=lambda: console.say(LET_GO),
+                # The emulated device lets go by itself.
+                on_wait=lambda: None if args.port == EMULATOR else console.say(LET_GO),
             ).document()
         )
     document["unsafe"] = unsafe_note(verdict)
@@ -92,6 +93,8 @@ def _lines(document: dict[str, Any], coupling: Coupling) -> list[str]:
     if "in_the_loop" in document:
         tried = document["in_the_loop"]
         what = tried["sentence"] if "sentence" in tried else f"not tried; {tried['skipped']}"
+        if tried.get("left_out"):
+            what += f"; left out: {', '.join(tried['left_out'])}"
         lines.append(f"firmware and plant in the loop: {what}")
     return [
         *lines,

@@ -24,6 +24,12 @@ SLOW: tuple[str, ...] = ("recommend", "robust", "static", "static-tuned", "sched
 """Methods that run beside the page, and can be cancelled."""
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 _SCENES = ("press", "tap", "hold")
+# What the page can follow, in SI units and in the page's.
+_FOLLOWED = {
+    "device.sample_time_s": (2e-5, 0.1, "0.02 to 100 ms"),
+    "device.delay_samples": (0, 50, "0 to 50 samples"),
+    "frequency.points": (1, 5000, "1 to 5000"),
+}
 
 
 @dataclass(frozen=True)
@@ -109,11 +115,12 @@ def problem_of_settings(base: Problem, settings: Settings) -> Problem:
     motion = {"kind": settings.motion} | ({"frequency_hz": 2.0} if settings.motion == "tap" else {})
     tables["scene"] = {"duration_s": 1.5, "motion": motion}
     tables["stability"]["scope"] = "pointwise" if settings.method in LIVE else tables["stability"]["scope"]
+    faults = [*_gain_faults(settings), *_too_long_to_follow(settings)]
     try:
         problem = problem_of(tables | {"name": base.name}, file="")
     except InputError as error:
-        raise InputError([*_with_field(error), *_gain_faults(settings)]) from None
-    if faults := list(_gain_faults(settings)):
+        raise InputError([*_with_field(error), *faults]) from None
+    if faults:
         raise InputError(faults)
     return problem
 
@@ -136,6 +143,14 @@ def _gain_faults(settings: Settings) -> Iterator[Fault]:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if not (number and math.isfinite(value) and 0 <= value <= 1e12):
             yield Fault("", None, f"gains.{name}", f"is {value!r}; allowed: a number from 0 to 1e12")
+
+
+def _too_long_to_follow(settings: Settings) -> Iterator[Fault]:
+    """What a problem file may say, and a page that follows at once cannot answer."""
+    for key, (low, high, allowed) in _FOLLOWED.items():
+        value = settings.values.get(key)
+        if isinstance(value, int | float) and not isinstance(value, bool) and not low <= value <= high:
+            yield Fault("", None, key, f"takes too long to follow here; allowed on this page: {allowed}")
 
 
 def _with_field(error: InputError) -> Iterator[Fault]:

@@ -116,6 +116,12 @@ def read_board(folder: Path) -> Target:
     reader.end()
     if processor == "other" and not script:
         reader.fault("linker_script", "is missing; the packaged one is for cortex-m: give a file of the folder")
+    if sources == []:
+        reader.fault("sources", "names no file; allowed: at least the one with the board's functions (hal.h)")
+    (rom, rom_bytes), (ram, ram_bytes) = flash, memory
+    if max(rom, ram) < min(rom + rom_bytes, ram + ram_bytes):
+        message = f"0x{ram:x} to 0x{ram + ram_bytes:x} lies over flash, 0x{rom:x} to 0x{rom + rom_bytes:x}"
+        reader.fault("memory", f"{message}; allowed: apart from each other")
     for key, names in (("sources", sources or []), ("linker_script", [script] if script else [])):
         for name in names:
             if not (folder / name).is_file():

@@ -58,14 +58,17 @@ def monitor(
         raise InputError.of(f"{rate_hz:g} Hz; allowed: a finite rate above 0", key="rate_hz")
     if heartbeat_s is not None and not 0 < heartbeat_s <= LONGEST_HEARTBEAT_S:
         raise InputError.of(f"{heartbeat_s:g} s; allowed: above 0, at most {LONGEST_HEARTBEAT_S:g}", key="heartbeat_s")
-    left = math.inf if seconds is None else math.floor(seconds * rate_hz * (1 + 1e-9)) + 1
+    left: float | None = math.inf if seconds is None else None
     give_up: float | None = None
-    while left > 0:
+    while left is None or left > 0:
         try:
             link = open_link(port, baud=baud) if isinstance(port, str) else port
             with Connection(link, baud=baud) as connection:
                 if on_device is not None:
                     on_device(connection.device)
+                if left is None:
+                    between_s = _every(connection.device, rate_hz) * connection.device.sample_time_s
+                    left = math.floor((seconds or 0.0) / between_s * (1 + 1e-9)) + 1
                 try:
                     for sample in watch(connection, rate_hz, heartbeat_s, paced=seconds is None):
                         give_up = None
@@ -93,7 +96,7 @@ def watch(
 ) -> Iterator[TelemetrySample]:
     """Keep subscription and heartbeat alive over an open connection; yield for ever."""
     link, device = connection.link, connection.device
-    every = max(1, round(1 / (rate_hz * device.sample_time_s)))
+    every = _every(device, rate_hz)
     subscribe = m.subscribe(every, math.ceil(_HOLDS_S / device.sample_time_s))
     samples = Samples(device.sample_time_s, device.metres_per_count)
     beat_at = math.inf if heartbeat_s is None else -math.inf
@@ -112,6 +115,11 @@ def watch(
         if paced and isinstance(link, EmulatedBoard):
             time.sleep(max(0.0, start + link.now_s() - time.monotonic()))  # virtual time would rush past the watcher
         yield from samples.take(message)
+
+
+def _every(device: Device, rate_hz: float) -> int:
+    """Return the ticks from one record to the next: no more than one record a tick."""
+    return max(1, round(1 / (rate_hz * device.sample_time_s)))
 
 
 def _end(connection: Connection, heartbeat_s: float | None, on_end: Callable[[DeviceStatus], None] | None) -> None:

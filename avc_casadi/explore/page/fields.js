@@ -16,6 +16,8 @@ const plain = (value) => String(Number(value.toPrecision(6)));
 const toPage = (field, value) => (typeof value === "number" ? plain(value / field.factor) : value === null || value === undefined ? "" : String(value));
 
 function fromPage(field, text) {
+  // "1,000" may be a thousand or one: it goes as it is, and is refused beside the field.
+  if (/^[^.]*,\d{3}$/.test(text.trim())) return text.trim();
   const trimmed = text.trim().replace(",", ".");
   if (trimmed === "") return null;
   const value = Number(trimmed);
