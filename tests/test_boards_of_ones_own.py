@@ -1,5 +1,6 @@
 """A board that is not in the package: built from its folder, it gives the bits of every other, within its memory."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ from avc_casadi import InputError, LinkError, load_device
 from avc_casadi.cli import main
 from avc_casadi.coupling import Runtime
 from avc_hardware import Connection, DeviceStatus, TableImage, build_firmware
+from avc_hardware._build_faults import build_faults
 from avc_hardware._host import HostCore
-from avc_hardware._manifest import read_board
+from avc_hardware._manifest import flashing, read_board
 from avc_hardware._messages import Kind
 from avc_hardware._monitor import pause
 from avc_hardware._push import push_over
@@ -104,12 +106,93 @@ def test_every_fault_of_a_manifest_is_told_at_once(tmp_path: Path) -> None:
 
 def test_memory_over_flash_and_a_board_without_sources_are_faults(tmp_path: Path) -> None:
     manifest = (FOLDER / "cortex-m0" / "board.toml").read_text()
-    manifest = manifest.replace('["../lock_step.c"]', "[]").replace("0x20000000", "0x3f000")
+    manifest = manifest.replace('["board.c"]', "[]").replace("0x20000000", "0x3f000")
     (tmp_path / "board.toml").write_text(manifest)
     with pytest.raises(InputError) as caught:
         build_firmware(load_device("reference-r1").device, str(tmp_path), tmp_path)
     assert [fault.key for fault in caught.value.faults] == ["sources", "memory"]
     assert "0x3f000 to 0x43000 lies over flash, 0x0 to 0x40000" in str(caught.value)
+
+
+def copied(tmp_path: Path, name: str = "cortex-m0", **replaced: str) -> Path:
+    """The board in a folder of its own, with other words in its files; a key is a file, its dot an underscore."""
+    folder = tmp_path / "own"
+    folder.mkdir()
+    for path in (FOLDER / name).iterdir():
+        text = path.read_text()
+        old, _, new = replaced.get(path.name.replace(".", "_"), "").partition(" -> ")
+        assert old in text
+        (folder / path.name).write_text(text.replace(old, new) if old else text)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("replaced", "key", "told"),
+    [
+        ({"board_toml": "0x4000\n -> 0x2000\n"}, "memory.bytes", "8192 is too little; a table takes 80 bytes a row"),
+        ({"board_c": '#include "bench/lock_step.h" -> '}, "sources", "board.c: no hal_send(), which every board has"),
+        ({"board_toml": "-Os -> -mwide"}, "flags", "unrecognized command-line option '-mwide'"),
+    ],
+)
+def test_what_compiler_and_linker_refuse_is_told_by_the_key_of_the_manifest(
+    tmp_path: Path, replaced: dict[str, str], key: str, told: str
+) -> None:
+    require("arm-none-eabi-gcc")
+    folder = copied(tmp_path, **replaced)
+    with pytest.raises(InputError, match=re.escape(told)) as caught:
+        build_firmware(load_device("reference-r1").device, str(folder), tmp_path)
+    assert {(fault.file, fault.key) for fault in caught.value.faults} == {(str(folder / "board.toml"), key)}
+
+
+LINKER = {
+    "ld: /tmp/a.o: in function `f':\nb.c:(.text+0x1): undefined reference to `sqrt'": (
+        "sources",
+        "nothing defines sqrt",
+    ),
+    "ld: /tmp/b.o: in function `main':\nb.c:(.text+0x0): multiple definition of `main'; /tmp/a.o:main.c:(.text+0x0): "
+    "first defined here": ("sources", "main is defined twice, the package has it"),
+    "b.c:(.text+0): multiple definition of `f'; /tmp/a.o:b.c:(.text+0): first defined here": ("sources", "is in b.c"),
+    "ld: region `SRAM' overflowed by 12 bytes": ("memory.bytes", "region SRAM overflows by 12 bytes"),
+    "ld: region `ROM' overflowed by 12 bytes": ("flash.bytes", "region ROM overflows by 12 bytes"),
+    "ld:/b/link.ld:12: undefined symbol `RAM_SIZ' referenced in expression": ("linker_script", "link.ld:12: undefined"),
+    "ld: error: b.o uses VFP register arguments, board.elf does not": ("flags", "float-abi"),
+    "ld: flash is full": ("flash.bytes", "262144 is too little for this program"),
+    "systick.c:7:26: error: 'BOARD_CLOCK_HZ' undeclared here": ("sources", "board.h does not define BOARD_CLOCK_HZ"),
+    "ld: cannot find -lm: No such file or directory": ("flags", "-lm; install"),
+    "riscv-gcc: error: '-march=rv99': ISA string must begin with rv32 or rv64": ("flags", "ISA string"),
+    "b.c:3:10: fatal error: board.h: No such file or directory": ("sources", "board.h: No such file"),
+}
+
+
+@pytest.mark.parametrize("said", LINKER)
+def test_what_else_a_linker_says_has_its_key(said: str) -> None:
+    key, told = LINKER[said]
+    (fault,) = build_faults(said, read_board(FOLDER / "cortex-m0"))
+    assert fault.key == key
+    assert told in fault.message
+
+
+def test_an_error_in_a_source_of_the_board_has_its_line() -> None:
+    board = read_board(FOLDER / "cortex-m0")
+    source = f"{board.root}/board.c"
+    (fault,) = build_faults(f"{source}:7:3: error: 'x' undeclared\n   7 | x\nld: later\n", board)
+    assert (fault.file, fault.line, fault.message) == (source, 7, "'x' undeclared")
+    assert build_faults("cc1: internal compiler error", board) == []
+
+
+def test_a_placeholder_that_nothing_stands_for_is_a_fault_and_doubled_braces_are_braces(tmp_path: Path) -> None:
+    folder = copied(tmp_path, board_toml="{name}.elf -> {nam}.elf {{x}} }")
+    with pytest.raises(InputError) as caught:
+        read_board(folder)
+    assert [fault.key for fault in caught.value.faults] == ["commands", "commands"]
+    assert "{nam} in 'qemu-system-arm" in str(caught.value)
+    assert "allowed: {name}" in str(caught.value)
+    assert flashing("tcl {{ {name}.elf }}", "mine") == "tcl { mine.elf }"
+
+
+def test_memory_beyond_the_addresses_is_a_fault(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="16384 from 0xffffff00 on end beyond 32 bits; allowed: at most 256"):
+        read_board(copied(tmp_path, board_toml="0x20000000 -> 0xffffff00"))
 
 
 def test_a_board_that_is_nowhere_is_refused_with_those_there_are(tmp_path: Path) -> None:

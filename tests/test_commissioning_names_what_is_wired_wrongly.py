@@ -99,6 +99,37 @@ def test_a_hand_that_does_nothing_or_too_little_is_told() -> None:
         commission(DECLARED, bench(Wiring.RIGHT), force_n=9.0)
 
 
+@pytest.mark.parametrize("force_n", [1.25, 3.0])
+@pytest.mark.parametrize("friction_n", [0.05, 0.5])
+def test_a_pulse_little_above_the_friction_moves_the_device(force_n: float, friction_n: float) -> None:
+    """Dry friction takes much of a weak pulse, which then lasts longer: no sound motor is taken for a dead one."""
+    declared = Device(
+        mass_kg=0.1, damping_ns_per_m=0.5, coulomb_friction_n=friction_n, encoder_resolution_m=5e-5, max_force_n=8.0
+    )
+    found = commission(declared, bench(Wiring.RIGHT, declared), force_n=force_n * friction_n)
+    assert found.found == 0
+    assert 3e-4 < found.pulse_m < 2e-3
+
+
+def test_what_no_device_can_do_is_refused_before_it_is_touched(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["commission", "reference-r1", "--port", "/dev/absent", "--by-hand-m", "100", "--force-n", "0.24"]
+    assert main(asked) == 2
+    told = capsys.readouterr().err
+    assert "--by-hand-m: 100 m; allowed: 20 counts of the encoder to 0.1 m" in told
+    assert "--force-n: 0.24 N against a dry friction of 0.2 N; allowed: 0.25 N or more" in told
+    uncertain = DECLARED.model_copy(update={"range": DECLARED.range.model_copy(update={"coulomb_friction_n": (0, 3)})})
+    with pytest.raises(InputError, match=r"dry friction of 3 N; allowed: 3\.75 N"):
+        commission(uncertain, "/dev/absent", force_n=3.0)
+    link = bench(Wiring.RIGHT)
+    with pytest.raises(InputError) as caught:
+        commission(DECLARED, link, force_n=9.0, first_touch_n=10.0, by_hand_m=1e-5)
+    assert [fault.key for fault in caught.value.faults] == ["force_n", "first_touch_n", "by_hand_m"]
+    assert link.core.state().ticks < 1000
+    stiff = DECLARED.model_copy(update={"coulomb_friction_n": 7.0})
+    with pytest.raises(InputError, match=r"8 N against a dry friction of 7 N; allowed: 8\.75 N or more, as the device"):
+        commission(stiff, bench(Wiring.RIGHT, stiff))
+
+
 def test_zero_is_where_the_device_stands_and_ends_what_ran() -> None:
     core = host_core()
     push(WALL, HostLink(core))

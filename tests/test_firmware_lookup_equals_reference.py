@@ -23,22 +23,22 @@ class Gains(ctypes.Structure):
 
 def device_ln(x: float) -> np.float32:
     library = ctypes.CDLL(str(host_library()))
-    library.avc_ln.restype = ctypes.c_float
-    library.avc_ln.argtypes = [ctypes.c_float]
-    return np.float32(library.avc_ln(x))
+    library.avc_host_ln.restype = ctypes.c_float
+    library.avc_host_ln.argtypes = [ctypes.c_float]
+    return np.float32(library.avc_host_ln(x))
 
 
 def device_lookup(made: Coupling, frequency: Float32Array) -> Float32Array:
     """Look up in the compiled core; its table has room for 256 rows behind a header of 32 bytes, and some more."""
     library = ctypes.CDLL(str(host_library()))
-    library.avc_table_lookup.restype = Gains
-    library.avc_table_lookup.argtypes = [ctypes.c_void_p, ctypes.c_float, ctypes.POINTER(ctypes.c_uint32)]
+    library.avc_host_lookup.restype = Gains
+    library.avc_host_lookup.argtypes = [ctypes.c_void_p, ctypes.c_float, ctypes.POINTER(ctypes.c_uint32)]
     table = ctypes.create_string_buffer(32 + 256 * 16 + 256 * 4 + 64)
     image = TableImage.of(made).image
     ctypes.memmove(table, image, len(image))
     library.avc_table_prepare(table)
     near = ctypes.c_uint32()
-    found = [library.avc_table_lookup(table, float(f), ctypes.byref(near)) for f in frequency]
+    found = [library.avc_host_lookup(table, float(f), ctypes.byref(near)) for f in frequency]
     return np.array([(g.b, g.k, g.b_p) for g in found], dtype=np.float32)
 
 

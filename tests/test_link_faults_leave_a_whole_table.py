@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import LinkError
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_hardware import TableImage
+from avc_hardware import TableImage, _clear
 from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
 from avc_hardware._host import HostCore, HostLink
 
@@ -111,6 +112,24 @@ def test_a_dead_line_is_reported_in_time() -> None:
     with pytest.raises(LinkError, match="no answer at 115200 baud"):
         push(NEW, link)
     assert link.now_s() < 15.0
+
+
+def test_a_silent_port_says_once_what_is_waited_for_and_how_long(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def silent(*_: object, **__: object) -> FaultyLink:
+        return FaultyLink(HostLink(host_core()), [LinkFault(True, 0, FaultKind.STALL, 100_000)])
+
+    monkeypatch.setattr(_clear, "open_link", silent)
+    assert main(["clear", "--port", "/dev/absent"]) == 1
+    told = capsys.readouterr().err.splitlines()
+    assert [line.split(": ", 1)[1].split(" for ")[0] for line in told[:1]] == ["no answer at 115200 baud"]
+    assert "asking again for at most 2.6 s" in told[0]
+    assert "no answer at 115200 baud in 3.7 s" in told[1]
+    assert len(told) == 2
+    heard: list[str] = []
+    push(OLD, HostLink(host_core()), on_silence=heard.append)
+    assert heard == []
 
 
 def test_an_unplugged_device_is_reported() -> None:

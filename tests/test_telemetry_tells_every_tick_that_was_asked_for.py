@@ -147,6 +147,23 @@ def test_the_heartbeat_of_a_watching_host_ends_with_the_ramp() -> None:
             next(monitor(link, heartbeat_s=wrong))
 
 
+@pytest.mark.parametrize(("rate_hz", "least"), [(5.0, 0.028), (150.0, 0.04), (220.0, 0.109)])
+def test_a_heartbeat_that_the_line_cannot_keep_is_refused_and_the_least_one_holds(rate_hz: float, least: float) -> None:
+    core, _ = pushed()
+    link = HostLink(core, position=lambda _: -100)
+    with pytest.raises(InputError, match=f"allowed: {least:g} to 5 s: 3 heartbeats") as caught:
+        next(monitor(link, rate_hz=rate_hz, heartbeat_s=least - 1e-3))
+    assert caught.value.faults[0].key == "heartbeat_s"
+    samples = monitor(link, rate_hz=rate_hz, seconds=3.0, heartbeat_s=least)
+    assert {sample.mode for sample in samples} == {"table"}
+
+
+def test_a_heartbeat_below_a_tick_is_named_as_it_was_typed(capsys: pytest.CaptureFixture[str]) -> None:
+    require("unicorn")
+    assert main(["monitor", "--port", "emulator", "--heartbeat", "1e-4", "--seconds", "1"]) == 2
+    assert "--heartbeat: 0.0001 s; allowed: 0.028 to 5 s" in capsys.readouterr().err
+
+
 def test_interrupt_ends_the_heartbeat_and_keeps_log_and_samples(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

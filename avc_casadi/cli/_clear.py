@@ -19,7 +19,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_hardware import clear_faults
 
     with console.step(f"clear {args.port}"):
-        found = clear_faults(args.port, baud=args.baud)
+        found = clear_faults(args.port, baud=args.baud, on_silence=console.notice)
     document = {
         "schema": "avc-clear/1",
         "port": found.port,

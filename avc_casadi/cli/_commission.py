@@ -13,6 +13,7 @@ import avc_casadi as avc
 from avc_casadi.cli._arguments import add_port, positive, positive_int
 from avc_casadi.cli._check_device import is_device
 from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._subject import linear_only, load_device, load_problem
 from avc_casadi.cli._text import number
 
 _WIRINGS = ("right", "encoder-reversed", "encoder-stuck", "motor-reversed", "motor-dead")
@@ -53,15 +54,16 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of(
             f"goes with --port emulator alone, not with {args.port}; leave it out", key="--on-bench"
         )
-    device = avc.load_device(args.device).device if is_device(args.device) else avc.load_problem(args.device).device
+    device = load_device(args.device).device if is_device(args.device) else load_problem(args.device).device
     found = commission(
-        device,
+        linear_only(device, "commission", "device"),
         args.port,
         force_n=args.force_n,
         first_touch_n=args.first_touch_n,
         by_hand_m=args.by_hand_m,
         on_bench=Wiring(args.on_bench),
         baud=args.baud,
+        on_silence=console.notice,
         on_step=console.say if not console.as_json else console.complain,
     )
     document = plain({"schema": "avc-commission/1"} | found.document())

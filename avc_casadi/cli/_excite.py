@@ -16,6 +16,7 @@ from avc_casadi.cli._arguments import positive, positive_int
 from avc_casadi.cli._check_device import is_device
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
+from avc_casadi.cli._subject import linear_only, load_device, load_problem
 from avc_casadi.cli._text import number, table
 
 if TYPE_CHECKING:
@@ -100,7 +101,15 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
                 log.save(out)
                 console.say(f"{_log_text(log)}\nwritten: {out}, as far as it went")
 
-        log = excite(made.plan, args.port, on_bench=on_bench, baud=args.baud, progress=console, cut=cut)
+        log = excite(
+            made.plan,
+            args.port,
+            on_bench=on_bench,
+            baud=args.baud,
+            progress=console,
+            cut=cut,
+            on_silence=console.notice,
+        )
     document["log"] = log.document()
     lines = [_log_text(log)]
     if out is not None:
@@ -112,7 +121,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _device(source: str) -> Device:
-    return avc.load_device(source).device if is_device(source) else avc.load_problem(source).device
+    device = load_device(source).device if is_device(source) else load_problem(source).device
+    return linear_only(device, "excite", "device")
 
 
 def _plan(made: Excitation) -> dict[str, Any]:

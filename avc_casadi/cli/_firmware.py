@@ -11,7 +11,7 @@ from avc_casadi.cli._arguments import positive_int
 from avc_casadi.cli._check_device import is_device
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder
-from avc_casadi.cli._subject import add_problem_of_gains, is_coupling, read_subject
+from avc_casadi.cli._subject import add_problem_of_gains, is_coupling, load_device, load_problem, read_subject
 from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if is_coupling(args.subject):
         subject = read_subject("firmware", args.subject, args.problem)
     else:
-        subject = avc.load_device(args.subject).device if is_device(args.subject) else avc.load_problem(args.subject)
+        subject = load_device(args.subject).device if is_device(args.subject) else load_problem(args.subject)
     with output_folder(args.out, "--out") as folder, console.step(f"firmware for {args.board}"):
         built = build_firmware(subject, args.board, folder, baud=args.baud, built_in=args.built_in, unsafe=args.unsafe)
     limits, figures = built.limits, built.figures

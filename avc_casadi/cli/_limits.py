@@ -41,6 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             energy_j=args.energy_j,
             built_in=args.built_in,
             baud=args.baud,
+            on_silence=console.notice,
         )
     three = {name: vars(getattr(found, name)) for name in ("boards", "asked", "hold")}
     document: dict[str, Any] = plain({"schema": "avc-limits/1", "port": found.port, "waits": found.waits} | three)

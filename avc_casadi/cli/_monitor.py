@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--heartbeat",
+        dest="heartbeat_s",
         type=positive,
         nargs="?",
         const=_HEARTBEAT_S,
@@ -48,15 +49,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"keep the device's heartbeat: the force falls when none comes for S seconds; default {_HEARTBEAT_S:g}",
     )
     parser.add_argument("--out", metavar="FILE", help="log every record as it comes: .csv, or .mcap (extra 'mcap')")
+    parser.add_argument(
+        "--motion", choices=("linear", "rotary"), default="linear", help="of the device: rotary shows rad and N.m"
+    )
     parser.add_argument("--plot", action="store_true", help="draw the last 10 s in a window")
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Watch the device; Ctrl-C ends it with all samples so far."""
-    from avc_casadi.support import plain
+    from avc_casadi.support import plain, speak, spoken, units_for
     from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, LOG_ENDINGS, DeviceFault, LivePlot, monitor, open_log
 
+    speak(units_for(args.motion))
     out = output_file(args.out, "--out", LOG_ENDINGS) if args.out else None
     samples: list[dict[str, Any]] = []
     document: dict[str, Any] = {"schema": "avc-monitor/2", "port": args.port, "note": None, "samples": samples}
@@ -72,7 +77,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         if out is not None and log is None:  # not before there is something to log
             log = stack.enter_context(open_log(out))
         console.say(_device(device))
-        console.say(_line(("ticks", "f Hz", "b N.s/m", "k N/m", "x mm", "force N", "energy J"), "mode"))
+        head = ("ticks", "f Hz", "b N.s/m", "k N/m", "x mm", "force N", "energy J")
+        console.say(_line(tuple(map(spoken().text, head)), "mode"))
 
     def ended(status: DeviceStatus) -> None:
         document["ended"] = {"mode": status.mode, "force_n": status.force_n, "faults": status.faults}
@@ -83,8 +89,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             args.port,
             rate_hz=args.rate_hz,
             seconds=args.seconds or (_SECONDS_WITH_JSON if console.as_json else None),
-            heartbeat_s=args.heartbeat,
+            heartbeat_s=args.heartbeat_s,
             baud=args.baud,
+            on_silence=console.notice,
             on_device=begun,
             on_end=ended,
         )
@@ -134,12 +141,12 @@ def _end(document: dict[str, Any], args: argparse.Namespace) -> str:
     if document["out"]:
         lines.append(f"written: {document['out']}, {document['records']} records")
     ended = document["ended"]
-    if args.heartbeat and ended is not None:
+    if args.heartbeat_s and ended is not None:
         lines.append(
             f"heartbeat ended: the force fell to {number(ended['force_n'])} N; mode {ended['mode']} until the next "
             "heartbeat, out of contact"
         )
-    elif args.heartbeat:
+    elif args.heartbeat_s:
         lines.append("heartbeat ended, and the device did not answer: its force falls by itself")
     return "\n".join(lines)
 

@@ -48,6 +48,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
                 coupling,
                 args.port,
                 baud=args.baud,
+                on_silence=console.notice,
                 unsafe=args.unsafe,
                 device_id=args.device_id,
                 # The emulated device lets go by itself.

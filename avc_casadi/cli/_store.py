@@ -29,7 +29,14 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_hardware import store
 
     with console.step(f"store on {args.port}"):
-        kept = store(args.port, coupling=not args.no_coupling, acts=args.acts, name=args.name, baud=args.baud)
+        kept = store(
+            args.port,
+            coupling=not args.no_coupling,
+            acts=args.acts,
+            name=args.name,
+            baud=args.baud,
+            on_silence=console.notice,
+        )
     after = "acts after a reset, out of contact" if kept.acts else "does not act after a reset"
     coupling = f"coupling {kept.coupling_id}, which {after}" if kept.coupling_id else "no coupling"
     text = f"kept: {coupling}; force limit {number(kept.force_n)} N; name {kept.name or 'none'}; store {kept.number}"

@@ -13,6 +13,7 @@ from avc_casadi.cli._subject import (
     add_unsafe,
     faults_of,
     is_coupling,
+    load_problem,
     read_subject,
     unsafe_note,
 )
@@ -63,6 +64,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             rate_hz=args.rate_hz,
             seconds=args.seconds,
             baud=args.baud,
+            on_silence=console.notice,
             on_sample=show,
             unsafe=args.unsafe,
         )
@@ -88,7 +90,7 @@ def _coupling(args: argparse.Namespace, console: Console) -> Coupling:
     """Read the coupling; or recommend one for a problem."""
     if is_coupling(args.subject):
         return read_subject("stream", args.subject, args.problem)
-    problem = avc.load_problem(args.subject)
+    problem = load_problem(args.subject)
     with console.step("recommended coupling"):
         found = avc.recommend(problem, progress=console)
     if found.coupling is None:

@@ -192,12 +192,15 @@ def board_limits(device: Device) -> BoardLimits:
     force = device.max_force_n or usual.max_force_n
     share = 0.0 if device.resonance is None else device.resonance.mass_ratio
     lightest = device.mass_kg * (min(share, 1 - share) or 1.0)
+    # What no handle does is told at the handle.
+    reach = device.metres_per_unit
     return replace(
         usual,
         sample_time_s=device.sample_time_s,
-        metres_per_count=device.encoder_resolution_m or usual.metres_per_count,
+        metres_per_count=device.encoder_resolution_m or usual.metres_per_count / reach,
+        max_speed_m_per_s=usual.max_speed_m_per_s / reach,
         max_force_n=force,
         stuck_swing_n=force / 4,
         # what the actuator alone does to the lighter part, four times over: hands and stops strike too
-        max_acceleration_m_per_s2=max(usual.max_acceleration_m_per_s2, 4 * force / lightest),
+        max_acceleration_m_per_s2=max(usual.max_acceleration_m_per_s2 / reach, 4 * force / lightest),
     )

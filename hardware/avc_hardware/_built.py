@@ -11,12 +11,13 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.problem import Problem
 from avc_hardware._bench_plant import board_limits
 from avc_hardware._boards import TARGETS, Target
+from avc_hardware._build_faults import MANIFEST
 from avc_hardware._elf import read_elf
 from avc_hardware._export import export_c
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._firmware import source_hash
 from avc_hardware._image_files import as_binary, as_intel_hex
-from avc_hardware._manifest import read_board
+from avc_hardware._manifest import flashing, read_board
 from avc_hardware._precision import SINGLE
 from avc_hardware._runs_on import check_runs_on, figures_of
 
@@ -117,12 +118,18 @@ def build_firmware(
     generated |= sources_for(limits, figures)
     elf = build_image(board if target.root is None else target, out, baud=baud, generated=generated)
     image = read_elf(elf)
+    if not image.segments:
+        raise InputError.of(
+            "leaves nothing in the image; allowed: a script with ENTRY(...) of the start, and KEEP(...) round it",
+            file=str((target.root or out) / MANIFEST),
+            key="linker_script",
+        )
     address, data = as_binary(image)
     binary, text = elf.with_suffix(".bin"), elf.with_suffix(".hex")
     binary.write_bytes(data)
     text.write_text(as_intel_hex(image), encoding="ascii")
     name = elf.stem
-    commands = tuple(command.replace("{name}", name) for command in target.commands)
+    commands = tuple(flashing(command, name) for command in target.commands)
     files = (elf, binary, text)
     return BuiltFirmware(name, target.title, source_hash(), files, address, len(data), limits, figures, commands)
 

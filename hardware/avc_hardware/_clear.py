@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from avc_hardware import _messages as m
@@ -37,7 +38,9 @@ class Cleared:
     status: DeviceStatus
 
 
-def clear_faults(port: str | ByteLink, *, baud: int = DEFAULT_BAUD) -> Cleared:
+def clear_faults(
+    port: str | ByteLink, *, baud: int = DEFAULT_BAUD, on_silence: Callable[[str], None] | None = None
+) -> Cleared:
     """Clear the faults of a device: those that it tells, and none that come meanwhile.
 
     Its table then takes over out of contact, as after a lost heartbeat. What is still wrong is latched again.
@@ -45,12 +48,13 @@ def clear_faults(port: str | ByteLink, *, baud: int = DEFAULT_BAUD) -> Cleared:
     Args:
         port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
         baud: rate of a serial port.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
 
     Raises:
         LinkError: no device, or no answer.
     """
     link = open_link(port, baud=baud) if isinstance(port, str) else port
-    with Connection(link, baud=baud) as connection:
+    with Connection(link, baud=baud, on_silence=on_silence) as connection:
         ask = connection.session.ask
         before = connection.run(ask(Kind.STATUS, b"", DeviceStatus))
         connection.run(ask(Kind.CLEAR, m.clear(before.faults), m.ClearAsked))

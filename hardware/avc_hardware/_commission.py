@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi import InputError, LinkError
+from avc_casadi import Fault, InputError, LinkError
 from avc_casadi.excitation import FULL, Plan, Signal, speed_window
 from avc_hardware import _messages as m
 from avc_hardware._bytes import ByteLink
@@ -40,8 +40,12 @@ _RATE_HZ, _STILL_S, _PATIENCE_S, _WAIT_S = 100.0, 0.5, 30.0, 2.0
 # Still: within this share of the way that was asked for. Moved by the pulse: more counts than that.
 _STILL, _LEAST_COUNTS = 0.05, 5
 # The way that the declared device makes under the pulse; its limits of speed and travel.
-_PULSE_M, _SPEED_M_PER_S, _TRAVEL_M = 1e-3, 0.3, 0.01
+_PULSE_M, _SPEED_M_PER_S, _TRAVEL_M, _LONGEST_PULSE_S = 1e-3, 0.3, 0.01, 1.0
 _FIRST_TOUCH = 0.1
+# The way of a hand: counts that make stillness seen, and what is still a way on a desk.
+_LEAST_WAY_COUNTS, _LONGEST_WAY_M = 20, 0.1
+# What a pulse has beyond the dry friction moves the device: a fifth of it, which a little more friction leaves some of.
+_OVER_FRICTION = 1.25
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,7 @@ def commission(
     on_bench: Wiring = Wiring.RIGHT,
     baud: int = DEFAULT_BAUD,
     on_step: Callable[[str], None] = lambda _: None,
+    on_silence: Callable[[str], None] | None = None,
 ) -> Commissioned:
     """Check the signs of encoder and motor, set position 0, and limit the force for a first touch.
 
@@ -94,30 +99,32 @@ def commission(
     Args:
         declared: what is known of the device: its mass, friction and force say how long the pulse lasts.
         port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
-        force_n: of the pulse; default three times the dry friction, at least a tenth of the device's force.
+        force_n: of the pulse, 1.25 times the dry friction or more; default three times it, at least a tenth of the
+            device's force.
         first_touch_n: force limit at the end; default a tenth of the device's force.
-        by_hand_m: least way of the hand into the wall.
+        by_hand_m: least way of the hand into the wall, 20 counts of the encoder to 0.1 m.
         on_bench: wiring of the emulated board, whose hand does what is asked.
         baud: rate of a serial port.
         on_step: takes what the person at the device is to do next.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
 
     Raises:
-        InputError: a force out of range.
+        InputError: a force or a way out of range, all at once.
         LinkError: no device, other faults latched, or the hand did not do what was asked.
         MissingExtraError: ``emulator`` without its extra.
     """
+    friction_n = _most_friction(declared)
+    _check_asked(force_n, friction_n, by_hand_m)
     if port == EMULATOR:
         link: ByteLink = WiredBench(declared, on_bench, way_m=2 * by_hand_m).board()
     else:
         link = open_link(port, baud=baud) if isinstance(port, str) else port
-    with Connection(link, baud=baud) as connection:
+    with Connection(link, baud=baud, on_silence=on_silence) as connection:
         device = connection.device
         most = device.max_force_n
-        pulse_n = force_n or min(max(3 * declared.coulomb_friction_n, _FIRST_TOUCH * most), most)
+        pulse_n = force_n or min(max(3 * friction_n, _FIRST_TOUCH * most), most)
         touch_n = first_touch_n or _FIRST_TOUCH * most
-        for key, value in (("force_n", pulse_n), ("first_touch_n", touch_n)):
-            if not 0 < value <= most:
-                raise InputError.of(f"{value:g} N; allowed: above 0, at most the device's {most:g} N", key=key)
+        _check_of_device(device, pulse_n, touch_n, friction_n, by_hand_m)
         limits = Limits(touch_n, device.lowered_speed_m_per_s, device.lowered_energy_j)
         _begin(connection, limits)
         result = Commissioned(link.name, DeviceFault(0), "", 0.0, pulse_n, math.nan, False, limits)
@@ -142,7 +149,7 @@ def commission(
         connection.run(connection.session.ask(Kind.ZERO, b"", m.Zeroed))
         # What commissioning set before is no limit of this pulse.
         limit_over(connection, replace(limits, force_n=max(pulse_n, touch_n)))
-        plan = _pulse(declared, device, pulse_n)
+        plan = _pulse(declared, device, pulse_n, friction_n)
         on_step(HANDS_OFF.format(wait=_WAIT_S, force=pulse_n, time=1e3 * plan.seconds))
         connection.run(pause(_WAIT_S))
         log = excite_over(connection, plan)
@@ -158,6 +165,55 @@ def commission(
         f"{1e3 * result.pulse_m:.3g} mm. Position 0, the face of the wall, is where it was held, until it starts anew"
     )
     return replace(result, sentence=said)
+
+
+def _most_friction(declared: DeclaredDevice) -> float:
+    """Return the dry friction, the upper end of its range where it has one."""
+    stated = declared.range.coulomb_friction_n
+    return declared.coulomb_friction_n if stated is None else max(declared.coulomb_friction_n, *stated)
+
+
+def _check_asked(force_n: float | None, friction_n: float, by_hand_m: float) -> None:
+    """Refuse what no device could do, before a port is opened."""
+    faults = []
+    if force_n is not None and not force_n >= _OVER_FRICTION * friction_n:
+        faults.append(_weak(force_n, friction_n))
+    if not 0 < by_hand_m <= _LONGEST_WAY_M:
+        message = (
+            f"{by_hand_m:g} m; allowed: {_LEAST_WAY_COUNTS} counts of the encoder to {_LONGEST_WAY_M:g} m: a hand "
+            "pushes the device so far and holds it still; 0.005 tells the sign as well"
+        )
+        faults.append(Fault("", None, "by_hand_m", message))
+    if faults:
+        raise InputError(faults)
+
+
+def _weak(force_n: float, friction_n: float) -> Fault:
+    message = (
+        f"{force_n:g} N against a dry friction of {friction_n:g} N; allowed: {_OVER_FRICTION * friction_n:g} N or "
+        "more, as the device gives it: a weaker pulse moves nothing, which would be taken for a dead motor"
+    )
+    return Fault("", None, "force_n", message)
+
+
+def _check_of_device(device: Device, pulse_n: float, touch_n: float, friction_n: float, by_hand_m: float) -> None:
+    """Refuse what this device cannot do, before it is touched."""
+    most, step_m = device.max_force_n, device.metres_per_count
+    faults = [
+        Fault("", None, key, f"{value:g} N; allowed: above 0, at most the device's {most:g} N")
+        for key, value in (("force_n", pulse_n), ("first_touch_n", touch_n))
+        if not 0 < value <= most
+    ]
+    if pulse_n <= most and pulse_n < _OVER_FRICTION * friction_n:
+        faults.append(_weak(pulse_n, friction_n))
+    if by_hand_m < _LEAST_WAY_COUNTS * step_m:
+        message = (
+            f"{by_hand_m:g} m; allowed: {_LEAST_WAY_COUNTS * step_m:g} to {_LONGEST_WAY_M:g} m: one count of this "
+            f"encoder is {step_m:g} m, and {_LEAST_WAY_COUNTS} of them tell a hand that holds still from one that moves"
+        )
+        faults.append(Fault("", None, "by_hand_m", message))
+    if faults:
+        raise InputError(faults)
 
 
 def _begin(connection: Connection, limits: Limits) -> None:
@@ -191,11 +247,11 @@ def _by_hand(connection: Connection, far: Callable[[float], bool], asked_m: floa
     return way if far(way) else furthest
 
 
-def _pulse(declared: DeclaredDevice, device: Device, force_n: float) -> Plan:
+def _pulse(declared: DeclaredDevice, device: Device, force_n: float, friction_n: float) -> Plan:
     """Plan one period of a sine: a free mass goes one way and stands still at its end."""
-    net_n = max(force_n - declared.coulomb_friction_n, 0.2 * force_n)
     way_m = max(_PULSE_M, 4 * _LEAST_COUNTS * device.metres_per_count)
-    seconds = min(max(math.sqrt(2 * math.pi * declared.mass_kg * way_m / net_n), 0.02), 0.5)
+    radian_s = math.sqrt(declared.mass_kg * way_m / (force_n * _way_of_sine(friction_n / force_n)))
+    seconds = min(max(2 * math.pi * radian_s, 0.02), _LONGEST_PULSE_S)
     ticks = max(round(seconds / device.sample_time_s), 8)
     return Plan(
         kind="multisine",
@@ -211,6 +267,14 @@ def _pulse(declared: DeclaredDevice, device: Device, force_n: float) -> Plan:
         window=speed_window(device.metres_per_count, device.sample_time_s, _SPEED_M_PER_S),
         signal=Signal(step=(round(2**32 / ticks),), phase=(0,), amplitude=(FULL,)),
     )
+
+
+def _way_of_sine(friction: float) -> float:
+    """Return how far a mass of 1 goes under sin(t) against dry friction below 1; 2 pi without any."""
+    start = math.asin(friction)
+    time = np.linspace(0.0, 2 * math.pi - start, 1000)
+    speed = math.cos(start) - np.cos(start + time) - friction * time
+    return float(np.maximum(speed, 0.0).mean() * time[-1])
 
 
 def _answer(log: ExcitationLog) -> float:

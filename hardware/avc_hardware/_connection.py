@@ -35,6 +35,8 @@ DEFAULT_BAUD = 115200
 # A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
 _BYTES_ON_THE_WAY = 1536 + 1024
 _THINKING_S = 0.15
+# A board that starts anew when its port is opened is quiet for longer than it takes to answer.
+_SILENCE_S = 1.0
 _DEADLINE_S = 15.0
 
 
@@ -50,6 +52,7 @@ class Connection:
         session: int | None = None,
         on_log: Callable[[str], None] | None = None,
         on_wait: Callable[[], None] | None = None,
+        on_silence: Callable[[str], None] | None = None,
     ) -> None:
         """Take over a link and say hello.
 
@@ -61,6 +64,7 @@ class Connection:
             session: number of this host; random by default.
             on_log: takes the lines of text that the firmware sends.
             on_wait: called when a table waits for the device to be let go.
+            on_silence: told once what is waited for, and how long, where the device does not answer at once.
 
         Raises:
             LinkError: no answer, or firmware of another version.
@@ -76,16 +80,38 @@ class Connection:
         self._telemetry: deque[Telemetry] = deque()
         try:
             self.link.write(DELIMITER)
-            self.device: Device = self.run(self.session.hello())
+            self.device: Device = self.run(self._told_of_silence(self.session.hello(), baud, on_silence))
         except NoAnswerError as error:
             self.link.close()
             raise LinkError(
-                f"{link.name}: no answer at {baud} baud; is the avc firmware on the device, the rate the firmware's, "
-                "and is this the right port (`avc ports`)?"
+                f"{link.name}: no answer at {baud} baud in {self.session.patience_s:.1f} s; is the avc firmware on the "
+                "device, the rate the firmware's, and is this the right port (`avc ports`)?"
             ) from error
         except BaseException:
             self.link.close()
             raise
+
+    def _told_of_silence(
+        self, dialogue: Generator[Exchange, Answer, T], baud: int, on_silence: Callable[[str], None] | None
+    ) -> Generator[Exchange, Answer, T]:
+        """Run a dialogue, and say once that nothing has answered for a while."""
+        begun, told = self.link.now_s(), on_silence is None
+        exchange = next(dialogue)
+        try:
+            while True:
+                answer = yield exchange
+                waited_s = self.link.now_s() - begun
+                if answer is None and waited_s >= _SILENCE_S and not told and on_silence is not None:
+                    told = True
+                    left_s = max(self.session.patience_s - waited_s, 0.0)
+                    on_silence(
+                        f"{self.link.name}: no answer at {baud} baud for {waited_s:.1f} s; asking again for at most "
+                        f"{left_s:.1f} s (Ctrl-C ends it)"
+                    )
+                exchange = dialogue.send(answer)
+        except StopIteration as stop:
+            result: T = stop.value
+            return result
 
     def run(self, dialogue: Generator[Exchange, Answer, T], *, deadline_s: float | None = None) -> T:
         """Run a dialogue to its end.

@@ -9,6 +9,7 @@ from pathlib import Path
 from avc_hardware._elf import read_elf
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._firmware import IMAGE
+from avc_hardware._flash import FlashController
 from avc_hardware._host import BoardLimits
 from avc_hardware._machine import CLOCK_HZ, Machine
 from avc_hardware._patch import image_for
@@ -42,6 +43,7 @@ class EmulatedBoard:
         on_force_code: Callable[[int], None] = lambda _: None,
         slice_cycles: int = CLOCK_HZ // 1000,
         on_instruction: Callable[[int], None] | None = None,
+        flash: FlashController | None = None,
     ) -> None:
         """Start the firmware.
 
@@ -54,6 +56,7 @@ class EmulatedBoard:
             on_force_code: takes the 12-bit code of the force output at every tick.
             slice_cycles: see `Machine`.
             on_instruction: see `Machine`.
+            flash: see `Machine`.
 
         Raises:
             UnsupportedError: the image has no program for these figures.
@@ -71,8 +74,16 @@ class EmulatedBoard:
             actuator=on_force_code,
             slice_cycles=slice_cycles,
             on_instruction=on_instruction,
+            flash=flash,
         )
         self.machine.run_until(round(_BOOT_S * CLOCK_HZ))
+
+    def restart(self) -> None:
+        """Switch it off and on: it starts anew with what it keeps."""
+        self.machine.reset()
+        self.machine.received.clear()
+        self.machine.sent.clear()
+        self.machine.run_until(self.machine.cycle + round(_BOOT_S * CLOCK_HZ))
 
     @property
     def name(self) -> str:

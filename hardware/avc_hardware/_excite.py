@@ -125,6 +125,7 @@ def excite(
     baud: int = DEFAULT_BAUD,
     progress: Progress = SILENT,
     cut: Callable[[ExcitationLog], None] | None = None,
+    on_silence: Callable[[str], None] | None = None,
 ) -> ExcitationLog:
     """Play a plan on a device and read the records.
 
@@ -138,6 +139,7 @@ def excite(
         baud: rate of a serial port.
         progress: who is told.
         cut: takes what was recorded until Ctrl-C, before it goes on its way.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
 
     Raises:
         InputError: the link is too slow for the plan.
@@ -151,7 +153,7 @@ def excite(
         link = BenchDevice(on_bench).board()
     else:
         link = open_link(port, baud=baud)
-    with Connection(link, baud=baud) as connection:
+    with Connection(link, baud=baud, on_silence=on_silence) as connection:
         _check_device(plan, connection.device, link.name)
         _check_rate(plan, connection.device, baud)
         return excite_over(connection, plan, progress=progress, cut=cut)

@@ -14,7 +14,7 @@ from avc_hardware._packages import packaged
 from avc_hardware._precision import DOUBLE, PRECISIONS, SINGLE, Precision
 from avc_hardware._runtime_c import start_lines
 from avc_hardware._runtime_program import GAINS
-from avc_hardware._table import TableImage
+from avc_hardware._table import TableImage, wall_alone
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -218,7 +218,8 @@ def export_c(
     """Return a coupling as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
 
     The whole of it at its own sample time: observer, estimator, adaptation and table where it has them, wall, contact
-    damper, guard, force limit. Bit for bit `ReferenceCoupling`.
+    damper, guard, force limit. Bit for bit `ReferenceCoupling`. Names and comments are those of the device: of one that
+    turns ``torque_nm`` and ``position_rad``.
 
     Args:
         coupling: any; what runs beside its gains needs no support by the packaged firmware.
@@ -229,17 +230,19 @@ def export_c(
 
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
-        InputError: another precision or package, the wall gives no force, the observer has no encoder step to look
-            between, a gain is too large for single precision, or two rows become one in it.
+        InputError: another precision or package, detents, the wall gives no force, the observer has no encoder step to
+            look between, a gain is too large for single precision, or two rows become one in it.
     """
     if precision not in PRECISIONS:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
     verdict = require_deployable(coupling, unsafe=unsafe)
+    wall_alone(coupling)
     chosen = PRECISIONS[precision]
     rows = TableImage.of(coupling).rows if chosen is SINGLE else coupling.table.rows
     program = coupling_program(coupling, chosen)
     files = {HEADER: _header(coupling, program, chosen, verdict), SOURCE: _source(coupling, program, chosen, rows)}
-    return packaged(files, coupling, packages)
+    units = coupling.problem.units
+    return {name: units.code(text) for name, text in packaged(files, coupling, packages).items()}
 
 
 def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, verdict: Deployable) -> str:

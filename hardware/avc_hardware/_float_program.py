@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Collection, Container, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -169,6 +170,42 @@ class FloatProgram:
                 needed |= set(self._nodes[at].arguments)
         return sorted(needed)
 
+    def knowing(self, truths: Mapping[str, bool]) -> FloatProgram:
+        """Return the program for inputs whose truth is known: the choices between values are made, all else stays.
+
+        Args:
+            truths: by name of the input. Places of constants stay what they are.
+        """
+        ca = self._ca
+        known: dict[int, bool] = {}
+        stands_for: list[int] = []
+        nodes: list[_Node] = []
+        for at, own in enumerate(self._nodes):
+            stands_for.append(at)
+            if own.operation == ca.OP_INPUT:
+                name = self.inputs[own.arguments[0]]
+                if name in truths:
+                    known[at] = truths[name]
+                nodes.append(own)
+                continue
+            node = replace(own, arguments=tuple(stands_for[argument] for argument in own.arguments))
+            truth = known.get(node.arguments[0]) if node.arguments else None
+            if truth is not None and node.operation == ca.OP_NOT:
+                known[at] = not truth
+            elif truth is not None and node.operation == _SELECT:
+                stands_for[at] = node.arguments[1 if truth else 2]
+            elif truth is not None and node.operation == ca.OP_IF_ELSE_ZERO:
+                if truth:
+                    stands_for[at] = node.arguments[1]
+                else:
+                    node = _Node(ca.OP_CONST)
+            nodes.append(node)
+        made: FloatProgram = copy.copy(self)
+        made._nodes = nodes
+        made._results = {index: stands_for[at] for index, at in self._results.items()}
+        made._needed = made._reachable()
+        return made
+
     def constants_of(self, other: FloatProgram) -> dict[int, float] | None:
         """Return the values that this program's constants have in another, by place.
 
@@ -248,7 +285,7 @@ class FloatProgram:
     def c_lines(
         self,
         of_input: Callable[[str], str],
-        of_output: Callable[[str], str],
+        of_output: Callable[[str], str | None],
         *,
         constants: Mapping[int, str] | None = None,
         kept: Mapping[int, str] | None = None,
@@ -258,7 +295,7 @@ class FloatProgram:
 
         Args:
             of_input: where the function finds an input.
-            of_output: what an output is assigned to.
+            of_output: what an output is assigned to; None where it is not asked for.
             constants: by place, what stands for a constant instead of its number.
             kept: by place, where values are that were computed before (`settled_by`, `settling_lines`).
             prefix: of the names of values, for two programs in one function.
@@ -270,11 +307,14 @@ class FloatProgram:
         # States are read all over the body: none is written before all is computed.
         late, stores = [], []
         for index, name in enumerate(self.outputs):
+            place = of_output(name)
+            if place is None:
+                continue
             value = self._value(body, self._results[index], truth=False)
             if "->" in value and value not in there.values():
                 late.append(f"const {real} {prefix}r{index} = {value};")
                 value = f"{prefix}r{index}"
-            stores.append(f"{of_output(name)} = {value};")
+            stores.append(f"{place} = {value};")
         return body.lines + late + stores
 
     def settling_lines(

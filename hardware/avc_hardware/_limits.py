@@ -14,6 +14,8 @@ from avc_hardware._messages import Kind
 from avc_hardware._monitor import pause
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from avc_hardware._bytes import ByteLink
 
 # Ticks until limits hold that need not wait.
@@ -62,6 +64,7 @@ def set_limits(
     energy_j: float | None = None,
     built_in: bool = False,
     baud: int = DEFAULT_BAUD,
+    on_silence: Callable[[str], None] | None = None,
 ) -> DeviceLimits:
     """Set limits of a device until it starts anew, or read them.
 
@@ -75,13 +78,14 @@ def set_limits(
         energy_j: given out within about a second without having been taken in.
         built_in: begin from those of the board in place of those that hold.
         baud: rate of a serial port.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
 
     Raises:
         InputError: a limit that is none, or above the board's.
         LinkError: no device, or no answer.
     """
     link = open_link(port, baud=baud) if isinstance(port, str) else port
-    with Connection(link, baud=baud) as connection:
+    with Connection(link, baud=baud, on_silence=on_silence) as connection:
         device = connection.device
         wanted = (force_n, speed_m_per_s, energy_j)
         if built_in or any(value is not None for value in wanted):

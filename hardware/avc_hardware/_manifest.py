@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,9 +11,9 @@ from typing import Any
 
 from avc_casadi import Fault, InputError
 from avc_hardware._boards import Target
+from avc_hardware._build_faults import MANIFEST
 from avc_hardware._figures import ESTIMATOR_NUMBERS
 
-MANIFEST = "board.toml"
 # The format counts rows and records in 16 bits; a table with state feedback is as long as 27 rows.
 ROWS = (27, 4096)
 RECORDS = (128, 32768)
@@ -71,7 +72,27 @@ def _region(reader: _Reader, key: str) -> tuple[int, int]:
     origin = table.take("origin", None, "the first address", _whole(0))
     size = table.take("bytes", None, "the size in bytes", _whole(1))
     table.end()
+    if (origin or 0) + (size or 0) > 2**32:
+        table.fault("bytes", f"{size} from {origin:#x} on end beyond 32 bits; allowed: at most {2**32 - origin}")
     return origin or 0, size or 0
+
+
+def _check_commands(reader: _Reader, commands: list[str]) -> None:
+    """Note every placeholder that nothing is put in for; {{ and }} are braces."""
+    for command in commands:
+        for whole, inside in re.findall(r"\{\{|\}\}|(\{([^{}]*)\}|[{}])", command):
+            if whole and inside != "name":
+                reader.fault(
+                    "commands",
+                    f"{whole} in {command!r} stands for nothing; allowed: {{name}}, the folder's name, as in "
+                    "{name}.elf, {name}.bin or {name}.hex; braces are written {{ and }}",
+                )
+
+
+def flashing(command: str, name: str) -> str:
+    """Return a command of a manifest with the name of the files put in."""
+    filled = {"{{": "{", "}}": "}", "{name}": name}
+    return re.sub(r"\{\{|\}\}|\{name\}", lambda found: filled[found[0]], command)
 
 
 def read_board(folder: Path) -> Target:
@@ -103,6 +124,7 @@ def read_board(folder: Path) -> Target:
     estimators = ", ".join(ESTIMATOR_NUMBERS)
     estimator = reader.take("estimator", "zero-crossing", estimators, ESTIMATOR_NUMBERS.__contains__)
     commands = reader.take("commands", [], "a list of commands that flash {name}.elf, {name}.bin or {name}.hex", _texts)
+    _check_commands(reader, commands)
     flash, memory = _region(reader, "flash"), _region(reader, "memory")
     capacity = reader.table("capacity")
     rows = capacity.take("rows", 256, "{} to {} rows of a table".format(*ROWS), _whole(*ROWS))

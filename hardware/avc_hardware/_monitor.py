@@ -24,6 +24,9 @@ LONGEST_HEARTBEAT_S = 5.0
 _LOOK_AGAIN_S = 0.2
 # A subscription holds so long without being renewed; heartbeats come three times as often as they must.
 _HOLDS_S, _RENEW_S, _BEATS = 2.0, 0.5, 3
+# A heartbeat, its answer and the head of a message of telemetry: a delimiter first, their contents, ten bytes of frame
+# and COBS each. The records of that message.
+_BEAT_BYTES, _RECORD_BYTES, _MOST_RECORDS = 1 + 4 + 8 + 20 + 3 * 10, 44, 8
 
 
 def monitor(
@@ -36,6 +39,7 @@ def monitor(
     reconnect_s: float = 0.0,
     on_device: Callable[[Device], None] | None = None,
     on_end: Callable[[DeviceStatus], None] | None = None,
+    on_silence: Callable[[str], None] | None = None,
 ) -> Generator[TelemetrySample, None, None]:
     """Yield what the device pushes, a record every so many ticks, until ``seconds`` are over or the caller stops.
 
@@ -49,6 +53,7 @@ def monitor(
         reconnect_s: how long to wait for a device that was unplugged; with ``usb:NUMBER`` it may come back elsewhere.
         on_device: takes what the device says of itself, at the beginning and after each time it was unplugged.
         on_end: takes its state at the end, after the force has fallen.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
 
     Raises:
         InputError: a rate or a heartbeat out of range.
@@ -57,13 +62,16 @@ def monitor(
     if not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError.of(f"{rate_hz:g} Hz; allowed: a finite rate above 0", key="rate_hz")
     if heartbeat_s is not None and not 0 < heartbeat_s <= LONGEST_HEARTBEAT_S:
-        raise InputError.of(f"{heartbeat_s:g} s; allowed: above 0, at most {LONGEST_HEARTBEAT_S:g}", key="heartbeat_s")
+        message = f"{heartbeat_s:g} s; allowed: above 0, at most {LONGEST_HEARTBEAT_S:g} s"
+        raise InputError.of(message, key="heartbeat_s")
     left: float | None = math.inf if seconds is None else None
     give_up: float | None = None
     while left is None or left > 0:
         try:
             link = open_link(port, baud=baud) if isinstance(port, str) else port
-            with Connection(link, baud=baud) as connection:
+            with Connection(link, baud=baud, on_silence=on_silence) as connection:
+                if heartbeat_s is not None:
+                    _check_heartbeat(heartbeat_s, rate_hz, connection.device, baud)
                 if on_device is not None:
                     on_device(connection.device)
                 if left is None:
@@ -115,6 +123,22 @@ def watch(
         if paced and isinstance(link, EmulatedBoard):
             time.sleep(max(0.0, start + link.now_s() - time.monotonic()))  # virtual time would rush past the watcher
         yield from samples.take(message)
+
+
+def _check_heartbeat(heartbeat_s: float, rate_hz: float, device: Device, baud: int) -> None:
+    """Refuse one that this line cannot keep: a question may come in between, and its answer after a message."""
+    byte_s = 10 / baud
+    records = 1
+    while records < _MOST_RECORDS and records < rate_hz * (_BEAT_BYTES + records * _RECORD_BYTES) * byte_s:
+        records += 1  # so many are made while this is on the wire
+    least_s = _BEATS * max(device.sample_time_s, (_BEAT_BYTES + records * _RECORD_BYTES) * byte_s)
+    if heartbeat_s < least_s:
+        message = (
+            f"{heartbeat_s:g} s; allowed: {math.ceil(1e3 * least_s) / 1e3:g} to {LONGEST_HEARTBEAT_S:g} s: "
+            f"{_BEATS} heartbeats are sent in that time, and one takes up to {1e3 * least_s / _BEATS:.3g} ms beside "
+            f"records at {rate_hz:g} Hz ({baud} baud, ticks of {1e3 * device.sample_time_s:g} ms)"
+        )
+        raise InputError.of(message, key="heartbeat_s")
 
 
 def _every(device: Device, rate_hz: float) -> int:

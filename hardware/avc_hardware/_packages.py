@@ -25,6 +25,7 @@ _FILES = {
     "haply": {"examples/haply.cpp": "haply.cpp", **_WALL},
 }
 PACKAGES = tuple(_FILES)
+_OF_A_LINE = ("chai3d", "openhaptics", "haply")
 
 
 def packaged(files: dict[str, str], coupling: Coupling, packages: Iterable[str]) -> dict[str, str]:
@@ -39,13 +40,18 @@ def packaged(files: dict[str, str], coupling: Coupling, packages: Iterable[str])
         All files by their path with ``/``: header and source in ``src``, the packages' own beside.
 
     Raises:
-        InputError: an unknown package.
+        InputError: an unknown package, or an example for an arm of a device that turns.
     """
     wanted = list(packages)
     unknown = [name for name in wanted if name not in _FILES]
     if unknown:
         names = ", ".join(repr(name) for name in unknown)
         raise InputError.of(f"holds {names}; allowed: {', '.join(PACKAGES)}", key="packages")
+    lines = [name for name in wanted if name in _OF_A_LINE]
+    if lines and not coupling.problem.units.linear:
+        allowed = ", ".join(name for name in PACKAGES if name not in _OF_A_LINE)
+        message = f"holds {', '.join(lines)}, an example for a handle that moves in lines; allowed: {allowed}"
+        raise InputError.of(message, key="packages")
     if not wanted:
         return files
     made = {f"src/{name}": text for name, text in files.items()}

@@ -86,6 +86,7 @@ def push(
     device_id: str | None = None,
     on_log: Callable[[str], None] | None = None,
     on_wait: Callable[[], None] | None = None,
+    on_silence: Callable[[str], None] | None = None,
 ) -> PushResult:
     """Send the table of a coupling, with its wall; the device swaps it in whole between two control ticks.
 
@@ -102,6 +103,7 @@ def push(
         device_id: name of the device that it is for, or number of its chip; another device is refused.
         on_log: takes the firmware's lines of text.
         on_wait: called when the table waits for the device to be let go.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
 
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
@@ -115,7 +117,9 @@ def push(
     TableImage.of(coupling, safe=safe)
     link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
     start = link.now_s()
-    with Connection(link, baud=baud, deadline_s=deadline_s, on_log=on_log, on_wait=on_wait) as connection:
+    with Connection(
+        link, baud=baud, on_silence=on_silence, deadline_s=deadline_s, on_log=on_log, on_wait=on_wait
+    ) as connection:
         if device_id is not None:
             _require_device(connection, device_id)
         return push_over(connection, coupling, safe=safe, start_s=start, unsafe=unsafe)

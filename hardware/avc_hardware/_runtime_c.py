@@ -24,7 +24,7 @@ def c_sources(template: Template) -> dict[str, str]:
         return _function(template)
     if kind == "steady":
         return {f"avc_{name}.h": _header(f"avc_{name}", ['#include "avc_couple.h"', "", *_steady(template)])}
-    step = [*_numbers(template), "", *_step(template, f"avc_{kind}", f"avc_{name}_step")]
+    step = [*_numbers(template), "", *_steps(template, f"avc_{kind}", f"avc_{name}")]
     own = [*_types(template, f"avc_{kind}"), "", *_start(template, f"avc_{kind}")]
     if not law:
         return {f"avc_{name}.h": _header(f"avc_{name}", [*own, "", *step])}
@@ -70,16 +70,42 @@ def _start(template: Template, name: str) -> list[str]:
     ]
 
 
-def _step(template: Template, types: str, name: str) -> list[str]:
+def _signature(types: str, name: str) -> str:
+    return f"static inline void {name}({types}_state_t *state, const {types}_in_t *in, {types}_out_t *out)"
+
+
+def _step(
+    template: Template, types: str, name: str, *, told: str = "One tick.", truths: dict[str, bool] | None = None
+) -> list[str]:
+    """Return one tick; of a state that is known to be true nothing is written."""
+    known = truths or {}
     places = {place: f"avc_{template.part.name}_constants[{index}]" for index, place in enumerate(template.constants)}
-    body = template.part.program.c_lines(_of_input, _of_output, constants=places)
-    return [
+    stays = {f"next_{symbol.removeprefix('state_')}" for symbol, truth in known.items() if truth}
+    body = template.part.program.knowing(known).c_lines(
+        _of_input, lambda symbol: None if symbol in stays else _of_output(symbol), constants=places
+    )
+    return [f"/* {told} */", _signature(types, name), "{", *(f"    {line}" for line in body), "}"]
+
+
+def _steps(template: Template, types: str, name: str) -> list[str]:
+    """Return the first tick, those that follow, and the choice between them: none of the two asks for it in between."""
+    (started,) = (state for state in template.part.states if state.endswith("_started"))
+    first, later = (
+        _step(template, types, f"{name}_{when}", told=told, truths={f"state_{started}": truth})
+        for when, told, truth in (("first", "The first tick.", False), ("later", "A tick after the first.", True))
+    )
+    choice = [
         "/* One tick. */",
-        f"static inline void {name}({types}_state_t *state, const {types}_in_t *in, {types}_out_t *out)",
+        _signature(types, f"{name}_step"),
         "{",
-        *(f"    {line}" for line in body),
+        f"    if (state->{started} != 0.0f) {{",
+        f"        {name}_later(state, in, out);",
+        "    } else {",
+        f"        {name}_first(state, in, out);",
+        "    }",
         "}",
     ]
+    return [*first, "", *later, "", *choice]
 
 
 def _of_input(symbol: str) -> str:

@@ -112,6 +112,11 @@ class Session:
         self.on_wait = on_wait
         self._sequence = number & 0x7FFF
 
+    @property
+    def patience_s(self) -> float:
+        """How long one question is asked at most, without any answer."""
+        return self.timeout_s * RETRIES * (RETRIES + 1) / 2
+
     def message(self, kind: Kind, payload: bytes) -> tuple[int, bytes]:
         """Return the number and the bytes of a new message."""
         self._sequence = (self._sequence + 1) & 0xFFFF

@@ -12,6 +12,8 @@ from avc_hardware._device import Device
 from avc_hardware._messages import Kind
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from avc_hardware._bytes import ByteLink
 
 NAME_BYTES = 16
@@ -48,6 +50,7 @@ def store(
     acts: bool = False,
     name: str | None = None,
     baud: int = DEFAULT_BAUD,
+    on_silence: Callable[[str], None] | None = None,
 ) -> Stored:
     """Have a device keep its running coupling, its limits and a name over a reset.
 
@@ -61,6 +64,7 @@ def store(
             where it stood then has its wall there, until position 0 is set.
         name: of the device; None keeps the one it has.
         baud: rate of a serial port.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
 
     Raises:
         InputError: a name that is too long, or a coupling that acts and is not kept.
@@ -71,7 +75,7 @@ def store(
     if name is not None and len(name.encode()) > NAME_BYTES:
         raise InputError.of(f"{name!r} takes {len(name.encode())} bytes; allowed: {NAME_BYTES}", key="name")
     link = open_link(port, baud=baud) if isinstance(port, str) else port
-    with Connection(link, baud=baud) as connection:
+    with Connection(link, baud=baud, on_silence=on_silence) as connection:
         session, before = connection.session, connection.device
         if not before.flash_bytes:
             raise LinkError(f"{link.name}: this board has no memory that lasts (hal_flash_size); push after each start")

@@ -113,6 +113,7 @@ def stream(
     baud: int = DEFAULT_BAUD,
     unsafe: bool = False,
     on_sample: Callable[[StreamSample], None] | None = None,
+    on_silence: Callable[[str], None] | None = None,
 ) -> StreamResult:
     """Push the coupling, then send its gains live for a time; a message that is late or lost is not repeated.
 
@@ -124,6 +125,7 @@ def stream(
         baud: rate of a serial port.
         unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
         on_sample: called after each message.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
 
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
@@ -138,7 +140,7 @@ def stream(
     require_deployable(coupling, unsafe=unsafe)
     check_runs_on(coupling)
     link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
-    with Connection(link, baud=baud) as connection:
+    with Connection(link, baud=baud, on_silence=on_silence) as connection:
         pushed = push_over(connection, coupling, unsafe=unsafe)
         device = connection.device
         rows = coupling.table.single()

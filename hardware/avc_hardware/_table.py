@@ -29,6 +29,20 @@ ROW_BYTES = 16
 FEEDBACK_HEADER = struct.Struct("<HHff")
 
 
+def wall_alone(coupling: Coupling) -> None:
+    """Refuse detents, which neither the packaged firmware nor the exported source renders.
+
+    Raises:
+        InputError: the problem has some.
+    """
+    if coupling.problem.detent is not None:
+        message = (
+            "is not rendered by the firmware, whose law is that of the wall; leave it out, and add its force to that "
+            "of the wall in firmware of your own"
+        )
+        raise InputError.of(message, file=coupling.problem.name, key="detent")
+
+
 @dataclass(frozen=True)
 class TableImage:
     """A table ready to be sent.
@@ -74,8 +88,9 @@ class TableImage:
             safe: gains after a lost heartbeat; None is no force.
 
         Raises:
-            InputError: a number that single precision cannot hold, or two rows that become one in it.
+            InputError: a number that single precision cannot hold, or two rows that become one in it; or detents.
         """
+        wall_alone(coupling)
         feedback = coupling.runtime.state_feedback
         wide = coupling.table.rows
         with np.errstate(over="ignore", under="ignore"):

@@ -13,7 +13,24 @@ _RECORD = struct.Struct("<Ii7fI4B")
 
 @dataclass(frozen=True)
 class Record:
-    """A record as it travels; what each number is, see `TelemetrySample`."""
+    """The state of a device at the end of one of its ticks, as it travels.
+
+    Attributes:
+        ticks: since the device started.
+        encoder_count: raw position.
+        velocity_m_per_s: backward difference over one tick.
+        force_n: output, positive out of the wall.
+        frequency_hz: estimate of the interaction frequency; not a number at rest.
+        damping_ns_per_m: b in force.
+        stiffness_n_per_m: k in force.
+        contact_damping_ns_per_m: b_p in force.
+        energy_j: that the hand has given (positive) since the start.
+        faults: codes of `DeviceFault`.
+        mode: table | ramp | safe | fault.
+        streaming: whether streamed gains are in force.
+        contact: whether the wall is touched.
+        has_table: whether there is a table.
+    """
 
     ticks: int
     encoder_count: int
@@ -64,47 +81,19 @@ class Telemetry:
 
 
 @dataclass(frozen=True)
-class TelemetrySample:
-    """The state of a device at the end of one of its ticks.
+class TelemetrySample(Record):
+    """A record with what the host knows of it beside.
 
     Attributes:
-        ticks: since the device started.
-        time_s: the same in seconds, by the device's sample time.
-        encoder_count: raw position.
+        time_s: ticks in seconds, by the device's sample time.
         position_m: positive into the wall.
-        velocity_m_per_s: backward difference over one tick.
-        force_n: output, positive out of the wall.
-        frequency_hz: estimate of the interaction frequency; not a number at rest.
-        damping_ns_per_m: b in force.
-        stiffness_n_per_m: k in force.
-        contact_damping_ns_per_m: b_p in force.
-        energy_j: that the hand has given (positive) since the start.
-        faults: codes of `DeviceFault`.
-        mode: table | ramp | safe | fault.
-        streaming: whether streamed gains are in force.
-        contact: whether the wall is touched.
-        has_table: whether there is a table.
         coupling_id: of the running coupling, 8 hexadecimal digits; empty without one.
         boot_id: changes when the device starts anew.
         lost: records between the one before and this one that never came.
     """
 
-    ticks: int
     time_s: float
-    encoder_count: int
     position_m: float
-    velocity_m_per_s: float
-    force_n: float
-    frequency_hz: float
-    damping_ns_per_m: float
-    stiffness_n_per_m: float
-    contact_damping_ns_per_m: float
-    energy_j: float
-    faults: int
-    mode: str
-    streaming: bool
-    contact: bool
-    has_table: bool
     coupling_id: str
     boot_id: int
     lost: int
@@ -128,12 +117,11 @@ class Samples:
             # Counted in 32 bits; the first record after a subscription that ran out may come sooner.
             lost = max(((ticks - self._last[1]) & 0xFFFFFFFF) // max(message.every, 1) - 1, 0)
         self._last = (message.boot_id, ticks)
-        values = dict(vars(record))
         return TelemetrySample(
+            **vars(record),
             time_s=ticks * self._sample_time_s,
             position_m=record.encoder_count * self._metres_per_count,
             coupling_id=message.coupling_id,
             boot_id=message.boot_id,
             lost=lost,
-            **values,
         )

@@ -123,7 +123,7 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, devic
     )
     return LoopResult(
         seconds=lasts,
-        judgement=judge(position, velocity, force, coupling.sample_time_s),
+        judgement=judge(position, velocity, force, coupling.sample_time_s, coupling.problem.device.metres_per_unit),
         peak_force_n=float(np.abs(force).max(initial=0.0)),
         left_out=left_out,
         push=pushed,

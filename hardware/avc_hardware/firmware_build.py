@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import os
 import shutil
 import subprocess
 import sys
@@ -17,8 +18,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from avc_casadi import MissingExtraError, UnsupportedError
+from avc_casadi import InputError, MissingExtraError, UnsupportedError
 from avc_hardware._boards import TARGETS, Target
+from avc_hardware._build_faults import build_faults
 from avc_hardware._firmware import FIRMWARE, GENERATED, source_hash
 
 if TYPE_CHECKING:
@@ -34,6 +36,9 @@ CORE = (
     "avc_feedback.c",
     "avc_excite.c",
     "avc_fault.c",
+    "avc_takeover.c",
+    "avc_supervision.c",
+    "avc_attend.c",
     "avc_control.c",
     "avc_telemetry.c",
     "avc_answer.c",
@@ -67,10 +72,15 @@ def compiler(name: str, install: str) -> str:
     return path
 
 
-def _run(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own arguments
-    if done.returncode != 0:
-        raise UnsupportedError(f"{command[0]} failed:\n{done.stderr.strip()}")
+def _run(command: list[str], board: Target | None = None) -> None:
+    """Run a compiler; what is wrong with a board of one's own is told by the keys of its manifest."""
+    spoken = {**os.environ, "LC_ALL": "C"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=spoken)  # noqa: S603 - our own arguments
+    if done.returncode == 0:
+        return
+    if board is not None and board.root is not None and (faults := build_faults(done.stderr, board)):
+        raise InputError(faults)
+    raise UnsupportedError(f"{command[0]} failed:\n{done.stderr.strip()}")
 
 
 def _common(estimator: str, made: Path | None = None, build: str = "") -> list[str]:
@@ -118,6 +128,7 @@ def build_image(
 
     Raises:
         UnsupportedError: unknown target, or the compiler refused the sources.
+        InputError: what it refused is the board's own: which key of its manifest, or which line of its sources.
         MissingExtraError: no cross compiler.
     """
     if isinstance(target, str) and target not in TARGETS:
@@ -169,7 +180,8 @@ def build_image(
                 "-lgcc",
                 "-o",
                 str(image),
-            ]
+            ],
+            board,
         )
     return image
 
@@ -222,23 +234,33 @@ def build_host(
     return library
 
 
-def build_fuzzer(out: Path, *, cc: str = "clang", replay: bool = False) -> Path:
+def build_fuzzer(
+    out: Path,
+    *,
+    cc: str = "clang",
+    replay: bool = False,
+    estimator: str = "zero-crossing",
+    defines: tuple[str, ...] = (),
+) -> Path:
     """Build the fuzzer of the link with address and undefined-behaviour sanitizers.
 
     Args:
         out: folder of the program.
         cc: clang; for ``replay`` gcc will do.
         replay: a program that runs the files named as arguments instead of searching.
+        estimator: method.
+        defines: compiler definitions, for another capacity.
     """
     out.mkdir(parents=True, exist_ok=True)
     program = out / ("replay" if replay else "fuzz")
     sanitize = "-fsanitize=address,undefined" if replay else "-fsanitize=fuzzer,address,undefined"
     extra = ["-DAVC_FUZZ_REPLAY"] if replay else []
-    sources = [*_core_sources("zero-crossing"), FIRMWARE / "fuzz" / "fuzz.c"]
+    sources = [*_core_sources(estimator), FIRMWARE / "fuzz" / "fuzz.c"]
     _run(
         [
             compiler(cc, HOST_INSTALL),
-            *_common("zero-crossing"),
+            *_common(estimator),
+            *defines,
             *("-g", sanitize, "-fno-sanitize-recover=all"),
             *extra,
             *map(str, sources),

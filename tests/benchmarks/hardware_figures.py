@@ -1,28 +1,45 @@
-"""The figures of hardware/README.md, measured: ``PYTHONPATH=tests python tests/benchmarks/hardware_figures.py``.
+"""The figures of hardware/README.md: what a push takes, what a tick costs, and what a board has to hold.
 
-Needs the emulator, the cross compiler and its binutils. Overwrites no file. Times
-on the wire are virtual: they depend on no computer.
+PYTHONPATH=tests:hardware python tests/benchmarks/hardware_figures.py
+
+Needs the emulator, the cross compiler and its binutils. Overwrites results/hardware.json beside this file. Times on the
+wire are virtual: they depend on no computer.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import statistics
+import subprocess
 import tempfile
-from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from hardware_bench import coupling, dense_believer, push, run, stream
 from script_arguments import script_arguments
+from studied import about
 
 from avc_casadi.coupling import Runtime
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableImage
+from avc_hardware._connection import DEFAULT_BAUD
+from avc_hardware._firmware import IMAGE
 from avc_hardware._messages import Kind
-from avc_hardware._profile import tick_instructions
+from avc_hardware._profile import TickCount, tick_instructions
 from avc_hardware.firmware_build import TARGETS, build_image
 
-MADE = coupling(200, largest=(300.0, 1e5, 50.0))
-GUARDED = coupling(200, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
+RESULTS = Path(__file__).parent / "results" / "hardware.json"
+COMMAND = "PYTHONPATH=tests:hardware python tests/benchmarks/hardware_figures.py"
+LARGEST = (300.0, 1e5, 50.0)
+GUARD = "passivity-controller"
+ESTIMATOR = "avc_estimate_step"
+OBSERVER = "avc_feedback_step"
+STATES = (3, 4, 6, 8)
+# With a guard, in whole ticks; the guard brakes the observer of 6 made-up states into a fault.
+TOGETHER = (3, 8)
+# Functions of the image that are told of one by one.
+FUNCTION_BYTES = 160
 
 
 def out_of_wall(_: float) -> float:
@@ -36,85 +53,115 @@ def motion(tick: int) -> int:
     return round(200 * math.sin(2 * math.pi * (3 + 6 * time) * time))
 
 
-def wire(folder: Path, baud: int) -> None:
+def wire(folder: Path, baud: int) -> dict[str, Any]:
     """Push, round trip and stream at one rate of the virtual wire."""
-    image = build_image("netduinoplus2", folder, baud=baud)
+    made = coupling(200, largest=LARGEST)
+    image = IMAGE if baud == DEFAULT_BAUD else build_image("netduinoplus2", folder, baud=baud)
     board = EmulatedBoard(image, motion_m=out_of_wall)
-    result = push(MADE, board, baud=baud)
+    result = push(made, board, baud=baud)
     trips = []
     with Connection(board, baud=baud) as connection:
         for _ in range(50):
             start = board.now_s()
             connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
             trips.append(board.now_s() - start)
-    print(f"{baud} baud: 200 rows pushed, verified and read back in {result.seconds:.3f} s ({result.attempts} attempt)")
-    print(f"  STATUS round trip {1e3 * statistics.median(trips):.2f} ms (median of {len(trips)})")
-    for rate in (50, 100):
-        streamed = stream(MADE, EmulatedBoard(image, motion_m=out_of_wall), baud=baud, rate_hz=rate, seconds=5)
-        print(
-            f"  SET_GAINS at {rate} Hz: {streamed.taken} of {streamed.sent} taken, {streamed.lost} lost, "
-            f"round trip {1e3 * streamed.round_trip_s:.2f} ms, largest {1e3 * streamed.round_trip_max_s:.2f} ms"
-        )
+    streamed = stream(made, EmulatedBoard(image, motion_m=out_of_wall), baud=baud, rate_hz=100, seconds=5)
+    return {
+        "push_s": result.seconds,
+        "status_s": statistics.median(trips),
+        "set_gains_s": streamed.round_trip_s,
+        "taken": streamed.taken,
+        "sent": streamed.sent,
+    }
 
 
-def instructions() -> None:
-    """Instructions of a tick on the Cortex-M4F."""
-    ticks = tick_instructions(MADE, counts=motion, ticks=1500)
-    guarded = tick_instructions(GUARDED, counts=motion, ticks=300)
-    most: Counter[str] = Counter()
-    for tick in (*ticks, *guarded):
-        for name, count in tick.functions.items():
-            most[name] = max(most[name], count)
-    print("instructions of a tick, Cortex-M4F, 1500 ticks of a tap of 3 to 21 Hz:")
-    for name, count in most.most_common():
-        typical = statistics.median(tick.functions.get(name, 0) for tick in (*ticks[500:], *guarded[-1:]))
-        print(f"  {name:20} {typical:6.0f} typical {count:6} at most")
-    constant = {"constant gains": None, "the same with a guard": "passivity-controller"}
-    for title, guard in constant.items():
-        made = coupling(1, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard=guard))
-        tell(title, [tick.total for tick in tick_instructions(made, counts=motion, ticks=300)])
-    for title, counted in (("a table", ticks), ("the same with a guard", guarded)):
-        tell(title, [tick.total for tick in counted])
-        tell("  without the estimator", [tick.total - tick.functions["avc_estimate_step"] for tick in counted])
+def ticks() -> dict[str, Any]:
+    """Instructions of whole ticks on the Cortex-M4F, without the estimator where there is one."""
+    kinds: dict[str, tuple[int, Runtime]] = {
+        "constant gains": (1, Runtime()),
+        "constant gains, guard": (1, Runtime(guard=GUARD)),
+        **{
+            f"the same behind an observer of {states} states": (
+                1,
+                Runtime(guard=GUARD, state_feedback=dense_believer(states)),
+            )
+            for states in TOGETHER
+        },
+        "200 rows": (200, Runtime()),
+        "200 rows, guard": (200, Runtime(guard=GUARD)),
+    }
+    found: dict[str, Any] = {}
+    for title, (rows, runtime) in kinds.items():
+        largest = LARGEST if runtime.state_feedback is None else (0.0, 1e5, 0.0)
+        made = coupling(rows, largest=largest, runtime=runtime)
+        counted = tick_instructions(made, counts=motion, ticks=800 if rows > 1 else 300)
+        if runtime.state_feedback is not None and OBSERVER not in counted[-1].functions:
+            raise ValueError(f"{title}: ended in a fault")
+        found[title] = told([tick.total - tick.functions.get(ESTIMATOR, 0) for tick in counted])
+    found["estimator fused, beside that"] = told([tick.functions[ESTIMATOR] for tick in counted])
+    return {"ticks": found, "functions": functions(counted)}
 
 
-def tell(title: str, totals: list[int]) -> None:
-    """Print the instructions of whole ticks."""
-    print(f"  {title:30} {statistics.median(totals[len(totals) // 3 :]):6.0f} typical {max(totals):6} at most")
+def told(totals: Sequence[int]) -> dict[str, float]:
+    """Typical once the motion goes on, and at most."""
+    return {"typical": statistics.median(totals[len(totals) // 3 :]), "most": max(totals)}
 
 
-def state_feedback() -> None:
-    """Size of the table, time of its push, and instructions of the observer."""
-    for states in (3, 4, 6, 8):
+def functions(counted: Sequence[TickCount]) -> dict[str, dict[str, float]]:
+    """Instructions of each function of a tick."""
+    names = sorted({name for tick in counted for name in tick.functions})
+    return {name: told([tick.functions.get(name, 0) for tick in counted]) for name in names}
+
+
+def observers() -> dict[str, Any]:
+    """Size of a table with state feedback, time of its push, and instructions of the observer alone."""
+    found = {}
+    for states in STATES:
         made = coupling(1, largest=(0.0, 1e5, 0.0), runtime=Runtime(state_feedback=dense_believer(states)))
         pushed = push(made, EmulatedBoard(motion_m=out_of_wall))
-        ticks = tick_instructions(made, counts=motion, ticks=300)
-        own = [tick.functions["avc_feedback_step"] for tick in ticks]
-        print(
-            f"state feedback with {states} states: {len(TableImage.of(made).image)} bytes, pushed in "
-            f"{pushed.seconds:.3f} s, {statistics.median(own):.0f} instructions typical, {max(own)} at most"
-        )
+        own = [tick.functions[OBSERVER] for tick in tick_instructions(made, counts=motion, ticks=100)]
+        found[str(states)] = {"bytes": len(TableImage.of(made).image), "push_s": pushed.seconds, **told(own)}
+    return found
 
 
-def sizes(folder: Path) -> None:
-    """Flash and memory of every board."""
-    for target in TARGETS:
-        image = build_image(target, folder)
-        report = run("arm-none-eabi-size", str(image)).decode()
-        text, data, bss = report.splitlines()[1].split()[:3]
-        print(f"{target:14} {int(text) + int(data):6} bytes of flash, {int(data) + int(bss):6} bytes of memory")
-    report = run("arm-none-eabi-nm", "--size-sort", "-S", str(build_image("netduinoplus2", folder))).decode()
+def sizes(folder: Path) -> dict[str, Any]:
+    """Flash and memory of every board that is no bench, and flash of the packaged one's larger functions."""
+    boards = {}
+    for target, board in TARGETS.items():
+        if board.commands:
+            image = IMAGE if target == IMAGE.stem else build_image(target, folder)
+            report = run("arm-none-eabi-size", str(image)).decode()
+            text, data, bss = (int(part) for part in report.splitlines()[1].split()[:3])
+            boards[target] = {"flash": text + data, "memory": data + bss}
+    large = {}
+    report = run("arm-none-eabi-nm", "--size-sort", "-S", str(IMAGE)).decode()
     for line in reversed(report.splitlines()):
         _, size, kind, name = line.split()
-        if int(size, 16) >= 64:
-            print(f"  {name:24} {int(size, 16):6} bytes {'of flash' if kind in 'tTrR' else 'of memory'}")
+        if kind in "tT" and int(size, 16) >= FUNCTION_BYTES:
+            large[name] = int(size, 16)
+    return {"boards": boards, "function_bytes": large}
+
+
+def main() -> None:
+    script_arguments(__doc__)
+    commit = subprocess.run(
+        ["git", "log", "-1", "--format=%h", "--", "avc_casadi", "hardware/avc_hardware"],  # noqa: S607
+        cwd=RESULTS.parents[3],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.strip()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        found = {
+            "about": about(COMMAND, 0) | {"commit": commit},
+            "wire": {str(baud): wire(folder, baud) for baud in (DEFAULT_BAUD, 921600)},
+            **ticks(),
+            "observers": observers(),
+            **sizes(folder),
+        }
+    RESULTS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    script_arguments(__doc__)
-    with tempfile.TemporaryDirectory() as name:
-        for rate in (115200, 921600):
-            wire(Path(name), rate)
-        instructions()
-        state_feedback()
-        sizes(Path(name))
+    main()

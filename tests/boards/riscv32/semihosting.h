@@ -23,3 +23,9 @@ static inline void let_ticks(void)
 {
     __asm volatile("csrsi mstatus, 8" ::: "memory");
 }
+
+/* The bench tells no cycles. */
+static inline uint32_t timer_value(void)
+{
+    return 0u;
+}

@@ -14,7 +14,7 @@ void avc_on_byte(uint8_t byte)
 
 void avc_on_tick(void)
 {
-    device.control.fault.disabled = hal_enabled() ? 0u : 1u;
+    device.control.fault.disabled = hal_enabled() ? 0u : (uint32_t)AVC_FAULT_DISABLED;
     hal_apply_force(avc_device_tick(&device, hal_encoder_count()));
     hal_drive(avc_control_drives(&device.control));
     if (hal_tick_is_due()) {

@@ -162,7 +162,9 @@ static void on_heartbeat(avc_device_t *device, const avc_request_t *request)
 /* Takes effect with the next tick; what is still wrong then stays. */
 static void on_clear(avc_device_t *device, const avc_request_t *request)
 {
-    device->control.fault.clear_wanted = avc_get32(&request->payload[0]);
+    avc_control_t *control = &device->control;
+    const uint32_t there = control->fault.codes | control->latch_wanted; /* none that comes later is cleared */
+    control->fault.clear_wanted = avc_get32(&request->payload[0]) & there;
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_CLEAR | AVC_MESSAGE_REPLY, request->sequence);
     avc_put32(&a, avc_faults(&device->control));
     avc_put32(&a, device->control.state.mode);

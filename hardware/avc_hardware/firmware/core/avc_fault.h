@@ -30,7 +30,7 @@ typedef struct {
     uint32_t first; /* of them the first ones */
     uint32_t first_tick;
     volatile uint32_t clear_wanted; /* codes; set by the link, cleared by the tick */
-    volatile uint32_t disabled;     /* set by the board before each tick */
+    volatile uint32_t disabled;     /* set by the board before each tick: AVC_FAULT_DISABLED, or 0 */
     uint32_t most_change; /* counts by which a tick's movement may differ from that of the tick before */
     uint32_t most_moved;  /* counts in a tick */
     int32_t moved;
@@ -97,7 +97,7 @@ static inline bool avc_fault_stuck(avc_fault_t *fault, int32_t moved, float forc
 /* What is wrong with a tick before its force is computed: codes. moved: counts since the last one; force_n: held since then. */
 static inline uint32_t avc_fault_watch(avc_fault_t *fault, int32_t moved, float force_n, uint32_t overruns)
 {
-    uint32_t codes = fault->disabled != 0u ? (uint32_t)AVC_FAULT_DISABLED : 0u;
+    uint32_t codes = fault->disabled;
     const int32_t change = (int32_t)((uint32_t)moved - (uint32_t)fault->moved);
     fault->moved = moved;
     if (avc_fault_beyond(change, fault->most_change)) {
@@ -106,13 +106,17 @@ static inline uint32_t avc_fault_watch(avc_fault_t *fault, int32_t moved, float 
     if (avc_fault_beyond(moved, fault->most_moved)) {
         codes |= AVC_FAULT_SPEED;
     }
-    if (fault->swing_n > 0.0f && avc_fault_stuck(fault, moved, force_n)) {
+    if ((int32_t)avc_bits(fault->swing_n) > 0 && avc_fault_stuck(fault, moved, force_n)) {
         codes |= AVC_FAULT_STUCK;
     }
-    fault->overruns_in_a_row = overruns != fault->overruns ? fault->overruns_in_a_row + 1u : 0u;
-    fault->overruns = overruns;
-    if (fault->overruns_in_a_row >= fault->most_overruns) {
-        codes |= AVC_FAULT_OVERRUN;
+    if (overruns == fault->overruns) {
+        fault->overruns_in_a_row = 0u;
+    } else {
+        fault->overruns = overruns;
+        fault->overruns_in_a_row++;
+        if (fault->overruns_in_a_row >= fault->most_overruns) {
+            codes |= AVC_FAULT_OVERRUN;
+        }
     }
     return codes;
 }

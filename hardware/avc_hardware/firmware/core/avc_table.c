@@ -1,6 +1,6 @@
-#include "avc_table.h"
-
 #include <stddef.h>
+
+#include "avc_lookup.h"
 
 _Static_assert(sizeof(avc_table_header_t) == 32, "the table header travels as 32 bytes");
 _Static_assert(sizeof(avc_row_t) == 16, "a row travels as 16 bytes");
@@ -30,28 +30,6 @@ uint32_t avc_image_size(uint32_t rows, uint32_t states)
         size += (uint32_t)offsetof(avc_feedback_t, number) + states * (states + 3u) * (uint32_t)sizeof(float);
     }
     return size;
-}
-
-float avc_ln(float x)
-{
-    uint32_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    int32_t exponent = (int32_t)(bits >> 23) - 127;
-    bits = (bits & 0x007FFFFFu) | 0x3F800000u;
-    float m;
-    memcpy(&m, &bits, sizeof m);
-    if (m > 1.41421354f) {
-        m = m * 0.5f;
-        exponent += 1;
-    }
-    const float s = (m - 1.0f) / (m + 1.0f); /* ln m = 2 artanh s, |s| <= 0.172 */
-    const float z = s * s;
-    float series = 0.111111112f;
-    series = series * z + 0.142857149f;
-    series = series * z + 0.2f;
-    series = series * z + 0.333333343f;
-    series = series * z + 1.0f;
-    return (float)exponent * 0.693147182f + (s + s) * series;
 }
 
 static int within(float x, float most)
@@ -171,6 +149,15 @@ void avc_table_prepare(avc_table_t *table)
     }
     const avc_table_header_t *header = &table->image.header;
     const avc_row_t *row = &table->image.row[0];
+    const uint32_t intervals = (uint32_t)header->rows - 1u;
+    const float span = table->ln_frequency[intervals] - table->ln_frequency[0];
+    table->intervals = span > 0.0f ? (float)intervals : 0.0f;
+    table->rows_per_ln = span > 0.0f ? table->intervals / span : 0.0f;
+    table->halvings = 0u;
+    while (intervals >> table->halvings > 1u) {
+        table->halvings++;
+    }
+    table->beyond = intervals != 0u ? intervals - (1u << table->halvings) : 0u;
     if ((header->flags & AVC_TABLE_CLIPS) != 0u) {
         const avc_steady_clips_in_t in = {.wanted_damping_ns_per_m = row->damping_ns_per_m,
                                           .wanted_stiffness_n_per_m = row->stiffness_n_per_m,
@@ -188,47 +175,45 @@ void avc_table_prepare(avc_table_t *table)
     }
 }
 
-static avc_gains_t gains_of(const avc_row_t *row)
-{
-    const avc_gains_t gains = {row->damping_ns_per_m, row->stiffness_n_per_m, row->contact_damping_ns_per_m};
-    return gains;
-}
+/* The row sought is within twice as many rows as half has, from base on. */
+#define HALVE(half)                                                                                                   \
+    if ((half) < AVC_ROWS_MAX && key >= avc_bits(base[half].frequency_hz)) {                                          \
+        base += (half);                                                                                               \
+    }
 
-avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near)
+uint32_t avc_row_below(const avc_table_t *table, uint32_t key)
 {
     const avc_row_t *rows = table->image.row;
-    const uint32_t last = (uint32_t)table->image.header.rows - 1u;
-    if (!(frequency_hz > rows[0].frequency_hz)) { /* also when the frequency is undefined (NaN) */
-        return gains_of(&rows[0]);
+    const avc_row_t *base = &rows[table->beyond];
+    if (key < avc_bits(base->frequency_hz)) {
+        base = rows;
     }
-    if (frequency_hz >= rows[last].frequency_hz) {
-        return gains_of(&rows[last]);
+    switch (table->halvings) { /* without a loop: half of the instructions */
+    case 12:
+        HALVE(2048) /* fall through */
+    case 11:
+        HALVE(1024) /* fall through */
+    case 10:
+        HALVE(512) /* fall through */
+    case 9:
+        HALVE(256) /* fall through */
+    case 8:
+        HALVE(128) /* fall through */
+    case 7:
+        HALVE(64) /* fall through */
+    case 6:
+        HALVE(32) /* fall through */
+    case 5:
+        HALVE(16) /* fall through */
+    case 4:
+        HALVE(8) /* fall through */
+    case 3:
+        HALVE(4) /* fall through */
+    case 2:
+        HALVE(2) /* fall through */
+    case 1:
+        HALVE(1) /* fall through */
+    default:
+        return (uint32_t)(base - rows);
     }
-    uint32_t low = *near; /* frequencies change slowly: mostly the same row */
-    if (low >= last || frequency_hz < rows[low].frequency_hz || frequency_hz >= rows[low + 1u].frequency_hz) {
-        const avc_row_t *base = rows;
-        uint32_t length = last;
-        while (length > 1u) { /* the row sought is in [base, base + length) */
-            const uint32_t half = length >> 1;
-            base += frequency_hz >= base[half].frequency_hz ? half : 0u;
-            length -= half;
-        }
-        low = (uint32_t)(base - rows);
-    }
-    const uint32_t high = low + 1u;
-    *near = low;
-    const float base = table->ln_frequency[low];
-    const float span = table->ln_frequency[high] - base;
-    float share = (avc_ln(frequency_hz) - base) / span;
-    if (!(share >= 0.0f && share <= 1.0f)) { /* neighbours so close that their logarithms are equal */
-        share = 0.0f;
-    }
-    const avc_row_t *a = &rows[low];
-    const avc_row_t *b = &rows[high];
-    const avc_gains_t gains = {
-        a->damping_ns_per_m + share * (b->damping_ns_per_m - a->damping_ns_per_m),
-        a->stiffness_n_per_m + share * (b->stiffness_n_per_m - a->stiffness_n_per_m),
-        a->contact_damping_ns_per_m + share * (b->contact_damping_ns_per_m - a->contact_damping_ns_per_m),
-    };
-    return gains;
 }

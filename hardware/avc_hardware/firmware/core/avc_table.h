@@ -78,6 +78,10 @@ typedef union {
 typedef struct {
     avc_image_t image;
     float ln_frequency[AVC_ROWS_MAX];
+    float intervals;   /* between the rows; 0 where there are none that could be told apart */
+    float rows_per_ln; /* if their logarithms were evenly spaced */
+    uint32_t halvings; /* that the largest power of 2 within the number of intervals has */
+    uint32_t beyond;   /* how many intervals there are beside that power */
     avc_steady_t steady; /* of the only row, where the gains are constant */
     uint32_t id;
     uint32_t crc32;
@@ -151,16 +155,19 @@ avc_reason_t avc_size_check(uint32_t rows, uint32_t states);
 
 uint32_t avc_image_size(uint32_t rows, uint32_t states);
 
-/* Whether x is neither infinite nor NaN. */
-static inline bool avc_is_finite(float x)
+/* Positive floats are in the order of their bits: a comparison of whole numbers is half of one of floats. */
+static inline uint32_t avc_bits(float x)
 {
     uint32_t bits;
     memcpy(&bits, &x, sizeof bits);
-    return (bits & 0x7F800000u) != 0x7F800000u;
+    return bits;
 }
 
-/* Natural logarithm of a normal positive number: the same float32 operations on every machine. */
-float avc_ln(float x);
+/* Whether x is neither infinite nor NaN. */
+static inline bool avc_is_finite(float x)
+{
+    return (avc_bits(x) & 0x7F800000u) != 0x7F800000u;
+}
 
 /* Where a table's force ends: its own limit, or the board's. */
 static inline float avc_force_limit(const avc_table_header_t *header, const avc_limits_t *limits)
@@ -177,9 +184,5 @@ avc_reason_t avc_image_check(const avc_image_t *image, const avc_limits_t *limit
 
 /* Fill what the tick needs beside the image. */
 void avc_table_prepare(avc_table_t *table);
-
-/* Gains at a frequency: linear in ln(frequency), the first and last row beyond the table's ends.
- * near is where the search begins, and is set to where it ended: a frequency that changes slowly is found at once. */
-avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near);
 
 #endif

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "avc_device.h"
+#include "avc_lookup.h"
 
 avc_device_t *avc_host_new(const avc_limits_t *limits, uint32_t serial, uint32_t boot_id);
 void avc_host_free(avc_device_t *device);
@@ -19,6 +20,8 @@ void avc_host_overrun(avc_device_t *device);
 void avc_host_fault(avc_device_t *device, uint32_t codes);
 int avc_host_drives(const avc_device_t *device);
 uint32_t avc_host_faults(const avc_device_t *device);
+float avc_host_ln(float x);
+avc_gains_t avc_host_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near);
 size_t avc_host_size(void);
 size_t avc_host_state_offset(void);
 
@@ -148,7 +151,7 @@ void avc_host_unique(avc_device_t *device, const uint8_t *id)
 /* The enable line. */
 void avc_host_disable(avc_device_t *device, int disabled)
 {
-    device->control.fault.disabled = disabled != 0 ? 1u : 0u;
+    device->control.fault.disabled = disabled != 0 ? (uint32_t)AVC_FAULT_DISABLED : 0u;
 }
 
 /* The tick before took too long. */
@@ -171,6 +174,17 @@ int avc_host_drives(const avc_device_t *device)
 uint32_t avc_host_faults(const avc_device_t *device)
 {
     return avc_faults(&device->control);
+}
+
+/* What is compiled into the tick. */
+float avc_host_ln(float x)
+{
+    return avc_ln(x);
+}
+
+avc_gains_t avc_host_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near)
+{
+    return avc_table_lookup(table, frequency_hz, near);
 }
 
 /* The device has no pointers, so that its layout is the same on every machine: tests read a board's memory with these. */

@@ -1,7 +1,14 @@
 /* A bench in an emulator: at every tick the firmware exchanges a record with a program outside, by semihosting, and waits
- * for it, as the packaged one does; here for any processor, with what semihosting.h has of it. */
+ * for it. Position, force and the bytes of the serial line pass in lock step, so that a run depends on no clock.
+ *
+ * In:  int32 position in counts, uint32 number of bytes, the bytes (at most 64).
+ * Out: float force, uint32 timer cycles that the tick took, uint32 number of bytes, the bytes (at most 64).
+ *
+ * For one source of a board, which brings semihost, start_ticks, hold_ticks, let_ticks and timer_value of its processor. */
+#ifndef AVC_LOCK_STEP_H
+#define AVC_LOCK_STEP_H
+
 #include "hal.h"
-#include "semihosting.h"
 
 enum { OPEN = 1, WRITE = 5, READ = 6, EXIT = 24, MODE_READ = 1, MODE_WRITE = 5, LINE_MAX = 64 };
 
@@ -9,6 +16,7 @@ static uintptr_t from_plant;
 static uintptr_t to_plant;
 static uint8_t line_out[LINE_MAX];
 static volatile uint32_t line_size;
+static uint32_t began;
 
 static uintptr_t open_file(const char *name, uint32_t size, uint32_t mode)
 {
@@ -54,12 +62,13 @@ int32_t hal_encoder_count(void)
     for (uint32_t i = 0; i < size; i++) {
         avc_on_byte(line_in[i]);
     }
+    began = timer_value();
     return count;
 }
 
 void hal_apply_force(float force_n)
 {
-    const uint32_t took = 0u;
+    const uint32_t took = began - timer_value(); /* it counts down */
     const uint32_t size = line_size;
     send(&force_n, sizeof force_n);
     send(&took, sizeof took);
@@ -83,3 +92,5 @@ bool hal_send(uint8_t byte)
 void serial_handler(void)
 {
 }
+
+#endif

@@ -1,0 +1,100 @@
+#include "avc_takeover.h"
+
+#include <stdatomic.h>
+
+static const uint32_t ticks_away = 10u;
+
+void avc_rest(avc_control_t *c, float x)
+{
+    avc_couple_start(&c->couple, x);
+    avc_guard_start(&c->guard, x);
+    c->feedback.started = false;
+    if (AVC_IS_BUILT_IN) {
+        avc_coupling_start(&c->built_in);
+    }
+    c->fault.settled = false;
+    c->begun = false;
+    c->steadies = false;
+}
+
+void avc_begin(avc_control_t *c, const avc_table_t *table)
+{
+    c->begun = true;
+    if ((table->image.header.flags & AVC_TABLE_CLIPS) == 0u || c->state.mode == AVC_MODE_SAFE) {
+        avc_see_penetration(c);
+    }
+    if (avc_varies(table) || c->state.mode == AVC_MODE_SAFE || c->stream_fresh != 0u) {
+        return;
+    }
+    const avc_row_t *row = &table->image.row[0];
+    c->steadies = true;
+    c->steady = table->steady;
+    c->state.gains = (avc_gains_t){row->damping_ns_per_m, row->stiffness_n_per_m, row->contact_damping_ns_per_m};
+    c->state.streaming = 0u;
+}
+
+void avc_adapt(avc_control_t *c, const avc_table_t *table)
+{
+    const avc_table_header_t *header = &table->image.header;
+    avc_couple_state_t *state = &c->couple;
+    if (c->state.mode == AVC_MODE_SAFE) {
+        avc_see_penetration(c);
+    }
+    const float depth = avc_at_least_0(state->environment_deflection_before_m);
+    const float spring = state->coupling_deflection_before_m;
+    const float stretch = (header->flags & AVC_TABLE_CLIPS) != 0u ? avc_at_least_0(spring) : spring;
+    c->steadies = false;
+    state->environment_energy_j = 0.5f * header->wall_stiffness_n_per_m * depth * depth;
+    state->asked_force_n = c->previous_force;
+    state->adaptation_started = 1.0f;
+    state->adaptation_damping_ns_per_m = c->state.gains.damping_ns_per_m;
+    state->adaptation_stiffness_n_per_m = c->state.gains.stiffness_n_per_m;
+    state->adaptation_contact_damping_ns_per_m = c->state.gains.contact_damping_ns_per_m;
+    state->adaptation_stored_j =
+        0.5f * c->state.gains.stiffness_n_per_m * stretch * stretch + state->environment_energy_j;
+    state->adaptation_held_force_n = c->previous_force;
+    state->adaptation_position_m = avc_at_least_0(state->contact_position_before_m);
+}
+
+bool avc_out_of_wall(const avc_table_t *table, float x)
+{
+    float seen = x;
+    if (AVC_IS_BUILT_IN) {
+        avc_coupling_t begun;
+        avc_coupling_start(&begun);
+        seen = avc_coupling_step(&begun, x);
+    } else if (avc_states(&table->image.header) != 0u) {
+        avc_feedback_state_t begun = {.started = false};
+        seen = avc_feedback_step(&begun, &table->image, x, 0.0f);
+    }
+    return x <= 0.0f && seen <= 0.0f;
+}
+
+void avc_limit_force(avc_control_t *c)
+{
+    const float tables = avc_force_limit(&c->tables[c->active].image.header, &c->limits);
+    c->most_n = c->lowered.force_n < tables ? c->lowered.force_n : tables;
+}
+
+void avc_swap(avc_control_t *c, float x)
+{
+    atomic_signal_fence(memory_order_acquire);
+    c->away = avc_out_of_wall(&c->tables[1u - c->active], x) ? c->away + 1u : 0u;
+    if (c->away == 0u || (c->state.contact != 0u && c->away < ticks_away)) {
+        c->waited++;
+        return;
+    }
+    c->swap_tick = c->state.ticks;
+    c->swap_waited = c->waited;
+    c->waited = 0u;
+    c->away = 0u;
+    c->active = 1u - c->active;
+    avc_limit_force(c);
+    c->near = 0u;
+    c->stream_fresh = 0u;
+    c->stream_left = 0u;
+    avc_rest(c, x);
+    c->state.has_table = 1u;
+    c->state.swaps++;
+    c->swap_wanted = 0u;
+}

@@ -1,0 +1,43 @@
+/* How a coupling begins, passes to gains of another kind, and gives way to the next one: never with a force, or with energy
+ * stored, that the new one knows nothing of. */
+#ifndef AVC_TAKEOVER_H
+#define AVC_TAKEOVER_H
+
+#include "avc_control.h"
+
+static inline bool avc_varies(const avc_table_t *table)
+{
+    return (table->image.header.flags & AVC_TABLE_VARIES) != 0u;
+}
+
+static inline float avc_at_least_0(float x)
+{
+    return x > 0.0f ? x : 0.0f;
+}
+
+/* What the gated law remembers of the wall: where the other one, or a start, has left a place before it, there is none. */
+static inline void avc_see_penetration(avc_control_t *c)
+{
+    c->couple.environment_deflection_before_m = avc_at_least_0(c->couple.environment_deflection_before_m);
+}
+
+/* No coupling runs: the next tick of one begins at rest. */
+void avc_rest(avc_control_t *c, float x);
+
+/* The coupling begins, out of contact: with gains that stay where they may, and none of another kind are on the way. */
+void avc_begin(avc_control_t *c, const avc_table_t *table);
+
+/* Other gains come: they are slewed to from those that stayed, with nothing in the tank that pays for a change. */
+void avc_adapt(avc_control_t *c, const avc_table_t *table);
+
+/* Whether a table that begins here gives no force and stores no energy. */
+bool avc_out_of_wall(const avc_table_t *table, float x);
+
+/* The force limit in force follows from board, run time and running table. */
+void avc_limit_force(avc_control_t *c);
+
+/* Out of the wall of the new table, and of the old one too: nothing of it is left. Where an observer goes on believing in
+ * contact, being measured out of it for some ticks is enough. */
+void avc_swap(avc_control_t *c, float x);
+
+#endif
