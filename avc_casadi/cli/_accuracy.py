@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
+from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number, table
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.study.accuracy import study_accuracy
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
-    problem = avc.load_problem(args.problem)
+    problem = load_problem(args.problem)
     with console.step("accuracy of solvers, tables, grids and the scene"):
         study = study_accuracy(problem, console)
     if plot is not None:

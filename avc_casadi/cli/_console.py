@@ -90,20 +90,22 @@ class Console:
         Raises:
             OSError: standard output cannot be written to.
         """
-        from avc_casadi.support import json_text, uninterrupted
+        from avc_casadi.support import json_text, spoken, uninterrupted
 
         with uninterrupted():
             if self.as_json:
                 self._write(json_text(answer.document))
             elif answer.text:
-                self._write(answer.text.rstrip("\n") + "\n")
+                self._write(spoken().text(answer.text.rstrip("\n")) + "\n")
             if answer.complaint:
                 self.complain(answer.complaint)
 
     def say(self, line: str) -> None:
         """Print a line of a live display; silent with ``--json``, whose document comes at the end."""
         if not self.as_json:
-            self._write(line + "\n")
+            from avc_casadi.support import spoken
+
+            self._write(spoken().text(line) + "\n")
 
     def refuse(self, document: dict[str, Any], text: str) -> None:
         """Print why there is no answer: as a document with ``--json``, on standard error otherwise."""
@@ -119,8 +121,16 @@ class Console:
         """Print to standard error."""
         if sys.stderr is not None:
             with suppress(OSError):
-                sys.stderr.write(text.rstrip("\n") + "\n")
+                sys.stderr.write(_worded(text.rstrip("\n")) + "\n")
                 sys.stderr.flush()
+
+    def notice(self, line: str) -> None:
+        """Print to standard error in the midst of work, above the line of the present step."""
+        if self._step is None:
+            self.complain(line)
+            return
+        self._show(f"{line}\n")
+        self._show(f"{self._step} ...")
 
     @contextmanager
     def step(self, what: str) -> Iterator[None]:
@@ -154,7 +164,7 @@ class Console:
     def _show(self, line: str) -> None:
         """Overwrite the line of the present step; Ctrl-C may have cut it anywhere."""
         with suppress(OSError):
-            sys.stderr.write(f"\r\x1b[K{line}")
+            sys.stderr.write(f"\r\x1b[K{_worded(line)}")
             sys.stderr.flush()
 
     def _write(self, text: str) -> None:
@@ -167,6 +177,12 @@ class Console:
         data = text.encode(sys.stdout.encoding or "utf-8", errors="replace")
         while data:
             data = data[os.write(self._descriptor, data) :]
+
+
+def _worded(text: str) -> str:
+    """Return a text in the words that are spoken; before a problem is loaded there is but one kind of them."""
+    loaded = sys.modules.get("avc_casadi.support")
+    return text if loaded is None else str(loaded.spoken().text(text))
 
 
 def _is_descriptor(stream: TextIO, number: int) -> bool:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import contextvars
 import os
 import re
 import sys
 import traceback
-from collections.abc import Container, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
@@ -78,7 +79,9 @@ def build_parser() -> argparse.ArgumentParser:
         )
         module.add_arguments(verb)
         verb.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
-        verb.set_defaults(run=module.run)
+        # A positional argument has no option to be named by.
+        options = {action.dest: action.option_strings[-1] for action in verb._actions if action.option_strings}  # noqa: SLF001
+        verb.set_defaults(run=module.run, options=options)
     return parser
 
 
@@ -98,7 +101,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return int(leaving.code or 0)
         except InputError as error:
             return _refused(Console(as_json=as_json), error)
-        return _answered(args, Console(as_json=as_json))
+        # What a verb says of the motion of its device holds for this call alone.
+        return contextvars.copy_context().run(_answered, args, Console(as_json=as_json))
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
@@ -117,7 +121,7 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
     except BrokenPipeError:
         raise
     except InputError as error:
-        return _refused(console, _as_options(error, vars(args)))
+        return _refused(console, _as_options(error, args.options))
     except (AvcError, OSError) as error:
         return _refused(console, error)
     except KeyboardInterrupt:
@@ -158,14 +162,9 @@ def _refused(console: Console, error: AvcError | OSError) -> int:
     return NO if said_no else BAD_INPUT
 
 
-def _as_options(error: InputError, options: Container[str]) -> InputError:
-    """Name the option where an argument of a call is at fault that came from one."""
-    return InputError(
-        [
-            replace(fault, key=f"--{fault.key.replace('_', '-')}") if fault.key in options else fault
-            for fault in error.faults
-        ]
-    )
+def _as_options(error: InputError, options: Mapping[str, str]) -> InputError:
+    """Name the option, as it is typed, where an argument of a call is at fault that came from one."""
+    return InputError([replace(fault, key=options.get(fault.key, fault.key)) for fault in error.faults])
 
 
 def _document(message: str, key: str = "") -> dict[str, Any]:

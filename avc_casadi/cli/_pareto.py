@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
+from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number, passive_limit, table
 
 if TYPE_CHECKING:
@@ -30,8 +30,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.study.pareto import pareto
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
-    problem = avc.load_problem(args.problem)
-    study = pareto(problem, console)
+    problem = load_problem(args.problem)
+    with console.step("designs solved and certified"):
+        study = pareto(problem, console)
     if plot is not None:
         from avc_casadi.figures import draw_pareto, save_figure
 

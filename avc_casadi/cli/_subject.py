@@ -13,8 +13,44 @@ import avc_casadi as avc
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
+    from avc_casadi.problem import Device, DeviceFile
 
 _FILES = (".json", ".csv")
+
+
+def load_problem(source: str) -> avc.Problem:
+    """Load a problem; from here on the command answers in the words of its device."""
+    from avc_casadi.support import speak
+
+    problem = avc.load_problem(source)
+    speak(problem.units)
+    return problem
+
+
+def load_device(source: str) -> DeviceFile:
+    """Load a device file; from here on the command answers in its words."""
+    from avc_casadi.support import speak
+
+    file = avc.load_device(source)
+    sources = [one["source"] for one in file.sources.model_dump(exclude_none=True).values()]
+    example = [] if file.sdk_example is None else [file.sdk_example.source]
+    speak(file.device.units.beside(file.name, file.title, *sources, *example))
+    return file
+
+
+def linear_only(device: Device, verb: str, key: str) -> Device:
+    """Return a device whose position is a length, of which a verb's limits and logs are.
+
+    Raises:
+        UnsupportedError: it turns.
+    """
+    if device.units.linear:
+        return device
+    raise avc.UnsupportedError(
+        f"{key} turns: {verb} works in metres and newtons; give it the device with capstan_radius_m, as at its handle, "
+        "and logs of that: x = r theta, F = tau/r",
+        key=key,
+    )
 
 
 def is_coupling(text: str) -> bool:
@@ -49,14 +85,16 @@ def read_subject(verb: str, file: str, problem: str | None = None, *, beside: st
         InputError: with every fault; a problem in place of a coupling is answered with the command that makes one.
     """
     from avc_casadi.coupling import GAINS_ALONE, Coupling, read_file
+    from avc_casadi.support import speak
 
     if not is_coupling(file) and _is_problem(file):
         make = f"avc recommend {file} --out c.json"
         raise avc.InputError.of(f"is a problem; {verb} takes a coupling: {make}", file=file)
     if problem is not None:
-        return avc.read_coupling(Path(file), avc.load_problem(problem))
+        return avc.read_coupling(Path(file), load_problem(problem))
     found = read_file(Path(file))
     if isinstance(found, Coupling):
+        speak(found.problem.units)
         return found
     raise avc.InputError.of(f"{GAINS_ALONE}: {beside}", file=file)
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from avc_casadi.cli._arguments import positive_int
+from avc_casadi.cli._chunks import add_chunks, done
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._text import table
 
@@ -25,15 +26,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="seed of the people; the same seed, the same counts",
     )
+    add_chunks(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Try everybody and count."""
-    from avc_casadi.study.table1 import table1
+    from avc_casadi.study.table1 import table1_study
 
-    with console.step(f"{args.hands} hands of each set before six walls"):
-        document = table1(args.hands, args.seed, progress=console)
-    return Answer(document, table_text(document))
+    found = done(table1_study(args.hands, args.seed), args, console)
+    return found if isinstance(found, Answer) else Answer(found, table_text(found))
 
 
 def table_text(document: dict[str, Any]) -> str:

@@ -20,6 +20,7 @@ VERBS: tuple[str, ...] = (
     "pareto",
     "accuracy",
     "table1",
+    "trial",
     "excite",
     "identify",
     "diagnose",

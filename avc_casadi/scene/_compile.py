@@ -57,6 +57,7 @@ class CompiledScene:
         sample_time_s: T.
         samples: number of samples of a run.
         build_seconds: time to compile.
+        metres_per_unit: how far the hand moves for a unit of the position.
     """
 
     problem: str
@@ -75,6 +76,7 @@ class CompiledScene:
     sample_time_s: float
     samples: int
     build_seconds: float
+    metres_per_unit: float
     _tick: Tick
     _advance: Advance
     _plant: LinearPlant
@@ -187,6 +189,7 @@ def compile_scene(
         sample_time_s=sample_time_s,
         samples=samples,
         build_seconds=time.perf_counter() - started,
+        metres_per_unit=problem.device.metres_per_unit,
         _tick=tick,
         _advance=advance,
         _plant=plant,

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import os
 import subprocess
+from contextlib import suppress
 from typing import Literal
 
 import numpy as np
 
 from avc_casadi.scene._compile import CompiledScene
+from avc_casadi.scene._judge import LOST_M, at_rest, judge, judged_samples
+from avc_casadi.scene._lanes import LANES, SideBySide
 from avc_casadi.scene._native import NativeScene, compiler
-from avc_casadi.support import FloatArray, HeldInterrupt
+from avc_casadi.support import BoolArray, FloatArray, HeldInterrupt
 
 Engine = Literal["auto", "casadi", "native"]
 
 # Compiling takes about 0.1 s and 0.25 ms an instruction, and saves some 1.5 ns each time an instruction is evaluated.
 _COMPILE_S, _COMPILE_S_PER_INSTRUCTION, _SAVED_S = 0.1, 2.5e-4, 1.5e-9
+# Runs whose traces are held at a time, where they are only judged.
+_TRACES = 250
 # In pieces, a sample with dry friction is no longer than this.
 _SPLIT_INSTRUCTIONS = 3000
 
@@ -34,19 +39,59 @@ def execute(
     Returns:
         Every trace, shape (runs, samples).
     """
-    saved = len(parameters) * scene.samples * scene.instructions * _SAVED_S
+    native = _compiled(scene, len(parameters), engine)
+    if native is None:
+        return _by_casadi(scene, parameters, inputs)
+    traces = native(scene.initial, inputs.T, parameters, min(len(parameters), os.cpu_count() or 1))
+    return {name: traces[:, :, index] for index, name in enumerate(scene.traces)}
+
+
+def execute_to_rest(
+    scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto"
+) -> BoolArray:
+    """Run a scene once for every row of the parameters, and only say which runs come to rest, as `judge` does.
+
+    Side by side no trace is kept, and one thread is used: who asks for so many runs has other work for the others.
+
+    Args:
+        scene: the compiled scene.
+        parameters: as for `execute`.
+        inputs: as for `execute`.
+        engine: as for `execute`.
+
+    Returns:
+        Shape (runs,).
+    """
+    native = _compiled(scene, len(parameters), engine)
+    if isinstance(native, SideBySide):
+        first = scene.samples - judged_samples(scene.samples, scene.sample_time_s)
+        peaks = native.peaks(scene.initial, inputs.T, parameters, 1, first)
+        return at_rest(peaks[:, 0] < LOST_M / scene.metres_per_unit, peaks[:, 1], scene.metres_per_unit)
+    rest = [np.zeros(0, dtype=bool)]
+    for begin in range(0, len(parameters), _TRACES):
+        found = execute(scene, parameters[begin : begin + _TRACES], inputs, engine=engine)
+        position, velocity = found["position_m"], found["velocity_m_per_s"]
+        force = found.get("force_n", np.zeros_like(position))
+        rest.append(judge(position, velocity, force, scene.sample_time_s, scene.metres_per_unit).stable)
+    return np.concatenate(rest)
+
+
+def _compiled(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | SideBySide | None:
+    """Return the scene as machine code, or None where CasADi is to run it."""
+    saved = runs * scene.samples * scene.instructions * _SAVED_S
     size = min(scene.instructions, _SPLIT_INSTRUCTIONS) if scene.branches else scene.instructions
     pays = saved > _COMPILE_S + size * _COMPILE_S_PER_INSTRUCTION
-    if engine == "native" or (engine == "auto" and pays and compiler() is not None):
-        try:
-            native = NativeScene(scene)
-        except (OSError, subprocess.CalledProcessError):
-            if engine == "native":
-                raise
-        else:
-            traces = native(scene.initial, inputs.T, parameters, min(len(parameters), os.cpu_count() or 1))
-            return {name: traces[:, :, index] for index, name in enumerate(scene.traces)}
-    return _by_casadi(scene, parameters, inputs)
+    if engine != "native" and not (engine == "auto" and pays and compiler() is not None):
+        return None
+    if runs >= LANES:
+        with suppress(LookupError, OSError, subprocess.CalledProcessError):
+            return SideBySide(scene)
+    try:
+        return NativeScene(scene)
+    except (OSError, subprocess.CalledProcessError):
+        if engine == "native":
+            raise
+    return None
 
 
 def _by_casadi(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray) -> dict[str, FloatArray]:

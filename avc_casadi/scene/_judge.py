@@ -18,10 +18,14 @@ TOUCH_N = 1e-6
 # Nothing on a desk moves this far: the run has diverged.
 LOST_M = 10.0
 
-CRITERION = (
-    f"largest true velocity in the last {JUDGED_S:g} s below {AT_REST_M_PER_S * 1e3:g} mm/s; "
-    f"buzzing: force between {RIPPLE_HZ[0]:g} and {RIPPLE_HZ[1]:g} Hz (rms) above {BUZZ_SHARE:.0%} of the mean force"
-)
+
+def criterion(metres_per_unit: float = 1.0) -> str:
+    """Say what is judged, of a device whose handle moves so far for a unit of its position."""
+    return (
+        f"largest true velocity in the last {JUDGED_S:g} s below {AT_REST_M_PER_S * 1e3 / metres_per_unit:g} mm/s; "
+        f"buzzing: force between {RIPPLE_HZ[0]:g} and {RIPPLE_HZ[1]:g} Hz (rms) above {BUZZ_SHARE:.0%} of the mean "
+        "force"
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,9 +33,9 @@ class Judgement(Tabular):
     """Figures of one or many runs; every array has the shape of the runs.
 
     Attributes:
-        stable: at rest at the end, as `CRITERION` says.
+        stable: at rest at the end, as `criterion` says.
         diverged: the device left the workspace, or its numbers are no longer finite.
-        buzzing: as `CRITERION` says.
+        buzzing: as `criterion` says.
         peak_velocity_m_per_s: largest true velocity at the end.
         position_peak_to_peak_m: travel of the true position at the end, of a limit cycle for one.
         mean_force_n: mean force at the end.
@@ -63,7 +67,13 @@ class Judgement(Tabular):
         return f"{int(stable.sum())} of {stable.size} runs at rest, {int(np.sum(self.buzzing))} buzzing"
 
 
-def judge(position_m: FloatArray, velocity_m_per_s: FloatArray, force_n: FloatArray, sample_time_s: float) -> Judgement:
+def judge(
+    position_m: FloatArray,
+    velocity_m_per_s: FloatArray,
+    force_n: FloatArray,
+    sample_time_s: float,
+    metres_per_unit: float = 1.0,
+) -> Judgement:
     """Judge runs by the last half second (or the whole run, where it is shorter).
 
     Args:
@@ -71,19 +81,21 @@ def judge(position_m: FloatArray, velocity_m_per_s: FloatArray, force_n: FloatAr
         velocity_m_per_s: true velocity.
         force_n: force of the actuator, positive against +x.
         sample_time_s: T.
+        metres_per_unit: how far the hand moves for a unit of the position.
     """
-    last = slice(-max(1, round(JUDGED_S / sample_time_s)), None)
-    diverged = ~np.all(np.abs(position_m) < LOST_M, axis=-1)
+    last = slice(-judged_samples(position_m.shape[-1], sample_time_s), None)
+    here = np.all(np.abs(position_m) < LOST_M / metres_per_unit, axis=-1)
+    diverged = ~here
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         peak = np.abs(velocity_m_per_s[..., last]).max(axis=-1)
         travel = np.ptp(position_m[..., last], axis=-1)
         force, depth = force_n[..., last].mean(axis=-1), position_m[..., last].mean(axis=-1)
         ripple = _ripple(force_n[..., last], sample_time_s)
-        touching = (force > TOUCH_N) & (depth > 0) & ~diverged
+        touching = (force > TOUCH_N * metres_per_unit) & (depth > 0) & ~diverged
         apparent = np.where(touching, force / depth, np.nan)
         buzzing = diverged | (ripple > BUZZ_SHARE * np.abs(force))
     return Judgement(
-        stable=~diverged & (peak < AT_REST_M_PER_S),
+        stable=at_rest(here, peak, metres_per_unit),
         diverged=diverged,
         buzzing=buzzing,
         peak_velocity_m_per_s=peak,
@@ -94,6 +106,17 @@ def judge(position_m: FloatArray, velocity_m_per_s: FloatArray, force_n: FloatAr
         apparent_stiffness_n_per_m=apparent,
         rate_hardness_n_per_m=_rate_hardness(velocity_m_per_s, force_n, sample_time_s),
     )
+
+
+def judged_samples(samples: int, sample_time_s: float) -> int:
+    """Return how many samples at the end of a run are judged."""
+    return min(samples, max(1, round(JUDGED_S / sample_time_s)))
+
+
+def at_rest(here: BoolArray, peak_velocity_m_per_s: FloatArray, metres_per_unit: float = 1.0) -> BoolArray:
+    """Whether runs that never left the workspace end at rest; the handle moves so far for a unit of the position."""
+    rest: BoolArray = here & (peak_velocity_m_per_s < AT_REST_M_PER_S / metres_per_unit)
+    return rest
 
 
 def _ripple(force: FloatArray, sample_time_s: float) -> FloatArray:

@@ -48,6 +48,7 @@ def energy_ledger(
     stiffness_n_per_m: ArrayLike,
     environment: Environment | None,
     anchor_m: ArrayLike = 0.0,
+    potential_j: ArrayLike = 0.0,
 ) -> Ledger:
     """Draw up the ledger from the traces.
 
@@ -58,6 +59,7 @@ def energy_ledger(
         stiffness_n_per_m: k, one number or one a sample; infinite for a rigid coupling, which stores nothing.
         environment: the environment, or None in free space.
         anchor_m: deflection at which the spring of the coupling is slack.
+        potential_j: energy that detents hold, one a sample; what they hold at the beginning counts as taken in.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         work = force_n[..., :-1] * np.diff(position_m, axis=-1)
@@ -73,4 +75,5 @@ def energy_ledger(
             deflection = environment.by_law(np.maximum(deflection, 0.0), deflection) if one_sided else deflection
             stretch = np.where(np.isinf(stiffness), 0.0, deflection - np.asarray(anchor_m, np.float64))
             stored += np.where(np.isinf(stiffness), 0.0, stiffness) * stretch**2 / 2
-    return Ledger(absorbed, stored)
+        held = np.broadcast_to(np.asarray(potential_j, np.float64), absorbed.shape)
+    return Ledger(absorbed + held[..., :1], stored + held)

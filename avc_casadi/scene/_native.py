@@ -10,14 +10,13 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi.support import FloatArray
 
@@ -131,24 +130,37 @@ class NativeScene:
             np.ascontiguousarray(value, np.float64) for value in (initial, inputs, parameters)
         )
 
-        def work(rows: NDArray[np.intp]) -> None:
-            first, count = int(rows[0]), len(rows)
+        def work(rows: slice) -> None:
             self._run(
-                count,
+                len(parameters[rows]),
                 len(inputs),
                 initial.ctypes.data,
                 inputs.ctypes.data,
-                parameters[first:].ctypes.data,
-                traces[first:].ctypes.data,
+                parameters[rows].ctypes.data,
+                traces[rows].ctypes.data,
             )
 
-        parts = [rows for rows in np.array_split(np.arange(len(parameters)), workers) if len(rows)]
-        if len(parts) == 1:
-            work(parts[0])
-        else:
-            with ThreadPoolExecutor(len(parts)) as pool:
-                list(pool.map(work, parts))
+        in_threads(work, len(parameters), workers)
         return traces
+
+
+def in_threads(work: Callable[[slice], None], rows: int, workers: int, whole: int = 1) -> None:
+    """Do some rows in each thread.
+
+    Args:
+        work: what to do with a slice of the rows; it leaves Python to others.
+        rows: number of rows.
+        workers: number of threads at most.
+        whole: rows that are no cheaper apart: all threads but the last get a multiple of them.
+    """
+    groups = -(-rows // whole)
+    each = whole * -(-groups // max(1, min(workers, groups)))
+    parts = [slice(first, min(first + each, rows)) for first in range(0, rows, max(1, each))]
+    if len(parts) == 1:
+        work(parts[0])
+    else:
+        with ThreadPoolExecutor(max(1, len(parts))) as pool:
+            list(pool.map(work, parts))
 
 
 def compiled(functions: Sequence[Any], loop: str) -> ctypes.CDLL:
@@ -166,7 +178,7 @@ def compiled(functions: Sequence[Any], loop: str) -> ctypes.CDLL:
     generator = ca.CodeGenerator("scene", {"with_header": False, "main": False, "mex": False})
     for function in functions:
         generator.add(function)
-    return _library("".join([str(generator.dump()), *map(_call, functions), loop]))
+    return library("".join([str(generator.dump()), *map(_call, functions), loop]), _FLAGS)
 
 
 def _loop(whole: Any, split: Any) -> str:
@@ -208,16 +220,22 @@ def _call(function: Any) -> str:
 
 
 @lru_cache(maxsize=64)
-def _library(source: str) -> ctypes.CDLL:
+def library(source: str, flags: tuple[str, ...]) -> ctypes.CDLL:
+    """Compile C once in the life of this process.
+
+    Raises:
+        FileNotFoundError: there is no compiler.
+        CalledProcessError: it refuses.
+    """
     found = compiler()
     if found is None:
         raise FileNotFoundError("no C compiler: neither $CC nor cc is there")
     folder = Path(tempfile.mkdtemp(prefix="avc-scene-"))
     try:
-        code, library = folder / "sample.c", folder / "sample.so"
+        code, shared = folder / "sample.c", folder / "sample.so"
         code.write_text(source, encoding="utf-8")
-        command = [found, *_FLAGS, str(code), "-o", str(library), "-lm"]
+        command = [found, *flags, str(code), "-o", str(shared), "-lm"]
         subprocess.run(command, check=True, capture_output=True, text=True)  # noqa: S603 - the user's own compiler
-        return ctypes.CDLL(str(library))
+        return ctypes.CDLL(str(shared))
     finally:
         shutil.rmtree(folder, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""What every room stands on: array types, finite JSON, interrupts, progress, equality, tables, how results show."""
+"""What every room stands on: arrays, finite JSON, interrupts, progress, equality, tables, units, how results show."""
 
 from avc_casadi.support._arrays import BoolArray as BoolArray
 from avc_casadi.support._arrays import ComplexArray as ComplexArray
@@ -6,6 +6,8 @@ from avc_casadi.support._arrays import Float32Array as Float32Array
 from avc_casadi.support._arrays import FloatArray as FloatArray
 from avc_casadi.support._arrays import IndexArray as IndexArray
 from avc_casadi.support._background import Background as Background
+from avc_casadi.support._chunked import Chunked as Chunked
+from avc_casadi.support._chunked import Part as Part
 from avc_casadi.support._display import Columns as Columns
 from avc_casadi.support._display import Tabular as Tabular
 from avc_casadi.support._display import columns_html as columns_html
@@ -17,7 +19,10 @@ from avc_casadi.support._interrupt import starting_processes as starting_process
 from avc_casadi.support._interrupt import undisguised_interrupts as undisguised_interrupts
 from avc_casadi.support._interrupt import uninterrupted as uninterrupted
 from avc_casadi.support._json import json_text as json_text
+from avc_casadi.support._json import packed as packed
 from avc_casadi.support._json import plain as plain
+from avc_casadi.support._json import unpacked as unpacked
+from avc_casadi.support._processes import Processes as Processes
 from avc_casadi.support._progress import SILENT as SILENT
 from avc_casadi.support._progress import Progress as Progress
 from avc_casadi.support._progress import chunks as chunks
@@ -31,6 +36,15 @@ from avc_casadi.support._table import number as number
 from avc_casadi.support._table import rows_text as rows_text
 from avc_casadi.support._table import sample_rows as sample_rows
 from avc_casadi.support._table import text_table as text_table
-from avc_casadi.support._workers import in_processes as in_processes
+from avc_casadi.support._units import LINEAR as LINEAR
+from avc_casadi.support._units import ROTARY as ROTARY
+from avc_casadi.support._units import UNIT_BLOCK as UNIT_BLOCK
+from avc_casadi.support._units import MotionKind as MotionKind
+from avc_casadi.support._units import Units as Units
+from avc_casadi.support._units import speak as speak
+from avc_casadi.support._units import speaking as speaking
+from avc_casadi.support._units import spoken as spoken
+from avc_casadi.support._units import told_in as told_in
+from avc_casadi.support._units import units_for as units_for
 from avc_casadi.support._workers import meanwhile as meanwhile
 from avc_casadi.support._workers import one_ahead as one_ahead

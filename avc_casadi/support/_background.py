@@ -13,8 +13,8 @@ from typing import Any
 
 from avc_casadi._errors import AvcError
 from avc_casadi.support._interrupt import starting_processes
+from avc_casadi.support._processes import follow_parent
 from avc_casadi.support._progress import Progress
-from avc_casadi.support._workers import follow_parent
 
 _BETWEEN_S = 0.1
 _ENDED = "it ended without a result; there may be too little memory"

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
+from avc_casadi.support._units import spoken
+
 Cell = float | str | None
 
 ROWS_SHOWN = 20
@@ -62,7 +64,7 @@ class Table:
     def html(self) -> str:
         """Return the header and rows as an HTML table; every text is escaped, verdicts are classes of their cells."""
         right = ["" if column in self.left else "n" for column in range(len(self.header))]
-        heads = [_in_a_line(cell) for cell in self.header]
+        heads = [_in_a_line(spoken().text(cell)) for cell in self.header]
 
         def row(cells: Iterable[str], tag: str, more: str) -> str:
             inner = (
@@ -87,10 +89,10 @@ def text_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Se
         rows: cells.
         left: columns aligned to the left; all others to the right.
     """
-    heads = [cell.split("\n") for cell in header]
+    heads = [spoken().text(cell).split("\n") for cell in header]
     height = max(len(lines) for lines in heads)
     head_rows = [[lines[i] if i < len(lines) else "" for lines in heads] for i in range(height)]
-    body = [list(row) for row in rows]
+    body = [[spoken().text(cell) for cell in row] for row in rows]
     widths = [max(len(row[column]) for row in [*head_rows, *body]) for column in range(len(header))]
 
     def line(row: Sequence[str]) -> str:

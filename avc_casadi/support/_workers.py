@@ -1,33 +1,16 @@
-"""Work beside this thread: in processes that end with it (at Ctrl-C, at an error, when it is killed), or one ahead."""
+"""Work beside this thread: in a process that ends with it (at Ctrl-C, at an error, when it is killed), or one ahead."""
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import active_children, get_context, parent_process
 from typing import TypeVar
 
-from avc_casadi.support._interrupt import starting_processes
+from avc_casadi.support._processes import Processes
 
 T = TypeVar("T")
 R = TypeVar("R")
-
-
-def in_processes(work: Callable[[T], R], tasks: Sequence[T], workers: int) -> Iterator[R]:
-    """Yield the results of the tasks in their order.
-
-    Args:
-        work: function of a module.
-        tasks: what to call it with.
-        workers: number of processes.
-    """
-    with _started(work, tasks, workers) as futures:
-        for future in futures:
-            yield future.result()
 
 
 @contextmanager
@@ -38,8 +21,8 @@ def meanwhile(work: Callable[[T], R], task: T) -> Iterator[Callable[[], R]]:
         work: function of a module.
         task: what to call it with.
     """
-    with _started(work, [task], 1) as (future,):
-        yield future.result
+    with Processes(1) as executor:
+        yield executor.submit(work, task).result
 
 
 def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R]]:
@@ -57,31 +40,3 @@ def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R
             before = name, coming
         if before is not None:
             yield before[0], before[1].result()
-
-
-@contextmanager
-def _started(work: Callable[[T], R], tasks: Sequence[T], workers: int) -> Iterator[list[Future[R]]]:
-    others = set(active_children())
-    # A fresh interpreter for each process: CasADi's threads do not survive a fork.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=follow_parent) as pool:
-        try:
-            with starting_processes():
-                futures = [pool.submit(work, task) for task in tasks]
-            yield futures
-        except BaseException:
-            for child in set(active_children()) - others:
-                child.terminate()
-            raise
-
-
-def follow_parent() -> None:
-    """Leave Ctrl-C to the parent, and end when it has gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_after_parent, daemon=True).start()
-
-
-def _end_after_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

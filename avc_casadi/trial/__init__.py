@@ -1,7 +1,11 @@
 """Trials with many simulated people: who they are, what they do, and whether their hands come to rest."""
 
+from avc_casadi.trial._at_rest import HandsAtRest as HandsAtRest
+from avc_casadi.trial._at_rest import all_at_rest as all_at_rest
+from avc_casadi.trial._at_rest import hands_at_rest as hands_at_rest
 from avc_casadi.trial._binomial import CONFIDENCE as CONFIDENCE
 from avc_casadi.trial._binomial import exact_interval as exact_interval
+from avc_casadi.trial._coupling_trial import TRIAL_S as TRIAL_S
 from avc_casadi.trial._coupling_trial import CouplingTrial as CouplingTrial
 from avc_casadi.trial._coupling_trial import try_coupling as try_coupling
 from avc_casadi.trial._coupling_trial import try_on_devices as try_on_devices
@@ -14,6 +18,7 @@ from avc_casadi.trial._subjects import Population as Population
 from avc_casadi.trial._subjects import corner_subjects as corner_subjects
 from avc_casadi.trial._subjects import draw_hands as draw_hands
 from avc_casadi.trial._subjects import draw_subjects as draw_subjects
+from avc_casadi.trial._subjects import loose_hands as loose_hands
 from avc_casadi.trial._subjects import people_of as people_of
 from avc_casadi.trial._trial import MOTIONS as MOTIONS
 from avc_casadi.trial._trial import PEOPLE_AT_ONCE as PEOPLE_AT_ONCE
@@ -21,6 +26,7 @@ from avc_casadi.trial._trial import Conditions as Conditions
 from avc_casadi.trial._trial import Traces as Traces
 from avc_casadi.trial._trial import all_motions as all_motions
 from avc_casadi.trial._trial import judged as judged
+from avc_casadi.trial._trial import motions_at as motions_at
 from avc_casadi.trial._trial import traces as traces
 from avc_casadi.trial._vibration import QUIET as QUIET
 from avc_casadi.trial._vibration import felt_vibration as felt_vibration

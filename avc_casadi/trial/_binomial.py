@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
-
-from avc_casadi.support import FloatArray
 
 CONFIDENCE = 0.95
 # Halvings of [0, 1]: below the spacing of doubles near any interval end.
 _HALVINGS = 60
+# Terms summed at a time, and what no longer counts beside a sum.
+_TERMS, _NOTHING = 1000, 1e-18
 
 
 def exact_interval(count: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
@@ -40,14 +39,33 @@ def at_least(count: int, trials: int, probability: float) -> float:
         return 1.0
     if probability <= 0:
         return 0.0
-    k = np.arange(count, trials + 1)
-    return float(np.exp(_log_terms(k, trials, probability)).sum())
+    mean = trials * probability
+    # The smaller tail, from its largest term outwards: a few thousand terms of a million trials.
+    if count > mean:
+        return _tail(count, trials, probability)
+    return 1.0 - _tail(trials - count + 1, trials, 1 - probability)
 
 
-def _log_terms(k: NDArray[np.int_], trials: int, probability: float) -> FloatArray:
-    gamma = np.vectorize(math.lgamma, otypes=[float])
-    ways = math.lgamma(trials + 1) - gamma(k + 1.0) - gamma(trials - k + 1.0)
-    return np.asarray(ways + k * math.log(probability) + (trials - k) * math.log1p(-probability))
+def _tail(count: int, trials: int, probability: float) -> float:
+    """P(X >= count) where that is beyond the mean, so that each term is smaller than the one before."""
+    first = (
+        math.lgamma(trials + 1)
+        - math.lgamma(count + 1)
+        - math.lgamma(trials - count + 1)
+        + count * math.log(probability)
+        + (trials - count) * math.log1p(-probability)
+    )
+    odds, total, begin = probability / (1 - probability), 0.0, count
+    last = 1.0
+    while begin <= trials:
+        k = np.arange(begin, min(begin + _TERMS, trials + 1))
+        terms = last * np.cumprod(np.append(1.0, (trials - k[:-1]) / (k[:-1] + 1) * odds))
+        total += float(terms.sum())
+        last = float(terms[-1]) * (trials - k[-1]) / (k[-1] + 1) * odds
+        if last < total * _NOTHING:
+            break
+        begin += len(k)
+    return math.exp(first) * total
 
 
 def _bisected(below: Callable[[float], bool]) -> float:

@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi.problem import ObserverEffect
 from avc_casadi.scene import compiler
-from avc_casadi.support import SILENT, BoolArray, Columns, FloatArray, Progress, Tabular, one_ahead, plain, short
+from avc_casadi.support import (
+    SILENT,
+    BoolArray,
+    Chunked,
+    Columns,
+    FloatArray,
+    Progress,
+    Tabular,
+    one_ahead,
+    plain,
+    short,
+)
 from avc_casadi.trial._binomial import exact_interval
-from avc_casadi.trial._trial import MOTIONS, Conditions, Traces, simulations
+from avc_casadi.trial._trial import MOTIONS, Conditions, Traces, motions_at, simulations
 from avc_casadi.trial._vibration import QUIET, felt_vibration
 
 if TYPE_CHECKING:
@@ -22,9 +35,11 @@ if TYPE_CHECKING:
 
 # A quarter of a second more than the paper's experiment: the last tap is then a second past when rest is judged, and
 # what dies out is told from what does not.
-_DURATION_S = 3.25
+TRIAL_S = 3.25
 # A press that ends at this share of the largest force leans on the limit, not on the wall.
 _NEAR_LIMIT = 0.97
+# People whom an executor is given at a time.
+_AT_ONCE = 1000
 # What of a scene a problem's [device] has no key for, or that is not a part of it.
 NOT_SIMULATED = ("hands that change while they hold on", "several axes")
 
@@ -135,8 +150,15 @@ class CouplingTrial(Tabular):
         return document
 
 
+_ARRAYS = tuple(item.name for item in fields(CouplingTrial) if item.type in {"BoolArray", "FloatArray"})
+
+
 def try_coupling(
-    coupling: Coupling, subjects: Hand | StylusHand, seed: int = 0, progress: Progress = SILENT
+    coupling: Coupling,
+    subjects: Hand | StylusHand,
+    seed: int = 0,
+    progress: Progress = SILENT,
+    executor: Executor | None = None,
 ) -> CouplingTrial:
     """Let everybody press, tap and hold, with all that the problem declares of the device.
 
@@ -144,13 +166,37 @@ def try_coupling(
         coupling: what runs.
         subjects: the people.
         seed: of their draw, to be told.
-        progress: told of the motions.
+        progress: told of the motions; with an executor, of the people.
+        executor: who lets some at a time try it, as for `Chunked.run`; None stays in this process.
     """
-    return _tried(coupling, Conditions.of(coupling), subjects, seed, progress)
+    conditions = Conditions.of(coupling)
+    if executor is None:
+        return _tried(coupling, conditions, subjects, seed, progress)
+    some = [subjects.pick(slice(first, first + _AT_ONCE)) for first in range(0, len(subjects), _AT_ONCE)]
+    study: Chunked[Hand | StylusHand, CouplingTrial] = Chunked(
+        about={},
+        work=partial(_tried, replace(coupling, certificate=None, trial=None), conditions, seed=seed),
+        tasks=some,
+        finish=_joined,
+        sizes=[len(people) for people in some],
+        things="people",
+    )
+    return study.run(executor, progress=progress)
+
+
+def _joined(parts: list[CouplingTrial]) -> CouplingTrial:
+    """Return the trial of all people, in the order of the parts."""
+    whole: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
+    by_motion = {name: np.concatenate([part.by_motion[name] for part in parts]) for name in MOTIONS}
+    return replace(parts[0], **whole, by_motion=by_motion)
 
 
 def _tried(
-    coupling: Coupling, conditions: Conditions, subjects: Hand | StylusHand, seed: int, progress: Progress = SILENT
+    coupling: Coupling,
+    conditions: Conditions,
+    subjects: Hand | StylusHand,
+    seed: int = 0,
+    progress: Progress = SILENT,
 ) -> CouplingTrial:
     at_rest: dict[tuple[str, bool], list[BoolArray]] = {}
     vibration: list[FloatArray] = []
@@ -168,7 +214,7 @@ def _tried(
         if not as_declared:
             continue
         if name == "press":
-            vibration.append(felt_vibration(part.position_m, part.sample_time_s))
+            vibration.append(felt_vibration(part.position_m * part.metres_per_unit, part.sample_time_s))
             limited.append(np.abs(found.mean_force_n) > _NEAR_LIMIT * limit)
             stiffness.append(np.where(limited[-1], np.nan, found.apparent_stiffness_n_per_m))
         if name == "tap":
@@ -199,13 +245,17 @@ def _simulations(
     chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
     settings = {True: conditions} | ({False: conditions.without_friction()} if conditions.friction_n else {})
     for as_declared, setting in settings.items():
-        for name, motion in MOTIONS.items():
-            for one in simulations(coupling.problem, chosen, subjects, motion, setting, _DURATION_S):
+        for name, motion in motions_at(coupling.problem.device).items():
+            for one in simulations(coupling.problem, chosen, subjects, motion, setting, TRIAL_S):
                 yield (name, as_declared), one
 
 
 def try_on_devices(
-    coupling: Coupling, subjects: Hand | StylusHand, devices: Sequence[Device], seed: int = 0
+    coupling: Coupling,
+    subjects: Hand | StylusHand,
+    devices: Sequence[Device],
+    seed: int = 0,
+    executor: Executor | None = None,
 ) -> CouplingTrial:
     """Let everybody try a coupling on one of several devices, which are dealt out in turn.
 
@@ -214,34 +264,41 @@ def try_on_devices(
         subjects: the people.
         devices: what the device may be.
         seed: of their draw, to be told.
+        executor: who tries some of the devices, as for `Chunked.run`.
     """
     dealt = [np.arange(place, len(subjects), len(devices)) for place in range(len(devices))]
-    # What runs was made for the device as declared, whichever it meets.
-    made_for = coupling.problem.device
-    trials = []
-    for rows, device in zip(dealt, devices, strict=True):
-        if len(rows):
-            met = replace(coupling, problem=coupling.problem.changed(device=device))
-            conditions = Conditions.of(met)
-            if conditions.observer is not None:
-                observer = ObserverEffect(
-                    mass_kg=conditions.observer.mass_kg,
-                    resolution_m=made_for.encoder_resolution_m or None,
-                    ahead_samples=made_for.delay_samples,
-                )
-                conditions = replace(conditions, observer=observer)
-            trials.append(_tried(met, conditions, subjects.pick(rows), seed))
+    met = [
+        (subjects.pick(rows), *_met(coupling, device)) for rows, device in zip(dealt, devices, strict=True) if len(rows)
+    ]
+    study: Chunked[Any, list[CouplingTrial]] = Chunked({}, partial(_tried_on, seed), met, list, things="devices")
+    trials = study.run(executor)
     order = np.argsort(np.concatenate(dealt), kind="stable")
-
-    def joined(name: str) -> Any:
-        return np.concatenate([getattr(one, name) for one in trials])[order]
-
-    names = [item.name for item in fields(CouplingTrial) if item.type in {"BoolArray", "FloatArray"}]
-    return CouplingTrial(
-        **{name: joined(name) for name in names},
-        seed=seed,
+    whole = _joined(trials)
+    return replace(
+        whole,
+        **{name: getattr(whole, name)[order] for name in _ARRAYS},
         effects=tuple(dict.fromkeys(effect for one in trials for effect in one.effects)),
-        by_motion={name: np.concatenate([one.by_motion[name] for one in trials])[order] for name in MOTIONS},
-        wall_n_per_m=coupling.wall.stiffness_n_per_m,
+        by_motion={name: rest[order] for name, rest in whole.by_motion.items()},
         devices=len(trials),
     )
+
+
+def _met(coupling: Coupling, device: Device) -> tuple[Coupling, Conditions]:
+    """Return a coupling that was made for one device on another one."""
+    met = replace(coupling, problem=coupling.problem.changed(device=device))
+    conditions = Conditions.of(met)
+    if conditions.observer is None:
+        return met, conditions
+    # What runs reckons with the device as declared, whichever it meets.
+    made_for = coupling.problem.device
+    observer = ObserverEffect(
+        mass_kg=conditions.observer.mass_kg,
+        resolution_m=made_for.encoder_resolution_m or None,
+        ahead_samples=made_for.delay_samples,
+    )
+    return met, replace(conditions, observer=observer)
+
+
+def _tried_on(seed: int, met: tuple[Hand | StylusHand, Coupling, Conditions]) -> CouplingTrial:
+    subjects, coupling, conditions = met
+    return _tried(coupling, conditions, subjects, seed)

@@ -31,20 +31,32 @@ from avc_casadi.problem import (
     WallEffect,
     declared_effects,
 )
-from avc_casadi.scene import Engine, Judgement, compile_for, compiler, execute, held_by, judge, settled
+from avc_casadi.scene import (
+    CompiledScene,
+    Engine,
+    Judgement,
+    compile_for,
+    compiler,
+    execute,
+    execute_to_rest,
+    held_by,
+    judge,
+    settled,
+)
 from avc_casadi.scene.effects import build_effects
 from avc_casadi.support import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainSchedule, GainTable
     from avc_casadi.loop import Hand, StylusHand
-    from avc_casadi.problem import Problem
+    from avc_casadi.problem import Device, Problem
     from avc_casadi.runtime import StateFeedback
 
 
 # A tap leaves the wall and strikes it again twice a second, and ends in contact: where it ended in free space, every
 # coupling would be at rest.
 MOTIONS: dict[str, Motion] = {"press": Press(), "tap": Stroke(frequency_hz=2.0, amplitude_m=0.015), "hold": Hold()}
+
 DURATION_S = 3.0
 # Dry friction is projected this many times a sample: several times quicker for a stylus hand than its exact events,
 # with the same share of stable hands (58.8 against 59.8 % of 500 where it is most divided).
@@ -53,6 +65,18 @@ _FRICTION_SUBSTEPS = 4
 _FEW = 3
 # People whose traces are held at a time.
 PEOPLE_AT_ONCE = 250
+
+
+def motions_at(device: Device) -> dict[str, Motion]:
+    """Return the same motions of the hand at the handle of a device that turns, as angles."""
+    radius = device.metres_per_unit
+    lengths = {"start_m", "end_m", "speed_m_per_s", "amplitude_m"}
+    return {
+        name: type(motion).model_validate(
+            {key: value / radius if key in lengths else value for key, value in motion.model_dump().items()}
+        )
+        for name, motion in MOTIONS.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -136,7 +160,7 @@ class Conditions:
 
 def _others(problem: Problem) -> tuple[Effect, ...]:
     """Return the declared effects that conditions have no number for; of encoders that without steps, at the handle."""
-    numbered = {"hand", "wall", "coulomb-friction", "delay", "saturation"}
+    numbered = {"hand", "wall", "detent", "coulomb-friction", "delay", "saturation"}
     if problem.device.encoder_resolution_m > 0:
         numbered.add("encoder")
     return tuple(effect for effect in declared_effects(problem) if effect.kind not in numbered)
@@ -151,16 +175,18 @@ class Traces:
         velocity_m_per_s: true velocity.
         force_n: force of the actuator, positive against +x.
         sample_time_s: T.
+        metres_per_unit: how far the hand moves for a unit of the position.
     """
 
     position_m: FloatArray
     velocity_m_per_s: FloatArray
     force_n: FloatArray
     sample_time_s: float
+    metres_per_unit: float = 1.0
 
     def judged(self) -> Judgement:
         """Judge every run."""
-        return judge(self.position_m, self.velocity_m_per_s, self.force_n, self.sample_time_s)
+        return judge(self.position_m, self.velocity_m_per_s, self.force_n, self.sample_time_s, self.metres_per_unit)
 
 
 def traces(
@@ -194,6 +220,43 @@ def simulations(
         conditions: what of the device is simulated.
         duration_s: how long.
     """
+    compiled, parameters, inputs = _prepared(problem, gains, subjects, motion, conditions, duration_s)
+    engine = _engine(len(parameters))
+
+    def of(some: FloatArray) -> Traces:
+        found = execute(compiled, some, inputs, engine=engine)
+        force = found.get("force_n", np.zeros_like(found["position_m"]))
+        device = problem.device
+        return Traces(
+            found["position_m"], found["velocity_m_per_s"], force, device.sample_time_s, device.metres_per_unit
+        )
+
+    for first in range(0, len(parameters), PEOPLE_AT_ONCE):
+        yield partial(of, parameters[first : first + PEOPLE_AT_ONCE])
+
+
+def resting(
+    problem: Problem,
+    gains: Gains | GainTable | GainSchedule,
+    subjects: Hand | StylusHand,
+    motion: Motion,
+    conditions: Conditions,
+    duration_s: float = DURATION_S,
+) -> BoolArray:
+    """Whether each of many comes to rest, on one thread and without traces; arguments as for `simulations`."""
+    compiled, parameters, inputs = _prepared(problem, gains, subjects, motion, conditions, duration_s)
+    return execute_to_rest(compiled, parameters, inputs, engine=_engine(len(parameters)))
+
+
+def _prepared(
+    problem: Problem,
+    gains: Gains | GainTable | GainSchedule,
+    subjects: Hand | StylusHand,
+    motion: Motion,
+    conditions: Conditions,
+    duration_s: float,
+) -> tuple[CompiledScene, FloatArray, FloatArray]:
+    """Return the scene with everybody's parameters, and what all share."""
     how: dict[str, Any] = (
         {"integrator": "projected", "substeps": _FRICTION_SUBSTEPS} if conditions.friction_n > 0 else {}
     )
@@ -202,16 +265,11 @@ def simulations(
     run = problem.changed(scene=scene)
     effects, chosen, _ = settled(run, held_by(run, build_effects(run), subjects), gains)
     compiled = compile_for(run, effects, chosen)
-    parameters, inputs = compiled.parameter_values(chosen), compiled.input_values()
-    engine: Engine = "native" if compiler() is not None and len(parameters) > _FEW else "auto"
+    return compiled, compiled.parameter_values(chosen), compiled.input_values()
 
-    def of(some: FloatArray) -> Traces:
-        found = execute(compiled, some, inputs, engine=engine)
-        force = found.get("force_n", np.zeros_like(found["position_m"]))
-        return Traces(found["position_m"], found["velocity_m_per_s"], force, problem.device.sample_time_s)
 
-    for first in range(0, len(parameters), PEOPLE_AT_ONCE):
-        yield partial(of, parameters[first : first + PEOPLE_AT_ONCE])
+def _engine(runs: int) -> Engine:
+    return "native" if compiler() is not None and runs > _FEW else "auto"
 
 
 def judged(
@@ -226,5 +284,6 @@ def all_motions(
     problem: Problem, gains: Gains | GainSchedule, subjects: Hand | StylusHand, conditions: Conditions
 ) -> BoolArray:
     """Whether each person comes to rest in every motion."""
-    runs = [judged(problem, gains, subjects, motion, conditions).stable for motion in MOTIONS.values()]
+    motions = motions_at(problem.device).values()
+    runs = [judged(problem, gains, subjects, motion, conditions).stable for motion in motions]
     return np.asarray(np.all(runs, axis=0))

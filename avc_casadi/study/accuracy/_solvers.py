@@ -5,9 +5,10 @@ from __future__ import annotations
 import importlib.util
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -93,45 +94,58 @@ def reference_errors(problem: Problem, frequency_hz: FloatArray) -> Reference:
     return Reference(error, f"method exact ({why})")
 
 
-def solver_costs(
-    problem: Problem,
-    reference: Reference,
-    *,
-    tolerances: tuple[float, ...] = TOLERANCES,
-    solvers: tuple[str, ...] = tuple(BACKENDS),
-) -> Iterator[SolverCost]:
-    """Time every method and solver.
+@dataclass(frozen=True)
+class Entry:
+    """What is timed.
+
+    Attributes:
+        method: the method.
+        solver: what solves it, where there is a choice.
+        tolerance: asked of a CasADi solver; None for the others.
+    """
+
+    method: str
+    solver: str | None = None
+    tolerance: float | None = None
+
+
+def entries(
+    tolerances: tuple[float, ...] = TOLERANCES, solvers: tuple[str, ...] = tuple(BACKENDS)
+) -> tuple[Entry, ...]:
+    """List every method and solver.
+
+    Args:
+        tolerances: asked of each CasADi solver.
+        solvers: CasADi backends.
+    """
+    own = (Entry("closed-form"), Entry("exact"), Entry("direct", EDGES))
+    return (*own, *(Entry("direct", name, tolerance) for name in solvers for tolerance in tolerances))
+
+
+def solver_cost(problem: Problem, reference: Reference, entry: Entry) -> SolverCost:
+    """Time a method or solver.
 
     Args:
         problem: the problem; its frequencies are the rows.
         reference: the optimum at these frequencies.
-        tolerances: asked of each CasADi solver.
-        solvers: CasADi backends.
-
-    Yields:
-        One cost at a time.
+        entry: which.
     """
-    frequency = problem.frequencies_hz()
-    loop = loop_at(problem, frequency)
-    own: list[tuple[str, str | None, Callable[[], GainArrays]]] = [
-        ("closed-form", None, lambda: _closed_form(problem, loop)),
-        ("exact", None, lambda: exact_gains(problem, loop)),
-        ("direct", EDGES, lambda: edge_search_gains(problem, loop)),
-    ]
-    for method, solver, run in own:
-        cost = _cost(problem, loop, reference.error_ns_per_m, run)
-        yield SolverCost(method, solver, None, len(frequency), *cost, default=solver == EDGES)
-    some = np.unique(np.linspace(0, len(frequency) - 1, _BACKEND_FREQUENCIES).round().astype(int))
-    few = loop.rows(some)
-    for name in solvers:
-        for tolerance in tolerances:
+    loop = loop_at(problem, problem.frequencies_hz())
+    error = reference.error_ns_per_m
+    if entry.tolerance is not None and entry.solver is not None:
+        some = np.unique(np.linspace(0, len(error) - 1, _BACKEND_FREQUENCIES).round().astype(int))
+        loop, error = loop.rows(some), error[some]
+        nlp_solvers.cache_clear()
+    cost = _cost(problem, loop, error, partial(_solved, problem, loop, entry))
+    return SolverCost(**vars(entry), **cost, frequencies=len(error), default=entry.solver == EDGES)
 
-            def run(name: str = name, tolerance: float = tolerance) -> GainArrays:
-                return nlp_gains(problem, few, name, tolerance).gains
 
-            nlp_solvers.cache_clear()
-            cost = _cost(problem, few, reference.error_ns_per_m[some], run)
-            yield SolverCost("direct", name, tolerance, len(some), *cost)
+def _solved(problem: Problem, loop: Loop, entry: Entry) -> GainArrays:
+    if entry.tolerance is not None and entry.solver is not None:
+        return nlp_gains(problem, loop, entry.solver, entry.tolerance).gains
+    if entry.method == "closed-form":
+        return _closed_form(problem, loop)
+    return exact_gains(problem, loop) if entry.method == "exact" else edge_search_gains(problem, loop)
 
 
 def _closed_form(problem: Problem, loop: Loop) -> GainArrays:
@@ -140,10 +154,8 @@ def _closed_form(problem: Problem, loop: Loop) -> GainArrays:
     return np.where(inside, b, np.nan), np.where(inside, k, np.nan), np.where(inside, 0.0, np.nan)
 
 
-def _cost(
-    problem: Problem, loop: Loop, reference: FloatArray, run: Callable[[], GainArrays]
-) -> tuple[float, float, float | None, float | None, float, float]:
-    """First and steady seconds a frequency, median and largest excess, optimal and solved share."""
+def _cost(problem: Problem, loop: Loop, reference: FloatArray, run: Callable[[], GainArrays]) -> dict[str, Any]:
+    """Return the figures of a `SolverCost`."""
     rows = len(reference)
     started = time.perf_counter()
     gains = run()
@@ -157,14 +169,14 @@ def _cost(
     possible = np.isfinite(reference)
     known = excess[possible & np.isfinite(excess)]
     count = max(int(possible.sum()), 1)
-    return (
-        first,
-        statistics.median(steady) / rows,
-        float(np.median(known)) if known.size else None,
-        float(known.max()) if known.size else None,
-        float(np.count_nonzero(known <= OPTIMAL)) / count,
-        float(np.count_nonzero(solved & possible)) / count,
-    )
+    return {
+        "seconds_first": first,
+        "seconds_per_frequency": statistics.median(steady) / rows,
+        "excess_error": float(np.median(known)) if known.size else None,
+        "largest_excess_error": float(known.max()) if known.size else None,
+        "optimal_share": float(np.count_nonzero(known <= OPTIMAL)) / count,
+        "solved_share": float(np.count_nonzero(solved & possible)) / count,
+    }
 
 
 def _quality(problem: Problem, loop: Loop, reference: FloatArray, gains: GainArrays) -> tuple[FloatArray, BoolArray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,16 +13,16 @@ from avc_casadi.design import scene_coupling
 from avc_casadi.design.pointwise import BACKENDS
 from avc_casadi.scene import IntegratorAccuracy, integrator_accuracy
 from avc_casadi.study.accuracy._grids import GridMiss, grid_misses
-from avc_casadi.study.accuracy._solvers import TOLERANCES, SolverCost, reference_errors, solver_costs
+from avc_casadi.study.accuracy._solvers import TOLERANCES, Entry, SolverCost, entries, reference_errors, solver_cost
 from avc_casadi.study.accuracy._tables import TableError, table_errors
-from avc_casadi.support import SILENT, Progress, plain
+from avc_casadi.support import SILENT, Chunked, Progress, plain
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from avc_casadi.problem import Problem
 
 SCHEMA = "avc-accuracy/1"
-# Closed form, exact and the edge search are measured beside the CasADi solvers.
-_OWN_METHODS = 3
 WHY_DEFAULT = (
     "direct with the edge search: at rounding from the optimum at every frequency, with feasibility and optimality"
     " recomputed from the CasADi NLP; exact is faster and the cross-check; no CasADi solver that is optimal everywhere"
@@ -86,6 +87,7 @@ def study_accuracy(
     *,
     tolerances: tuple[float, ...] = TOLERANCES,
     solvers: tuple[str, ...] = tuple(BACKENDS),
+    executor: Executor | None = None,
 ) -> Accuracy:
     """Measure what accuracy costs in time.
 
@@ -94,15 +96,14 @@ def study_accuracy(
         progress: told of each measurement.
         tolerances: asked of each CasADi solver.
         solvers: CasADi solvers to measure.
+        executor: who measures some of the methods and solvers, as for `Chunked.run`; workers that share a processor
+            take longer than one alone.
     """
     reference = reference_errors(problem, problem.frequencies_hz())
-    costs: list[SolverCost] = []
-    most = _OWN_METHODS + len(solvers) * len(tolerances)
-    for cost in solver_costs(problem, reference, tolerances=tolerances, solvers=solvers):
-        costs.append(cost)
-        asked = "" if cost.tolerance is None else f", tolerance {cost.tolerance:g}"
-        name = f"{cost.method} {cost.solver or ''}".strip()
-        progress.advance(len(costs), most, f"{name}{asked}")
+    study: Chunked[Entry, list[SolverCost]] = Chunked(
+        {}, partial(solver_cost, problem, reference), entries(tolerances, solvers), list, things="methods and solvers"
+    )
+    costs = study.run(executor, progress=progress)
     progress.advance(len(costs), len(costs), "gain tables")
     tables = tuple(table_errors(problem))
     progress.advance(len(costs), len(costs), "grids")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,9 +14,10 @@ from avc_casadi.design.joint import solve_schedule
 from avc_casadi.passivity import passive_limit_n_per_m
 from avc_casadi.problem import as_problem
 from avc_casadi.study.pareto._variants import HANDS_HZ, Study, Variant, variants
-from avc_casadi.support import SILENT, Columns, Comparable, FloatArray, Progress, Tabular, plain
+from avc_casadi.support import SILENT, Chunked, Columns, Comparable, FloatArray, Progress, Tabular, plain
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
     from pathlib import Path
 
     from avc_casadi.problem import Problem
@@ -119,12 +121,20 @@ class Pareto(Tabular):
         return {"schema": "avc-pareto/1", **plain(facts), "points": [plain(vars(point)) for point in self.points]}
 
 
-def pareto(problem: Problem | str | Path, progress: Progress = SILENT) -> Pareto:
+def pareto(
+    problem: Problem | str | Path,
+    progress: Progress = SILENT,
+    *,
+    executor: Executor | None = None,
+    workers: int = 1,
+) -> Pareto:
     """Study a problem: about thirty schedules, each certified.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
-        progress: told of each variant.
+        progress: told of the designs.
+        executor: who solves and certifies some of the designs, as for `Chunked.run`.
+        workers: processes, where there is no executor.
 
     Example:
         >>> study = avc.pareto("figure5")
@@ -138,12 +148,10 @@ def pareto(problem: Problem | str | Path, progress: Progress = SILENT) -> Pareto
     if not inside.any():
         inside[:] = True
     weight = np.where(inside, _log_weights(frequency), 0.0)
-    points = []
-    designs = list(variants(problem))
-    for number, variant in enumerate(designs, start=1):
-        name = f"{variant.study} {variant.label}{', constant gains' if variant.constant else ''}"
-        with progress.step(f"{number} of {len(designs)}: {name}"):
-            points.append(_point(variant, weight / weight.sum()))
+    study: Chunked[Variant, list[Point]] = Chunked(
+        {}, partial(_point, weight / weight.sum()), variants(problem), list, things="designs"
+    )
+    points = study.run(executor, workers=workers, progress=progress)
     upper, lower = problem.boundaries.upper, problem.boundaries.lower
     return Pareto(
         problem=problem.name,
@@ -158,7 +166,7 @@ def pareto(problem: Problem | str | Path, progress: Progress = SILENT) -> Pareto
     )
 
 
-def _point(variant: Variant, weight: FloatArray) -> Point:
+def _point(weight: FloatArray, variant: Variant) -> Point:
     problem = variant.problem
     gains = solve_schedule(problem, constant=variant.constant)
     certificate = certify(problem, gains)

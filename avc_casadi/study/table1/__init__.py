@@ -12,3 +12,4 @@ from avc_casadi.study.table1._paper import PAPER as PAPER
 from avc_casadi.study.table1._table import DEFAULT_HANDS as DEFAULT_HANDS
 from avc_casadi.study.table1._table import DEFAULT_SEED as DEFAULT_SEED
 from avc_casadi.study.table1._table import table1 as table1
+from avc_casadi.study.table1._table import table1_study as table1_study

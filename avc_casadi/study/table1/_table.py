@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import os
-from typing import Any
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi.design.constant import TUNED_MARGIN_SHARE
 from avc_casadi.recommendation import COUPLINGS, CandidateName
 from avc_casadi.study.table1._paper import PAPER, PEOPLE
-from avc_casadi.study.table1._wall import all_designs, rows, try_wall
-from avc_casadi.support import SILENT, Progress, in_processes
-from avc_casadi.trial import CONFIDENCE, WEBER, WEBER_SWEEP, Population, draw_subjects
+from avc_casadi.study.table1._wall import Outcome, all_designs, design_documents, rows, try_wall
+from avc_casadi.support import SILENT, Chunked, Progress
+from avc_casadi.trial import CONFIDENCE, PEOPLE_AT_ONCE, WEBER, WEBER_SWEEP, Population, draw_subjects
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Problem
+    from avc_casadi.recommendation import Design
 
 SCHEMA = "avc-table1/1"
 DEFAULT_HANDS = 200
 DEFAULT_SEED = 2026
+# People before a wall who are one chunk; they are simulated some at a time.
+_AT_ONCE = 4 * PEOPLE_AT_ONCE
+# Wall, population, how many people come before, how many there are.
+Cell = tuple[str, Population, int, int]
 POPULATIONS: tuple[Population, ...] = ("A", "B")
 # Set B is there to show what the designs do to hands that they were not made for.
 SET_B_COUPLINGS: tuple[CandidateName, ...] = ("none", "static", "static-tuned", "schedule")
@@ -28,6 +39,7 @@ def table1(
     walls: tuple[str, ...] = tuple(PAPER),
     couplings: tuple[CandidateName, ...] = tuple(COUPLINGS),
     workers: int | None = None,
+    executor: Executor | None = None,
     progress: Progress = SILENT,
 ) -> dict[str, Any]:
     """Rebuild Table 1; the same seed gives the same people and the same counts.
@@ -38,18 +50,72 @@ def table1(
         walls: which walls of the catalogue.
         couplings: which couplings.
         workers: processes; None takes one for each processor.
-        progress: told of each wall and population that is finished.
+        executor: who works instead, as for `Chunked.run`.
+        progress: told of the people.
 
     Returns:
         The JSON document of `avc table1`: ``rows`` for set A, ``rows_set_b`` for the stylus hands and their arms.
     """
-    cells = [(wall, population, couplings, hands, seed) for population in POPULATIONS for wall in walls]
-    workers = min(len(cells), os.cpu_count() or 1) if workers is None else workers
-    results = map(_rows, cells) if workers == 1 else in_processes(_rows, cells, workers)
+    study = table1_study(hands, seed, walls=walls, couplings=couplings)
+    return study.run(executor, workers=(os.cpu_count() or 1) if workers is None else workers, progress=progress)
+
+
+def table1_study(
+    hands: int = DEFAULT_HANDS,
+    seed: int = DEFAULT_SEED,
+    *,
+    walls: tuple[str, ...] = tuple(PAPER),
+    couplings: tuple[CandidateName, ...] = tuple(COUPLINGS),
+) -> Chunked[Cell, dict[str, Any]]:
+    """Plan Table 1: some people before one wall at a time; arguments as for `table1`."""
+    tasks = [
+        (wall, population, first, min(_AT_ONCE, hands - first))
+        for population in POPULATIONS
+        for wall in walls
+        for first in range(0, hands, _AT_ONCE)
+    ]
+    return Chunked(
+        about={"study": SCHEMA, "hands": hands, "seed": seed, "walls": list(walls), "couplings": list(couplings)},
+        work=partial(_tried, couplings, seed),
+        tasks=tasks,
+        finish=partial(_document, tasks, couplings, hands, seed),
+        sizes=[count for *_, count in tasks],
+        things="people before walls",
+    )
+
+
+def _tried(couplings: tuple[CandidateName, ...], seed: int, cell: Cell) -> dict[str, Any]:
+    wall, population, first, count = cell
+    matching = population == "A"
+    names = couplings if matching else tuple(name for name in couplings if name in SET_B_COUPLINGS)
+    problem, designs = _designed(wall, names)
+    outcomes = try_wall(problem, draw_subjects(population, count, seed, first=first), designs, matching=matching)
+    return {
+        "designs": design_documents(designs),
+        "outcomes": {coupling: outcome.document() for coupling, outcome in outcomes.items()},
+    }
+
+
+@lru_cache(maxsize=12)
+def _designed(wall: str, couplings: tuple[CandidateName, ...]) -> tuple[Problem, tuple[Design, ...]]:
+    """Design once in the life of a worker."""
+    problem = avc.load_problem(wall.lower())
+    return problem, all_designs(problem, couplings)
+
+
+def _document(
+    tasks: Sequence[Cell], couplings: tuple[CandidateName, ...], hands: int, seed: int, parts: list[dict[str, Any]]
+) -> dict[str, Any]:
     found: dict[str, list[dict[str, Any]]] = {population: [] for population in POPULATIONS}
-    for done, ((wall, population, *_), some) in enumerate(zip(cells, results, strict=True), start=1):
-        found[population] += some
-        progress.advance(done, len(cells), f"walls, {wall} with set {population} the last")
+    cells: dict[tuple[str, Population], list[dict[str, Any]]] = {}
+    for (wall, population, *_), part in zip(tasks, parts, strict=True):
+        cells.setdefault((wall, population), []).append(part)
+    for (wall, population), some in cells.items():
+        names: list[CandidateName] = list(some[0]["outcomes"])
+        outcomes = {name: Outcome.joined([part["outcomes"][name] for part in some]) for name in names}
+        told = rows(wall, avc.load_problem(wall.lower()), some[0]["designs"], outcomes)
+        # The paper's people are set beside those that its column calibrates, set A.
+        found[population] += told if population == "A" else [row | {"paper": None} for row in told]
     return {
         "schema": SCHEMA,
         "hands": hands,
@@ -59,18 +125,6 @@ def table1(
         "couplings": {name: COUPLINGS[name] for name in couplings},
         "method": _method(),
     }
-
-
-def _rows(cell: tuple[str, Population, tuple[CandidateName, ...], int, int]) -> list[dict[str, Any]]:
-    wall, population, couplings, hands, seed = cell
-    problem, matching = avc.load_problem(wall.lower()), population == "A"
-    designs = all_designs(
-        problem, couplings if matching else tuple(name for name in couplings if name in SET_B_COUPLINGS)
-    )
-    people = draw_subjects(population, hands, seed)
-    found = rows(wall, problem, designs, try_wall(problem, people, designs, matching=matching))
-    # The paper's people are set beside those that its column calibrates, set A.
-    return found if matching else [row | {"paper": None} for row in found]
 
 
 def _method() -> dict[str, Any]:

@@ -1,0 +1,227 @@
+"""Studies in chunks: the same function of many tasks, on one core, some, or a cluster; what is done is kept."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, as_completed
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from avc_casadi._errors import InputError, WorkerLostError
+from avc_casadi.support._json import json_text
+from avc_casadi.support._processes import Processes
+from avc_casadi.support._progress import SILENT, Progress
+
+T = TypeVar("T")
+R = TypeVar("R")
+_ABOUT = "study.json"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One of several jobs that share the chunks of a study: dealt out in turn.
+
+    Attributes:
+        number: 1 to `of`.
+        of: number of jobs.
+    """
+
+    number: int
+    of: int
+
+    @classmethod
+    def of_text(cls, text: str) -> Part:
+        """Read ``7/100``.
+
+        Raises:
+            ValueError: it is something else.
+        """
+        number, _, of = text.partition("/")
+        found = cls(int(number), int(of))
+        if not 1 <= found.number <= found.of:
+            raise ValueError(f"{text!r} is no part; allowed: 1/N to N/N")
+        return found
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.of}"
+
+
+@dataclass(frozen=True)
+class Chunked(Generic[T, R]):
+    """A study in chunks.
+
+    The result depends on the tasks alone: not on who works them out, in which order, in how many goes.
+
+    Attributes:
+        about: what the results depend on, JSON values; a folder keeps the chunks of one study.
+        work: function of a module; returns JSON values where a folder is to keep them.
+        tasks: what it is called with, one for each chunk.
+        finish: what makes the result of those of all chunks, in their order.
+        sizes: how many things each chunk is of, for progress; empty where each is one.
+        things: what they are.
+    """
+
+    about: Mapping[str, Any]
+    work: Callable[[T], Any]
+    tasks: Sequence[T]
+    finish: Callable[[list[Any]], R]
+    sizes: Sequence[int] = ()
+    things: str = "chunks"
+
+    def run(
+        self,
+        executor: Executor | None = None,
+        *,
+        workers: int = 1,
+        folder: Path | None = None,
+        progress: Progress = SILENT,
+    ) -> R:
+        """Work out what is missing, and return the result.
+
+        Args:
+            executor: who works the chunks out, of `concurrent.futures` or with its interface; it is not shut down.
+            workers: without an executor: processes; 1 stays in this one. More than one start this program anew, so
+                that a script needs its guard ``if __name__ == "__main__"``.
+            folder: keeps each chunk as soon as it is done, and gives those that it holds of an earlier run.
+            progress: told of what is done.
+
+        Raises:
+            InputError: the folder holds another study.
+            WorkerLostError: a worker died, and the executor gives its chunk to no other.
+        """
+        return self.finish(list(self._all(executor, workers, folder, None, progress).values()))
+
+    def run_part(
+        self,
+        part: Part,
+        folder: Path,
+        executor: Executor | None = None,
+        *,
+        workers: int = 1,
+        progress: Progress = SILENT,
+    ) -> int:
+        """Work out the chunks of one job among several, which share a folder; returns how many there stand of all.
+
+        Args:
+            part: which job.
+            folder: keeps the chunks.
+            executor: as in `run`.
+            workers: as in `run`.
+            progress: told of what is done.
+        """
+        self._all(executor, workers, folder, part, progress)
+        return len(self.tasks) - len(self.missing(folder))
+
+    def merged(self, folder: Path) -> R:
+        """Return the result of the chunks that a folder holds, and work nothing out.
+
+        Raises:
+            InputError: chunks are missing, or the folder holds another study.
+        """
+        kept = self._kept(folder)
+        missing = [index + 1 for index in range(len(self.tasks)) if index not in kept]
+        if missing:
+            some = ", ".join(map(str, missing[:10])) + (", ..." if len(missing) > 10 else "")
+            message = (
+                f"{folder} holds {len(kept)} of {len(self.tasks)} chunks; missing: {some}. Run the jobs that are left, "
+                "or leave the merging out and work them out here"
+            )
+            raise InputError.of(message, key="merge")
+        return self.finish([kept[index] for index in range(len(self.tasks))])
+
+    def missing(self, folder: Path) -> list[int]:
+        """Return which chunks a folder does not hold, from 0."""
+        kept = self._kept(folder)
+        return [index for index in range(len(self.tasks)) if index not in kept]
+
+    def _all(
+        self, executor: Executor | None, workers: int, folder: Path | None, part: Part | None, progress: Progress
+    ) -> dict[int, Any]:
+        """Return the results of all chunks, or of one job's, in their order."""
+        mine = range(len(self.tasks))[slice(None) if part is None else slice(part.number - 1, None, part.of)]
+        kept = {} if folder is None else self._kept(folder)
+        found = {index: kept[index] for index in mine if index in kept}
+        sizes = self.sizes or [1] * len(self.tasks)
+        done, total = sum(sizes[index] for index in found), sum(sizes[index] for index in mine)
+        left = [index for index in mine if index not in found]
+        progress.advance(done, total, self.things)
+        with ExitStack() as stack:
+            if executor is None and workers > 1 and len(left) > 1:
+                executor = stack.enter_context(Processes(min(workers, len(left))))
+            for index, result in self._results(left, executor):
+                if folder is not None:
+                    _write(folder / _name(index), result)
+                found[index] = result
+                done += sizes[index]
+                progress.advance(done, total, self.things)
+        return {index: found[index] for index in mine}
+
+    def _results(self, left: Iterable[int], executor: Executor | None) -> Iterator[tuple[int, Any]]:
+        """Yield chunks as they are done."""
+        if executor is None:
+            yield from ((index, self.work(self.tasks[index])) for index in left)
+            return
+        futures = {executor.submit(self.work, self.tasks[index]): index for index in left}
+        try:
+            for future in as_completed(futures):
+                try:
+                    yield futures[future], future.result()
+                except (BrokenExecutor, WorkerLostError) as error:
+                    raise WorkerLostError(
+                        f"chunk {futures[future] + 1} of {len(self.tasks)}: {error}; chunks that are done stand in the "
+                        "folder, where one was given: run it again with the same folder"
+                    ) from error
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def _kept(self, folder: Path) -> dict[int, Any]:
+        """Return the chunks of a folder; a new one is told what it will hold."""
+        about = json.loads(
+            json_text({"about": self.about, "chunks": len(self.tasks), "avc_casadi": version("avc-casadi")})
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / _ABOUT
+        held = _read(path)
+        if held is None:
+            _write(path, about)
+        elif held != about:
+            message = f"{folder} holds another study: {_apart(held, about)}. Take another folder, or repeat that one"
+            raise InputError.of(message, key="resume")
+        found = ((index, _read(folder / _name(index))) for index in range(len(self.tasks)))
+        return {index: result for index, result in found if result is not None}
+
+
+def _apart(held: Any, about: dict[str, Any]) -> str:
+    """Say in what two studies differ."""
+    if not (isinstance(held, dict) and isinstance(held.get("about"), dict)):
+        return "it says nothing of its study"
+    its, here = (
+        {**one["about"], "chunks": one.get("chunks"), "release": one.get("avc_casadi")} for one in (held, about)
+    )
+    names = [name for name in {**its, **here} if its.get(name) != here.get(name)]
+    return "; ".join(f"its {name} is {its.get(name)}, of this one {here.get(name)}" for name in names)
+
+
+def _name(index: int) -> str:
+    return f"chunk-{index + 1:06d}.json"
+
+
+def _read(path: Path) -> Any:
+    """Return what a file holds; None where it is not there or is cut off."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):
+        return None
+
+
+def _write(path: Path, value: Any) -> None:
+    """Write a file that is there whole or not at all, whoever else writes the same."""
+    partial = path.with_suffix(f".{os.getpid()}.partial")
+    partial.write_text(json_text(value), encoding="utf-8")
+    partial.replace(path)

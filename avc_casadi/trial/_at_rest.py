@@ -1,0 +1,161 @@
+"""Any number of hands with a coupling, at rest or not: a study in chunks, people drawn where they are tried."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import InputError
+from avc_casadi.coupling import coupling_document
+from avc_casadi.support import BoolArray, Chunked, json_text
+from avc_casadi.trial._binomial import CONFIDENCE, exact_interval
+from avc_casadi.trial._coupling_trial import TRIAL_S
+from avc_casadi.trial._subjects import BLOCK, draw_hands
+from avc_casadi.trial._trial import MOTIONS, Conditions, motions_at, resting
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.loop import Hand
+
+SCHEMA = "avc-trial/1"
+# Of those who do not come to rest, so many are named.
+_NAMED = 20
+_DEPENDS_ON = ("problem_file", "contact", "table", "runtime", "wall", "max_force_n")
+
+
+@dataclass(frozen=True)
+class HandsAtRest:
+    """How many of many hands come to rest.
+
+    Attributes:
+        coupling: its name.
+        hands: how many there are.
+        seed: of their draw.
+        friction: whether the declared dry friction acts.
+        at_rest: how many come to rest in every motion, by the published criterion of 5 mm/s.
+        by_motion: how many in each.
+        moving: numbers of the first of the others in the draw, from 0.
+        effects: what was simulated.
+    """
+
+    coupling: str
+    hands: int
+    seed: int
+    friction: bool
+    at_rest: int
+    by_motion: dict[str, int]
+    moving: tuple[int, ...]
+    effects: tuple[str, ...]
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the exact binomial interval of the share at rest."""
+        return exact_interval(self.at_rest, self.hands)
+
+    def document(self) -> dict[str, Any]:
+        """Return the document of `avc trial`: JSON values."""
+        return {
+            "schema": SCHEMA,
+            **vars(self),
+            "moving": list(self.moving),
+            "effects": list(self.effects),
+            "at_rest_interval": list(self.interval),
+            "confidence": CONFIDENCE,
+        }
+
+
+def hands_at_rest(
+    coupling: Coupling, hands: int, seed: int = 0, *, friction: bool = True, chunk: int = BLOCK
+) -> Chunked[tuple[int, int], HandsAtRest]:
+    """Plan to let many people press, tap and hold, drawn uniformly from the problem's set of hands.
+
+    Args:
+        coupling: what runs.
+        hands: how many.
+        seed: of their draw; the first of many are the same people as a few.
+        friction: False leaves the declared dry friction out.
+        chunk: hands tried at a time; the result does not depend on it.
+
+    Returns:
+        The study; its ``run()`` tries everybody.
+
+    Example:
+        >>> coupling = avc.recommend("soft", 20).coupling
+        >>> from avc_casadi.trial import hands_at_rest
+        >>> hands_at_rest(coupling, 50, seed=1).run().at_rest
+        50
+    """
+    if hands < 1 or chunk < 1:
+        raise InputError.of(f"is {min(hands, chunk)}; allowed: 1 or more", key="hands" if hands < 1 else "chunk")
+    conditions = Conditions.of(coupling)
+    conditions = conditions if friction else conditions.without_friction()
+    tasks = [(first, min(chunk, hands - first)) for first in range(0, hands, chunk)]
+    whole = coupling_document(coupling)
+    told = {
+        "coupling": coupling.method,
+        "hands": hands,
+        "seed": seed,
+        "friction": friction,
+        "effects": [effect.kind for effect in conditions.effects()],
+    }
+    # What a coupling carries with it and does not run would only cost time on the way to a worker.
+    bare = replace(coupling, certificate=None, trial=None)
+    return Chunked(
+        about={
+            "study": SCHEMA,
+            **told,
+            "chunk": chunk,
+            "sha256": hashlib.sha256(json_text([whole[name] for name in _DEPENDS_ON]).encode()).hexdigest(),
+        },
+        work=partial(_tried, bare, conditions, seed),
+        tasks=tasks,
+        finish=partial(_counted, told),
+        sizes=[count for _, count in tasks],
+        things="hands",
+    )
+
+
+def all_at_rest(coupling: Coupling, people: Hand, *, friction: bool = True) -> BoolArray:
+    """Whether each of many people comes to rest in every motion.
+
+    Args:
+        coupling: what runs.
+        people: who press, tap and hold.
+        friction: False leaves the declared dry friction out.
+    """
+    conditions = Conditions.of(coupling)
+    found = _by_motion(coupling, conditions if friction else conditions.without_friction(), people)
+    return np.asarray(np.all(list(found.values()), axis=0))
+
+
+def _by_motion(coupling: Coupling, conditions: Conditions, people: Hand) -> dict[str, BoolArray]:
+    chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
+    return {
+        name: resting(coupling.problem, chosen, people, motion, conditions, TRIAL_S)
+        for name, motion in motions_at(coupling.problem.device).items()
+    }
+
+
+def _tried(coupling: Coupling, conditions: Conditions, seed: int, task: tuple[int, int]) -> dict[str, Any]:
+    """Try some of the draw, from a first one on."""
+    first, count = task
+    rest = _by_motion(coupling, conditions, draw_hands(coupling.problem.hands, count, seed, first=first))
+    whole = np.all(list(rest.values()), axis=0)
+    return {
+        "at_rest": int(whole.sum()),
+        "by_motion": {name: int(found.sum()) for name, found in rest.items()},
+        "moving": (first + np.flatnonzero(~whole)[:_NAMED]).tolist(),
+    }
+
+
+def _counted(told: dict[str, Any], parts: list[dict[str, Any]]) -> HandsAtRest:
+    return HandsAtRest(
+        **{**told, "effects": tuple(told["effects"])},
+        at_rest=sum(part["at_rest"] for part in parts),
+        by_motion={name: sum(part["by_motion"][name] for part in parts) for name in MOTIONS},
+        moving=tuple(number for part in parts for number in part["moving"])[:_NAMED],
+    )

@@ -1,0 +1,88 @@
+"""Runs side by side in the lanes of vectors have the bits of the same runs one by one, whatever the scene."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scene_cases import CASES, FRICTION, HAND, QUICK, WALL
+from scene_reference import scene_problem
+
+import avc_casadi as avc
+from avc_casadi.coupling import Gains
+from avc_casadi.scene import (
+    LANES,
+    NativeScene,
+    SideBySide,
+    compile_for,
+    compiler,
+    execute,
+    execute_to_rest,
+    judge,
+    settled,
+)
+from avc_casadi.scene.effects import build_effects
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+ENCODER = 'kind = "encoder"\nresolution_m = 2e-6'
+ADAPTED = (HAND, WALL, 'kind = "estimator"', 'kind = "adaptation"', FRICTION, ENCODER)
+
+
+def compiled_scene(effects, gains, scene=""):
+    problem = scene_problem(effects, motion=QUICK, scene=scene)
+    bound, chosen, _ = settled(problem, build_effects(problem), gains or avc.solve(problem, "exact"))
+    found = compile_for(problem, bound, chosen)
+    return found, found.parameter_values(chosen)[0]
+
+
+def several(row, runs, seed, spread):
+    """Different numbers in every lane: hands, walls and gains of nobody."""
+    return row * (1 + spread * np.random.default_rng(seed).uniform(-1, 1, (runs, len(row))))
+
+
+def assert_same_bits(ours, theirs):
+    """Not a number may have any sign."""
+    ours, theirs = (np.ascontiguousarray(np.where(np.isnan(one), np.nan, one)) for one in (ours, theirs))
+    np.testing.assert_array_equal(ours.view(np.int64), theirs.view(np.int64))
+
+
+@settings(max_examples=8)
+@given(
+    case=st.sampled_from(sorted(CASES)),
+    damping=st.sampled_from([0.0, 10.0, 200.0]),
+    stiffness=st.floats(1e2, 1e7),
+    contact=st.sampled_from([0.0, 15.0]),
+    integrator=st.sampled_from(["exact", "projected", "rk4"]),
+    runs=st.integers(1, 2 * LANES + 3),
+    spread=st.sampled_from([1e-3, 0.3, 3.0]),
+    seed=st.integers(0, 10**6),
+)
+def test_any_scene(case, damping, stiffness, contact, integrator, runs, spread, seed):
+    if integrator == "projected" and "rms_s = 0.0" not in str(CASES[case]) and "jitter" in str(CASES[case]):
+        integrator = "exact"  # late forces break substeps up
+    how = f'duration_s = 0.05\nintegrator = "{integrator}"\nsubsteps = 2\n'
+    scene, row = compiled_scene(CASES[case][0], Gains(damping, stiffness, contact), how)
+    parameters, inputs = several(row, runs, seed, spread), scene.input_values()
+    with np.errstate(all="ignore"):
+        lanes = SideBySide(scene)(scene.initial, inputs.T, parameters, 1)
+        alone = execute(scene, parameters, inputs, engine="casadi")
+    for index, (name, values) in enumerate(alone.items()):
+        assert name == scene.traces[index]
+        assert_same_bits(lanes[:, :, index], values)
+
+
+@pytest.mark.parametrize(("effects", "gains"), [(ADAPTED, None), ((HAND, WALL, FRICTION, ENCODER), Gains(10.0, 1e5))])
+def test_peaks_and_rest_are_those_of_the_traces(effects, gains):
+    scene, row = compiled_scene(effects, gains, 'duration_s = 0.8\nintegrator = "projected"\nsubsteps = 4\n')
+    parameters, inputs = several(row, LANES + 5, 3, 0.05), scene.input_values()
+    lanes, alone = SideBySide(scene), NativeScene(scene)(scene.initial, inputs.T, parameters, 2)
+    assert_same_bits(lanes(scene.initial, inputs.T, parameters, 3), alone)
+    with np.errstate(all="ignore"):
+        peaks = lanes.peaks(scene.initial, inputs.T, parameters, 2, scene.samples - 500)
+        np.testing.assert_array_equal(peaks[:, 0], np.abs(alone[:, :, 0]).max(axis=1))
+        np.testing.assert_array_equal(peaks[:, 1], np.abs(alone[:, -500:, 1]).max(axis=1))
+        judged = judge(alone[..., 0], alone[..., 1], alone[..., scene.traces.index("force_n")], scene.sample_time_s)
+        rest = execute_to_rest(scene, parameters, inputs, engine="native")
+        few = execute_to_rest(scene, parameters[:3], inputs, engine="casadi")
+    np.testing.assert_array_equal(rest, judged.stable)
+    np.testing.assert_array_equal(few, rest[:3])
