@@ -15,11 +15,11 @@ import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.coupling import Gains
 from avc_casadi.diagnosis import CAUSES, diagnose
+from avc_casadi.diagnosis._answer import Answer
 from avc_casadi.diagnosis._law import find_law
 from avc_casadi.diagnosis._log import log_of
 from avc_casadi.diagnosis._loop import growth_over, limit_of, worst_mode
 from avc_casadi.diagnosis._oscillation import find_oscillation
-from avc_casadi.diagnosis._plant import Answer
 from avc_casadi.identification import Columns
 from avc_casadi.loop import Hand
 from avc_casadi.problem import Device

@@ -15,6 +15,7 @@ import avc_casadi as avc
 from avc_casadi.cli._arguments import add_log_layout, log_layout, positive
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
+from avc_casadi.cli._subject import linear_only, load_device, load_problem
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -78,9 +79,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 def _declared(args: argparse.Namespace) -> tuple[Device | None, Hands | None]:
     if args.problem:
-        problem = avc.load_problem(args.problem)
-        return problem.device, problem.hands
-    return (avc.load_device(args.device).device if args.device else None), None
+        problem = load_problem(args.problem)
+        return linear_only(problem.device, "diagnose", "--problem"), problem.hands
+    return (linear_only(load_device(args.device).device, "diagnose", "--device") if args.device else None), None
 
 
 def _coupling(file: str | None) -> Coupling | None:

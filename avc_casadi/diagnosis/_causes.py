@@ -8,18 +8,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from avc_casadi.diagnosis._answer import Answer
 from avc_casadi.diagnosis._declared import Declared
 from avc_casadi.diagnosis._law import Law
 from avc_casadi.diagnosis._log import Log
 from avc_casadi.diagnosis._loop import (
+    Mode,
     at_period,
     growth_over,
     limit_of,
+    reserve_of,
     worst_growth_of_hands,
     worst_mode,
 )
 from avc_casadi.diagnosis._oscillation import Oscillation
-from avc_casadi.diagnosis._plant import Answer, Fit
+from avc_casadi.diagnosis._search import Fit
 
 CAUSES: Mapping[str, str] = {
     "delay": "delay",
@@ -45,6 +48,8 @@ _HELD = 0.8
 _TOO_LONG = 6.0
 # Gains whose limits lie so near to each other, in logarithms, are one and the other.
 _NEAR = 0.15
+# A loop that so little more gain, as a logarithm, would swing is swung by little: its gain is to blame too.
+_EDGE = 0.1
 # Of the way to rest, what is more than this share is a part of the cause.
 _A_PART = 0.25
 # Shares of the lightest and the loosest hand of the box, below which hardly any hand holds.
@@ -67,9 +72,7 @@ class Asked:
     causes: Mapping[str, float]
 
 
-def weigh(
-    fits: Sequence[Fit], law: Law, log: Log, found: Oscillation, declared: Declared
-) -> tuple[dict[str, float], list[Asked]]:
+def weigh(fits: Sequence[Fit], law: Law, log: Log, found: Oscillation, declared: Declared) -> list[Asked]:
     """Ask every answer that the log bears out.
 
     Args:
@@ -78,9 +81,6 @@ def weigh(
         log: on its grid.
         found: its oscillation.
         declared: the loop as it was meant.
-
-    Returns:
-        Shares of the causes, largest first, and the answers.
     """
     odds = np.exp(-np.minimum(np.array([fit.cost for fit in fits]) - fits[0].cost, 700.0))
     odds /= odds.sum()
@@ -92,12 +92,21 @@ def weigh(
         asked += [
             Asked(answer, float(weight) / len(some), causes_of(answer, law, log, found, declared)) for answer in some
         ]
+    return asked
+
+
+def shares_of(asked: Sequence[Asked]) -> dict[str, float]:
+    """Return the shares of the causes, largest first.
+
+    Args:
+        asked: every answer that the log bears out.
+    """
     total = sum(one.weight for one in asked)
     shares: dict[str, float] = {}
     for one in asked:
         for cause, share in one.causes.items():
             shares[cause] = shares.get(cause, 0.0) + share * one.weight / total
-    return dict(sorted(shares.items(), key=lambda item: -item[1])), asked
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
 def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: Declared) -> dict[str, float]:
@@ -105,10 +114,7 @@ def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: 
     ticks = log.ticks
     irregular = ticks.missed_share > _MISSED or ticks.jitter_rms_s > _JITTER * ticks.sample_time_s
     even = worst_mode(answer, law)
-    device = declared.device
-    slower = declared.known and ticks.period_s > 1.3 * device.sample_time_s
-    meant = declared.longest_delay * (device.sample_time_s / ticks.period_s if slower else 1.0)
-    late = float(answer.device.delay_samples) + law.lag > meant + _DELAY
+    slower, _, late = timing(answer, law, log, declared)
     if even.stable:
         # Over few steps the encoder swings the loop, and what is not as declared may be why it can.
         beside = {
@@ -116,11 +122,35 @@ def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: 
             "rate": slower or ticks.held > 1,
             "delay": late,
             "let-go": let_go(answer, declared),
+            "resonance": answer.device.resonance is not None and declared.device.resonance is None,
         }
-        some = ["encoder", *(cause for cause, there in beside.items() if there)] if found.steps < _STEPS else [OTHER]
-        if irregular and (growth_over(answer, law, log.ran) > 0 or some == [OTHER]):
-            some = ["ticks"]
-        return dict.fromkeys(some, 1 / len(some))
+        few = found.steps < _STEPS
+        if irregular and (not few or growth_over(answer, law, log.ran) > 0):
+            return {"ticks": 1.0}
+        if not few:
+            return {OTHER: 1.0}
+        some = ["encoder", *(cause for cause, there in beside.items() if there)]
+        reserve, gain = reserve_of(answer, law)
+        share = min(reserve / _EDGE, 1.0)
+        causes = dict.fromkeys(some, share / len(some))
+        if share < 1:
+            without = beside["resonance"] and reserve_of(answer.without_mode(), law)[0] > _EDGE
+            nearest = "resonance" if without else gain
+            causes[nearest] = causes.get(nearest, 0.0) + 1 - share
+        return causes
+    causes = _of_even_ticks(answer, law, log, found, declared, even)
+    missing = _share_of_ticks(answer, law, log, even.growth_per_s) if irregular else 0.0
+    if missing <= _A_PART:
+        return causes
+    return {cause: share * (1 - missing) for cause, share in causes.items()} | {"ticks": missing}
+
+
+def _of_even_ticks(
+    answer: Answer, law: Law, log: Log, found: Oscillation, declared: Declared, even: Mode
+) -> dict[str, float]:
+    """Return what a loop would rest but for that does not rest with every tick in time."""
+    ticks = log.ticks
+    slower, meant, late = timing(answer, law, log, declared)
     if (slower or ticks.held > 1) and _rests(*at_period(answer, law, meant_period(log, declared))):
         return {"rate": 1.0}
     if late and _rests(answer.delayed(meant - law.lag), shorter(law, meant)):
@@ -139,6 +169,20 @@ def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: 
         if share > _A_PART:
             left = {"delay": share} | {cause: part * (1 - share) for cause, part in left.items()}
     return {cause: share * (1 - gone) for cause, share in left.items()} | ({"let-go": gone} if gone else {})
+
+
+def timing(answer: Answer, law: Law, log: Log, declared: Declared) -> tuple[bool, float, bool]:
+    """Return whether the rate is slower than declared, the delay that was meant, and whether it is longer."""
+    device, period = declared.device, log.ticks.period_s
+    slower = declared.known and period > 1.3 * device.sample_time_s
+    meant = declared.longest_delay * (device.sample_time_s / period if slower else 1.0)
+    return slower, meant, float(answer.device.delay_samples) + law.lag > meant + _DELAY
+
+
+def _share_of_ticks(answer: Answer, law: Law, log: Log, even_per_s: float) -> float:
+    """Return how much of the growth over the ticks as they ran is not there with every tick in time."""
+    as_ran = growth_over(answer, law, log.ran)
+    return max(0.0, 1 - even_per_s / as_ran) if as_ran > 0 else 0.0
 
 
 def _declared_itself(answer: Answer, law: Law) -> dict[str, float]:

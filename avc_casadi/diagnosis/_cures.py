@@ -7,13 +7,13 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+from avc_casadi.diagnosis._answer import Answer
 from avc_casadi.diagnosis._causes import meant_period, shorter
 from avc_casadi.diagnosis._declared import Declared
 from avc_casadi.diagnosis._law import Law
 from avc_casadi.diagnosis._log import Log
 from avc_casadi.diagnosis._loop import at_period, growth_over, limit_of, longest_delay, notched_growth, worst_mode
 from avc_casadi.diagnosis._model import Cure
-from avc_casadi.diagnosis._plant import Answer
 from avc_casadi.diagnosis._replay import NOTHING, can_replay, replay
 from avc_casadi.scene.effects import Notch
 from avc_casadi.support import number

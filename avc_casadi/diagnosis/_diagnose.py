@@ -2,55 +2,31 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi.coupling import Coupling
-from avc_casadi.diagnosis._causes import CAUSES, OTHER, Asked, weigh
-from avc_casadi.diagnosis._cures import cures_of
+from avc_casadi.diagnosis._causes import weigh
 from avc_casadi.diagnosis._declared import Declared
 from avc_casadi.diagnosis._evidence import (
-    deciding_log,
-    declared_resonance,
     law_sentence,
-    measured_sentences,
-    named_sentence,
     oscillation_sentence,
-    thresholds,
     ticks_sentence,
 )
-from avc_casadi.diagnosis._jump import find_jump, jump_sentence
-from avc_casadi.diagnosis._law import Law, find_law
-from avc_casadi.diagnosis._log import Log, log_of
-from avc_casadi.diagnosis._loop import worst_mode
+from avc_casadi.diagnosis._law import find_law
+from avc_casadi.diagnosis._log import log_of
 from avc_casadi.diagnosis._meant import law_differs
-from avc_casadi.diagnosis._model import Cure, Diagnosis, Measured, Trace, Verdict
-from avc_casadi.diagnosis._oscillation import Oscillation, Swing, find_oscillation
-from avc_casadi.diagnosis._plant import Answer, Fit, fit_plants
-from avc_casadi.diagnosis._replay import can_replay, replay
+from avc_casadi.diagnosis._model import Diagnosis
+from avc_casadi.diagnosis._oscillation import find_oscillation
+from avc_casadi.diagnosis._plant import fit_plants
 from avc_casadi.diagnosis._units import other_unit
+from avc_casadi.diagnosis._verdict import Judge
 from avc_casadi.identification import Columns, Layout, read_columns
 from avc_casadi.problem import Device, Hands
 from avc_casadi.support import SILENT, Progress, number
 
 _DRAWS = 16
-# A cause is named where so large a share of the answers agrees, and no other has more than this.
-_SURE, _RIVAL = 0.8, 0.12
-# Logarithm of the ratio of measured and modelled frequency, in contact throughout, beyond which the model is not it.
-_FREQUENCY = 0.3
-_ALWAYS = 0.97
-# Answers that are played in the scene until one swings.
-_PLAYED = 5
-# What a model may leave of the position, over what encoder and noise do.
-_UNEXPLAINED = 12.0
-# Share of a swing that is still the same swing.
-_STILL = 0.3
-# An encoder that toggles between two counts moves by no more steps than that.
-_TOGGLES = 1.5
 
 
 def diagnose(
@@ -107,18 +83,18 @@ def diagnose(
         evidence.append(law_sentence(law, grid.ticks.period_s))
         notes += law_differs(law, swing.found, grid, coupling, stiffness_n_per_m, damping_ns_per_m)
     unit = other_unit(grid, swing.found, law, declared, coupling, stiffness_n_per_m)
-    base = _Base(grid, swing, law, declared, evidence, [*declared.notes, *notes])
-    early = base.at_once() or base.in_another_unit(unit) or base.jumps()
+    judge = Judge(grid, swing, law, declared, evidence, [*declared.notes, *notes])
+    early = judge.at_once() or judge.in_another_unit(unit) or judge.jumps()
     if early is not None:
         return early
     if law is None or not law.told:
-        return base.without_model()
+        return judge.without_model()
     with progress.step("device and hand"):
         fits = fit_plants(grid, swing, declared, law.lag, _DRAWS, seed)
     with progress.step("causes"):
-        shares, asked = weigh(fits, law, grid, swing.found, declared)
+        asked = weigh(fits, law, grid, swing.found, declared)
     with progress.step("cures"):
-        return base.judged(law, fits, shares, asked)
+        return judge.judged(law, fits, asked)
 
 
 def _one(columns: Sequence[Columns], file: str | Path) -> Columns:
@@ -127,235 +103,3 @@ def _one(columns: Sequence[Columns], file: str | Path) -> Columns:
             f"holds {len(columns)} records; allowed: one record a log, in files of their own", file=str(file)
         )
     return columns[0]
-
-
-class _Base:
-    """What is known of a log before anything is judged."""
-
-    def __init__(
-        self, log: Log, swing: Swing, law: Law | None, declared: Declared, evidence: list[str], notes: list[str]
-    ) -> None:
-        self._log, self._swing, self._law, self._declared = log, swing, law, declared
-        self._evidence, self._notes = evidence, notes
-
-    def at_once(self) -> Diagnosis | None:
-        """Return the verdict where no loop model is needed."""
-        found, log = self._swing.found, self._log
-        if not found.sustained:
-            what = "an oscillation comes and dies away" if found.kind == "decaying" else "nothing swings"
-            return self._made("nothing wrong", f"nothing wrong: {what} in {number(_seconds(log), 3)} s")
-        if found.steps < _TOGGLES and thresholds(found) < 1:
-            said = "nothing wrong: it toggles by one step of the encoder, which no hand feels; a finer one would rest"
-            return self._made("nothing wrong", said)
-        if found.contact_share == 0:
-            said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
-            return self._made("not the loop", said)
-        return None
-
-    def in_another_unit(self, told: str) -> Diagnosis | None:
-        """Return the verdict where no model can fit because the positions are not in metres."""
-        if not told:
-            return None
-        return self._made("cannot tell", f"cannot tell: {told}", decides="the same log with its unit told (--units)")
-
-    def jumps(self) -> Diagnosis | None:
-        """Return the verdict where the force jumps at the edge of contact, and every cycle crosses it."""
-        jump = find_jump(self._log, self._swing)
-        if jump is None:
-            return None
-        size = number(jump.force_n, 3)
-        said = (
-            f"{CAUSES['stiffness']}: the force jumps by {size} N where contact begins, a spring without length; let it "
-            "grow with the depth (k below its limit), or keep it on through the whole cycle"
-        )
-        return self._made(
-            "named", said, cause="stiffness", candidates=("stiffness",), evidence=[*self._evidence, jump_sentence(jump)]
-        )
-
-    def without_model(self) -> Diagnosis:
-        """Return the verdict where no loop model can be made."""
-        said = (
-            "cannot tell: the force of this log is not that of a spring and a damper on its position, so that no loop "
-            "model can be made"
-        )
-        decides = "a log of the position that the computer used and the force that it commanded, tick by tick"
-        return self._made("cannot tell", said, decides=decides)
-
-    def judged(self, law: Law, fits: Sequence[Fit], shares: Mapping[str, float], asked: Sequence[Asked]) -> Diagnosis:
-        """Return the verdict by the shares of the causes."""
-        found, log, declared = self._swing.found, self._log, self._declared
-        causes = list(shares)
-        first, second = causes[0], causes[1] if len(causes) > 1 else None
-        answer, fit = _likeliest(first, asked, fits)
-        measured = _measured(answer, fit, law, log, declared)
-        evidence = [*self._evidence, *measured_sentences(measured, declared)]
-        doubts = []
-        if first == OTHER:
-            doubts.append(
-                "no single change of those that were tried brings this loop to rest, or it rests on the model"
-            )
-        elif together := _together(asked):
-            doubts.append(
-                f"the delay is more than declared, and with the declared one there would be {CAUSES[together]} still"
-            )
-        elif shares[first] < _SURE or (second is not None and shares[second] > _RIVAL):
-            doubts.append(f"of the answers that the log bears out {_shares_text(shares)}")
-        apart = abs(math.log(max(measured.frequency_hz, 0.1) / found.frequency_hz))
-        limited = np.mean(np.abs(log.force_n) > 0.999 * np.abs(log.force_n).max()) > 1 - _ALWAYS
-        linear = found.contact_share > _ALWAYS and not limited
-        if first not in {"encoder", "ticks", OTHER} and linear and apart > _FREQUENCY:
-            doubts.append(
-                f"the model swings at {number(measured.frequency_hz, 3)} Hz, the log at {number(found.frequency_hz, 3)}"
-            )
-        if measured.misfit > _UNEXPLAINED and first not in {"ticks", "rate"}:
-            doubts.append(f"the model leaves {number(measured.misfit, 2)} times what encoder and noise do")
-        if first == "encoder":
-            some = [one.answer for one in asked if one.causes.get(first, 0.0) >= 0.5]
-            doubts += self._replayed([answer, *some[: _PLAYED - 1]], law, evidence)
-        if doubts:
-            candidates = tuple(cause for cause in causes if cause != OTHER)[:2]
-            names = " or ".join(CAUSES[cause] for cause in candidates) or "none of the causes it knows"
-            said = f"cannot tell: {names}; {'; '.join(doubts)}"
-            cures = tuple(cure for cause in candidates for cure in cures_of(cause, answer, law, log, declared))
-            return self._made(
-                "cannot tell",
-                said,
-                candidates=candidates,
-                shares=shares,
-                measured=measured,
-                evidence=evidence,
-                cures=tuple(dict.fromkeys(cures)),
-                decides=deciding_log(candidates),
-            )
-        if first == "resonance":
-            self._notes.append(declared_resonance(measured))
-        return self._made(
-            "named",
-            named_sentence(first, measured, law, log),
-            cause=first,
-            candidates=(first,),
-            shares=shares,
-            measured=measured,
-            evidence=evidence,
-            cures=cures_of(first, answer, law, log, declared),
-        )
-
-    def _replayed(self, answers: Sequence[Answer], law: Law, evidence: list[str]) -> list[str]:
-        """Play the scene with and without the encoder until it swings; return the doubts that are left."""
-        if not can_replay(law):
-            return ["the law pushes on its own, which no scene renders"]
-        log = self._log
-        for answer in answers:
-            stepped = replay(answer, law, log, log.encoder_m)
-            if stepped.sustained:
-                break
-        else:
-            evidence.append("played in the scene with the encoder: rests")
-            return ["played in the scene with its encoder the loop rests"]
-        smooth = replay(answer, law, log, 0.0)
-        evidence.append(f"played in the scene with the encoder: {_told(stepped)}; without it: {_told(smooth)}")
-        still = smooth.sustained and smooth.peak_to_peak_m > _STILL * stepped.peak_to_peak_m
-        return ["played in the scene without the encoder it swings too"] if still else []
-
-    def _made(
-        self,
-        verdict: Verdict,
-        conclusion: str,
-        *,
-        cause: str | None = None,
-        candidates: tuple[str, ...] = (),
-        shares: Mapping[str, float] | None = None,
-        measured: Measured | None = None,
-        evidence: Sequence[str] | None = None,
-        cures: tuple[Cure, ...] = (),
-        decides: str = "",
-    ) -> Diagnosis:
-        log = self._log
-        return Diagnosis(
-            source=log.name,
-            seconds=_seconds(log),
-            ticks=log.ticks,
-            encoder_m=log.encoder_m,
-            oscillation=self._swing.found,
-            law=self._law,
-            measured=measured,
-            verdict=verdict,
-            cause=cause,
-            candidates=candidates,
-            shares=dict(shares or {}),
-            conclusion=conclusion,
-            evidence=tuple(self._evidence if evidence is None else evidence),
-            cures=cures,
-            decides=decides,
-            notes=tuple(self._notes),
-            trace=_trace(log, self._swing),
-        )
-
-
-def _together(asked: Sequence[Asked]) -> str | None:
-    """Return what most of the answers name together with a delay, each a part of the way to rest; None for nothing."""
-    shares: dict[str, float] = {}
-    for one in asked:
-        if "delay" in one.causes and "encoder" not in one.causes:
-            for cause in one.causes.keys() - {"delay", OTHER}:
-                shares[cause] = shares.get(cause, 0.0) + one.weight
-    most = max(shares, key=lambda cause: shares[cause], default=None)
-    return most if most is not None and shares[most] > 0.5 * sum(one.weight for one in asked) else None
-
-
-def _likeliest(cause: str, asked: Sequence[Asked], fits: Sequence[Fit]) -> tuple[Answer, Fit]:
-    """Return the likeliest answer of a cause, and the fit that it is from."""
-    of_cause = [one for one in asked if one.causes.get(cause, 0.0) >= 0.5] or list(asked)
-    # The best of each fit stands before those drawn about it.
-    best = max(of_cause, key=lambda one: one.weight).answer
-    fit = next(fit for fit in fits if best is fit.answer or any(best is draw for draw in fit.draws))
-    return best, fit
-
-
-def _measured(answer: Answer, fit: Fit, law: Law, log: Log, declared: Declared) -> Measured:
-    mode = worst_mode(answer, law)
-    shape = answer.device.resonance
-    return Measured(
-        delay_samples=float(answer.device.delay_samples) + law.lag,
-        delay_error_samples=float(np.std([float(draw.device.delay_samples) for draw in fit.draws])),
-        declared_delay_samples=declared.longest_delay * declared.device.sample_time_s / log.ticks.period_s,
-        lag_samples=law.lag,
-        hand=None if answer.hand is None else answer.hand.values(0),
-        resonance=None if shape is None else shape.model_dump(),
-        misfit=fit.misfit,
-        growth_per_s=mode.growth_per_s,
-        frequency_hz=mode.frequency_hz,
-    )
-
-
-def _shares_text(shares: Mapping[str, float]) -> str:
-    return ", ".join(
-        f"{100 * share:.0f} % say {CAUSES.get(cause, 'none of them')}"
-        for cause, share in shares.items()
-        if share > 0.01
-    )
-
-
-def _told(played: Oscillation) -> str:
-    if not played.sustained:
-        return "rests"
-    return f"{number(1e6 * played.peak_to_peak_m, 3)} um at {number(played.frequency_hz, 3)} Hz"
-
-
-def _seconds(log: Log) -> float:
-    return float(log.position_m.size * log.ticks.period_s)
-
-
-def _trace(log: Log, swing: Swing) -> Trace:
-    part = swing.fast_m[swing.first : swing.last]
-    window = np.hanning(part.size)
-    amplitude = 2 * np.abs(np.fft.rfft(part * window)) / window.sum()
-    return Trace(
-        time_s=log.time_s,
-        position_m=log.position_m,
-        fast_m=swing.fast_m,
-        envelope_m=swing.envelope_m,
-        force_n=-log.force_n,
-        frequency_hz=np.asarray(np.fft.rfftfreq(part.size, log.ticks.period_s), dtype=np.float64),
-        spectrum_m=np.asarray(amplitude),
-    )

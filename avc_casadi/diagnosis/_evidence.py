@@ -33,6 +33,22 @@ def thresholds(found: Oscillation) -> float:
     return found.peak_to_peak_m / 2 / float(threshold_m(np.array([found.frequency_hz]))[0])
 
 
+def toggling_felt(found: Oscillation, declared: Declared) -> float:
+    """Return the same of a position that toggles by one step, which moves as its force drives it, by a step at most.
+
+    Args:
+        found: the oscillation.
+        declared: the loop as it was meant.
+    """
+    angular = 2 * math.pi * found.frequency_hz
+    hands = declared.hands
+    if hands.mass_kg[0] * angular**2 < hands.stiffness_n_per_m[1]:
+        return thresholds(found)
+    # Above the frequency of a hand's spring and mass, a mass moves less the heavier it is; 4/pi of a square wave.
+    moves = 4 / math.pi * found.force_peak_to_peak_n / 2 / (declared.device.mass_kg * angular**2)
+    return min(1.0, moves / (found.peak_to_peak_m / 2)) * thresholds(found)
+
+
 def oscillation_sentence(found: Oscillation) -> str:
     """Say what swings."""
     if not math.isfinite(found.frequency_hz):
@@ -120,10 +136,15 @@ def named_sentence(cause: str, measured: Measured, law: Law, log: Log) -> str:
         "encoder": f"the loop rests without steps of {number(1e6 * log.encoder_m, 3)} um, and swings with them",
         "resonance": f"{'' if shape is None else number(shape['frequency_hz'], 3)} Hz; with rigid mechanics it rests",
         "let-go": "nobody holds the device; with a hand the loop rests",
-        "ticks": f"{100 * log.ticks.missed_share:.2g} % of the ticks are missing; with all of them the loop rests",
+        "ticks": f"{100 * log.ticks.missed_share:.2g} % of the ticks are missing; with all of them {_rests(measured)}",
         "rate": f"a new force every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was meant it rests",
     }[cause]
     return f"{words}: {why}"
+
+
+def _rests(measured: Measured) -> str:
+    grows = measured.growth_per_s
+    return "the loop rests" if grows < 0 else f"it would hardly grow, by {number(grows, 2)} 1/s"
 
 
 def declared_resonance(measured: Measured) -> str:

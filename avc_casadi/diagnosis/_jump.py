@@ -1,4 +1,9 @@
-"""A force that jumps where contact begins: a spring without length, which no loop with a delay holds."""
+"""A force that jumps where contact begins: a spring without length, which no loop with a delay holds.
+
+A damper jumps there too, by b times the speed, and pulls the force to 0 before the device leaves the wall. Its force is
+a spring and a damper cut at 0: carried on to the sample before contact, the same sum is at most 0. That of a force that
+a position switches on is as large there as it is a sample later.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from avc_casadi.diagnosis._law import Law
 from avc_casadi.diagnosis._log import Log
 from avc_casadi.diagnosis._oscillation import Swing
-from avc_casadi.support import number
+from avc_casadi.support import FloatArray, IndexArray, number
 
 _FEWEST = 25
 _MOST_LAG = 3
@@ -18,6 +24,8 @@ _LEFT = 0.05
 _SHARE = 0.4
 _PER_CYCLE = 0.5
 _NOTHING = 1e-3
+# A force nearer to the device's limit is cut.
+_WHOLE = 0.9999
 
 
 @dataclass(frozen=True)
@@ -49,33 +57,50 @@ def jump_sentence(jump: Jump) -> str:
     return f"in contact the force is {' + '.join(parts)}, and 0 outside: every cycle switches it"
 
 
-def find_jump(log: Log, swing: Swing) -> Jump | None:
+def find_jump(log: Log, swing: Swing, law: Law | None, limit_n: float | None) -> Jump | None:
     """Return the jump that an oscillation switches in every cycle, or None.
 
     Args:
         log: on its grid.
         swing: its oscillation.
+        law: what the computer makes of the position; where it is told, its spring says what is left at the edge.
+        limit_n: force limit of the device, at which forces are cut and tell nothing of what made them.
     """
     found, period = swing.found, log.ticks.period_s
     # What was switched on may have begun it: its later half counts.
     part = slice((swing.first + swing.last) // 2, swing.last)
     force, position = log.force_n[part], log.position_m[part]
     touching = force > 1e-9 * float(np.abs(force).max(initial=0.0))
-    begins = np.count_nonzero(touching[1:] & ~touching[:-1])
+    before = np.flatnonzero(touching[1:] & ~touching[:-1])
     cycles = found.frequency_hz * force.size * period
     swings = float(np.ptp(force))
-    if touching.sum() < _FEWEST or begins < _PER_CYCLE * cycles or (force < 0).any():
+    whole = touching if limit_n is None else touching & (force < _WHOLE * limit_n)
+    if whole.sum() < _FEWEST or before.size < _PER_CYCLE * cycles or (force < 0).any():
         return None
     for lag in range(_MOST_LAG + 1):
-        rows = np.flatnonzero(touching)
+        rows = np.flatnonzero(whole)
         rows = rows[rows > lag]
-        x = position[rows - lag]
-        edge = float(x.min())
-        speed = (x - position[rows - lag - 1]) / period
-        columns = np.stack([np.ones(rows.size), x - edge, speed], axis=1)
+        edge = float(position[rows - lag].min())
+        columns = _columns(position, rows, lag, edge, period)
         told = np.linalg.lstsq(columns, force[rows], rcond=1e-10)[0]
         left = float(np.sqrt(np.mean((columns @ told - force[rows]) ** 2)))
         if left < _LEFT * float(np.sqrt(np.mean(force[rows] ** 2))):
             jump = Jump(float(told[0]), float(told[1]), float(told[2]), lag)
-            return jump if jump.force_n > _SHARE * swings else None
+            carried = _columns(position, before[before > lag], lag, edge, period) @ told
+            switched = carried.size > 0 and float(np.median(carried)) > 0
+            least = _SHARE * swings
+            return jump if switched and min(jump.force_n, _of_spring(law, edge)) > least else None
     return None
+
+
+def _of_spring(law: Law | None, edge: float) -> float:
+    """Return the force of the spring alone at a position; infinite where none is told."""
+    if law is None or not law.told or not law.stiffness_n_per_m > _NOTHING:
+        return np.inf
+    return law.stiffness_n_per_m * (edge - law.wall_m)
+
+
+def _columns(position: FloatArray, rows: IndexArray, lag: int, edge: float, period: float) -> FloatArray:
+    """Return 1, depth and speed of the samples that some forces were computed from, shape (rows, 3)."""
+    x = position[rows - lag]
+    return np.stack([np.ones(rows.size), x - edge, (x - position[rows - lag - 1]) / period], axis=1)

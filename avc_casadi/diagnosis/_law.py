@@ -13,6 +13,9 @@ from avc_casadi.support import BoolArray, FloatArray, IndexArray
 
 _MOST_LAG = 8
 _FEWEST = 25
+# Fewer tell a law that leaves no more than this, where they are different and twice as many as its numbers: a force
+# that stands at 0 or at its limit most of the time passes through few samples on its way, each exact.
+_EXACT, _TWICE = 1e-3, 2
 # A law is told where it leaves so little of the force.
 TOLD = 0.05
 # A filter, or a longer lag, must leave so much less to be believed.
@@ -91,8 +94,6 @@ def find_law(log: Log, limit_n: float | None) -> Law | None:
     for lag in range(_MOST_LAG + 1):
         for filtered in (False, True):
             rows = _rows(log.ran, touching, lag, filtered=filtered)
-            if rows.size < _FEWEST:
-                continue
             found = _fit(position, force, rows, lag, filtered=filtered, period=log.ticks.period_s)
             if found is not None and (best is None or found.misfit < _BETTER * best.misfit):
                 best = found
@@ -113,11 +114,16 @@ def _rows(ran: BoolArray, touching: BoolArray, lag: int, *, filtered: bool) -> I
 def _fit(
     position: FloatArray, force: FloatArray, rows: IndexArray, lag: int, *, filtered: bool, period: float
 ) -> Law | None:
+    if not rows.size:
+        return None
     middle = float(position[rows].mean())
     columns = [position[rows - lag] - middle, position[rows - lag] - position[rows - lag - 1], np.ones(rows.size)]
     if filtered:
         columns.append(force[rows - 1])
     matrix = np.stack(columns, axis=1)
+    different = len(np.unique(matrix, axis=0)) if rows.size < _FEWEST else rows.size
+    if different < _TWICE * len(columns):
+        return None
     scale = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-300
     (*told,), _, rank, _ = np.linalg.lstsq(matrix / scale, force[rows], rcond=1e-10)
     values = np.array(told) / scale
@@ -128,6 +134,8 @@ def _fit(
     if not 0 <= keep < 0.98:
         return None
     left = float(np.sqrt(np.mean((matrix @ values - force[rows]) ** 2))) / changes
+    if rows.size < _FEWEST and left > _EXACT:
+        return None
     k = float(values[0]) / (1 - keep)
     # F = keep F_before + k (1 - keep) x + (b (1 - keep)/T + k keep)(x - x_before)
     b = (float(values[1]) - k * keep) * period / (1 - keep)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from avc_casadi.diagnosis._answer import Answer
 from avc_casadi.diagnosis._law import Law
-from avc_casadi.diagnosis._plant import Answer
 from avc_casadi.loop import Hand, device_with, no_hand, sampled_plant
 from avc_casadi.scene.effects import Notch
 from avc_casadi.stability import Rendering, closed_loop, plants_with_forces
@@ -17,6 +17,8 @@ from avc_casadi.support import BoolArray, FloatArray
 # Factors of a gain that are looked at, and how closely its limit is then found.
 _FACTORS = np.geomspace(1.0, 0.01, 41)
 _HALVINGS = 8
+# The same of a loop that rests.
+_MORE = np.exp(np.linspace(0.0, 0.4, 41))
 _MOST_TICKS = 3000
 
 
@@ -140,6 +142,26 @@ def limit_of(answer: Answer, law: Law, gain: str) -> float | None:
         else:
             high = middle
     return low
+
+
+def reserve_of(answer: Answer, law: Law) -> tuple[float, str]:
+    """Return how far a loop that rests is from swinging, and the gain that is nearer to its limit.
+
+    Args:
+        answer: device and hand.
+        law: what the computer makes of the position.
+
+    Returns:
+        Logarithm of the factor of stiffness and damping together at which it swings, infinite beyond `_MORE`, and
+        "stiffness" or "damping".
+    """
+    more, ones = _MORE, np.ones_like(_MORE)
+    factors = ((more, more), (more, ones), (ones, more))
+    together, stiffness, damping = (
+        math.log(float(more[np.argmax(swings)])) if swings.any() else math.inf
+        for swings in (_radius(_loops(answer, law, *each)) >= 1 for each in factors)
+    )
+    return together, "stiffness" if stiffness <= damping else "damping"
 
 
 def longest_delay(answer: Answer, law: Law) -> float | None:

@@ -42,7 +42,7 @@ class Oscillation:
     Attributes:
         kind: none, decaying, growing, a limit cycle, or irregular: it goes on without one frequency.
         frequency_hz, frequency_error_hz: and its standard error.
-        peak_to_peak_m: of the position, high-passed, where it is strongest.
+        peak_to_peak_m: of the position where it is strongest, high-passed, and no more than in two cycles as measured.
         force_peak_to_peak_n: of the commanded force there.
         steps: peak to peak in encoder steps; not a number without an encoder.
         growth_per_s, growth_error_per_s: rate at which the amplitude grew while it was small; not a number where no
@@ -193,7 +193,7 @@ def _measured(
         kind = "growing"
     stretch = slice(max(first, reached if kind != "decaying" else first), last)
     force = log.force_n[stretch]
-    travel = _peak_to_peak(fast[stretch])
+    travel = min(_peak_to_peak(fast[stretch]), _of_cycles(log.position_m[stretch], period, hertz))
     return Swing(
         Oscillation(
             kind=kind,
@@ -283,6 +283,15 @@ def _growth(envelope: FloatArray, begins: int, ends: int, period: float, hertz: 
     time = np.arange(values.size) * cycle * period
     (slope, _), covariance = np.polyfit(time, values, 1, cov=True)
     return float(slope), float(math.sqrt(covariance[0, 0]))
+
+
+def _of_cycles(position: FloatArray, period: float, hertz: float) -> float:
+    """Return the travel in two cycles as measured: a filter overshoots where a position toggles between two steps."""
+    size = max(3, math.ceil(2 / hertz / period))
+    if position.size < size:
+        return math.inf
+    windows = np.lib.stride_tricks.sliding_window_view(position, size)[:: max(1, size // 2)]
+    return float(np.quantile(np.ptp(windows, axis=1), 0.9))
 
 
 def _rms(values: FloatArray) -> float:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from avc_casadi.coupling import NO_COUPLING
+from avc_casadi.diagnosis._answer import Answer
 from avc_casadi.diagnosis._law import Law
 from avc_casadi.diagnosis._log import Log, log_of
 from avc_casadi.diagnosis._oscillation import Oscillation, find_oscillation
-from avc_casadi.diagnosis._plant import Answer
 from avc_casadi.identification import Columns
 from avc_casadi.problem import Problem, problem_of
 from avc_casadi.scene import simulate

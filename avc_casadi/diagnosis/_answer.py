@@ -1,0 +1,35 @@
+"""A device with the hand that holds it, as a log may bear them out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from avc_casadi.loop import Hand
+from avc_casadi.problem import Device
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A device with the hand that holds it.
+
+    Attributes:
+        device: with its delay from the commanded force to the motion.
+        hand: None let go.
+    """
+
+    device: Device
+    hand: Hand | None
+
+    def without_mode(self) -> Answer:
+        """Return the same with rigid mechanics."""
+        return Answer(device_as(self.device, {"resonance": None}), self.hand)
+
+    def delayed(self, samples: float) -> Answer:
+        """Return the same with another delay."""
+        return Answer(device_as(self.device, {"delay_samples": max(samples, 0.0)}), self.hand)
+
+
+def device_as(device: Device, changed: Mapping[str, object]) -> Device:
+    """Return a device with some keys changed, known exactly."""
+    return Device.model_validate({**device.model_dump(exclude={"range"}), **changed})

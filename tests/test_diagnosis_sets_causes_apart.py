@@ -1,0 +1,156 @@
+"""What looks like another cause is set apart from it: by the edge of contact, by half an encoder step, by growth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from buzzing_cases import declared_of
+from buzzing_device import Buzzing, logged
+
+from avc_casadi.diagnosis import diagnose
+from avc_casadi.diagnosis._answer import Answer
+from avc_casadi.diagnosis._jump import find_jump
+from avc_casadi.diagnosis._law import find_law
+from avc_casadi.diagnosis._level import Level
+from avc_casadi.diagnosis._log import log_of
+from avc_casadi.diagnosis._loop import limit_of, reserve_of, worst_mode
+from avc_casadi.diagnosis._oscillation import find_oscillation
+from avc_casadi.identification import Columns
+from avc_casadi.loop import Hand
+from avc_casadi.problem import Device
+
+LIGHT = Buzzing(mass=0.045, damping=2.0, encoder=2e-6, limit=50.0, stiffness=900.0, damper=130.0, hand_mass=0.08)
+STEPS = 400
+
+
+def columns(loop, missed=None, seconds=1.5):
+    return Columns("log", *logged(loop, seconds, missed))
+
+
+def jump_of(loop):
+    log, _ = log_of(columns(loop, seconds=1.0))
+    return find_jump(log, find_oscillation(log), find_law(log, loop.limit), loop.limit)
+
+
+@pytest.mark.parametrize("changed", [{}, {"damper": 180.0, "end": 0.004}, {"damper": 150.0, "hand_stiffness": 300.0}])
+def test_a_damper_that_lets_go_of_the_wall_is_no_force_that_is_switched_on(changed):
+    loop = replace(LIGHT, **changed)
+    log, _ = log_of(columns(loop, seconds=1.0))
+    swing = find_oscillation(log)
+    touching = log.force_n[swing.first : swing.last] > 0
+    assert 0.05 < touching.mean() < 0.98
+    assert jump_of(loop) is None
+    assert diagnose(columns(loop), device=declared_of(replace(loop, damper=30.0))).cause == "damping"
+
+
+def test_a_filtered_damper_that_strikes_the_wall_at_its_limit_is_none():
+    loop = replace(LIGHT, stiffness=1300.0, damper=26.0, keep=0.6, limit=8.0, resonance=107.0, ratio=0.02, share=0.28)
+    loop = replace(loop, delay=1.25, hand_mass=0.24, hand_damping=7.0, hand_stiffness=280.0, end=0.004)
+    assert jump_of(loop) is None
+    assert diagnose(columns(loop), device=declared_of(loop)).cause != "stiffness"
+
+
+def test_a_force_at_its_limit_does_not_tell_what_made_it():
+    assert jump_of(replace(LIGHT, damper=400.0, limit=8.0)) is None
+
+
+def test_few_samples_between_rest_and_limit_tell_a_law_that_is_exact():
+    loop = replace(LIGHT, damper=400.0, limit=20.0, encoder=1e-6)
+    log, _ = log_of(columns(loop, seconds=1.0))
+    law = find_law(log, loop.limit)
+    assert law.told
+    assert law.samples < 25
+    assert (law.stiffness_n_per_m, law.damping_ns_per_m) == pytest.approx((900.0, 400.0), rel=1e-6)
+    random = np.random.default_rng(0)
+    between = (log.force_n > 0) & (log.force_n < loop.limit)
+    other = replace(log, force_n=np.where(between, random.uniform(1.0, 19.0, between.size), log.force_n))
+    assert find_law(other, loop.limit) is None
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 400.0])
+@pytest.mark.parametrize("damper", [0.0, 3.0])
+def test_a_force_that_contact_switches_on_is_one(stiffness, damper):
+    loop = Buzzing(stiffness=stiffness, damper=damper, bias=5.0, end=0.002, delay=1.5, encoder=5e-6, limit=20.0)
+    jump = jump_of(replace(loop, hand_stiffness=300.0))
+    assert jump is not None
+    assert jump.force_n == pytest.approx(5.0, rel=0.1)
+    assert jump.damping_ns_per_m == pytest.approx(damper, abs=0.3)
+
+
+def answer_of(loop):
+    device = declared_of(loop).model_copy(update={"encoder_resolution_m": None})
+    return Answer(device, Hand(loop.hand_mass, loop.hand_damping, loop.hand_stiffness))
+
+
+def test_ticks_that_are_missed_are_the_cause_of_a_growth_that_is_hardly_there_with_all_of_them():
+    loop = Buzzing(mass=0.05, stiffness=9000.0, damper=1.5, delay=1.0, friction=0.08, encoder=5e-6, hand_damping=4.0)
+    law = find_law(log_of(columns(loop))[0], None)
+    # A hair over the limit: friction holds it at rest with all of its ticks.
+    loop = replace(loop, stiffness=1.005 * loop.stiffness * limit_of(answer_of(loop), law, "stiffness"))
+    time, position, _ = logged(loop, 1.6)
+    assert np.ptp(position[time > 1.3]) < 1.5 * loop.encoder
+    missed = (np.random.default_rng(3).random(time.size) < 0.5).astype(float)
+    found = diagnose(columns(loop, missed, 1.6), device=declared_of(loop))
+    law = replace(law, stiffness_n_per_m=loop.stiffness)
+    assert 0 < worst_mode(answer_of(loop), law).growth_per_s < 1
+    assert found.cause == "ticks", found.conclusion
+
+
+@pytest.mark.parametrize(("encoder", "end"), [(1e-4, 0.0045), (1.3e-4, 0.005)])
+def test_a_hand_over_few_steps_is_not_taken_for_none(encoder, end):
+    loop = Buzzing(mass=0.21, damping=1.5, delay=1.6, encoder=encoder, stiffness=4500.0, damper=4.0, limit=8.0)
+    loop = replace(loop, hand_mass=0.14, hand_damping=6.0, hand_stiffness=700.0, end=end)
+    found = diagnose(columns(loop), device=declared_of(loop))
+    assert found.oscillation.steps < 4
+    assert found.shares.get("let-go", 0.0) < 0.1, found.conclusion
+    assert found.cause == "encoder" or found.candidates[0] == "encoder"
+
+
+def test_what_rounding_cannot_leave_weighs_more_than_its_size():
+    random = np.random.default_rng(0)
+    rounded = random.uniform(-0.5, 0.5, STEPS)
+    level = Level.of({0: rounded}, 2, 1 / np.sqrt(12), 1.0)
+    assert level.beyond_m[0] < 0.5 * level.rms_m[0]
+    assert level.beyond_m[1] == np.inf
+    # Of a residual that is no rounding both are the same.
+    large = Level.of({0: 20 * random.standard_normal(STEPS)}, 1, 1 / np.sqrt(12), 1.0)
+    assert large.beyond_m[0] == pytest.approx(large.rms_m[0], rel=0.01)
+
+
+def test_a_residual_that_repeats_itself_tells_less_than_its_samples():
+    random = np.random.default_rng(1)
+    white = random.standard_normal(STEPS)
+    cycle = np.tile(random.standard_normal(20), STEPS // 20)
+    slow = np.cos(np.pi * np.arange(STEPS) / 100)
+    sizes = {
+        name: Level.of({0: one / one.std()}, 1, 0.0, 0.0).rms_m[0] ** 2
+        for name, one in (("white", white), ("cycle", cycle), ("slow", slow))
+    }
+    assert sizes["white"] == pytest.approx(3, abs=0.5)
+    # Bartlett: twenty samples that come twenty times are about twenty, twice over for the sum of squares.
+    assert 8 < sizes["cycle"] < 40
+    assert sizes["slow"] > 60
+
+
+def test_a_reserve_is_how_much_more_gain_swings_a_loop():
+    loop = replace(LIGHT, damper=20.0, stiffness=3000.0)
+    law = find_law(log_of(columns(loop))[0], None)
+    answer = answer_of(loop)
+    reserve, gain = reserve_of(answer, law)
+    if np.isfinite(reserve):
+        more = np.exp(reserve)
+        assert not worst_mode(answer, law, stiffness=more, damping=more).stable
+        assert worst_mode(answer, law, stiffness=0.98 * more, damping=0.98 * more).stable
+    assert gain in {"stiffness", "damping"}
+
+
+def test_a_toggle_that_its_force_cannot_make_felt_is_nothing_wrong():
+    time = np.arange(1600) * 1e-3
+    position = 3e-3 + 2.6e-6 * (np.sin(2 * np.pi * 130 * time) > 0)
+    log = Columns("toggle", time, position, -3.0 - 0.03 * np.sign(np.sin(2 * np.pi * 130 * time)))
+    device = Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 1.0, "sample_time_s": 1e-3})
+    found = diagnose(log, device=device)
+    assert found.oscillation.steps == pytest.approx(1.0)
+    assert found.verdict == "nothing wrong"
+    strong = Columns("toggle", time, position, -3.0 - 3.0 * np.sign(np.sin(2 * np.pi * 130 * time)))
+    assert diagnose(strong, device=device).verdict != "nothing wrong"
