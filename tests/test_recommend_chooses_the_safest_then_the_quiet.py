@@ -86,7 +86,7 @@ def test_hands_that_had_no_part_in_the_choice_can_refute_it(monkeypatch):
     failing = {lucky.coupling.id: trial(9, 9, 9)}
     asked = []
 
-    def tried(coupling, people, devices, seed):
+    def tried(coupling, people, devices, seed, _executor):
         asked.append((coupling.id, people, len(devices), seed))
         return failing.get(coupling.id, trial(10, 10, 10))
 
@@ -110,8 +110,8 @@ def test_where_others_refute_a_softened_wall_a_softer_one_is_looked_for(held, mo
         everybody = HANDS if felt_at_rest_n_per_m(coupling) < most * limit.stiffness_n_per_m else HANDS - 1
         return trial(everybody, everybody, everybody)
 
-    monkeypatch.setattr(_choice, "try_coupling", lambda coupling, *_: rests(coupling, 0.9))
-    monkeypatch.setattr(_choice, "try_on_devices", lambda coupling, *_: rests(coupling, held))
+    monkeypatch.setattr(_choice, "try_coupling", lambda coupling, *_, **__: rests(coupling, 0.9))
+    monkeypatch.setattr(_choice, "try_on_devices", lambda coupling, *_, **__: rests(coupling, held))
     monkeypatch.setattr(_choice, "proved_first", lambda left: left)
     monkeypatch.setattr(_candidates, "robust_ladder", lambda *_: iter(()))
     monkeypatch.setattr(_candidates, "softer_robust", lambda *_: iter(()))

@@ -72,6 +72,15 @@ def test_a_stiffer_wall_is_never_felt_softer():
     assert felt[0] == pytest.approx(1e3, rel=0.02)
 
 
+def test_a_wall_beyond_reach_costs_nothing_of_what_is_felt():
+    device = avc.load_problem("reference-r2")
+    felt = [
+        avc.recommend(device.changed(environment={"stiffness_n_per_m": stiffness}), hands=12).trial.stiffness
+        for stiffness in (1e4, 4e5)
+    ]
+    assert felt[1] > 0.9 * felt[0]
+
+
 @pytest.mark.parametrize(
     ("key", "values"),
     [

@@ -18,8 +18,8 @@ struct device {
 struct deed {
     double mass, damping, stiffness, weight; /* the hand */
     double start, velocity;                  /* of motor and handle */
-    double speed, end;                       /* the target goes from start to end, */
-    double swing, frequency, until;          /* or swings about start, until then, and stays at the end */
+    double speed, end;                       /* the target goes from start to end (at once without a speed), */
+    double centre, swing, frequency, until;  /* swings about a centre until then, and stays at the end */
 };
 struct found {
     double motor_speed, handle_speed, force, motor, handle, most; /* over the tail: largest, largest, means; largest */
@@ -27,15 +27,15 @@ struct found {
 
 static void aim(const struct deed *p, double t, double *xt, double *vt)
 {
-    const double reach = p->start + p->speed * t, w = 2 * acos(-1.0) * p->frequency;
+    const double arrival = p->speed > 0 ? (p->end - p->start) / p->speed : 0, w = 2 * acos(-1.0) * p->frequency;
     *xt = p->end;
     *vt = 0;
-    if (p->swing > 0 && t < p->until) {
-        *xt = p->start + p->swing * sin(w * t);
-        *vt = p->swing * w * cos(w * t);
-    } else if (p->swing <= 0 && reach < p->end) {
-        *xt = reach;
+    if (t < arrival) {
+        *xt = p->start + p->speed * t;
         *vt = p->speed;
+    } else if (t < p->until) {
+        *xt = p->centre + p->swing * sin(w * (t - arrival));
+        *vt = p->swing * w * cos(w * (t - arrival));
     }
 }
 

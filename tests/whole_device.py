@@ -27,9 +27,23 @@ _DEVICE = (
     "ratio",
     "share",
 )
-_DEED = ("mass", "damping", "stiffness", "weight", "start", "velocity", "speed", "end", "swing", "frequency", "until")
+_DEED = (
+    "mass",
+    "damping",
+    "stiffness",
+    "weight",
+    "start",
+    "velocity",
+    "speed",
+    "end",
+    "centre",
+    "swing",
+    "frequency",
+    "until",
+)
 _FOUND = ("motor_speed", "handle_speed", "force", "motor", "handle", "most")
 SECONDS, TAIL_S, REST = 3.0, 0.5, 5e-3
+TRIAL_SECONDS = 3.25
 
 _Device, _Deed, _Found = doubles(_DEVICE), doubles(_DEED), doubles(_FOUND)
 
@@ -62,8 +76,22 @@ def held(hand, speed):
 def tapping(hand):
     """A hand that strikes twice a second from 20 mm before the wall, and stays in it at the third time."""
     mass, damping, stiffness = hand
-    goes = {"start": -0.005, "swing": 0.015, "frequency": 2.0, "until": 1.125, "end": 0.01}
+    goes = {"start": -0.005, "centre": -0.005, "swing": 0.015, "frequency": 2.0, "until": 1.125, "end": 0.01}
     return _Deed(mass=mass, damping=damping, stiffness=stiffness, **goes)
+
+
+def striking_again(hand):
+    """A hand that reaches in like `held`, then leaves the wall and strikes it twice a second, three times."""
+    mass, damping, stiffness = hand
+    arrival = 0.02 / 0.07
+    goes = {"start": -0.01, "speed": 0.07, "end": 0.01, "centre": 0.01, "swing": 0.015, "frequency": 2.0}
+    return _Deed(mass=mass, damping=damping, stiffness=stiffness, until=arrival + 1.5, **goes)
+
+
+def grasped(hand):
+    """A device that rests at the face of the wall, and a hand that aims 10 mm behind it from the beginning."""
+    mass, damping, stiffness = hand
+    return _Deed(mass=mass, damping=damping, stiffness=stiffness, end=0.01)
 
 
 def thrown(velocity):
@@ -104,3 +132,19 @@ class WholeDevice:
         counts = (round(seconds / device.time), round(tail_s / device.time))
         self._c.whole_device(ctypes.byref(device), ctypes.byref(deed), *counts, ctypes.byref(found))
         return found
+
+
+def rests_as_tried(bench, device, hands, friction=None):
+    """Whether each hand rests in the three motions of a trial of `recommend`, which looks at the motor; shape (hands,).
+
+    The device may be another one than that of the bench's exported files.
+    """
+    changed = {name: getattr(declared(device), name) for name in _DEVICE}
+    changed |= {} if friction is None else {"friction": friction}
+    motions = (lambda hand: held(hand, 0.07), striking_again, grasped)
+    return np.array(
+        [
+            all(bench.meets(motion(hand), TRIAL_SECONDS, **changed).motor_speed < REST for motion in motions)
+            for hand in hands
+        ]
+    )

@@ -9,6 +9,7 @@ import avc_casadi as avc
 from avc_casadi.cli._arguments import positive_int
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
+from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number, table
 from avc_casadi.cli._versions import package_versions
 
@@ -64,7 +65,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--prove")
     hands = _HANDS if args.hands is None else args.hands
     out = None if args.out is None else output_file(args.out, "--out", (".json",))
-    problem = avc.load_problem(args.problem)
+    problem = load_problem(args.problem)
     if args.stiffest:
         with console.step("stiffest wall"):
             document = stiffest(problem, min(2, os.cpu_count() or 1), console)

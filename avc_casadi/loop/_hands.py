@@ -37,6 +37,10 @@ class _Held:
         """Take some of the hands."""
         return type(self)(**{name: np.atleast_1d(value)[rows] for name, value in vars(self).items()})
 
+    def at_handle(self, metres_per_unit: float) -> Self:
+        """Return the hands as a device has them whose handle they move so far for a unit of its position."""
+        return type(self)(**{name: value * metres_per_unit**2 for name, value in vars(self).items()})
+
     def values(self, row: int) -> dict[str, float]:
         """Return the numbers of one hand, by name."""
         return {name: float(np.atleast_1d(value)[row]) for name, value in vars(self).items()}

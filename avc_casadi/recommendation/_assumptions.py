@@ -48,6 +48,8 @@ def assumed(
         gaps.append("the amplifier is ideal: no bandwidth is declared")
     elif device.resonance is None:
         gaps.append("the structure is rigid: no resonance is declared")
+    if problem.detent is not None:
+        gaps.append("the trial has no detents: their slopes are judged in the claims, and avc simulate has them")
     if tried:
         gaps += _of_trials(device)
     else:

@@ -11,7 +11,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import NEAR_RIGID_N_PER_M, Coupling, Gains, Runtime, spring_before
 from avc_casadi.design.constant import tuned_margin
-from avc_casadi.design.robust import robust_ladder, softer_robust
+from avc_casadi.design.robust import NEXT, robust_afresh, robust_at, robust_ladder, softer_robust
 from avc_casadi.loop import with_let_go
 from avc_casadi.recommendation._reach import tuned
 from avc_casadi.stability import DampingRange, damping_range
@@ -31,6 +31,8 @@ _OF_STIFFEST = (0.9, 0.82, 0.75)
 SAFER = (0.6, 0.45, 0.33, 0.24, 0.15)
 """The same where nothing stiffer brings everybody to rest: of the wall, if that is softer."""
 SOFTENED = "softened wall"
+Alternatives = list[Coupling]
+"""Couplings that are equally stiff, the likeliest first: the first that is safe and quiet will do."""
 # How much stiffer another wall is at least.
 _BARELY = 1.02
 
@@ -41,7 +43,7 @@ def felt_at_rest_n_per_m(coupling: Coupling) -> float:
     return k * wall / (k + wall) if k + wall else 0.0
 
 
-def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange) -> Iterator[Coupling]:
+def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange) -> Iterator[Alternatives]:
     """Yield couplings of spring and damper.
 
     No coupling but the wall itself; a rigid coupling with a contact damper; for a wall beyond what the device can give,
@@ -58,21 +60,27 @@ def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
         yield from _with_observer(Coupling.constant(problem, gains, name))
 
 
-def stiffer_rung_n_per_m(problem: Problem, stiffest: DampingRange, best: Coupling) -> float | None:
-    """Return the next stiffer wall of those that were softened by a spring; None where the best is none of these.
+def stiffer_rung_n_per_m(
+    problem: Problem, stiffest: DampingRange, robust: RobustCandidates, felt_n_per_m: float
+) -> float | None:
+    """Return the next stiffer wall of those that are looked at, behind whatever law; None where it is the wanted one.
 
     Args:
         problem: device, wall and hands.
         stiffest: the stiffest wall that is stable with everybody and let go.
-        best: a coupling.
+        robust: walls with laws that were looked at.
+        felt_n_per_m: what is felt so far.
     """
-    wall, limit, felt = problem.environment.stiffness_n_per_m, stiffest.stiffness_n_per_m, felt_at_rest_n_per_m(best)
-    ladder = [share * limit for share in _OF_STIFFEST] + [share * min(limit, wall) for share in SAFER]
-    above = [one for one in (*ladder, limit, wall) if _BARELY * felt < one <= wall]
-    return min(above) if best.method == SOFTENED and above else None
+    wall, limit, looked = problem.environment.stiffness_n_per_m, stiffest.stiffness_n_per_m, robust.walls_n_per_m
+    if not looked:
+        looked = [share * limit for share in (*_OF_STIFFEST, 1.0)] + [share * min(limit, wall) for share in SAFER]
+    elif felt_n_per_m >= max(looked):
+        looked = [NEXT * felt_n_per_m]  # no law was found for it
+    above = [one for one in (*looked, wall) if _BARELY * felt_n_per_m < one <= wall]
+    return min(above, default=None)
 
 
-def softened_to(problem: Problem, subjects: Hand | StylusHand, felt_n_per_m: float) -> Iterator[Coupling]:
+def softened_to(problem: Problem, subjects: Hand | StylusHand, felt_n_per_m: float) -> Iterator[Alternatives]:
     """Yield springs with which the wall feels so stiff.
 
     Args:
@@ -88,27 +96,54 @@ class RobustCandidates:
     """Walls behind an observer with state feedback; none for a device without a law.
 
     Attributes:
-        stiff: the wanted wall, then others of rising stiffness.
+        stiff: the wanted wall, then others of rising stiffness, each with laws that cost nearly the same.
         soft: walls softer than these, to be asked for after them.
     """
 
     def __init__(self, problem: Problem, stiffest: DampingRange, progress: Progress = SILENT) -> None:
-        self._softest: Rung | None = None
+        self._problem = problem
+        self._rungs: list[Rung] = []
         self.stiff = self._coupled(problem, robust_ladder(problem, progress, stiffest))
         self.soft = self._coupled(problem, self._softer(problem, stiffest, progress))
 
-    def _softer(self, problem: Problem, stiffest: DampingRange, progress: Progress) -> Iterator[Rung]:
-        yield from softer_robust(problem, self._softest, progress, stiffest)
+    @property
+    def walls_n_per_m(self) -> list[float]:
+        """Stiffness at rest of the walls for which laws were found so far."""
+        return [rung.stiffness_n_per_m for rung in self._rungs]
 
-    def _coupled(self, problem: Problem, rungs: Iterator[Rung]) -> Iterator[Coupling]:
+    def at(self, felt_n_per_m: float) -> Iterator[Alternatives]:
+        """Yield laws for a wall between those that were looked at; none where there is none.
+
+        Args:
+            felt_n_per_m: stiffness at rest, the wanted wall's at most.
+        """
+        yield from self._coupled(self._problem, robust_at(self._problem, felt_n_per_m, tuple(self._rungs)))
+
+    def afresh(self, felt_n_per_m: float) -> Iterator[Alternatives]:
+        """Yield laws for a wall that owe nothing to those of others; none where there is none.
+
+        Args:
+            felt_n_per_m: stiffness at rest, the wanted wall's at most.
+        """
+        yield from self._coupled(self._problem, robust_afresh(self._problem, felt_n_per_m))
+
+    def _softer(self, problem: Problem, stiffest: DampingRange, progress: Progress) -> Iterator[Rung]:
+        softest = min(self._rungs, key=_stiffness, default=None)
+        yield from softer_robust(problem, softest, progress, stiffest)
+
+    def _coupled(self, problem: Problem, rungs: Iterator[Rung]) -> Iterator[Alternatives]:
         with suppress(UnsupportedError):
             for rung in rungs:
-                if self._softest is None or rung.stiffness_n_per_m < self._softest.stiffness_n_per_m:
-                    self._softest = rung
-                yield Coupling.constant(problem, rung.gains, "robust", Runtime(state_feedback=rung.found.law))
+                self._rungs.append(rung)
+                laws = (rung.found.law, *(one.law for one in rung.found.others))
+                yield [Coupling.constant(problem, rung.gains, "robust", Runtime(state_feedback=law)) for law in laws]
 
 
-def tuned_candidates(problem: Problem, progress: Progress = SILENT) -> Iterator[Coupling]:
+def _stiffness(rung: Rung) -> float:
+    return rung.stiffness_n_per_m
+
+
+def tuned_candidates(problem: Problem, progress: Progress = SILENT) -> Iterator[Alternatives]:
     """Yield constant gains tuned for every hand and the device let go, with growing reserves.
 
     Args:
@@ -151,14 +186,14 @@ def _dampings(found: DampingRange) -> list[float]:
     return [found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m) for share in _SHARES]
 
 
-def _with_observer(coupling: Coupling) -> Iterator[Coupling]:
+def _with_observer(coupling: Coupling) -> Iterator[Alternatives]:
     """Yield a coupling without an observer, and with one where an encoder or a delay may call for it.
 
     The observer looks whole samples ahead: it is none for a delay that is not whole.
     """
-    yield coupling
+    yield [coupling]
     problem = coupling.problem
     device = problem.device
     if device.encoder_resolution_m > 0 and device.delay_samples == int(device.delay_samples):
         mass = problem.device.mass_kg + problem.hands.mass_kg[0]
-        yield Coupling.constant(problem, coupling.table.at_rest, coupling.method, Runtime(observer_mass_kg=mass))
+        yield [Coupling.constant(problem, coupling.table.at_rest, coupling.method, Runtime(observer_mass_kg=mass))]

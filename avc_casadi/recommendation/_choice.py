@@ -9,14 +9,15 @@ import numpy as np
 
 from avc_casadi.certificate import deployable
 from avc_casadi.loop import device_corners, device_set
-from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
+from avc_casadi.recommendation._candidates import Alternatives, felt_at_rest_n_per_m
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._rest import proved_first
 from avc_casadi.support import SILENT, Progress
-from avc_casadi.trial import CouplingTrial, try_coupling, try_on_devices
+from avc_casadi.trial import CouplingTrial, all_at_rest, try_coupling, try_on_devices
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from concurrent.futures import Executor
 
     from avc_casadi.coupling import Coupling
     from avc_casadi.loop import Hand, StylusHand
@@ -28,6 +29,8 @@ AS_STIFF = 0.01
 QUIET_SHARE = 0.9
 # So many hands, the corners among them, try a coupling before the others do; only what these can use is for all.
 _FIRST = 16
+# Of equally stiff ones no more are tried.
+_MOST_TRIED = 2
 # Devices of the declared ranges among which those who confirm it are divided.
 _DEVICES = 16
 ERROR_HZ = (1.0, 10.0, 50.0)
@@ -78,46 +81,66 @@ class Judged:
 
 
 def tried(
-    couplings: Iterable[Coupling],
+    candidates: Iterable[Alternatives],
     before: list[Judged],
     people: Hand | StylusHand,
     seed: int,
     progress: Progress = SILENT,
     *,
     lean_on_friction: bool,
+    executor: Executor | None = None,
 ) -> list[Judged]:
     """Try those that are deployable, the stiffest first, until nothing that is left could win.
 
     Args:
-        couplings: candidates, the simpler ones first.
+        candidates: the simpler ones first; some may have been judged already.
         before: what was judged already.
         people: who tries them.
         seed: of their draw, to be told.
         progress: told of the candidates.
         lean_on_friction: as in `best_of`.
+        executor: as in `try_coupling`.
 
     Returns:
         What was judged before, and now.
     """
-    every, safe = list(couplings), []
-    for done, one in enumerate(every, start=1):
-        if deployable(one).passed:
-            safe.append(one)
-        progress.advance(done, len(every), "candidates judged")
-    ranked = sorted(enumerate(safe, start=len(before)), key=lambda pair: (-felt_at_rest_n_per_m(pair[1]), pair[0]))
+    ranked = sorted(enumerate(candidates), key=lambda pair: (-felt_at_rest_n_per_m(pair[1][0]), pair[0]))
     judged = list(before)
-    for order, one in ranked:
+    for done, (order, alternatives) in enumerate(ranked, start=1):
         enough = [found for found in judged if found.complete(lean_on_friction=lean_on_friction)]
-        if enough and felt_at_rest_n_per_m(one) < (1 - 2 * AS_STIFF) * max(
+        if enough and felt_at_rest_n_per_m(alternatives[0]) < (1 - 2 * AS_STIFF) * max(
             felt_at_rest_n_per_m(found.coupling) for found in enough
         ):
             break
-        found = Judged(one, try_coupling(one, people.pick(slice(_FIRST)), seed), order)
-        if found.safety <= int(lean_on_friction) and len(people) > _FIRST:
-            found = replace(found, trial=try_coupling(one, people, seed))
-        judged.append(found)
-        progress.advance(len(judged), len(before) + len(ranked), "deployable candidates tried")
+        for one in alternatives:
+            known = next((found for found in judged if found.coupling is one), None)
+            if known is not None and known.complete(lean_on_friction=lean_on_friction):
+                break
+            if known is not None or not deployable(one).passed:
+                continue
+            found = Judged(one, try_coupling(one, people.pick(slice(_FIRST)), seed, executor=executor), order)
+            if found.safety <= int(lean_on_friction) and len(people) > _FIRST:
+                found = replace(found, trial=try_coupling(one, people, seed, executor=executor))
+            judged.append(found)
+            if found.complete(lean_on_friction=lean_on_friction):
+                break
+        progress.advance(done, len(ranked), "candidates tried")
     return judged
+
+
+def likeliest(alternatives: Alternatives, people: Hand, *, lean_on_friction: bool) -> Alternatives:
+    """Take those with which everybody comes to rest, or the one with which most do.
+
+    Args:
+        alternatives: equally stiff ones.
+        people: who press, tap and hold.
+        lean_on_friction: whether the declared dry friction may help.
+    """
+    if len(alternatives) <= 1:
+        return alternatives
+    restless = [int((~all_at_rest(one, people, friction=lean_on_friction)).sum()) for one in alternatives]
+    order = sorted(range(len(alternatives)), key=lambda place: restless[place])
+    return [alternatives[place] for place in order[: _MOST_TRIED if restless[order[0]] == 0 else 1]]
 
 
 def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
@@ -153,6 +176,7 @@ def confirmed(
     seed: int,
     *,
     lean_on_friction: bool,
+    executor: Executor | None = None,
 ) -> list[Judged]:
     """Let everybody try what is best, then people who had no part in the choice, until it stays the best.
 
@@ -165,14 +189,15 @@ def confirmed(
         others: as many others as may be.
         seed: of their draws, to be told.
         lean_on_friction: as in `best_of`.
+        executor: as in `try_coupling`.
     """
     while True:
         best = best_of(judged, lean_on_friction=lean_on_friction)
         if best.trial.hands < len(people):
-            asked = replace(best, trial=try_coupling(best.coupling, people, seed))
+            asked = replace(best, trial=try_coupling(best.coupling, people, seed, executor=executor))
         elif best.others is None:
             devices = _devices(best.coupling.problem.device, seed)
-            asked = replace(best, others=try_on_devices(best.coupling, others, devices, seed))
+            asked = replace(best, others=try_on_devices(best.coupling, others, devices, seed, executor))
         else:
             return judged
         judged = [asked if one is best else one for one in judged]

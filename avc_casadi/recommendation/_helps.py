@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi.design.robust import stiffest_robust
 from avc_casadi.loop import with_let_go
 from avc_casadi.stability import stiffest_wall
-from avc_casadi.support import SILENT, Progress, in_processes
+from avc_casadi.support import SILENT, Chunked, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.design.robust import Rung
@@ -65,7 +66,11 @@ def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help,
 
 
 def what_would_help_robust(
-    problem: Problem, near: Rung, workers: int = 1, progress: Progress = SILENT
+    problem: Problem,
+    near: Rung,
+    workers: int = 1,
+    progress: Progress = SILENT,
+    executor: Executor | None = None,
 ) -> tuple[Help, ...]:
     """Try each change with a robust design; the most helpful first.
 
@@ -74,15 +79,12 @@ def what_would_help_robust(
         near: the stiffest wall that it can give.
         workers: processes; more than one start this program anew, so that a script needs its guard.
         progress: told of the changes.
+        executor: who works instead, as for `Chunked.run`.
     """
     tried = changes(problem)
-    tasks = [(other, near) for other in tried.values()]
-    walls = map(_stiffest, tasks) if workers == 1 else in_processes(_stiffest, tasks, workers)
-    found = []
-    for done, (change, wall) in enumerate(zip(tried, walls, strict=True), start=1):
-        found.append(Help(change, wall))
-        progress.advance(done, len(tried), f"changes, {change} the last")
-    return _ranked(found)
+    study = Chunked({}, _stiffest, [(other, near) for other in tried.values()], list, things="changes")
+    walls = study.run(executor, workers=workers, progress=progress)
+    return _ranked([Help(change, wall) for change, wall in zip(tried, walls, strict=True)])
 
 
 def _stiffest(task: tuple[Problem, Rung]) -> float | None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from concurrent.futures import Executor
+from dataclasses import asdict, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +14,9 @@ from avc_casadi.design import solve
 from avc_casadi.problem import ObserverEffect
 from avc_casadi.recommendation._designs import tuning_problem
 from avc_casadi.recommendation._error_curve import TOLERANCE, error_curve
-from avc_casadi.support import SILENT, Progress, plain
-from avc_casadi.trial import MOTIONS, Conditions, exact_interval, judged
+from avc_casadi.scene import Judgement
+from avc_casadi.support import SILENT, Chunked, Progress, plain
+from avc_casadi.trial import Conditions, exact_interval, judged, motions_at
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
 
 # DC stiffness that counts as the wall's.
 STIFFNESS_TOLERANCE = 0.08
+# People whom a worker is given at a time.
+_AT_ONCE = 1000
 
 
 def tuned(
@@ -57,6 +62,9 @@ def reach(
     wall: Impedance | None = None,
     *,
     population: Population = "A",
+    executor: Executor | None = None,
+    workers: int = 1,
+    progress: Progress = SILENT,
 ) -> dict[str, Any]:
     """Try everybody in every motion.
 
@@ -67,12 +75,18 @@ def reach(
         conditions: what of the device is simulated.
         wall: the wall that should be felt; None is the one that is rendered.
         population: the one from which the people come.
+        executor: who lets some at a time try it, as for `Chunked.run`.
+        workers: processes, where there is no executor.
+        progress: told of the people.
 
     Returns:
         Counts with exact intervals, the stiffness that was felt, and the frequencies up to which the complex error
         stays within 10 % (JSON values).
     """
-    runs = {name: judged(problem, gains, subjects, motion, conditions) for name, motion in MOTIONS.items()}
+    some = [subjects.pick(slice(first, first + _AT_ONCE)) for first in range(0, len(subjects), _AT_ONCE)]
+    sizes = [len(people) for people in some]
+    study = Chunked({}, partial(_judged, problem, gains, conditions), some, _joined, sizes, "people")
+    runs = study.run(executor, workers=workers, progress=progress)
     whole = np.all([run.stable for run in runs.values()], axis=0)
     interval = exact_interval(int(whole.sum()), len(whole))
     ratio = runs["press"].apparent_stiffness_n_per_m / (wall or problem.environment).stiffness_n_per_m
@@ -111,6 +125,23 @@ def reach(
             for name, errors in (("sampled", curve.sampled), ("physical", curve.physical))
         },
     }
+
+
+def _judged(
+    problem: Problem, gains: Gains | GainSchedule, conditions: Conditions, people: Hand | StylusHand
+) -> dict[str, Judgement]:
+    motions = motions_at(problem.device)
+    return {name: judged(problem, gains, people, motion, conditions) for name, motion in motions.items()}
+
+
+def _joined(parts: list[dict[str, Judgement]]) -> dict[str, Judgement]:
+    """Return the judgement of all people, in the order of the parts."""
+
+    def whole(motion: str, figure: str) -> Any:
+        return np.concatenate([getattr(part[motion], figure) for part in parts])
+
+    figures = [item.name for item in fields(Judgement)]
+    return {motion: Judgement(**{figure: whole(motion, figure) for figure in figures}) for motion in parts[0]}
 
 
 def with_observer(problem: Problem, conditions: Conditions) -> Conditions:

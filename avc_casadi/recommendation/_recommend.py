@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -188,6 +189,7 @@ def recommend(
     prove: bool = False,
     versions: Mapping[str, str] | None = None,
     progress: Progress = SILENT,
+    executor: Executor | None = None,
 ) -> Recommendation:
     """Choose the coupling to deploy.
 
@@ -205,6 +207,7 @@ def recommend(
             second or two tells, and simulated otherwise.
         versions: of what makes it, by package; written into the coupling.
         progress: told of the candidates that are tuned, judged and tried.
+        executor: who lets the hands try them, as for `Chunked.run`: for many thousands.
 
     Example:
         >>> found = avc.recommend("spring", hands=10)
@@ -218,7 +221,7 @@ def recommend(
     judged: list[Judged] = []
     if wall.stiffness_n_per_m or wall.damping_ns_per_m:
         judged, considered = judged_candidates(
-            problem, people, seed, limit, progress, lean_on_friction=lean_on_friction
+            problem, people, seed, limit, progress, lean_on_friction=lean_on_friction, executor=executor
         )
     best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
     leaning = best_of(judged, lean_on_friction=True) if judged else None
@@ -232,7 +235,7 @@ def recommend(
         coupling=coupling,
         trial=None if best is None else best.trial,
         confirmed=None if best is None else best.others,
-        beside={} if best is None else _beside(best.coupling, hands, seed),
+        beside={} if best is None else _beside(best.coupling, hands, seed, executor),
         deployable=best is not None,
         rest=rest,
         stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *(felt_at_rest_n_per_m(one.coupling) for one in judged)]),
@@ -246,9 +249,12 @@ def recommend(
     )
 
 
-def _beside(coupling: Coupling, hands: int, seed: int) -> dict[str, CouplingTrial]:
+def _beside(coupling: Coupling, hands: int, seed: int, executor: Executor | None = None) -> dict[str, CouplingTrial]:
     """Let people try it who hold the device otherwise than [hands] says."""
+    radius = coupling.problem.device.metres_per_unit
     return {
-        holding: try_coupling(coupling, draw_subjects(population, hands, seed), seed)
+        holding: try_coupling(
+            coupling, draw_subjects(population, hands, seed).at_handle(radius), seed, executor=executor
+        )
         for holding, population in OTHER_HANDS.items()
     }

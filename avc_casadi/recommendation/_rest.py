@@ -53,6 +53,8 @@ def with_rest(coupling: Coupling, felt_n_per_m: float, progress: Progress = SILE
         levels["L7"] = level.document()
         coupling = coupling.with_certificate(certificate | {"levels": levels})
     word, claim = levels["L7"]["outcome"], levels["L7"]["claim"]
+    if coupling.problem.detent is not None:
+        claim = f"{claim}; of the wall alone, without [detent]"
     wall = felt_n_per_m if word == "proved" else None
     if word == "open" and quickly_proved(coupling):
         wall = proved_wall_n_per_m(coupling, progress)

@@ -10,6 +10,7 @@ from avc_casadi.design.robust import MOST_SOFTER, SOFTER
 from avc_casadi.loop import hand_corners
 from avc_casadi.recommendation._candidates import (
     SAFER,
+    Alternatives,
     RobustCandidates,
     felt_at_rest_n_per_m,
     plain_candidates,
@@ -17,17 +18,22 @@ from avc_casadi.recommendation._candidates import (
     stiffer_rung_n_per_m,
     tuned_candidates,
 )
-from avc_casadi.recommendation._choice import AS_STIFF, Judged, best_of, confirmed, tried
-from avc_casadi.trial import draw_hands
+from avc_casadi.recommendation._choice import AS_STIFF, Judged, confirmed, likeliest, tried
+from avc_casadi.trial import draw_hands, loose_hands
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from concurrent.futures import Executor
+
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
     from avc_casadi.stability import DampingRange
     from avc_casadi.support import Progress
 
-# Times that the way between two softened walls is halved.
-_HALVED = 3
+# The way from the stiffest that is held to the next stiffer wall is halved until it is so short, or so often.
+_CLOSE, _MOST_HALVED = 1.03, 3
+# Robust walls in a row that are too stiff, beyond which none is looked at: one of them may owe it to its law.
+_TOO_STIFF = 3
 
 
 def judged_candidates(
@@ -38,64 +44,144 @@ def judged_candidates(
     progress: Progress,
     *,
     lean_on_friction: bool,
+    executor: Executor | None = None,
 ) -> tuple[list[Judged], int]:
-    """Try the likeliest couplings first, and the others only where none is the wall itself."""
+    """Try the likeliest couplings first, and the others only where none is the wall itself; say how many there were."""
     wall = problem.environment.stiffness_n_per_m
-    others = draw_hands(problem.hands, 2 * len(people), seed, "training")
+    jury = _Jury(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
     robust = RobustCandidates(problem, limit, progress)
-    judged: list[Judged] = []
-    considered = 0
     plainly = min(wall, limit.stiffness_n_per_m)
     corners = hand_corners(problem.hands)
-    plain = (plain_candidates(problem, corners, limit), wall)
-    first = (islice(robust.stiff, 1), wall)
+    plain = plain_candidates(problem, corners, limit)
     # A wall beyond what spring and damper hold is robust from the start; one that nothing holds is softened until
     # everybody rests quietly. Tuned gains come last: what holds spring and damper back holds them back too.
+    held_plainly = wall <= limit.stiffness_n_per_m
+    for more in (plain, islice(robust.stiff, 1)) if held_plainly else (islice(robust.stiff, 1),):
+        if not jury.holds(wall):
+            jury.ask(more)
+    if not jury.holds(wall):
+        _climb(jury, robust, wall)
+    if not (held_plainly or jury.holds(limit.stiffness_n_per_m)):
+        jury.ask(plain)
     for more, ceiling in (
-        *((plain, first) if wall <= limit.stiffness_n_per_m else (first, plain)),
-        (robust.stiff, wall),
         *((softened_to(problem, corners, share * plainly), 0.0) for share in SAFER),
         *((islice(robust.soft, 1), SOFTER ** (1 + step) * plainly) for step in range(MOST_SOFTER)),
         (tuned_candidates(problem, progress), 0.0),
     ):
-        if _reached(judged, lean_on_friction=lean_on_friction) >= (1 - AS_STIFF) * ceiling:
-            judged = confirmed(judged, people, others, seed, lean_on_friction=lean_on_friction)
-            if _reached(judged, lean_on_friction=lean_on_friction) >= (1 - AS_STIFF) * ceiling:
-                continue
-        every = list(more)
-        considered += len(every)
-        judged = tried(every, judged, people, seed, progress, lean_on_friction=lean_on_friction)
-    if judged:
-        judged, more = _closer(problem, judged, people, seed, limit, lean_on_friction=lean_on_friction)
-        considered += more
-        judged = confirmed(judged, people, others, seed, lean_on_friction=lean_on_friction)
-    return judged, considered
+        if not jury.holds(ceiling):
+            jury.ask(more)
+    if jury.judged:
+        _closer(problem, jury, limit, robust)
+        jury.holds(0.0)
+    return jury.judged, jury.considered
 
 
-def _reached(judged: list[Judged], *, lean_on_friction: bool) -> float:
-    """Return the stiffest that is felt of what is safe and quiet; below 0 where nothing is."""
-    enough = [one for one in judged if one.complete(lean_on_friction=lean_on_friction)]
-    return max((felt_at_rest_n_per_m(one.coupling) for one in enough), default=-1.0)
+class _Jury:
+    """Who tries the candidates.
+
+    Attributes:
+        judged: what was tried, and how.
+        considered: how many couplings there were.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        people: Hand | StylusHand,
+        seed: int,
+        progress: Progress,
+        *,
+        lean_on_friction: bool,
+        executor: Executor | None,
+    ) -> None:
+        self.judged: list[Judged] = []
+        self.considered = 0
+        self._people, self._seed, self._progress, self._lean = people, seed, progress, lean_on_friction
+        self._executor = executor
+        self._others = draw_hands(problem.hands, 2 * len(people), seed, "training")
+        self._loose = loose_hands(problem.hands, len(people), seed)
+        self._candidates: list[Alternatives] = []
+
+    def ask(self, more: Iterable[Alternatives]) -> None:
+        """Try more candidates."""
+        for alternatives in more:
+            self.considered += len(alternatives)
+            self._candidates.append(likeliest(alternatives, self._loose, lean_on_friction=self._lean))
+        self._try()
+
+    def reaches(self, stiffness_n_per_m: float) -> bool:
+        """Whether something so stiff is safe and quiet, as far as is known."""
+        return bool(self.judged) and self.reached_n_per_m() >= (1 - AS_STIFF) * stiffness_n_per_m
+
+    def reached_n_per_m(self) -> float:
+        """Return the stiffest that is felt of what is safe and quiet; below 0 where nothing is."""
+        enough = [one for one in self.judged if one.complete(lean_on_friction=self._lean)]
+        return max((felt_at_rest_n_per_m(one.coupling) for one in enough), default=-1.0)
+
+    def holds(self, stiffness_n_per_m: float) -> bool:
+        """Whether something so stiff is safe and quiet, also with people who had no part in the choice."""
+        while self.reaches(stiffness_n_per_m):
+            before = self.judged
+            self.judged = confirmed(
+                before,
+                self._people,
+                self._others,
+                self._seed,
+                lean_on_friction=self._lean,
+                executor=self._executor,
+            )
+            if self.judged is before:
+                return True
+            self._try()
+        return False
+
+    def _try(self) -> None:
+        judged = tried(
+            self._candidates,
+            self.judged,
+            self._people,
+            self._seed,
+            self._progress,
+            lean_on_friction=self._lean,
+            executor=self._executor,
+        )
+        if len(judged) > len(self.judged):
+            self.judged = judged
 
 
-def _closer(
-    problem: Problem,
-    judged: list[Judged],
-    people: Hand | StylusHand,
-    seed: int,
-    limit: DampingRange,
-    *,
-    lean_on_friction: bool,
-) -> tuple[list[Judged], int]:
-    """Halve the way from a softened wall to the next stiffer one, a few times; say how many more were considered."""
-    best = best_of(judged, lean_on_friction=lean_on_friction).coupling
-    low, high = felt_at_rest_n_per_m(best), stiffer_rung_n_per_m(problem, limit, best)
-    considered = 0
-    for _ in range(_HALVED if high is not None else 0):
+def _climb(jury: _Jury, robust: RobustCandidates, wall_n_per_m: float) -> None:
+    """Try the robust walls from the softest on, until a few in a row are too stiff."""
+    too_stiff = 0
+    for alternatives in robust.stiff:
+        jury.ask([alternatives])
+        if jury.reaches(wall_n_per_m):
+            return
+        too_stiff = 0 if jury.reaches(felt_at_rest_n_per_m(alternatives[0])) else too_stiff + 1
+        if too_stiff == _TOO_STIFF:
+            return
+
+
+def _closer(problem: Problem, jury: _Jury, limit: DampingRange, robust: RobustCandidates) -> None:
+    """Look afresh for laws of the next stiffer wall, then halve the way to it, a few times.
+
+    So that what is felt hardly depends on where the walls stand that were looked at, and thus on the one wanted.
+    """
+    corners = hand_corners(problem.hands)
+    low = jury.reached_n_per_m()
+    high = None if low < 0 else stiffer_rung_n_per_m(problem, limit, robust, low)
+    if high is not None and robust.walls_n_per_m:
+        jury.ask(robust.afresh(high))
+        if jury.holds(high):
+            low, high = high, stiffer_rung_n_per_m(problem, limit, robust, high)
+    for _ in range(_MOST_HALVED if high is not None else 0):
+        if (high or low) < _CLOSE * low:
+            break
         middle = math.sqrt(low * (high or low))
-        every = list(softened_to(problem, hand_corners(problem.hands), middle))
-        considered += len(every)
-        judged = tried(every, judged, people, seed, lean_on_friction=lean_on_friction)
-        found = felt_at_rest_n_per_m(best_of(judged, lean_on_friction=lean_on_friction).coupling)
-        low, high = (middle, high) if found >= (1 - AS_STIFF) * middle else (low, middle)
-    return judged, considered
+        jury.ask(softened_to(problem, corners, middle))
+        held = jury.holds(middle)
+        for more in () if held else robust.at(middle):
+            jury.ask([more])
+            held = jury.holds(middle)
+            if held:
+                break
+        low, high = (middle, high) if held else (low, middle)

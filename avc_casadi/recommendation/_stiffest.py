@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import UnsupportedError
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
 
-def stiffest(problem: Problem, workers: int = 1, progress: Progress = SILENT) -> dict[str, Any]:
+def stiffest(
+    problem: Problem, workers: int = 1, progress: Progress = SILENT, executor: Executor | None = None
+) -> dict[str, Any]:
     """Search only the stiffest wall that the device can give to every hand and let go, and what would help.
 
     Linear stability alone: whether simulated hands come to rest without dry friction is for a recommendation.
@@ -26,6 +29,7 @@ def stiffest(problem: Problem, workers: int = 1, progress: Progress = SILENT) ->
         problem: device, hands; the wall does not matter.
         workers: processes for the changes; more than one start this program anew, so that a script needs its guard.
         progress: told of the walls and the changes.
+        executor: who works instead, as for `Chunked.run`.
 
     Returns:
         The document of `avc recommend P --stiffest`: JSON values. ``stiffest_wall_n_per_m`` is that of the robust
@@ -40,7 +44,7 @@ def stiffest(problem: Problem, workers: int = 1, progress: Progress = SILENT) ->
     if best is None:
         helps = what_would_help(problem, extreme)
     else:
-        helps = what_would_help_robust(problem, best, workers, progress)
+        helps = what_would_help_robust(problem, best, workers, progress, executor)
     reached = simple.stiffness_n_per_m if best is None else max(best.stiffness_n_per_m, simple.stiffness_n_per_m)
     document: dict[str, Any] = plain(
         {

@@ -24,6 +24,7 @@ from avc_casadi.stability._state_feedback import state_feedback_loops as state_f
 from avc_casadi.stability._state_feedback import stiffness_at_rest as stiffness_at_rest
 from avc_casadi.stability._stiffest_wall import DampingRange as DampingRange
 from avc_casadi.stability._stiffest_wall import damping_range as damping_range
+from avc_casadi.stability._stiffest_wall import loop_poles as loop_poles
 from avc_casadi.stability._stiffest_wall import loop_radius as loop_radius
 from avc_casadi.stability._stiffest_wall import stiffest_wall as stiffest_wall
 from avc_casadi.stability._transition import Rendering as Rendering

@@ -17,7 +17,7 @@ import numpy as np
 from avc_casadi.loop import LINEAR_KEYS, device_corners, sampled_plant
 from avc_casadi.stability._transition import Rendering
 from avc_casadi.stability._whole_device import closed_loop, plants_with_forces
-from avc_casadi.support import FloatArray, IndexArray
+from avc_casadi.support import ComplexArray, FloatArray, IndexArray
 
 if TYPE_CHECKING:
     from avc_casadi.loop import Hand, StylusHand
@@ -46,6 +46,24 @@ def loop_radius(
     """
     every = _Loops.of(device, subjects).radius(stiffness_n_per_m, damping_ns_per_m)
     return np.asarray(every.reshape(len(every), -1, len(subjects)).max(axis=1))
+
+
+def loop_poles(
+    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, damping_ns_per_m: float
+) -> ComplexArray:
+    """Poles of the frozen loop with a spring of either sign and a damper, always in contact, shape (pairs, poles).
+
+    Args:
+        device: the device as declared, all its corners; those come first.
+        subjects: the people.
+        stiffness_n_per_m: K, below 0 where it drives the device away.
+        damping_ns_per_m: D.
+    """
+    loops = _Loops.of(device, subjects)
+    rate = damping_ns_per_m / loops.sample_time_s
+    rendering = Rendering(np.array([[stiffness_n_per_m + rate, -rate, 0.0]]), np.zeros((1, 3)))
+    loop = closed_loop(loops.matrix, loops.push, loops.measured, rendering)
+    return np.asarray(np.linalg.eigvals(loop[0, ..., :-1, :-1]))
 
 
 @dataclass(frozen=True)
@@ -219,7 +237,7 @@ def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: fl
 def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
     """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %."""
     loops = _Loops.of(device, subjects)
-    low, high = 1.0, 4 * loops.most_damping_ns_per_m / device.sample_time_s
+    low, high = device.metres_per_unit**2, 4 * loops.most_damping_ns_per_m / device.sample_time_s
     while high > 1.0001 * low:
         middle = float(np.sqrt(low * high))
         if _stable(loops, middle):

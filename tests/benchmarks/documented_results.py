@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import documented_hardware as hardware
 import numpy as np
 from studied import rounded, table
 
@@ -317,7 +318,52 @@ def recorded(name: str) -> Callable[[Document], str]:
     return write
 
 
+def many_hands(found: Document) -> str:
+    million, answer = found["million"], found["million"]["answer"]
+    low, high = (f"{100 * end:.5f}" for end in answer["at_rest_interval"])
+    seconds, samples = million["seconds"], million["samples"]
+    left = samples * (1 - million["kept_at_the_kill"] / million["chunks"])
+    each = 1e6 * million["processor_seconds_after_the_kill"] / left
+    return (
+        f"{answer['at_rest']} of {answer['hands']} hands come to rest at `{found['wall']}`, a wall of 100 kN/m, in "
+        f"press, tap and hold, with its friction and encoder and the coupling that `recommend` gives "
+        f"({answer['coupling']}): exact {100 * answer['confidence']:g} % interval {low} to {high} %. Two processes "
+        f"took {seconds:.0f} s beside whatever else ran, a kill of the whole command after "
+        f"{million['kept_at_the_kill']} of {million['chunks']} chunks and the going on from its folder included; "
+        f"what was left then took {each:.4f} µs "
+        f"of processor time a sample, with drawing, compiling and starting."
+    )
+
+
+def many_workers(found: Document) -> str:
+    told = found["workers"]
+    head = ("workers", "s", "efficiency", "from")
+    rows: list[tuple[object, ...]] = [
+        (name, rounded(seconds), "", f"measured, {told['hands']} hands") for name, seconds in told["seconds"].items()
+    ]
+    rows[2] = (*rows[2][:2], percent(told["efficiency_of_two"]) + " %", rows[2][3])
+    rows += [
+        (
+            workers,
+            rounded(one["seconds"]),
+            percent(one["efficiency"]) + " %",
+            f"model, {found['million']['answer']['hands']} hands",
+        )
+        for workers, one in told["model"].items()
+    ]
+    same = "equal to the byte" if told["equal_to_the_byte"] else "NOT equal"
+    cost = sum(told["chunk_seconds"]) / told["hands"] * 1e6
+    return (
+        f"{table(head, rows)}\n\nThe JSON of all that were measured is {same}. The model hands out the processor times "
+        f"of measured chunks in their order to whoever is idle first. A million hands cost {cost:.0f} s of one "
+        f"processor here, three motions each: that many core-seconds are to be booked, and one chunk of "
+        f"{sum(told['chunk_seconds']) / len(told['chunk_seconds']):.1f} s is what a lost worker costs."
+    )
+
+
 BLOCKS: Mapping[str, ResultBlock] = {
+    "many-hands": ResultBlock("many_hands", many_hands, quiet=True),
+    "many-workers": ResultBlock("many_hands", many_workers),
     "robust-goals": ResultBlock("robust_goals", robust_goals),
     "reference-walls": ResultBlock("recommended", reference_walls),
     "figure5-recommended": ResultBlock("recommended", figure5_recommended, quiet=True),
@@ -334,6 +380,11 @@ BLOCKS: Mapping[str, ResultBlock] = {
     "diverging": ResultBlock("guide_figures", diverging, quiet=True),
     "best-of-search": ResultBlock("robust_optimality", best_of_search),
     "thinned": ResultBlock("guide_figures", thinned, quiet=True),
+    "device-wire": ResultBlock("hardware", hardware.wire, quiet=True),
+    "device-ticks": ResultBlock("hardware", hardware.ticks, quiet=True),
+    "device-observers": ResultBlock("hardware", hardware.observers, quiet=True),
+    "device-boards": ResultBlock("hardware", hardware.boards, quiet=True),
+    "device-functions": ResultBlock("hardware", hardware.functions),
     **{
         name: ResultBlock("recorded", recorded(name), quiet=True)
         for name in json.loads((RESULTS / "recorded.json").read_text(encoding="utf-8"))["findings"]

@@ -4,8 +4,11 @@ from avc_casadi.design.robust._goal import Cost as Cost
 from avc_casadi.design.robust._goal import cost_of as cost_of
 from avc_casadi.design.robust._goal import costs_of as costs_of
 from avc_casadi.design.robust._ladder import MOST_SOFTER as MOST_SOFTER
+from avc_casadi.design.robust._ladder import NEXT as NEXT
 from avc_casadi.design.robust._ladder import SOFTER as SOFTER
 from avc_casadi.design.robust._ladder import Rung as Rung
+from avc_casadi.design.robust._ladder import robust_afresh as robust_afresh
+from avc_casadi.design.robust._ladder import robust_at as robust_at
 from avc_casadi.design.robust._ladder import robust_ladder as robust_ladder
 from avc_casadi.design.robust._ladder import softer_robust as softer_robust
 from avc_casadi.design.robust._ladder import stiffest_robust as stiffest_robust

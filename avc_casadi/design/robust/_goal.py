@@ -128,7 +128,8 @@ def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
     sensitivity = 1 / np.abs(1 + cut).min(axis=(1, 2))
     any_share = 1 / np.abs(1 + share * cut)[..., buzz].min(axis=(1, 2))
     gain = np.abs(rendered).max(axis=1)
-    bound = _SOFTNESS_10HZ + 2 * math.pi * 10 * _DAMPING_NS_PER_M / stiffness
+    beside = _DAMPING_NS_PER_M * loops.metres_per_unit**2
+    bound = _SOFTNESS_10HZ + 2 * math.pi * 10 * beside / stiffness
     found = []
     for row in range(len(laws)):
         facts = {

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ from avc_casadi.coupling import Gains, spring_before
 from avc_casadi.design.robust._goal import cost_of
 from avc_casadi.design.robust._law import Space
 from avc_casadi.design.robust._loops import Loops
-from avc_casadi.design.robust._search import Found, search
+from avc_casadi.design.robust._search import QUICKLY, Found, search
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
@@ -28,14 +29,16 @@ from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
-    from avc_casadi.support import FloatArray
 
-# The first wall as a share of what spring and damper hold, the next over the one before, and what lies between two, for
-# which the law of the lower one is taken as it is.
-_FIRST, _NEXT, _BETWEEN = 0.9, 1.4, 1.18
+# The first wall as a share of what spring and damper hold.
+_FIRST = 0.9
+NEXT = 1.4
+"""The next wall of the ladder over the one before."""
 # The wanted wall is tried at once if it is no more than so many times what spring and damper hold.
 _AT_ONCE = 4.0
 _MOST_RUNGS = 8
+# Of so many near walls the laws are tried as they are.
+_NEIGHBOURS = 2
 # From the softest of these down, where it is not enough.
 SOFTER = 0.6
 MOST_SOFTER = 4
@@ -66,7 +69,7 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT, limit: DampingR
     The wanted one comes first, if it is not far beyond what spring and damper hold; whom its law suits need not ask
     for more. Each law of the others is searched for from that of the wall before. A wall beyond what the device can
     give gets a spring before it, so that both together are what is felt. The walls do not depend on the one that is
-    wanted, but for the last.
+    wanted, but for the last, whose laws are those of the walls below and above or begin there.
 
     Args:
         problem: device with what is known of it, hands and wall.
@@ -83,33 +86,61 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT, limit: DampingR
     space, loops = Space(device, hands), Loops.of(device, hands)
     if wanted <= _AT_ONCE * plain:
         progress.advance(0, 1, f"the wall, {wanted:.4g} N/m")
-        with suppress(np.linalg.LinAlgError):
-            gains, rendering = _softened(problem, wanted)
-            found = search(space, loops, rendering)
-            if found.cost.holds:
-                yield Rung(gains, wanted, found)
+        at_once = _searched(problem, space, loops, wanted)
+        if at_once is not None:
+            yield at_once
         if wanted <= _FIRST * plain:
             return
-    start = None
-    stiffness = min(_FIRST * plain, wanted)
+    below: Rung | None = None
     for rung in range(_MOST_RUNGS):
-        gains, rendering = _softened(problem, stiffness)
+        stiffness = _FIRST * plain * NEXT**rung
         progress.advance(rung, rung + 2, f"walls, {stiffness:.4g} N/m")
-        try:
-            found = search(space, loops, rendering, start)
-        except np.linalg.LinAlgError:
+        found = _searched(problem, space, loops, stiffness, below)
+        if stiffness >= wanted:
+            known = [one for one in (below, found) if one is not None]
+            if known:
+                yield from robust_at(problem, wanted, known)
             return
-        if not found.cost.holds:
+        if found is None:
             return
-        yield Rung(gains, stiffness, found)
-        if stiffness == wanted:
-            return
-        start = found.logarithms
-        if stiffness * _BETWEEN < wanted:
-            between = _as_it_is(problem, space, loops, found.logarithms, stiffness * _BETWEEN)
-            if between is not None:
-                yield between
-        stiffness = min(stiffness * _NEXT, wanted)
+        yield found
+        below = found
+
+
+def robust_afresh(problem: Problem, stiffness_n_per_m: float) -> Iterator[Rung]:
+    """Yield the laws that a search finds for one wall from its usual start; none where it does not damp all loops.
+
+    Args:
+        problem: as for `robust_ladder`.
+        stiffness_n_per_m: that is felt at rest, the wanted wall's at most.
+    """
+    space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+    found = _searched(problem, space, loops, stiffness_n_per_m)
+    if found is not None:
+        yield found
+
+
+def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung]) -> Iterator[Rung]:
+    """Yield laws for one wall: those of the nearest two as they are, then what a search finds from there.
+
+    Args:
+        problem: as for `robust_ladder`.
+        stiffness_n_per_m: that is felt at rest, the wanted wall's at most.
+        known: walls and their laws; nothing begins without any.
+    """
+    space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+    near = sorted(known, key=lambda rung: abs(math.log(rung.stiffness_n_per_m / stiffness_n_per_m)))[:_NEIGHBOURS]
+    if not near:
+        return
+    laws = [one for rung in near for one in (rung.found, *rung.found.others)]
+    tried = [_as_it_is(problem, space, loops, stiffness_n_per_m, law) for law in laws]
+    same = [one for one in tried if one is not None]
+    if same:
+        yield replace(same[0], found=replace(same[0].found, others=tuple(one.found for one in same[1:])))
+    start = min(same or near, key=lambda rung: rung.found.cost.total)
+    searched = _searched(problem, space, loops, stiffness_n_per_m, start)
+    if searched is not None:
+        yield searched
 
 
 def softer_robust(
@@ -130,19 +161,16 @@ def softer_robust(
     """
     _check(problem)
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
-    start = None if near is None else near.found.logarithms
     stiffness = min(_FIRST * _plain_n_per_m(problem, limit), problem.environment.stiffness_n_per_m)
     if near is not None:
         stiffness = near.stiffness_n_per_m
     for done in range(MOST_SOFTER):
         stiffness *= SOFTER
         progress.advance(done, MOST_SOFTER, f"softer walls, {stiffness:.4g} N/m")
-        gains, rendering = _softened(problem, stiffness)
-        with suppress(np.linalg.LinAlgError):
-            found = search(space, loops, rendering, start)
-            if found.cost.holds:
-                start = found.logarithms
-                yield Rung(gains, stiffness, found)
+        found = _searched(problem, space, loops, stiffness, near)
+        if found is not None:
+            near = found
+            yield found
 
 
 def stiffest_robust(problem: Problem, near: Rung | None = None, progress: Progress = SILENT) -> Rung | None:
@@ -160,38 +188,33 @@ def stiffest_robust(problem: Problem, near: Rung | None = None, progress: Progre
     stated = problem.changed(environment={"stiffness_n_per_m": _FAR * plain, "damping_ns_per_m": 0.0})
     _check(stated)
     space, loops = Space(stated.device, stated.hands), Loops.of(stated.device, stated.hands)
-    stiffness, start = _FIRST * plain, None
+    stiffness = _FIRST * plain
     if near is not None:
-        same = len(space.knobs) == len(near.found.logarithms)
-        stiffness, start = near.stiffness_n_per_m, near.found.logarithms if same else None
+        stiffness = near.stiffness_n_per_m
+        near = near if len(space.knobs) == len(near.found.logarithms) else None
     best: Rung | None = None
     for done in range(_MOST_STEPS):
         progress.advance(done, done + 2, f"walls, {stiffness:.4g} N/m")
-        found = _at_any_price(stated, space, loops, stiffness, start)
+        found = _at_any_price(stated, space, loops, stiffness, near)
         if found is None and best is not None:
             break
         best = found
-        start = start if found is None else found.found.logarithms
+        near = near if found is None else found
         stiffness = stiffness / _STEP if found is None else stiffness * _STEP
     return best
 
 
 def _at_any_price(
-    problem: Problem, space: Space, loops: Loops, stiffness_n_per_m: float, start: FloatArray | None
+    problem: Problem, space: Space, loops: Loops, stiffness_n_per_m: float, near: Rung | None
 ) -> Rung | None:
     """Find a law for a wall: the near one as it is, or one that is like it, or any."""
-    if start is not None:
-        with suppress(np.linalg.LinAlgError):
-            same = _as_it_is(problem, space, loops, start, stiffness_n_per_m)
-            if same is not None:
-                return same
-    gains, rendering = _softened(problem, stiffness_n_per_m)
-    for begin in (None,) if start is None else (start, None):
-        with suppress(np.linalg.LinAlgError):
-            found = search(space, loops, rendering, begin)
-            if found.cost.holds:
-                return Rung(gains, stiffness_n_per_m, found)
-    return None
+    if near is not None:
+        found = _as_it_is(problem, space, loops, stiffness_n_per_m, near.found) or _searched(
+            problem, space, loops, stiffness_n_per_m, near, QUICKLY
+        )
+        if found is not None:
+            return found
+    return _searched(problem, space, loops, stiffness_n_per_m)
 
 
 def _plain_n_per_m(problem: Problem, limit: DampingRange | None = None) -> float:
@@ -200,14 +223,33 @@ def _plain_n_per_m(problem: Problem, limit: DampingRange | None = None) -> float
     return float(limit.stiffness_n_per_m)
 
 
-def _as_it_is(
-    problem: Problem, space: Space, loops: Loops, logarithms: FloatArray, stiffness_n_per_m: float
-) -> Rung | None:
+def _as_it_is(problem: Problem, space: Space, loops: Loops, stiffness_n_per_m: float, other: Found) -> Rung | None:
     """Take the numbers of one wall for another."""
     gains, rendering = _softened(problem, stiffness_n_per_m)
-    law = space.law(logarithms, stiffness_at_rest(rendering))
-    cost = cost_of(law, rendering, loops)
-    return Rung(gains, stiffness_n_per_m, Found(law, logarithms, cost)) if cost.holds else None
+    with suppress(np.linalg.LinAlgError):
+        law = space.law(other.logarithms, stiffness_at_rest(rendering))
+        cost = cost_of(law, rendering, loops)
+        if cost.holds:
+            return Rung(gains, stiffness_n_per_m, Found(law, other.logarithms, cost))
+    return None
+
+
+def _searched(
+    problem: Problem,
+    space: Space,
+    loops: Loops,
+    stiffness_n_per_m: float,
+    near: Rung | None = None,
+    effort: tuple[float, int] | None = None,
+) -> Rung | None:
+    """Search for the law of a wall, which may be stiffer than the wanted one, from that of another."""
+    wall = max(stiffness_n_per_m, problem.environment.stiffness_n_per_m)
+    gains, rendering = _softened(problem.changed(environment={"stiffness_n_per_m": wall}), stiffness_n_per_m)
+    with suppress(np.linalg.LinAlgError):
+        found = search(space, loops, rendering, None if near is None else near.found.logarithms, effort)
+        if found.cost.holds:
+            return Rung(gains, stiffness_n_per_m, found)
+    return None
 
 
 def _softened(problem: Problem, stiffness_n_per_m: float) -> tuple[Gains, Rendering]:

@@ -84,7 +84,8 @@ class Space:
                 Knob("believed damping of the resonance", 0.16, 0.01, 0.7),
                 Knob("believed frequency of the resonance", 0.87, 0.75, 1.3),
             ]
-        mass, damping, stiffness = (max(value, least) for value, least in zip(middle, _LEAST, strict=True))
+        turned = self.device.metres_per_unit**2
+        mass, damping, stiffness = (max(value, least * turned) for value, least in zip(middle, _LEAST, strict=True))
         return (
             *found,
             Knob("believed mass", 0.43 * mass, min(0.4 * light, 0.1 * mass), 3.0 * mass),

@@ -55,6 +55,7 @@ class Loops:
         frequency_hz: where the loop is looked at, shape (f,).
         response: position that is measured over force, nominal, shape (hands, f), m/N.
         sample_time_s: T.
+        metres_per_unit: how far the hand moves for a unit of the position.
     """
 
     nominal: Plants
@@ -64,6 +65,7 @@ class Loops:
     frequency_hz: FloatArray
     response: ComplexArray
     sample_time_s: float
+    metres_per_unit: float
 
     @classmethod
     def of(cls, device: Device, hands: Hands) -> Loops:
@@ -77,7 +79,8 @@ class Loops:
         held = _with_middle(hands)
         nominal = plants_with_forces(sampled_plant(device, held))
         beside = tuple(
-            plants_with_forces(sampled_plant(device, one)) for one in (stylus_corners(), hand_corners(FINGERTIP))
+            plants_with_forces(sampled_plant(device, one.at_handle(device.metres_per_unit)))
+            for one in (stylus_corners(), hand_corners(FINGERTIP))
         )
         varied = plants_with_forces(sampled_plant(other_devices(device), held))
         free = plants_with_forces(sampled_plant(_declared(device), no_hand()))
@@ -88,7 +91,8 @@ class Loops:
         z = np.exp(2j * np.pi * frequency * t)
         pencil = z[None, :, None, None] * np.eye(len(measured)) - matrix[:, None]
         response = np.linalg.solve(pencil, np.broadcast_to(push[:, None, :, None], (*pencil.shape[:3], 1)))
-        return cls(nominal, beside, varied, free, frequency, (response[..., 0] @ measured).astype(np.complex128), t)
+        seen = (response[..., 0] @ measured).astype(np.complex128)
+        return cls(nominal, beside, varied, free, frequency, seen, t, device.metres_per_unit)
 
     def hardest(self, law: StateFeedback, rendering: Rendering) -> Loops:
         """Keep the loops beside the nominal ones that miss most of their decay with a law."""

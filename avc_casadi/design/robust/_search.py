@@ -5,7 +5,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,17 +23,32 @@ if TYPE_CHECKING:
 
 _FAILED = 1e4
 _POPULATION = 10
-FROM_AFAR, FROM_NEAR = (0.35, 100), (0.2, 30)
-"""Spread of the first generation and laws for each knob: from the usual start, and from the law of a near wall."""
+FROM_AFAR, FROM_NEAR, QUICKLY = (0.35, 100), (0.35, 50), (0.2, 30)
+"""Spread of the first generation and laws for each knob: from the usual start, from the law of a near wall, and from
+there where many walls are asked for."""
+
+
+# Other laws that are kept: those whose cost is no more than so many times the least and that differ by so much in some
+# logarithm from each other.
+_AS_CHEAP, _APART, _MOST_OTHERS = 1.15, 0.15, 9
 
 
 @dataclass(frozen=True)
 class Found:
-    """A law, where it stands in the search space, and what it costs."""
+    """A law, where it stands in the search space, and what it costs.
+
+    Attributes:
+        law: observer and feedback.
+        logarithms: its numbers.
+        cost: what it costs.
+        others: laws that cost hardly more. The goal tells little of the last hand in a hundred: where one law loses
+            it, another may not.
+    """
 
     law: StateFeedback
     logarithms: FloatArray
     cost: Cost
+    others: tuple[Found, ...] = ()
 
 
 def search(
@@ -40,6 +56,7 @@ def search(
     loops: Loops,
     rendering: Rendering,
     start: FloatArray | None = None,
+    effort: tuple[float, int] | None = None,
 ) -> Found:
     """Find the cheapest law for a rendering.
 
@@ -51,11 +68,12 @@ def search(
         loops: what the law must hold.
         rendering: coupling and wall behind it.
         start: logarithms of a near law; None is the usual start.
+        effort: spread of the first generation and laws for each knob; None is what suits the start.
 
     Raises:
         numpy.linalg.LinAlgError: the start has no law.
     """
-    spread, for_each_knob = FROM_AFAR if start is None else FROM_NEAR
+    spread, for_each_knob = effort or (FROM_AFAR if start is None else FROM_NEAR)
     begin = space.start if start is None else start
     stiffness = stiffness_at_rest(rendering)
     hardest = loops.hardest(space.law(begin, stiffness), rendering)
@@ -69,9 +87,26 @@ def search(
             costs = costs_of(laws.pick(first), rendering, hardest) + other.result()
             return np.minimum([cost.total for cost in costs], _FAILED)
 
-        best = _evolve(weigh, begin, space.bounds, spread, for_each_knob * len(space.knobs))
-    law = space.law(best, stiffness)
-    return Found(law, best, cost_of(law, rendering, loops))
+        seen = _evolve(weigh, begin, space.bounds, spread, for_each_knob * len(space.knobs))
+    best, *others = (_found(space, loops, rendering, point) for point in _apart(seen))
+    return replace(best, others=tuple(one for one in others if one.cost.holds))
+
+
+def _found(space: Space, loops: Loops, rendering: Rendering, logarithms: FloatArray) -> Found:
+    law = space.law(logarithms, stiffness_at_rest(rendering))
+    return Found(law, logarithms, cost_of(law, rendering, loops))
+
+
+def _apart(seen: list[tuple[float, FloatArray]]) -> list[FloatArray]:
+    """Take the cheapest point, and others that cost hardly more and are not next to one that was taken."""
+    ranked = sorted(seen, key=itemgetter(0))
+    taken: list[FloatArray] = []
+    for cost, point in ranked:
+        if len(taken) > _MOST_OTHERS or cost > _AS_CHEAP * ranked[0][0]:
+            break
+        if all(float(np.abs(point - other).max()) > _APART for other in taken):
+            taken.append(point)
+    return taken
 
 
 def _evolve(
@@ -80,8 +115,8 @@ def _evolve(
     bounds: tuple[FloatArray, FloatArray],
     spread: float,
     evaluations: int,
-) -> FloatArray:
-    """Minimise by covariance matrix adaptation (Hansen 2016)."""
+) -> list[tuple[float, FloatArray]]:
+    """Minimise by covariance matrix adaptation (Hansen 2016); return what was seen."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of its own plotting, on import
         import cma  # noqa: PLC0415
@@ -98,12 +133,10 @@ def _evolve(
         "verb_log": 0,
     }
     evolution = cma.CMAEvolutionStrategy(np.clip(start, *bounds), spread, options)
-    least, best = function(start[None])[0], start
+    seen = [(float(function(start[None])[0]), start)]
     while not evolution.stop():
         points = evolution.ask()
-        values = function(np.array(points))
-        evolution.tell(points, values.tolist())
-        place = int(np.argmin(values))
-        if values[place] < least:
-            least, best = values[place], np.asarray(points[place])
-    return best
+        values = function(np.array(points)).tolist()
+        evolution.tell(points, values)
+        seen += zip(values, map(np.asarray, points), strict=True)
+    return seen

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.coupling import GainSchedule, Status, gain_schedule
-from avc_casadi.design.robust._ladder import Rung, robust_ladder
+from avc_casadi.design.robust._ladder import Rung, robust_at, robust_ladder
 from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
+
+# Above the stiffest of the ladder, this much more is tried.
+_BETWEEN = 1.18
 
 
 def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
@@ -29,12 +32,14 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
     Raises:
         UnsupportedError: no mass, no stiffness to be felt, or too long a delay.
     """
-    started = time.perf_counter()
+    started, wanted = time.perf_counter(), problem.environment.stiffness_n_per_m
     best: Rung | None = None
     for rung in robust_ladder(problem, progress):
         best = rung
-        if rung.stiffness_n_per_m == problem.environment.stiffness_n_per_m:
+        if rung.stiffness_n_per_m == wanted:
             break
+    if best is not None and best.stiffness_n_per_m * _BETWEEN < wanted:
+        best = next(robust_at(problem, best.stiffness_n_per_m * _BETWEEN, (best,)), best)
     n = len(problem.frequencies_hz())
     values = (np.nan,) * 3 if best is None else tuple(vars(best.gains).values())
     reason = "no law is found that holds every hand; soften the wall, or narrow [hands] or [device.range]"
