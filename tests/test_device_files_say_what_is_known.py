@@ -20,14 +20,17 @@ CATALOGUE = (
     "omega-3",
     "sigma-7",
     "lambda-7",
+    "direct-drive-wheel",
     "hapkit",
     "haply-inverse3",
     "dvrk-mtm-joint1",
+    "smartknob",
     "teaching-one-axis",
     "excalibur",
 )
-QUANTITIES = set(Device.model_fields) - {"amplifier_order", "encoder_at", "range"}
+QUANTITIES = set(Device.model_fields) - {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "range"}
 WALL = "[environment]\ndamping_ns_per_m = 0.0\nstiffness_n_per_m = 5e3\n"
+TURNED = "[environment]\ndamping_nms_per_rad = 0.0\nstiffness_nm_per_rad = {stiffness}\n"
 SMALL = """title = "mine"
 gaps = ["delay_samples", "coulomb_friction_n", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m"]
 [device]
@@ -86,11 +89,14 @@ def test_every_value_has_a_source_and_every_gap_a_name(name):
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_a_problem_with_a_device_by_name_has_its_values(name):
-    problem = avc.parse_problem(f'device = "{name}"\n{WALL}[frequency]\nstop_hz = 100.0\n', name="p")
-    assert problem.device == avc.load_device(name).device
+    device = avc.load_device(name).device
+    # At the handle of a device that turns it is the same wall.
+    turned = WALL if device.motion == "linear" else TURNED.format(stiffness=5e3 * device.handle_radius_m**2)
+    problem = avc.parse_problem(f'device = "{name}"\n{turned}[frequency]\nstop_hz = 100.0\n', name="p")
+    assert problem.device == device
     assert plausibility(problem) == ()
     assert avc.parse_problem(avc.dump_problem(problem), name="p") == problem
-    assert problem == avc.parse_problem(f'[device]\nfrom = "{name}"\n{WALL}[frequency]\nstop_hz = 100.0\n', name="p")
+    assert problem == avc.parse_problem(f'[device]\nfrom = "{name}"\n{turned}[frequency]\nstop_hz = 100.0\n', name="p")
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])

@@ -32,6 +32,7 @@ EFFECTS = {
     "wall": {"stiffness_n_per_m": 1e7},
     "environment": {},
     "coulomb-friction": {"force_n": 0.3},
+    "detent": {},
     "viscous-friction": {},
     "resonance": {"frequency_hz": 120, "damping_ratio": 0.01, "mass_ratio": 0.3},
     "encoder": {"resolution_m": 2e-5},

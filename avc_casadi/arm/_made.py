@@ -36,9 +36,10 @@ def arm(source: str | Path | ArmFile) -> Arm:
         assert file.model is not None  # noqa: S101 - a rule of the file
         made = model_arm(file, file.model)
     joints, axes = made.joints, len(made.axes)
+    told = (file.name or "arm") if isinstance(source, ArmFile) else str(source)
     if len(file.home) != joints:
-        raise InputError.of(f"has {len(file.home)} values; allowed: {joints}, one of each joint", key="home")
+        raise InputError.of(f"has {len(file.home)} values; allowed: {joints}, one of each joint", file=told, key="home")
     if len(file.workspace.low_m) != axes:
         message = f"has {len(file.workspace.low_m)} numbers; allowed: {axes}, along {', '.join(made.axes)}"
-        raise InputError.of(message, key="workspace.low_m")
+        raise InputError.of(message, file=told, key="workspace.low_m")
     return made

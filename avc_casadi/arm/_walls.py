@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from avc_casadi.arm._effective import effective_masses, grid, mobility, reached
 from avc_casadi.arm._tip_device import tip_device
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.stability import stiffest_wall
-from avc_casadi.support import SILENT, BoolArray, FloatArray, Progress, in_processes
+from avc_casadi.support import SILENT, BoolArray, Chunked, FloatArray, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.arm._arm import Arm
@@ -52,7 +53,13 @@ class WorkspaceMap:
     searches: int
 
 
-def workspace_map(arm: Arm, poses: int = 1000, workers: int = 1, progress: Progress = SILENT) -> WorkspaceMap:
+def workspace_map(
+    arm: Arm,
+    poses: int = 1000,
+    workers: int = 1,
+    progress: Progress = SILENT,
+    executor: Executor | None = None,
+) -> WorkspaceMap:
     """Map the stiffest wall over the workspace, along each axis and in the worst direction.
 
     Args:
@@ -60,6 +67,7 @@ def workspace_map(arm: Arm, poses: int = 1000, workers: int = 1, progress: Progr
         poses: at least so many on a regular grid.
         workers: processes; more than one start this program anew, so that a script needs its guard.
         progress: told of the searches.
+        executor: who works instead, as for `Chunked.run`.
     """
     low, high = arm.box_m
     counts = _counts(high - low, poses)
@@ -70,7 +78,7 @@ def workspace_map(arm: Arm, poses: int = 1000, workers: int = 1, progress: Progr
     any_way = np.stack([1 / values[:, -1], 1 / values[:, 0]], axis=-1)
     masses = np.full((len(points), len(arm.axes) + 1, 2), np.nan)
     masses[there] = np.concatenate([effective_masses(here, np.eye(len(arm.axes))), any_way[:, None]], axis=1)
-    walls, searches = stiffest_walls(arm, masses[there].reshape(-1, 2), workers, progress)
+    walls, searches = stiffest_walls(arm, masses[there].reshape(-1, 2), workers, progress, executor)
     stiffness = np.full(masses.shape[:2], np.nan)
     stiffness[there] = walls.reshape(-1, masses.shape[1])
     labels = (*arm.axes, "any")
@@ -88,7 +96,11 @@ def _counts(sides_m: FloatArray, poses: int) -> tuple[int, ...]:
 
 
 def stiffest_walls(
-    arm: Arm, masses_kg: FloatArray, workers: int = 1, progress: Progress = SILENT
+    arm: Arm,
+    masses_kg: FloatArray,
+    workers: int = 1,
+    progress: Progress = SILENT,
+    executor: Executor | None = None,
 ) -> tuple[FloatArray, int]:
     """Find the stiffest wall of each range of masses with every corner of the hands and let go.
 
@@ -97,6 +109,7 @@ def stiffest_walls(
         masses_kg: lightest and heaviest, shape (n, 2); rounded outwards by at most 3 %.
         workers: processes.
         progress: told of the searches.
+        executor: as in `workspace_map`.
 
     Returns:
         Stiffness, shape (n,), N/m, and the number of different searches.
@@ -107,15 +120,16 @@ def stiffest_walls(
     ends = _RATIO ** different.astype(np.float64)
     some = [ends[begin : begin + _AT_ONCE] for begin in range(0, len(ends), _AT_ONCE)]
     devices = [[tip_device(arm, light, heavy) for light, heavy in part] for part in some]
-    search = partial(_walls, hands=arm.file.hands)
-    found = in_processes(search, devices, workers) if workers > 1 and len(ends) > _FEW else map(search, devices)
-    walls: list[float] = []
-    for part in found:
-        walls += part
-        progress.advance(len(walls), len(ends), "walls")
+    sizes = [len(part) for part in some]
+    study = Chunked({}, partial(_walls, hands=arm.file.hands), devices, _joined, sizes, "walls")
+    walls = study.run(executor, workers=workers if len(ends) > _FEW else 1, progress=progress)
     return np.array(walls)[which.ravel()], len(ends)
 
 
 def _walls(devices: Sequence[Device], hands: Hands) -> list[float]:
     subjects = with_let_go(hand_corners(hands))
     return [stiffest_wall(device, subjects).stiffness_n_per_m for device in devices]
+
+
+def _joined(parts: list[list[float]]) -> list[float]:
+    return [wall for part in parts for wall in part]

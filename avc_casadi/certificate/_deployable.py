@@ -16,6 +16,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.certificate._at_rest import radius_limit
+from avc_casadi.certificate._detent_claim import detent_verdict
 from avc_casadi.certificate._every_hand import every_hand, looked_at
 from avc_casadi.certificate._feedback_radius import Worst, feedback_radius
 from avc_casadi.coupling import require_coupling
@@ -40,7 +41,8 @@ class DeployClaim:
     """One claim that a deployable coupling meets.
 
     Attributes:
-        name: hands, let-go, or dead-zone (of a coupling with state feedback).
+        name: hands, let-go, or dead-zone (of a coupling with state feedback); detent; detent-hands and detent-let-go,
+            where the slope of the detents adds to that of the wall.
         passed: whether it holds.
         sentence: what holds, or what does not and where.
         advice: what to do where it does not hold; empty where it does.
@@ -136,8 +138,10 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
     frequency, gains = _judged(coupling.table)
     try:
         if coupling.runtime.state_feedback is not None:
-            return Deployable(_feedback_claims(coupling))
+            beside = () if problem.detent is None else (_UNJUDGED_DETENTS,)
+            return Deployable(_feedback_claims(coupling) + beside)
         claims = tuple(one(problem, frequency, gains, progress) for one in (_hands_claim, _let_go_claim))
+        claims += _detent_claims(problem, frequency, gains, progress)
     except UnsupportedError as refusal:
         why = f"not judged: {refusal}"
         advice = "shorten the delay, or judge the loop by other means"
@@ -228,7 +232,34 @@ def _claim_of(name: str, radius: float, passing: str, failing: str) -> DeployCla
     return DeployClaim(name, False, f"linearly unstable {failing}: spectral radius {radius:.6g}", _ADVICE, radius)
 
 
-_CALLED = {"hands": "hands (L5)", "let-go": "let-go", "dead-zone": "dead zone"}
+def _on_detents(problem: Problem) -> tuple[DeployClaim, ...]:
+    """Return the claim on the slopes of the detents in front of the wall; none without detents."""
+    return () if problem.detent is None else (DeployClaim("detent", *detent_verdict(problem)),)
+
+
+def _detent_claims(
+    problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress
+) -> tuple[DeployClaim, ...]:
+    """Return the claims on the detents in front of the wall, and where their slope adds to that of the wall."""
+    if problem.detent is None:
+        return ()
+    steepest = problem.environment.stiffness_n_per_m + problem.detent.slope_n_per_m
+    inside = problem.changed(environment={"stiffness_n_per_m": steepest})
+    both = [
+        replace(claim, name=f"detent-{claim.name}", sentence=f"in the wall with its detents: {claim.sentence}")
+        for claim in (one(inside, frequency, gains, progress) for one in (_hands_claim, _let_go_claim))
+    ]
+    return (*_on_detents(problem), *both)
+
+
+_CALLED = {
+    "hands": "hands (L5)",
+    "let-go": "let-go",
+    "dead-zone": "dead zone",
+    "detent": "detents",
+    "detent-hands": "detents in the wall, hands",
+    "detent-let-go": "detents in the wall, let go",
+}
 _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
 
 
@@ -247,4 +278,11 @@ def _told(key: str, value: float) -> str:
     return f"{key} {value:.4g}" if unit is None else f"{value:.4g} {unit}"
 
 
+_UNJUDGED_DETENTS = DeployClaim(
+    "detent",
+    False,
+    "not judged: state feedback beside [detent]",
+    "take a coupling without state feedback: avc solve P --method static-tuned",
+    np.nan,
+)
 _OBSERVER = " (judged without the observer, which is not linear)"

@@ -27,7 +27,7 @@ def levels_table(certificate: Mapping[str, Any]) -> Table:
         for level, found in levels.items()
     )
     return Table(
-        ("level", "claim", "result", "worst margin\nN.s/m", "at\nHz", "rows that\ndo not pass", "\nmodel"),
+        ("level", "claim", "result", "worst margin\nN.s/m", "at\nHz", "not passed\nrows", "\nmodel"),
         rows,
         left=(0, 1, 2, 6),
         digits=3,

@@ -153,6 +153,8 @@ class Coupling:
         }
         if self.contact != FIRST_CONTACT:
             runs["contact"] = self.contact
+        if self.problem.detent is not None:
+            runs["detent"] = self.problem.detent.model_dump(mode="json")
         return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
 
     def on(self, problem: Problem) -> Coupling:

@@ -14,12 +14,12 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi.coupling._contact import FIRST_CONTACT
 from avc_casadi.coupling._coupling import Coupling, check_sample_time, require_coupling
 from avc_casadi.coupling._gain_check import COUPLING_SCHEMA, GainCheck
-from avc_casadi.coupling._gain_file import gain_document, read_csv, read_document
+from avc_casadi.coupling._gain_file import gain_document, read_csv, read_document, units_of_document
 from avc_casadi.coupling._gain_table import GainTable
 from avc_casadi.coupling._runtime import Runtime
 from avc_casadi.coupling._state_feedback_file import state_feedback_of
 from avc_casadi.problem import Problem, as_problem, problem_document, problem_of
-from avc_casadi.support import json_text, plain
+from avc_casadi.support import json_text, plain, speaking, told_in
 
 if TYPE_CHECKING:
     from avc_casadi.coupling._schedule import GainSchedule
@@ -78,7 +78,8 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
         >>> avc.write_coupling(avc.Coupling.of(avc.load_problem("soft"), avc.solve("soft")), "soft.json")
     """
     require_coupling(coupling)
-    Path(path).write_text(json_text(coupling_document(coupling)), encoding="utf-8")
+    with speaking(coupling.problem.units):
+        Path(path).write_text(json_text(coupling_document(coupling)), encoding="utf-8")
 
 
 def read_file(path: str | Path) -> Coupling | GainSchedule:
@@ -94,6 +95,12 @@ def read_file(path: str | Path) -> Coupling | GainSchedule:
     if path.suffix.lower() == ".csv":
         return read_csv(path)
     document = read_document(path)
+    units = units_of_document(document)
+    with told_in(units):
+        return _read(units.read(document), path)
+
+
+def _read(document: Mapping[str, Any], path: Path) -> Coupling | GainSchedule:
     if document.get("schema") == COUPLING_SCHEMA or "problem_file" in document:
         return _from_document(document, path)
     return GainCheck(document, path).schedule()

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.coupling._gain_check import CONTACT, GAINS, SCHEMA, GainCheck
 from avc_casadi.coupling._schedule import GainSchedule
-from avc_casadi.support import plain
+from avc_casadi.support import LINEAR, ROTARY, Units, plain, spoken
 
 _CSV_HEADER = ("frequency_hz", *GAINS)
 _MAX_BYTES = 64 * 1024 * 1024
@@ -61,7 +62,7 @@ def gain_csv(gains: GainSchedule) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     damped = gains.structure == "damped"
-    writer.writerow((*_CSV_HEADER, CONTACT) if damped else _CSV_HEADER)
+    writer.writerow(map(spoken().key, (*_CSV_HEADER, CONTACT) if damped else _CSV_HEADER))
     for row in np.flatnonzero(gains.usable):
         values = [gains.frequency_hz[row], gains.damping_ns_per_m[row], gains.stiffness_n_per_m[row]]
         if damped:
@@ -97,6 +98,11 @@ def read_document(path: Path) -> dict[str, Any]:
     return document
 
 
+def units_of_document(document: Mapping[str, Any]) -> Units:
+    """Return the words of a document that was read, as it says them itself."""
+    return ROTARY if document.get("motion") == ROTARY.motion else LINEAR
+
+
 def _text_of(path: Path) -> str:
     try:
         if path.stat().st_size > _MAX_BYTES:
@@ -122,7 +128,7 @@ def read_csv(path: Path) -> GainSchedule:
         lines = [(reader.line_num, cells) for cells in reader]
     except csv.Error as error:
         raise InputError.of(f"is not CSV ({error}); {_NEXT_STEP}", file=str(path)) from error
-    header = tuple(cell.strip() for cell in lines[0][1]) if lines else ()
+    header = tuple(ROTARY.inner(cell.strip()) for cell in lines[0][1]) if lines else ()
     if header not in {_CSV_HEADER, (*_CSV_HEADER, CONTACT)}:
         message = f"header is {','.join(header) or 'missing'}; allowed: {','.join(_CSV_HEADER)}[,{CONTACT}]"
         raise InputError([Fault(str(path), 1, "", message)])

@@ -21,6 +21,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "position": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
     "force": {"n": 1.0, "mn": 1e-3, "kn": 1e3},
 }
+_OF_A_TURN = {"rad", "mrad", "urad", "deg", "nm", "n.m", "n*m", "mnm"}
 _SPELT = {"sec": "s", "seconds": "s", "micros": "us", "millis": "ms", "µs": "us", "µm": "um", "newton": "n"}
 
 
@@ -90,6 +91,8 @@ def chosen_columns(
         size = named_unit(quantity, stated) if stated else None
         if size is None:
             what = f"has the unit {stated!r}" if stated else "has no unit"
+            if stated.lower() in _OF_A_TURN:
+                what += ", of a device that turns; give what its handle does, x = r theta and F = tau/r"
             units = ", ".join("N" if unit == "n" else unit for unit in UNITS[quantity] if unit not in {"mn", "kn"})
             faults.append(
                 Fault(
@@ -151,6 +154,8 @@ def _column(
         why = f"has {len(found)} columns among {', '.join(map(repr, headers[:20]))}"
     elif unknown:
         why = f"has a unit that is not known in {', '.join(map(repr, unknown))}"
+        if any(header.rpartition("_")[2].lower() in _OF_A_TURN for header in unknown):
+            why += ", that of a device that turns"
         allowed = f"{', '.join(UNITS[quantity])}, or --columns {quantity}=HEADER --units {quantity}=UNIT"
     return f"{why}; allowed: {allowed}"
 

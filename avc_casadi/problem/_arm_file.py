@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -10,7 +9,7 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, BeforeValidator, model_validator
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.problem._catalogue import ARMS, arm_names
+from avc_casadi.problem._catalogue import named_file
 from avc_casadi.problem._device import Device
 from avc_casadi.problem._device_reference import with_device
 from avc_casadi.problem._findings import checked
@@ -203,8 +202,9 @@ def load_arm(source: str | Path) -> ArmFile:
         >>> avc.load_arm("phantom-premium-1.5").phantom.upper_length_m
         0.215
     """
-    path = _path_of(source)
-    file = str(source)
+    path, file = named_file(source, "arm"), str(source)
+    if isinstance(path, str):
+        raise InputError.of(path, file=file)
     text = text_of(path, "give the path of an arm file or the name of an arm from `avc list`")
     tables = _whole(tables_of(text, file), path.parent)
     result = [tables] if isinstance(tables, tuple) else checked(ArmFile, tables, path.stem, _RULES)
@@ -212,21 +212,6 @@ def load_arm(source: str | Path) -> ArmFile:
         return result
     lines = KeyLines(text.replace("\r\n", "\n"))
     raise InputError([Fault(file, lines[key], dotted(key), message) for key, message in result])
-
-
-def _path_of(source: str | Path) -> Path:
-    if isinstance(source, Path) or source.endswith(".toml"):
-        return Path(source)
-    names = arm_names()
-    name = source.removeprefix(ARMS)
-    if name in names:
-        return names[name]
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
-    hint = f"; near: {', '.join(near)}" if near else ""
-    raise InputError.of(
-        f"is {shown(source)}, no arm of the catalogue{hint}; allowed: {', '.join(names)}, or a path to .toml",
-        file=str(source),
-    )
 
 
 def _whole(tables: Mapping[str, Any], folder: Path) -> Mapping[str, Any] | Finding:
@@ -238,9 +223,14 @@ def _whole(tables: Mapping[str, Any], folder: Path) -> Mapping[str, Any] | Findi
             node = node.get(key) if isinstance(node, Mapping) else None
         if node is not None:
             return ("device", *keys), "is given; allowed: none, the mass of an arm is that of its pose"
-    found = with_device(tables, folder)
-    if isinstance(found, tuple):
-        return found
+    worded = with_device({"device": own} if "device" in tables else {}, folder)
+    if isinstance(worded, tuple):
+        return worded
+    if not worded.device.linear:
+        return ("device", "motion"), 'is "rotary"; allowed: "linear", the device as it is felt at the tip of an arm'
+    if worded.findings:
+        return worded.findings[0]
+    found: Mapping[str, Any] = {**tables, **worded.tables}
     device = found.get("device")
     if isinstance(device, Mapping):
         kept = {key: value for key, value in device.items() if key != "mass_kg"}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from avc_casadi._errors import InputError
 from avc_casadi._resources import problems_folder
+from avc_casadi.problem._quantity import shown
 
 DEVICES = "devices/"
 ARMS = "arms/"
@@ -50,6 +51,25 @@ def device_names() -> dict[str, Path]:
 def arm_names() -> dict[str, Path]:
     """Return the path of every arm of the catalogue by name."""
     return {path.stem: path for path in sorted((problems_folder() / ARMS).glob("*.toml"))}
+
+
+def named_file(source: str | Path, kind: str, folder: Path | None = None) -> Path | str:
+    """Return the file of a device or an arm, or what is wrong with its name.
+
+    Args:
+        source: a path, which ends in ``.toml``, or a name of the catalogue.
+        kind: device or arm.
+        folder: what a relative path is relative to; None is the working directory.
+    """
+    if isinstance(source, Path) or source.endswith(".toml"):
+        return Path(folder or "", source)
+    names, prefix = (device_names(), DEVICES) if kind == "device" else (arm_names(), ARMS)
+    name = source.removeprefix(prefix)
+    if name in names:
+        return names[name]
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    hint = f"; near: {', '.join(near)}" if near else ""
+    return f"is {shown(source)}, no {kind} of the catalogue{hint}; allowed: a name of `avc list`, or a path to .toml"
 
 
 def catalogue() -> tuple[CatalogueEntry, ...]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from avc_casadi.problem._scene_file import (
+from avc_casadi.problem._effect_file import (
     AmplifierEffect,
     BacklashEffect,
     CoulombFrictionEffect,
     DelayEffect,
+    DetentEffect,
     Effect,
     EncoderEffect,
     HandEffect,
@@ -33,7 +34,8 @@ def declared(problem: Problem) -> tuple[str, ...]:
         names those of them that it does not use.
     """
     device, range_ = problem.device, problem.device.range
-    whole = set(type(device).model_fields) - {"mass_kg", "damping_ns_per_m", "sample_time_s", "range"}
+    stated = {"motion", "handle_radius_m", "mass_kg", "damping_ns_per_m", "sample_time_s", "range"}
+    whole = set(type(device).model_fields) - stated
     # These say nothing alone.
     if device.amplifier_bandwidth_hz is None:
         whole.discard("amplifier_order")
@@ -48,6 +50,7 @@ def declared(problem: Problem) -> tuple[str, ...]:
     ]
     mode = range_.resonance
     found += [f"device.range.resonance.{key}" for key in type(mode).model_fields if getattr(mode, key) is not None]
+    found += ["detent"] if problem.detent is not None else []
     return tuple(found)
 
 
@@ -61,6 +64,7 @@ def declared_effects(problem: Problem) -> tuple[Effect, ...]:
     found: list[tuple[bool, Effect]] = [
         (True, HandEffect()),
         (True, WallEffect()),
+        (problem.detent is not None, DetentEffect()),
         (device.resonance is not None, ResonanceEffect()),
         (device.coulomb_friction_n > 0, CoulombFrictionEffect()),
         (device.backlash_m > 0 and not at_handle, BacklashEffect()),

@@ -1,6 +1,9 @@
 """The haptic device as it is declared: what a verb does not use of it, it names."""
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Any, Literal
+
+from pydantic import model_serializer
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.problem._quantity import (
@@ -22,10 +25,12 @@ from avc_casadi.problem._quantity import (
     MassInterval,
     MassShare,
     MassShareInterval,
+    Radius,
     SampleTime,
     plain,
 )
 from avc_casadi.problem._table import Table
+from avc_casadi.support import MotionKind, Units, units_for
 
 
 class Resonance(Table):
@@ -71,7 +76,12 @@ class DeviceRange(Table):
 class Device(Table):
     """The haptic device; 0 and None stand for what it does not have.
 
+    Of a device that turns every value is that of the turn: kg.m2 in `mass_kg`, N.m.s/rad in `damping_ns_per_m`, N.m in
+    forces and rad in lengths; its file has keys of its own for them.
+
     Attributes:
+        motion: linear, or rotary: a knob, wheel, pedal or lever, whose position is an angle.
+        handle_radius_m: of a device that turns: where the hand holds it, from the axis; what a finger feels lies there.
         mass_kg: what the hand moves, at the handle.
         damping_ns_per_m: viscous friction of the device.
         sample_time_s: from one force to the next.
@@ -88,6 +98,8 @@ class Device(Table):
         range: how well the device is known.
     """
 
+    motion: MotionKind = "linear"
+    handle_radius_m: Radius | None = None
     mass_kg: Mass
     damping_ns_per_m: Damping
     sample_time_s: SampleTime = 1e-3
@@ -102,6 +114,25 @@ class Device(Table):
     resonance: Resonance | None = None
     encoder_at: Literal["motor", "handle"] = "motor"
     range: DeviceRange = DeviceRange()
+
+    @property
+    def units(self) -> Units:
+        """Names and units in which people read its values."""
+        return units_for(self.motion)
+
+    @property
+    def metres_per_unit(self) -> float:
+        """How far the hand moves for a unit of the position: 1 for a linear device, else the radius of the handle."""
+        return 1.0 if self.motion == "linear" else (self.handle_radius_m or 1.0)
+
+    @model_serializer(mode="wrap")
+    def _says_only_what_turns(self, whole: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """Leave out of a linear device what only one that turns has to say."""
+        kept = whole(self)
+        if self.motion == "linear":
+            for key in ("motion", "handle_radius_m"):
+                kept.pop(key, None)
+        return kept
 
 
 def whole_delay(delay_samples: float, what: str) -> int:

@@ -1,17 +1,18 @@
 """A device file: a device that problems refer to, each value with its source, and what is not known of it."""
 
-import difflib
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, model_validator
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.problem._catalogue import DEVICES, device_names
+from avc_casadi.problem._catalogue import device_names, named_file
 from avc_casadi.problem._device import Device
 from avc_casadi.problem._findings import checked
 from avc_casadi.problem._lines import KeyLines
+from avc_casadi.problem._motion_words import COUNTS, Worded, device_words, felt_at_handle, problem_words
 from avc_casadi.problem._quantity import Damping, Stiffness, Text, refusal, shown
 from avc_casadi.problem._rules import DEVICE_RULES, Finding, broken_rules
 from avc_casadi.problem._table import Table
@@ -21,7 +22,7 @@ from avc_casadi.problem._values import Values, dotted
 Grade = Literal["measured", "computed", "vendor", "example", "assumed"]
 
 # These say how another key is meant and are no quantities.
-_NO_QUANTITY = {"amplifier_order", "encoder_at", "range"}
+_NO_QUANTITY = {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "range"}
 _QUANTITIES = tuple(key for key in Device.model_fields if key not in _NO_QUANTITY)
 
 
@@ -103,7 +104,7 @@ def load_device(source: str | Path) -> DeviceFile:
         >>> avc.load_device("reference-r1").device.amplifier_bandwidth_hz
         1000.0
     """
-    path = device_path(source)
+    path = named_file(source, "device")
     if isinstance(path, str):
         raise InputError.of(path, file=str(source))
     return parse_device(
@@ -124,34 +125,48 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
     Raises:
         InputError: with every fault of the text at once, each with its line and key.
     """
-    found = checked(DeviceFile, tables_of(text, file), name, _RULES)
+    worded = _worded(tables_of(text, file))
+    found = checked(DeviceFile, worded.tables, name, _RULES)
+    found = worded.told([] if isinstance(found, DeviceFile) else found) or found
     if isinstance(found, DeviceFile):
         return found
     lines = KeyLines(text.replace("\r\n", "\n"))
     raise InputError([Fault(file, lines[key], dotted(key), message) for key, message in found])
 
 
+def _worded(tables: Mapping[str, Any]) -> Worded:
+    """Return the tables in the keys that all files share."""
+    findings: list[Finding] = []
+    own, units = device_words(tables.get("device"), {}, findings)
+    device, _ = felt_at_handle(own, units, findings)
+    words = (
+        {**tables, "gaps": [units.inner(_of_counts(gap)) for gap in tables.get("gaps", ())]}
+        if _texts(tables)
+        else tables
+    )
+    found = problem_words(words, device, (units, units), findings)
+    sources = found.tables.get("sources")
+    if isinstance(sources, Mapping) and COUNTS in sources and not units.linear:
+        named = {(_of_counts(key) if key == COUNTS else key): value for key, value in sources.items()}
+        return replace(
+            found, tables={**found.tables, "sources": {units.inner(key): value for key, value in named.items()}}
+        )
+    return found
+
+
+def _texts(tables: Mapping[str, Any]) -> bool:
+    gaps = tables.get("gaps")
+    return isinstance(gaps, list) and all(isinstance(gap, str) for gap in gaps)
+
+
+def _of_counts(key: str) -> str:
+    """Return the key that a number of counts stands for."""
+    return "encoder_resolution_rad" if key == COUNTS else key
+
+
 def device_catalogue() -> tuple[DeviceFile, ...]:
     """Return every device of the catalogue."""
     return tuple(map(load_device, device_names()))
-
-
-def device_path(source: str | Path, folder: Path | None = None) -> Path | str:
-    """Return the file of a device, or what is wrong with its name.
-
-    Args:
-        source: a path, which ends in ``.toml``, or a name of the catalogue.
-        folder: what a relative path is relative to; None is the working directory.
-    """
-    if isinstance(source, Path) or source.endswith(".toml"):
-        return Path(folder or "", source)
-    names = device_names()
-    name = source.removeprefix(DEVICES)
-    if name in names:
-        return names[name]
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
-    hint = f"; near: {', '.join(near)}" if near else ""
-    return f"is {shown(source)}, no device of the catalogue{hint}; allowed: a name of `avc list`, or a path to .toml"
 
 
 def _sourced(values: Values) -> Iterator[Finding]:

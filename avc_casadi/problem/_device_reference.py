@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.problem._device_file import device_path, load_device
+from avc_casadi.problem._catalogue import named_file
+from avc_casadi.problem._device_file import load_device
+from avc_casadi.problem._motion_words import Worded, device_words, felt_at_handle, problem_words
 from avc_casadi.problem._quantity import shown
 
 if TYPE_CHECKING:
@@ -14,10 +16,11 @@ if TYPE_CHECKING:
     from avc_casadi.problem._values import Path as KeyPath
 
 
-def with_device(tables: Mapping[str, Any], folder: Path | None) -> Mapping[str, Any] | Finding:
+def with_device(tables: Mapping[str, Any], folder: Path | None) -> Worded | Finding:
     """Put the device in the place of a reference to it, ``device = "name"`` or ``[device]`` with ``from = "name"``.
 
-    Keys beside `from` override those of the device and its ranges of them.
+    Keys beside `from` override those of the device and its ranges of them. All tables then have the keys that every
+    file shares, whatever the motion of the device.
 
     Args:
         tables: parsed tables of a problem file.
@@ -29,22 +32,31 @@ def with_device(tables: Mapping[str, Any], folder: Path | None) -> Mapping[str, 
     Raises:
         InputError: with every fault of the device file.
     """
-    table = tables.get("device")
-    key: KeyPath = ("device",)
-    named, own = table, {}
-    if isinstance(table, Mapping) and "from" in table:
-        key, named, own = ("device", "from"), table["from"], {k: v for k, v in table.items() if k != "from"}
-    elif not isinstance(table, str):
-        return tables
+    table, base = tables.get("device"), {}
+    own: Any = table
+    if isinstance(table, str) or (isinstance(table, Mapping) and "from" in table):
+        found = _referred(table, folder)
+        if isinstance(found, tuple):
+            return found
+        base, own = found, {} if isinstance(table, str) else {k: v for k, v in table.items() if k != "from"}
+    findings: list[Finding] = []
+    own, units = device_words(own, base, findings)
+    device, rest = felt_at_handle(_overridden(base, own) if base else own, units, findings)
+    return problem_words(tables, device, (units, rest), findings)
+
+
+def _referred(table: str | Mapping[str, Any], folder: Path | None) -> dict[str, Any] | Finding:
+    """Return the device that a table refers to, or what is wrong with the reference."""
+    key: KeyPath = ("device",) if isinstance(table, str) else ("device", "from")
+    named = table if isinstance(table, str) else table["from"]
     if not isinstance(named, str):
         return key, f"is {shown(named)}; allowed: the name of a device of `avc list`, or a path ending in .toml"
-    path = device_path(named, folder)
+    path = named_file(named, "device", folder)
     if isinstance(path, str):
         return key, path
     if not _exists(path):
         return key, f"is {shown(named)}, where there is no file; allowed: a path relative to this file, or a name"
-    base = load_device(path).device.model_dump(exclude_unset=True)
-    return {**tables, "device": _overridden(base, own)}
+    return load_device(path).device.model_dump(exclude_unset=True)
 
 
 def _overridden(base: dict[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:

@@ -34,7 +34,7 @@ def dump_problem(problem: Problem) -> str:
     tables = problem.model_dump(exclude={"name"}, exclude_none=True)
     if "values_hz" in tables["frequency"]:
         tables["frequency"] = {"values_hz": tables["frequency"]["values_hz"]}
-    return "\n".join(_lines((), tables)) + "\n"
+    return "\n".join(_lines((), problem.units.keyed(tables))) + "\n"
 
 
 def problem_document(problem: Problem) -> dict[str, Any]:

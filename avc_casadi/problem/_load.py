@@ -14,6 +14,7 @@ from avc_casadi.problem._device_reference import with_device
 from avc_casadi.problem._findings import checked
 from avc_casadi.problem._lines import KeyLines
 from avc_casadi.problem._model import Problem
+from avc_casadi.problem._rules import Finding
 from avc_casadi.problem._text import tables_of, text_of
 from avc_casadi.problem._values import dotted
 
@@ -115,8 +116,12 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
     try:
         parsed = tables_of(text, file)
         _refuse_device(parsed, file)
-        tables = with_device(parsed, folder)
-        result = [tables] if isinstance(tables, tuple) else checked(Problem, with_measured_bounds(tables, folder), name)
+        worded = with_device(parsed, folder)
+        if isinstance(worded, tuple):
+            result: Problem | list[Finding] = [worded]
+        else:
+            result = checked(Problem, with_measured_bounds(worded.tables, folder), name)
+            result = worded.told([] if isinstance(result, Problem) else result) or result
         if isinstance(result, Problem):
             return result
         lines = KeyLines(text.replace("\r\n", "\n"))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi.problem._detent import Detent
 from avc_casadi.problem._device import Device
 from avc_casadi.problem._findings import checked
 from avc_casadi.problem._measured_bounds import MeasuredBounds
@@ -35,9 +36,10 @@ from avc_casadi.problem._quantity import (
 from avc_casadi.problem._rules import RULES, broken_rules
 from avc_casadi.problem._scene_file import Scene
 from avc_casadi.problem._table import Table
+from avc_casadi.problem._turned_defaults import with_turned_defaults
 from avc_casadi.problem._values import Values, dotted
 from avc_casadi.support import Table as ShownTable
-from avc_casadi.support import short
+from avc_casadi.support import Units, short
 
 Model = Literal["paper", "sampled-data"]
 Structure = Literal["series", "damped"]
@@ -219,6 +221,7 @@ class Problem(Table):
         title: one line for figures and reports.
         source: where the numbers come from; says which are assumed.
         boundaries: where left out, the environment is both bounds.
+        detent: notches along the way, beside the wall; None: there are none.
 
     Raises:
         pydantic.ValidationError: a value is refused, or a rule between values is broken.
@@ -242,8 +245,15 @@ class Problem(Table):
     realism: Realism = Realism()
     schedule: ScheduleSettings = ScheduleSettings()
     hands: Hands = Hands()
+    detent: Detent | None = None
     frequency: Frequency = Frequency()
     scene: Scene = Scene()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _hands_that_turn(cls, tables: Any) -> Any:
+        """What is left out of a problem of a device that turns is that of a linear one at its handle."""
+        return with_turned_defaults(tables) if isinstance(tables, Mapping) else tables
 
     @model_validator(mode="after")
     def _keeps_the_rules(self) -> Self:
@@ -276,7 +286,7 @@ class Problem(Table):
 
     def __repr__(self) -> str:
         device, wall, f = self.device, self.environment, self.frequencies_hz()
-        return (
+        return self.units.text(
             f"Problem({self.name!r}: wall {wall.stiffness_n_per_m:g} N/m, {wall.damping_ns_per_m:g} N.s/m; device "
             f"{device.mass_kg:g} kg, {device.damping_ns_per_m:g} N.s/m, T {1e3 * device.sample_time_s:g} ms, delay "
             f"{device.delay_samples};\n  {self.coupling.structure}, model {self.stability.model}, scope "
@@ -287,8 +297,13 @@ class Problem(Table):
 
     def _repr_html_(self) -> str:
         keys = self.model_dump(include={"device", "environment", "boundaries", "coupling", "stability", "hands"})
-        rows = tuple((key, str(value)) for key, value in _flat(keys))
+        rows = tuple((self.units.text(key), str(value)) for key, value in _flat(keys))
         return f"<p>{escape(repr(self))}</p>\n{ShownTable(('key', 'value'), rows, left=(0, 1)).html()}"
+
+    @property
+    def units(self) -> Units:
+        """Names and units in which people read its values."""
+        return self.device.units.beside(self.name, self.title, self.source)
 
     def frequencies_hz(self) -> NDArray[np.float64]:
         """Return the frequencies of interaction, shape (n,), Hz."""

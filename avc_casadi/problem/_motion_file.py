@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from avc_casadi.problem._quantity import Hertz, Length, Position, Speed
+from avc_casadi.problem._quantity import Amplitude, Hertz, Position, Speed
 from avc_casadi.problem._table import Table
 
 
@@ -55,7 +55,7 @@ class Stroke(_Motion):
 
     kind: Literal["stroke"] = "stroke"
     frequency_hz: Hertz = 1.0
-    amplitude_m: Length = 0.005
+    amplitude_m: Amplitude = 0.005
 
 
 class Free(_Motion):
@@ -68,7 +68,7 @@ class Free(_Motion):
 
     kind: Literal["free"] = "free"
     frequency_hz: Hertz = 1.0
-    amplitude_m: Length = 0.005
+    amplitude_m: Amplitude = 0.005
 
 
 Motion = Annotated[Press | Tap | Hold | Stroke | Free, Field(discriminator="kind")]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import Fault
+from avc_casadi.problem._motion_words import power_at_handle
 from avc_casadi.problem._quantity import plain
 
 if TYPE_CHECKING:
@@ -20,7 +21,8 @@ class _Usual:
     unit: str
 
 
-# What devices on desks, their walls and their hands have; 0 is "absent" and never in doubt.
+# What devices on desks, their walls and their hands have; 0 is "absent" and never in doubt. Of a device that turns, its
+# handle has that.
 _USUAL = {
     "device.mass_kg": _Usual(0.005, 5, "kg"),
     "device.damping_ns_per_m": _Usual(0, 100, "N.s/m"),
@@ -51,15 +53,25 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
     Returns:
         One a value, its key and its sentence; empty where nothing is in doubt.
     """
+    units, radius = problem.device.units, problem.device.metres_per_unit
     found = [
         (key, f"is {_written(value)}: usual {plain(usual.lowest)} to {plain(usual.highest)} {usual.unit}".rstrip())
-        for named, usual in _USUAL.items()
+        for named, usual in ((name, _turned(name, one, radius)) for name, one in _USUAL.items())
         for key in (named, named.replace("device.", "device.range.", 1))
         for value in [_at(problem, key)]
         if any(number != 0 and not usual.lowest <= number <= usual.highest for number in _numbers(value))
     ]
     found = list(dict.fromkeys((key, f"{message}; is the unit right?") for key, message in found))
-    return tuple(Fault(problem.name, None, key, message) for key, message in (*found, *_idle(problem)))
+    every = (*found, *_idle(problem))
+    return tuple(Fault(problem.name, None, units.text(key), units.text(message)) for key, message in every)
+
+
+def _turned(key: str, usual: _Usual, radius_m: float) -> _Usual:
+    """Return what is usual at the handle as a value of the turn, to two digits."""
+    scale = radius_m ** -power_at_handle(key)
+    if scale == 1:
+        return usual
+    return _Usual(float(f"{usual.lowest * scale:.2g}"), float(f"{usual.highest * scale:.2g}"), usual.unit)
 
 
 def _at(problem: Problem, key: str) -> Any:

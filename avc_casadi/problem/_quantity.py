@@ -162,6 +162,8 @@ Stiffness = Annotated[float, BeforeValidator(Quantity("N/m", 1e-9, LARGEST_STIFF
 Force = Annotated[float, BeforeValidator(Quantity("N", 1e-9, 1e6))]
 ForceLimit = Annotated[float, BeforeValidator(Quantity("N", 1e-6, 1e6, zero=False))]
 Length = Annotated[float, BeforeValidator(Quantity("m", 1e-12, 1))]
+Amplitude = Annotated[float, BeforeValidator(Quantity("m", 1e-12, 10))]
+Radius = Annotated[float, BeforeValidator(Quantity("m", 2e-3, 10, zero=False))]
 Position = Annotated[float, BeforeValidator(Quantity("m", 1e-9, 10, signed=True))]
 Speed = Annotated[float, BeforeValidator(Quantity("m/s", 1e-6, 100, zero=False))]
 SampleTime = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 10, zero=False))]

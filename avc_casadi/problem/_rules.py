@@ -110,6 +110,16 @@ def _inside(table: Any, key: str) -> Any:
     return table.get(key) if isinstance(table, Mapping) else getattr(table, key, None)
 
 
+def _turns(values: Values) -> Iterator[Finding]:
+    """What a finger feels of a device that turns depends on where it holds it; a linear one has no radius."""
+    radius, rotary = values["device.handle_radius_m"], values["device.motion"] == "rotary"
+    if rotary and radius is None:
+        message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"
+        yield ("device", "handle_radius_m"), message
+    if not rotary and radius is not None:
+        yield ("device", "handle_radius_m"), 'says nothing of a linear device; allowed: beside motion = "rotary"'
+
+
 def _resonance(values: Values) -> Iterator[Finding]:
     if values["device.resonance"] is None:
         return
@@ -214,6 +224,7 @@ def _saturation(values: Values) -> Iterator[Finding]:
 DEVICE_RULES: tuple[Rule, ...] = (
     *(_known_range(key) for key in DeviceRange.model_fields if key != "resonance"),
     *(_known_range("resonance", key) for key in ResonanceRange.model_fields),
+    _turns,
     _resonance,
 )
 RULES: tuple[Rule, ...] = (

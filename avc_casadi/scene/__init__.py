@@ -6,12 +6,15 @@ from avc_casadi.scene._compile import CompiledScene as CompiledScene
 from avc_casadi.scene._compile import compile_scene as compile_scene
 from avc_casadi.scene._execute import Engine as Engine
 from avc_casadi.scene._execute import execute as execute
+from avc_casadi.scene._execute import execute_to_rest as execute_to_rest
 from avc_casadi.scene._explain import Explanation as Explanation
 from avc_casadi.scene._explain import explain as explain
 from avc_casadi.scene._explain import ns_per_step as ns_per_step
-from avc_casadi.scene._judge import CRITERION as CRITERION
 from avc_casadi.scene._judge import Judgement as Judgement
+from avc_casadi.scene._judge import criterion as criterion
 from avc_casadi.scene._judge import judge as judge
+from avc_casadi.scene._lanes import LANES as LANES
+from avc_casadi.scene._lanes import SideBySide as SideBySide
 from avc_casadi.scene._ledger import Ledger as Ledger
 from avc_casadi.scene._ledger import energy_ledger as energy_ledger
 from avc_casadi.scene._motion import target_of as target_of

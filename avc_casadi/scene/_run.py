@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from avc_casadi.scene._judge import CRITERION, LOST_M, Judgement
+from avc_casadi.scene._judge import LOST_M, Judgement, criterion
 from avc_casadi.scene._ledger import Ledger
-from avc_casadi.support import Columns, FloatArray, Tabular, json_text, plain
+from avc_casadi.support import LINEAR, Columns, FloatArray, Tabular, Units, json_text, plain, speaking
 
 Claim = Literal["asymptotic", "held-by-friction", "unstable"]
 
@@ -50,6 +50,8 @@ class Run(Tabular):
         instructions: number of instructions of one sample.
         build_seconds: time to compile.
         seconds: time to run.
+        metres_per_unit: how far the hand moves for a unit of the position.
+        units: names and units of the device.
 
     Example:
         >>> run = avc.simulate("scenes/free-motion")
@@ -77,6 +79,8 @@ class Run(Tabular):
     instructions: int
     build_seconds: float = field(compare=False)
     seconds: float = field(compare=False)
+    metres_per_unit: float = 1.0
+    units: Units = LINEAR
 
     def to_dict(self) -> Columns:
         """Return the traces against time as columns, each of shape (samples,)."""
@@ -100,7 +104,7 @@ class Run(Tabular):
     @property
     def samples_in_reach(self) -> int:
         """Number of samples before the run leaves the workspace for good; all of them, unless it diverged."""
-        beyond = ~(np.abs(self.position_m) < LOST_M)
+        beyond = ~(np.abs(self.position_m) < LOST_M / self.metres_per_unit)
         return int(beyond.argmax()) if beyond.any() else self.samples
 
     @property
@@ -152,7 +156,7 @@ class Run(Tabular):
             "outcome": self.claim,
             "diverged": bool(found.diverged),
             "buzzing": self.buzzing,
-            "criterion": CRITERION,
+            "criterion": criterion(self.metres_per_unit),
             "steps": self.samples,
             "states": self.states,
             "instructions": self.instructions,
@@ -175,11 +179,12 @@ class Run(Tabular):
         target = Path(path).with_suffix(".npz")
         np.savez_compressed(
             target,
-            **self.to_dict(),  # type: ignore[arg-type]
+            **self.units.keyed(self.to_dict()),
             absorbed_j=self.ledger.absorbed_j,
             stored_j=self.ledger.stored_j,
             dissipated_j=self.ledger.dissipated_j,
         )
-        text = json_text(self.document(target) | {"effects": list(self.effects)})
+        with speaking(self.units):
+            text = json_text(self.document(target) | {"effects": list(self.effects)})
         target.with_suffix(".json").write_text(text, encoding="utf-8")
         return target

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +27,7 @@ from avc_casadi.scene._execute import Engine, execute
 from avc_casadi.scene._judge import Judgement, judge
 from avc_casadi.scene._ledger import energy_ledger
 from avc_casadi.scene._run import Claim, Run
-from avc_casadi.scene.effects import CoulombFriction, Grip, SceneEffect, build_effects
+from avc_casadi.scene.effects import CoulombFriction, Detents, Grip, SceneEffect, build_effects
 from avc_casadi.support import FloatArray, HeldInterrupt
 
 if TYPE_CHECKING:
@@ -84,12 +85,12 @@ def simulate_effects(
     started = time.perf_counter()
     traces = _traces(scene, chosen, seed, engine)
     seconds = time.perf_counter() - started
-    found = judge(traces["position_m"], traces["velocity_m_per_s"], traces["force_n"], scene.sample_time_s)
+    found = _judged(problem, scene, traces)
     claim: Claim = "asymptotic" if found.stable else "unstable"
     if found.stable and any(effect.friction_n > 0 for effect in effects):
         frictionless = compile_for(problem, without(effects, CoulombFriction.kind), chosen)
         free = _traces(frictionless, chosen, seed, engine)
-        again = judge(free["position_m"], free["velocity_m_per_s"], free["force_n"], scene.sample_time_s)
+        again = _judged(problem, scene, free)
         claim = "asymptotic" if again.stable else "held-by-friction"
     whole = np.ones(scene.samples)
     b, k, b_p = (traces.get(gain, whole * value) for gain, value in vars(chosen).items())
@@ -110,7 +111,13 @@ def simulate_effects(
         contact_damping_ns_per_m=b_p,
         interaction_hz=_estimate(traces),
         ledger=energy_ledger(
-            traces["position_m"], traces["force_n"], traces["tool_m"], stiffness, scene.environment, anchor
+            traces["position_m"],
+            traces["force_n"],
+            traces["tool_m"],
+            stiffness,
+            scene.environment,
+            anchor,
+            sum(one.potential_j(traces["position_m"]) for one in effects if isinstance(one, Detents)),
         ),
         judgement=found,
         claim=claim,
@@ -118,6 +125,8 @@ def simulate_effects(
         instructions=scene.instructions,
         build_seconds=scene.build_seconds,
         seconds=seconds,
+        metres_per_unit=problem.device.metres_per_unit,
+        units=problem.units,
     )
 
 
@@ -162,8 +171,18 @@ def simulate_batch(
     parts = []
     for first in range(0, len(parameters), _CHUNK):
         traces = _completed(scene, execute(scene, parameters[first : first + _CHUNK], inputs, engine=engine))
-        parts.append(judge(traces["position_m"], traces["velocity_m_per_s"], traces["force_n"], scene.sample_time_s))
+        parts.append(_judged(problem, scene, traces))
     return Judgement(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
+
+
+def _judged(problem: Problem, scene: CompiledScene, traces: Mapping[str, FloatArray]) -> Judgement:
+    return judge(
+        traces["position_m"],
+        traces["velocity_m_per_s"],
+        traces["force_n"],
+        scene.sample_time_s,
+        problem.device.metres_per_unit,
+    )
 
 
 # Hands whose traces are held at a time.

@@ -8,6 +8,7 @@ from avc_casadi.scene.effects._base import Station as Station
 from avc_casadi.scene.effects._compensator import Compensator as Compensator
 from avc_casadi.scene.effects._coulomb_friction import CoulombFriction as CoulombFriction
 from avc_casadi.scene.effects._delay import Delay as Delay
+from avc_casadi.scene.effects._detent import Detents as Detents
 from avc_casadi.scene.effects._encoder import Encoder as Encoder
 from avc_casadi.scene.effects._environment import TwoSidedEnvironment as TwoSidedEnvironment
 from avc_casadi.scene.effects._estimator import Estimator as Estimator

@@ -14,6 +14,7 @@ from avc_casadi.scene.effects._base import SceneEffect
 from avc_casadi.scene.effects._compensator import Compensator
 from avc_casadi.scene.effects._coulomb_friction import CoulombFriction
 from avc_casadi.scene.effects._delay import Delay
+from avc_casadi.scene.effects._detent import Detents
 from avc_casadi.scene.effects._encoder import Encoder
 from avc_casadi.scene.effects._environment import TwoSidedEnvironment
 from avc_casadi.scene.effects._estimator import Estimator
@@ -49,6 +50,7 @@ _EFFECTS: tuple[type[SceneEffect], ...] = (
     Adaptation,
     Wall,
     TwoSidedEnvironment,
+    Detents,
     Guard,
     Saturation,
     Delay,

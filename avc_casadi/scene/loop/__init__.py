@@ -5,4 +5,5 @@ from avc_casadi.scene.loop._coupling import coupling_parameters as coupling_para
 from avc_casadi.scene.loop._coupling import wall_force as wall_force
 from avc_casadi.scene.loop._tick import AdaptedGains as AdaptedGains
 from avc_casadi.scene.loop._tick import Expr as Expr
+from avc_casadi.scene.loop._tick import Rate as Rate
 from avc_casadi.scene.loop._tick import Tick as Tick

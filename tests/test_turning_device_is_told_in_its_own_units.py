@@ -1,0 +1,146 @@
+"""A device that turns is read, answered, drawn, reported and exported in rad, N.m and kg.m2, and in nothing else."""
+
+import json
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_casadi.coupling import Coupling, Gains
+from avc_casadi.support import LINEAR, ROTARY
+
+KNOB = """
+title = "a knob, N and mm in its own words"
+[device]
+motion = "rotary"
+handle_radius_m = 0.02
+inertia_kgm2 = 3e-5
+damping_nms_per_rad = 1e-4
+delay_samples = 1
+coulomb_friction_nm = 0.002
+encoder_counts_per_turn = 16384
+max_torque_nm = 0.2
+[environment]
+stiffness_nm_per_rad = 1.0
+damping_nms_per_rad = 0.0
+[coupling]
+structure = "damped"
+contact_damping_nms_per_rad = [0.0, 0.05]
+[frequency]
+values_hz = [1.0, 10.0, 60.0]
+[scene]
+duration_s = 1.0
+"""
+# A unit of a linear device after a number, in a heading or in brackets; the user's own title is no answer.
+LINEAR_UNIT = re.compile(
+    r"(?:(?<=\d )|(?<=[\s(\[,]))(?:k?N/m|N\.s/m|N·s/m|N|kg|mm|um|mm/s|m/s)(?![\w/.·]|\.\w)(?=[\s),;:.\]\"']|$)"
+)
+LINEAR_KEY = re.compile(r"\b\w+_(?:kg|n|ns_per_m|n_per_m|m_per_s|m|m_per_n)\b")
+LENGTHS = {"handle_radius_m", "capstan_radius_m"}
+
+
+def linear_words(text):
+    """Return every linear unit and key of a text, but the title that the user gave."""
+    text = text.replace("a knob, N and mm in its own words", "")
+    return LINEAR_UNIT.findall(text) + [key for key in LINEAR_KEY.findall(text) if key not in LENGTHS]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("knob")
+    (made / "knob.toml").write_text(KNOB)
+    problem = avc.load_problem(made / "knob.toml")
+    gains = Gains(0.0, 1e8, 0.0017)
+    avc.write_coupling(Coupling.constant(problem, gains, "mine"), made / "knob.json")
+    return made
+
+
+VERBS = {
+    "check": ["check", "knob.toml"],
+    "solve": ["solve", "knob.toml", "--method", "exact", "--out", "solved.json"],
+    "certify": ["certify", "knob.json"],
+    "simulate": ["simulate", "knob.json"],
+    "screen": ["screen", "knob.toml"],
+    "zwidth": ["zwidth", "knob.toml"],
+    "compare": ["compare", "knob.toml"],
+    "export": ["export", "knob.json", "--c", "c", "--unsafe", "--package", "arduino"],
+}
+
+
+SLOW = {"zwidth", "screen"}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_answers_so(verb, folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    assert main(VERBS[verb]) in (0, 1)
+    told = capsys.readouterr()
+    assert told.out
+    assert linear_words(told.out + told.err) == []
+    if verb in SLOW:
+        return
+    assert main([*VERBS[verb], "--json"]) in (0, 1)
+    text = capsys.readouterr().out
+    document = json.loads(text)
+    assert document["motion"] == "rotary"
+    assert document["units"]["stiffness"] == "N.m/rad"
+    assert linear_words(text) == []
+
+
+def test_keys_of_the_other_motion_are_refused_at_once():
+    wrong = KNOB.replace("inertia_kgm2", "mass_kg").replace("stiffness_nm_per_rad", "stiffness_n_per_m")
+    with pytest.raises(avc.InputError) as refused:
+        avc.parse_problem(wrong.replace("coulomb_friction_nm = 0.002", "coulomb_friction_nm = -1"))
+    told = {fault.key: (fault.line, fault.message) for fault in refused.value.faults}
+    assert (
+        told["device.mass_kg"][1] == 'is a key of a linear device; allowed: inertia_kgm2, as device.motion is "rotary"'
+    )
+    assert "stiffness_nm_per_rad" in told["environment.stiffness_n_per_m"][1]
+    assert told["device.coulomb_friction_nm"] == (9, "is -1; allowed: 0 or 1e-9 to 1e6 N.m")
+    assert len(told) == 3
+    with pytest.raises(avc.InputError) as refused:
+        avc.parse_problem(KNOB.replace('motion = "rotary"\nhandle_radius_m = 0.02', ""))
+    told = {fault.key: fault.message for fault in refused.value.faults}
+    assert told["device.inertia_kgm2"].endswith('allowed: mass_kg, or device.motion = "rotary"')
+    assert {"environment.stiffness_nm_per_rad", "device.encoder_counts_per_turn", "device.max_torque_nm"} <= set(told)
+
+
+def test_a_problem_is_written_and_read_in_its_own_keys():
+    problem = avc.parse_problem(KNOB, name="knob")
+    text = avc.dump_problem(problem)
+    assert linear_words(text) == []
+    assert avc.parse_problem(text, name="knob") == problem
+
+
+def test_a_coupling_file_comes_back(folder):
+    text = (folder / "knob.json").read_text()
+    assert linear_words(text) == []
+    found = avc.read_coupling(folder / "knob.json")
+    assert found.problem == avc.load_problem(folder / "knob.toml")
+    avc.write_coupling(found, folder / "again.json")
+    assert (folder / "again.json").read_text() == text
+
+
+@given(
+    st.lists(st.sampled_from(["mass", "force", "stiffness", "at", "0"]), min_size=1),
+    st.sampled_from(["_kg", "_n", "_m", "_ns_per_m", "_n_per_m", "_m_per_s", "_m_per_n", "_hz", ""]),
+)
+def test_names_are_one_to_one(parts, ending):
+    key = "_".join(parts) + ending
+    assert ROTARY.inner(ROTARY.key(key)) == key
+    assert ROTARY.key(ROTARY.key(key)) == ROTARY.key(key)
+    assert LINEAR.key(key) == key
+
+
+def test_a_linear_device_keeps_every_word():
+    problem = avc.load_problem("figure5")
+    assert problem.units is LINEAR
+    text = "a force of 3 N/m and 5 mm"
+    assert LINEAR.text(text) is text
+    assert LINEAR.page(text) is text
+    assert LINEAR.document({"mass_kg": 1}) == {"mass_kg": 1}
+    assert "rotary" not in avc.dump_problem(problem)
+    assert "motion" not in problem.device.model_dump()
