@@ -105,6 +105,73 @@ def test_what_would_take_minutes_is_refused_beside_its_field():
         assert all("allowed on this page" in fault["message"] for fault in faults)
 
 
+def test_ranges_and_bounds_are_what_was_typed_and_the_rest_follows():
+    typed = {
+        "environment.stiffness_n_per_m": 5e4,
+        "boundaries.upper.stiffness_n_per_m": 9e4,
+        "device.range.mass_kg.1": 0.2,
+        "device.range.delay_samples.0": 0,
+        "device.range.delay_samples.1": 2,
+        "device.mass_kg": 0.12,
+        "device.sample_time_s": 0.002,
+    }
+    found = problem_of_settings(BASE, settings_of(FRESH | {"values": typed}))
+    assert found.device.range.mass_kg == (0.12, 0.2)
+    assert found.device.range.delay_samples == (0, 2)
+    assert found.boundaries.upper.stiffness_n_per_m == 9e4
+    assert found.boundaries.lower.stiffness_n_per_m == pytest.approx(4e4)
+    assert found.frequency.stop_hz == 225.0
+    again = problem_of_settings(found, settings_of(FRESH | {"values": {"device.range.mass_kg.1": None}}))
+    assert again.device.range.mass_kg is None
+
+
+def test_what_the_page_has_no_field_for_is_saved_as_it_was():
+    base = BASE.changed(
+        device={"position_noise_rms_m": 1e-6, "amplifier_order": 2, "range": {"backlash_m": [0.0, 1e-4]}},
+        scene={"duration_s": 3.0, "motion": {"kind": "hold"}},
+        stability={"scope": "hands"},
+    )
+    kept = told("now", base)["kept"]
+    assert {"device.position_noise_rms_m = 1e-06", "device.range.backlash_m = [0.0, 0.0001]"} <= set(kept)
+    question = asked(values={"environment.damping_ns_per_m": 5.0}) | {"kind": "problem"}
+    found = answer(Explorer(base, "b"), PARTS["file"], question)
+    saved = avc.parse_problem(found["text"], name=base.name)
+    bounds = {"upper": {"damping_ns_per_m": 5.5}, "lower": {"damping_ns_per_m": 3.5}}
+    expected = base.changed(environment={"damping_ns_per_m": 5.0}, boundaries=bounds)
+    assert saved.model_dump(exclude={"title", "source"}) == expected.model_dump(exclude={"title", "source"})
+
+
+def test_a_device_file_is_taken_whole():
+    text = "[device]\nmass_kg = 0.2\ndamping_ns_per_m = 1\nbacklash_m = 1e-5\n[device.range]\nbacklash_m = [0, 2e-5]\n"
+    found = answer(Explorer(BASE, "figure5"), PARTS["device"], {"text": text, "file": "mine.toml"})
+    device = problem_of_settings(BASE, settings_of(FRESH | {"device": found["device"]})).device
+    assert (device.mass_kg, device.backlash_m, device.range.backlash_m) == (0.2, 1e-5, (0.0, 2e-5))
+    assert told("now", device={"mass_kg": -1.0})["errors"][0]["key"] == "device.mass_kg"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("device.sample_time_s", -0.002, "is -2; allowed: 0.0001 to 10000 ms"),
+        ("device.sample_time_s", 0.5, "takes too long to follow here; allowed on this page: 0.02 to 100 ms"),
+        ("device.encoder_resolution_m", "fine", 'is "fine", not a number; allowed: 0 or 1e-6 to 1e6 µm'),
+        ("environment.damping_ns_per_m", -1.0, "is -1.0; allowed: 0 or 1e-9 to 1e9 N·s/m"),
+        ("hands.mass_kg.1", None, "is missing; allowed: 0 or 1e-9 to 1e6 kg"),
+        ("frequency.stop_hz", 600.0, "at or above the Nyquist frequency 500 Hz of sample time = 1 ms"),
+    ],
+)
+def test_faults_speak_the_unit_of_their_field(key, value, message):
+    (fault,) = told("now", values={key: value})["errors"]
+    assert fault["key"] == key
+    assert message in fault["message"]
+
+
+def test_a_range_without_its_value_names_the_field():
+    (fault,) = told("now", values={"device.range.mass_kg.0": 0.5, "device.range.mass_kg.1": 0.6})["errors"]
+    assert fault["key"] == "device.range.mass_kg.0"
+    assert "holds mass = 0.1 kg" in fault["message"]
+
+
 def test_a_device_file_that_is_wrong_says_where():
     found = answer(
         Explorer(BASE, "figure5"), PARTS["device"], {"text": "[device]\nmass_kg = -1\n", "file": "mine.toml"}

@@ -13,13 +13,13 @@ import numpy as np
 from avc_casadi._errors import AvcError, InputError, fault_document
 from avc_casadi.certificate import certify, deployable, levels_table, zwidth
 from avc_casadi.coupling import coupling_document, gain_csv
-from avc_casadi.explore._fields import fields_document
+from avc_casadi.explore._fields import fields_document, labels_of
 from avc_casadi.explore._requests import RequestError
-from avc_casadi.explore._settings import LIVE, SLOW, Settings, settings_of, values_of
+from avc_casadi.explore._settings import LIVE, SLOW, Settings, kept_of, problem_of_settings, settings_of, values_of
 from avc_casadi.explore._toy import toy_document
 from avc_casadi.loop import hand_corners, loop_at, perceived_bounds, with_let_go
 from avc_casadi.passivity import passive_limit_n_per_m
-from avc_casadi.problem import Problem, device_catalogue, dump_problem, load_device, parse_device
+from avc_casadi.problem import device_catalogue, dump_problem, load_device, parse_device
 from avc_casadi.scene import simulate
 from avc_casadi.stability import stiffest_wall
 from avc_casadi.support import json_text, plain
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from avc_casadi.coupling import GainSchedule
     from avc_casadi.explore._explorer import Explorer
+    from avc_casadi.problem import Problem
     from avc_casadi.scene import Run
 
 _DIGITS = 6
@@ -39,12 +40,13 @@ _TRACE_POINTS = 1200
 def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the page is built from: fields, devices, methods and the base."""
     return {
-        "problem": explorer.base.name,
-        "title": explorer.base.title,
-        "source": explorer.source,
         "fields": fields_document(),
         "values": values_of(explorer.base),
-        "devices": [{"name": file.name, "title": file.title, "gaps": list(file.gaps)} for file in device_catalogue()],
+        "devices": [
+            {"name": file.name, "title": file.title, "gaps": labels_of(file.gaps)}
+            for file in device_catalogue()
+            if file.device.units.linear
+        ],
         "live": list(LIVE),
         "slow": list(SLOW),
     }
@@ -58,7 +60,9 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     loop = loop_at(problem, frequency)
     upper, lower = perceived_bounds(problem, loop)
     return {
+        "title": problem.title or problem.name,
         "values": values_of(problem),
+        "kept": kept_of(problem),
         "frequency_hz": _short(frequency),
         "desired": _impedance(np.asarray(loop.target)),
         "without": _impedance(np.asarray(loop.without_coupling)),
@@ -142,20 +146,22 @@ def device(_: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         found = load_device(name)
     else:
         raise RequestError(400, "device needs text or name")
-    whole = Problem.model_validate({"device": found.device, "environment": {_B: 0.0, _K: 1.0}})
-    values = {key: value for key, value in values_of(whole).items() if key.startswith("device.")}
-    return {"title": found.title, "gaps": list(found.gaps), "values": values}
+    if not found.device.units.linear:
+        raise InputError.of("turns; allowed: a linear device, or one with capstan_radius_m", key="device.motion")
+    table = found.device.model_dump(mode="json", exclude_unset=True)
+    return {"title": found.title, "gaps": labels_of(found.gaps), "device": table}
 
 
 def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return the problem or the coupling as a file, or both as commands to type."""
     settings, kind = settings_of(asked.get("settings")), asked.get("kind")
     problem = explorer.problem(settings)
+    whole = problem_of_settings(explorer.base, settings, to_save=True)
     stem = problem.name.replace("/", "-") or "problem"
     if kind == "problem":
-        return {"name": f"{stem}-explored.toml", "text": dump_problem(problem)}
+        return {"name": f"{stem}.toml", "text": dump_problem(whole)}
     if kind == "command":
-        return {"name": "", "text": _command(explorer, settings, problem, f"{stem}-explored.toml")}
+        return {"name": "", "text": _command(explorer, settings, whole, f"{stem}.toml")}
     if kind not in {"coupling", "csv"}:
         raise RequestError(400, "kind is problem, coupling, csv or command")
     coupling = explorer.coupling(settings)

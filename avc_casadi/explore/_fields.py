@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -22,6 +24,7 @@ class Field:
         blank: what an empty field means; none where it may not be empty.
         choices: what may be chosen.
         start: value taken where the problem has none, in SI units.
+        folded: whether its group is folded up at first.
     """
 
     key: str
@@ -35,16 +38,30 @@ class Field:
     blank: str = ""
     choices: tuple[str, ...] = ()
     start: float | None = None
+    folded: bool = False
 
 
-WALL, DEVICE, LOOP, STRUCTURE, HANDS, RENDERING = (
+WALL, DEVICE, LOOP, STRUCTURE, KNOWN, HANDS, REAL, RENDERING = (
     "Wall",
     "Device",
     "Sampling, delay and encoder",
     "Amplifier and resonance",
+    "How well the device is known",
     "Hands",
-    "Coupling and model",
+    "What feels real: bounds of the wall",
+    "Coupling, model and frequencies",
 )
+RANGES = "device.range."
+"""Beginning of the keys of a range, which end in 0 for the lowest value and in 1 for the highest."""
+
+
+def _ends(name: str, label: str, unit: str, low: float, high: float, scale: str = "linear") -> tuple[Field, Field]:
+    """Return the fields of a range of the device; an empty one is the value itself."""
+    return tuple(  # type: ignore[return-value]
+        Field(f"{RANGES}{name}.{end}", KNOWN, f"{label}, {word}", unit, low, high, scale, 1.0, "as above", folded=True)
+        for end, word in ((0, "at least"), (1, "at most"))
+    )
+
 
 FIELDS: tuple[Field, ...] = (
     Field("environment.stiffness_n_per_m", WALL, "stiffness", "N/m", 100, 1e6, "log"),
@@ -60,17 +77,37 @@ FIELDS: tuple[Field, ...] = (
     Field("device.resonance.frequency_hz", STRUCTURE, "resonance", "Hz", 20, 1000, "log", blank="rigid"),
     Field("device.resonance.damping_ratio", STRUCTURE, "its damping ratio", "", 0.005, 0.5, "log", start=0.05),
     Field("device.resonance.mass_ratio", STRUCTURE, "handle's share of mass", "", 0.05, 0.95, start=0.5),
+    *_ends("mass_kg", "mass", "kg", 0.01, 2, "log"),
+    *_ends("damping_ns_per_m", "damping", "N·s/m", 0, 20),
+    *_ends("coulomb_friction_n", "dry friction", "N", 0, 2),
+    *_ends("delay_samples", "delay", "samples", 0, 8),
     Field("hands.mass_kg.0", HANDS, "mass, lightest", "kg", 0.01, 1, "log"),
     Field("hands.mass_kg.1", HANDS, "mass, heaviest", "kg", 0.01, 1, "log"),
     Field("hands.damping_ns_per_m.0", HANDS, "damping, least", "N·s/m", 0, 50),
     Field("hands.damping_ns_per_m.1", HANDS, "damping, most", "N·s/m", 0, 50),
     Field("hands.stiffness_n_per_m.0", HANDS, "stiffness, softest", "N/m", 0, 2000),
     Field("hands.stiffness_n_per_m.1", HANDS, "stiffness, stiffest", "N/m", 0, 2000),
+    Field("boundaries.upper.stiffness_n_per_m", REAL, "stiffness, at most", "N/m", 100, 1e6, "log", folded=True),
+    Field("boundaries.lower.stiffness_n_per_m", REAL, "stiffness, at least", "N/m", 100, 1e6, "log", folded=True),
+    Field("boundaries.upper.damping_ns_per_m", REAL, "damping, at most", "N·s/m", 0, 100, folded=True),
+    Field("boundaries.lower.damping_ns_per_m", REAL, "damping, at least", "N·s/m", 0, 100, folded=True),
     Field("coupling.structure", RENDERING, "structure", scale="choice", choices=("series", "damped")),
     Field("stability.model", RENDERING, "hold model", scale="choice", choices=("paper", "sampled-data")),
-    Field("frequency.points", RENDERING, "frequencies", "", 20, 1000, "log"),
+    Field("frequency.start_hz", RENDERING, "lowest frequency", "Hz", 0.1, 100, "log", blank="as listed"),
+    Field("frequency.stop_hz", RENDERING, "highest frequency", "Hz", 10, 5000, "log", blank="as listed"),
+    Field("frequency.points", RENDERING, "how many", "", 20, 1000, "log", blank="as listed"),
 )
 KEYS: frozenset[str] = frozenset(field.key for field in FIELDS)
+
+
+# What ends a key of the problem file: its unit.
+_UNIT = re.compile(r"(_rms)?_(kg|ns_per_m|n_per_m|samples|hz|n|m|s)$")
+
+
+def labels_of(keys: Iterable[str]) -> list[str]:
+    """Return keys of a device by the names of their fields, and by their own words where they have none."""
+    known = {field.key.removeprefix("device."): field.label for field in FIELDS}
+    return [known.get(key) or _UNIT.sub("", key).replace("_", " ") for key in keys]
 
 
 def fields_document() -> list[dict[str, Any]]:

@@ -13,7 +13,8 @@ from typing import Any, Literal
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.coupling import Gains
-from avc_casadi.explore._fields import FIELDS, KEYS
+from avc_casadi.explore._faults import on_page
+from avc_casadi.explore._fields import FIELDS, KEYS, RANGES
 from avc_casadi.explore._requests import RequestError
 from avc_casadi.problem import Problem, load_device, problem_document, problem_of
 
@@ -24,6 +25,8 @@ SLOW: tuple[str, ...] = ("recommend", "robust", "static", "static-tuned", "sched
 """Methods that run beside the page, and can be cancelled."""
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 _SCENES = ("press", "tap", "hold")
+_TOLD = 40
+_NYQUIST, _BELOW_NYQUIST, _LONGEST_S = 0.5, 0.45, 10.0
 # What the page can follow, in SI units and in the page's.
 _FOLLOWED = {
     "device.sample_time_s": (2e-5, 0.1, "0.02 to 100 ms"),
@@ -37,14 +40,14 @@ class Settings:
     """One column of the page.
 
     Attributes:
-        device: name of a device of the catalogue; None keeps that of the base.
+        device: name of a device of the catalogue, or the table of a device file; None keeps that of the base.
         values: dotted key to value, in SI units, as far as they were changed; None stands for a value left out.
         method: one of `LIVE` and `SLOW`.
         gains: b, k and b_p of the method constant.
         motion: what the hand does in the simulated touch.
     """
 
-    device: str | None
+    device: str | Mapping[str, Any] | None
     values: Mapping[str, Any]
     method: str
     gains: Mapping[str, Any]
@@ -76,7 +79,7 @@ def settings_of(document: Any) -> Settings:
     wrong = [
         what
         for what, right in (
-            ("device is a name or null", found.device is None or isinstance(found.device, str)),
+            ("device is a name, a table or null", found.device is None or isinstance(found.device, str | dict)),
             ("values name fields of the page", isinstance(values, dict) and set(values) <= KEYS),
             ("gains name b, k and b_p", isinstance(gains, dict) and set(gains) <= set(GAINS)),
             ("method is one of the page", found.method in (*LIVE, *SLOW)),
@@ -89,40 +92,64 @@ def settings_of(document: Any) -> Settings:
     return found
 
 
-def problem_of_settings(base: Problem, settings: Settings) -> Problem:
+def problem_of_settings(base: Problem, settings: Settings, *, to_save: bool = False) -> Problem:
     """Return the problem that the settings mean.
 
-    The bounds of what feels real keep their ratio to the wall. A value that is given anew is no longer in doubt as the
-    old one was: its range goes. The scene is a press, a tap or a hold with all that the device declares.
+    The bounds of what feels real keep their ratio to the wall, as far as they were not typed. A value that is given
+    anew is no longer in doubt as the old one was: its range goes, unless that is typed too. Frequencies end below
+    Nyquist. The scene is a press, a tap or a hold with all that the device declares.
 
     Args:
         base: what was started with.
         settings: the changes.
+        to_save: keep scene and scope of the base, which the page has of its own.
 
     Raises:
         InputError: with every fault, each under the key of its field.
     """
     tables = problem_document(base)
     if settings.device is not None:
-        tables["device"] = load_device(settings.device).device.model_dump(mode="json", exclude_unset=True)
-    for key, value in settings.values.items():
-        _put(tables, key, value)
+        tables["device"] = _device_table(base, settings.device)
+    for key in sorted(settings.values, key=lambda one: one.startswith(RANGES)):  # ranges last, about what is typed
+        _put(tables, key, settings.values[key])
     _mend_resonance(tables["device"], settings.values)
+    _end_below_nyquist(tables, settings.values)
     if "measured" not in tables["boundaries"]:
-        _scale_bounds(tables["boundaries"], base, tables["environment"])
+        _scale_bounds(tables, base, settings.values)
     if tables["coupling"].get("structure") == "damped" and tables["coupling"]["contact_damping_ns_per_m"] == [0.0, 0.0]:
         tables["coupling"]["contact_damping_ns_per_m"] = [0.0, tables["coupling"]["damping_ns_per_m"][1]]
+    if not to_save:
+        _follow_on_page(tables, settings)
+    own = [*_gain_faults(settings), *_too_long_to_follow(settings)]
+    try:
+        problem = problem_of(tables | _headed(base, settings, tables["environment"]), file="")
+    except InputError as error:
+        told = list(on_page(error.faults, settings.values))
+        raise InputError([*told, *(one for one in own if one.key not in {fault.key for fault in told})]) from None
+    if own:
+        raise InputError(own)
+    return problem
+
+
+def _headed(base: Problem, settings: Settings, wall: Mapping[str, Any]) -> dict[str, str]:
+    """Return name, title and source: those of the base where it is the base."""
+    if not settings.values and settings.device is None:
+        return {"name": base.name, "title": base.title, "source": base.source}
+    device = settings.device if isinstance(settings.device, str) else "" if settings.device is None else "device-file"
+    stiffness = wall.get("stiffness_n_per_m")
+    of = f" of {stiffness:g} N/m" if isinstance(stiffness, int | float) else ""
+    return {
+        "name": f"{(device or base.name).replace('/', '-') or 'problem'}-explored",
+        "title": f"Wall{of} for {device or f'the device of {base.name}'}",
+        "source": f"avc explore, begun from {base.name}",
+    }
+
+
+def _follow_on_page(tables: dict[str, Any], settings: Settings) -> None:
+    """Set what the page has of its own: a scene, and each frequency alone where gains follow at once."""
     motion = {"kind": settings.motion} | ({"frequency_hz": 2.0} if settings.motion == "tap" else {})
     tables["scene"] = {"duration_s": 1.5, "motion": motion}
     tables["stability"]["scope"] = "pointwise" if settings.method in LIVE else tables["stability"]["scope"]
-    faults = [*_gain_faults(settings), *_too_long_to_follow(settings)]
-    try:
-        problem = problem_of(tables | {"name": base.name}, file="")
-    except InputError as error:
-        raise InputError([*_with_field(error), *faults]) from None
-    if faults:
-        raise InputError(faults)
-    return problem
 
 
 def constant_gains(settings: Settings) -> Gains:
@@ -134,6 +161,46 @@ def values_of(problem: Problem) -> dict[str, Any]:
     """Return the value of every field, in SI units; None where the problem has none."""
     tables = problem_document(problem)
     return {field.key: _get(tables, field.key) for field in FIELDS}
+
+
+def kept_of(problem: Problem) -> list[str]:
+    """Return what the problem says otherwise than by default and the page has no field for, as a problem file would."""
+    plainest = {"device": {"mass_kg": 0.0, "damping_ns_per_m": 0.0}, "environment": problem.environment}
+    default = dict(_flat(problem_document(Problem.model_validate(plainest))))
+    found = {key: json.dumps(value) for key, value in _flat(problem_document(problem)) if default.get(key) != value}
+    return [
+        f"{key} = {text if len(text) <= _TOLD else f'{text[:_TOLD]} ...'}"
+        for key, text in found.items()
+        if not _has_field(key)
+    ]
+
+
+def _has_field(key: str) -> bool:
+    return key in KEYS or f"{key}.0" in KEYS or key.partition(".")[0] in {"name", "title", "source", "scene"}
+
+
+def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _device_table(base: Problem, device: str | Mapping[str, Any]) -> dict[str, Any]:
+    """Return the table of a device that is not that of the base.
+
+    Raises:
+        InputError: it is none.
+    """
+    if isinstance(device, str):
+        found = load_device(device).device
+    else:
+        found = problem_of({"device": device, "environment": base.environment.model_dump()}, file="").device
+    if not found.units.linear:
+        raise InputError.of("turns; allowed: a linear device", key="device.motion")
+    table: dict[str, Any] = found.model_dump(mode="json", exclude_unset=True)
+    return table
 
 
 def _gain_faults(settings: Settings) -> Iterator[Fault]:
@@ -153,18 +220,11 @@ def _too_long_to_follow(settings: Settings) -> Iterator[Fault]:
             yield Fault("", None, key, f"takes too long to follow here; allowed on this page: {allowed}")
 
 
-def _with_field(error: InputError) -> Iterator[Fault]:
-    """Give a fault of a pair to the field of its first place; bounds that only follow the wall are its fault alone."""
-    of_wall = any(fault.key.startswith("environment.") for fault in error.faults)
-    for fault in error.faults:
-        if of_wall and fault.key.startswith("boundaries."):
-            continue
-        key = fault.key if fault.key in KEYS else f"{fault.key}.0"
-        yield Fault("", None, key if key in KEYS else fault.key, fault.message)
-
-
 def _put(tables: dict[str, Any], key: str, value: Any) -> None:
     """Set a value by its dotted key; None takes it away."""
+    if key.startswith(RANGES):
+        _put_end(tables["device"], key.removeprefix(RANGES), value)
+        return
     *path, last = key.split(".")
     table: Any = tables
     for part in path:
@@ -180,6 +240,27 @@ def _put(tables: dict[str, Any], key: str, value: Any) -> None:
         for part in path[1:]:
             ranges = ranges.get(part, {})
         ranges.pop(last, None)
+
+
+def _put_end(device: dict[str, Any], key: str, value: Any) -> None:
+    """Set an end of a range; the other, and one that is left out, is the value itself."""
+    name, _, end = key.partition(".")
+    ranges, nominal = device.setdefault("range", {}), device.get(name, 0.0)
+    both = list(ranges.get(name) or (nominal, nominal))
+    both[int(end)] = nominal if value is None else value
+    ranges[name] = both
+    if both == [nominal, nominal]:
+        del ranges[name]
+
+
+def _end_below_nyquist(tables: dict[str, Any], values: Mapping[str, Any]) -> None:
+    """A slower loop has fewer frequencies, unless somebody typed which."""
+    frequency, period = tables["frequency"], tables["device"].get("sample_time_s", 1e-3)
+    if "values_hz" in frequency or "frequency.stop_hz" in values:
+        return
+    if isinstance(period, int | float) and 0 < period <= _LONGEST_S and frequency["stop_hz"] * period >= _NYQUIST:
+        frequency["stop_hz"] = float(f"{_BELOW_NYQUIST / period:.3g}")
+        frequency["start_hz"] = min(frequency["start_hz"], frequency["stop_hz"] / 10)
 
 
 def _get(tables: Any, key: str) -> Any:
@@ -202,8 +283,9 @@ def _mend_resonance(device: dict[str, Any], values: Mapping[str, Any]) -> None:
             table.setdefault(field.key.rpartition(".")[2], field.start)
 
 
-def _scale_bounds(bounds: dict[str, Any], base: Problem, wall: Mapping[str, Any]) -> None:
+def _scale_bounds(tables: dict[str, Any], base: Problem, values: Mapping[str, Any]) -> None:
     for name in ("upper", "lower"):
         for key, before in base.environment.model_dump().items():
-            if before > 0 and isinstance(wall.get(key), int | float):
-                bounds[name][key] *= wall[key] / before
+            wall = tables["environment"].get(key)
+            if before > 0 and isinstance(wall, int | float) and f"boundaries.{name}.{key}" not in values:
+                tables["boundaries"][name][key] *= wall / before

@@ -43,7 +43,7 @@ def draw_accuracy(study: Accuracy, axes: GivenAxes = None) -> Figure:
         InputError: another number of axes.
     """
     titles = (
-        f"(a) work and precision, tolerances 1e-2 to 1e-12; optimum: {study.reference}",
+        f"(a) work and precision; the optimum by {study.reference}",
         "(b) gain tables",
         "(c) all frequencies judged by a grid",
     )
@@ -114,6 +114,7 @@ def _legend(study: Accuracy) -> list[Line2D]:
     ]
     return [
         *handles,
+        Line2D([], [], linestyle="none", label="(tolerances 1e-2 to 1e-12)"),
         Line2D([], [], color="0.2", linestyle=(0, (2, 2)), linewidth=0.9, label="Pareto front"),
         Line2D([], [], color="0.2", marker="o", linestyle="none", label="optimal everywhere"),
         Line2D([], [], color="0.2", marker="o", markerfacecolor="white", linestyle="none", label="not everywhere"),

@@ -49,8 +49,10 @@ def draw_boundaries(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     )
     desired = np.abs(comparison.target)
     shares: list[FloatArray] = []
+    sizes: list[FloatArray] = []
     for line, impedance in curves:
-        line.draw(size, frequency, np.abs(impedance))
+        sizes.append(np.abs(impedance))
+        line.draw(size, frequency, sizes[-1])
         with np.errstate(divide="ignore", invalid="ignore"):
             shares.append(100 * np.abs(impedance) / desired)
         line.draw(share, frequency, shares[-1])
@@ -64,7 +66,7 @@ def draw_boundaries(comparison: Comparison, axes: GivenAxes = None) -> Figure:
             label="feels real",
         )
     value_axis(share, *shares)
-    size.set_yscale("log")
+    value_axis(size, *sizes)
     size.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
     share.set_ylabel(f"{PERCEIVED} / desired (%)")
     for panel in (size, share):

@@ -42,7 +42,7 @@ def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
         InputError: another number of axes.
     """
     titles = (
-        f"(a) the goal (11); {_ROUNDING:g} % and less is rounding",
+        "(a) the goal (11); 1e-9 % and less is rounding",
         f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such",
         "(c) verdict, pointwise",
     )
@@ -63,8 +63,7 @@ def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
         usable = np.ones(len(share), dtype=bool) if given is None else given.usable
         for panel, error, floor in ((magnitude, share, _ROUNDING), (complex_, 100 * complex_error, _UNNOTICED)):
             shown = np.maximum(error, floor)
-            lines[name].draw(panel, comparison.frequency_hz, np.where(usable, shown, np.nan))
-            lines[name].draw_asked(panel, comparison.frequency_hz, np.where(usable, np.nan, shown))
+            lines[name].draw_where(usable, panel, comparison.frequency_hz, shown)
     for panel, floor, label in (
         (magnitude, _ROUNDING, f"error of {PERCEIVED} (%)"),
         (complex_, _UNNOTICED, "complex error (%)"),
@@ -73,7 +72,7 @@ def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
         panel.set_ylim(floor / 3, max(panel.get_ylim()[1], 1.0))
         frequency_axis(panel, comparison.frequency_hz, label=False)
         panel.set_ylabel(label)
-    patches = _verdicts(strip, comparison)
+    patches = _verdicts(strip, comparison, magnitude.get_xlim())
     handles, labels = magnitude.get_legend_handles_labels()
     panels.legend(
         [*handles, *patches],
@@ -83,19 +82,20 @@ def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     return panels.figure
 
 
-def _verdicts(axes: Axes, comparison: Comparison) -> list[Patch]:
-    """Draw one band for each run of equal verdicts."""
+def _verdicts(axes: Axes, comparison: Comparison, ends: tuple[float, float]) -> list[Patch]:
+    """Draw one band for each run of equal verdicts, from end to end of the axis."""
     frequency = comparison.frequency_hz
     verdicts = [verdict.value for verdict in comparison.verdict]
     middle = np.sqrt(frequency[1:] * frequency[:-1])
-    edges = np.concatenate([frequency[:1], middle, frequency[-1:]])
+    edges = np.concatenate([ends[:1], middle, ends[1:]])
     start = 0
     for row in range(1, len(verdicts) + 1):
         if row == len(verdicts) or verdicts[row] != verdicts[start]:
             _, colour, hatch = _VERDICTS[verdicts[start]]
             axes.axvspan(edges[start], edges[row], facecolor=colour, edgecolor="0.3", hatch=hatch, linewidth=0.6)
             start = row
-    frequency_axis(axes, comparison.frequency_hz)
+    frequency_axis(axes, frequency)
+    axes.set_xlim(*ends)
     axes.set_yticks([])
     axes.grid(visible=False)
     counts = comparison.counts()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,6 +39,7 @@ def draw_estimators(traces: EstimatorTraces, axes: GivenAxes = None) -> Figure:
     panels = Panels.of(
         axes, titles, 6.4, lambda figure: figure.subplots(len(titles), 1, squeeze=False, sharex=True, sharey=True)[:, 0]
     )
+    handles: list[Any] = []
     for panel, line, estimate in zip(panels.axes, _LINES, traces.estimates_hz.values(), strict=True):
         _TRUTH.draw(panel, traces.time_s, traces.truth_hz)
         line.draw(panel, traces.time_s, np.clip(estimate, *_LIMITS_HZ))
@@ -47,7 +48,8 @@ def draw_estimators(traces: EstimatorTraces, axes: GivenAxes = None) -> Figure:
         panel.set_ylim(*_LIMITS_HZ)
         panel.set_yticks([1, 3, 12, 30], ["1", "3", "12", "30"])
         panel.minorticks_off()
-        panel.set_ylabel("Hz")
+        panel.set_ylabel("frequency (Hz)")
+        handles = panel.get_lines()[:2]
     for at, text in (
         (0.02, "rest"),
         (0.52, "3 Hz"),
@@ -59,5 +61,6 @@ def draw_estimators(traces: EstimatorTraces, axes: GivenAxes = None) -> Figure:
     for panel in panels.axes:
         for at in (0.5, 2.0, 3.0, 5.5):
             panel.axvline(at, color="0.6", linewidth=0.7, zorder=1)
-    panels.axes[-1].set_xlabel("Time (s)")
+    panels.axes[-1].set_xlabel("time (s)")
+    panels.legend(handles, ["true frequency", "estimate; a gap where it is undefined"], 2)
     return panels.figure

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from avc_casadi.figures._panels import GivenAxes, Panels
 from avc_casadi.figures._style import frequency_axis, styled
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 _MEASURED: dict[str, Any] = {"color": "0.55", "linewidth": 2.6, "label": "measured"}
 _MODEL: dict[str, Any] = {"color": "#08306b", "linewidth": 1.2, "linestyle": (0, (5, 1.6)), "label": "model"}
+_LARGE_M = 2e-3
 _TITLES = (
     "(a) position, the model all but free",
     "(b) measured less model",
@@ -79,8 +81,10 @@ def _stretch(position: Axes, left: Axes, found: Identification) -> None:
     position.plot(shown.time_s, 1e3 * shown.measured_m, **_MEASURED)
     position.plot(shown.time_s, 1e3 * shown.simulated_m, **_MODEL)
     position.set_ylabel("position (mm)")
-    left.plot(shown.time_s, 1e6 * (shown.measured_m - shown.simulated_m), color="#08306b", linewidth=0.8)
-    left.set_ylabel("difference (µm)")
+    difference = shown.measured_m - shown.simulated_m
+    size, unit = (1e3, "mm") if np.abs(difference).max(initial=0.0) > _LARGE_M else (1e6, "µm")
+    left.plot(shown.time_s, size * difference, color="#08306b", linewidth=0.8)
+    left.set_ylabel(f"difference ({unit})")
     for one in (position, left):
         one.set_xlabel("time (s)")
         one.set_xlim(float(shown.time_s[0]), float(shown.time_s[-1]))
@@ -123,7 +127,10 @@ def _intervals(axes: Axes, found: Identification) -> None:
     axes.plot(np.zeros(len(some)), at, "|", color="0.1", markersize=8)
     axes.set_yticks(at, [one.key.rpartition(".")[2] for one in some])
     widest = float(ends.max(initial=1.0))
-    axes.set_xscale("symlog", linthresh=max(0.1, widest / 100))
+    straight = 10.0 ** np.floor(np.log10(max(1.0, widest) / 50))
+    axes.set_xscale("symlog", linthresh=straight)
+    axes.xaxis.set_major_locator(FixedLocator(straight * np.array([-100.0, -1.0, 0.0, 1.0, 100.0])))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}".replace("e+0", "e")))
     axes.set_xlim(-1.6 * widest, 1.6 * widest)
     axes.set_xlabel("from the value (%)")
 

@@ -17,6 +17,9 @@ from avc_casadi.figures._style import WIDTH_INCHES
 GivenAxes = Axes | Sequence[Axes] | NDArray[np.object_] | None
 """One Axes, or as many as the figure has panels in the order of their letters (row by row); None makes a figure."""
 
+_LINE_INCHES = 0.67
+_LETTER_INCHES = 0.058
+
 
 @dataclass(frozen=True)
 class Panels:
@@ -76,6 +79,15 @@ class Panels:
     def legend(self, handles: Iterable[Any], labels: Iterable[str], columns: int) -> None:
         """Put a legend below an own figure, or into the first of somebody else's axes."""
         if self.own:
-            self.figure.legend(list(handles), list(labels), loc="outside lower center", ncols=columns)
+            texts = list(labels)
+            while columns > 1 and _legend_inches(texts, columns) > self.figure.get_figwidth():
+                columns -= 1
+            self.figure.legend(list(handles), texts, loc="outside lower center", ncols=columns)
         else:
             self.axes[0].legend(list(handles), list(labels))
+
+
+def _legend_inches(labels: Sequence[str], columns: int) -> float:
+    """Return about how wide a legend is."""
+    longest = [max(map(len, part), default=0) for part in np.array_split(np.array(labels, dtype=object), columns)]
+    return sum(_LINE_INCHES + _LETTER_INCHES * length for length in longest)

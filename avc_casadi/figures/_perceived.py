@@ -17,7 +17,7 @@ from avc_casadi.figures._style import (
     styled,
     value_axis,
 )
-from avc_casadi.support import ComplexArray, FloatArray
+from avc_casadi.support import BoolArray, ComplexArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,16 +87,23 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     return drawn.figure
 
 
-def _curves(comparison: Comparison, shown: tuple[str, ...]) -> list[tuple[Line, ComplexArray]]:
-    fixed = [(DESIRED, comparison.target), (NO_COUPLING, comparison.without_coupling)]
+def _curves(comparison: Comparison, shown: tuple[str, ...]) -> list[tuple[Line, ComplexArray, BoolArray]]:
+    """Return each curve with where it can be had."""
+    everywhere = np.ones(comparison.frequency_hz.shape, dtype=bool)
     lines = method_lines(comparison)
-    return fixed + [(lines[name], comparison.methods[name].impedance) for name in shown]
+    return [
+        (DESIRED, comparison.target, everywhere),
+        (NO_COUPLING, comparison.without_coupling, everywhere),
+        *((lines[name], comparison.methods[name].impedance, comparison.methods[name].usable) for name in shown),
+    ]
 
 
 def _magnitude(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
-    for line, impedance in _curves(comparison, shown):
-        line.draw(axes, comparison.frequency_hz, np.abs(impedance))
-    axes.set_yscale("log")
+    sizes = []
+    for line, impedance, usable in _curves(comparison, shown):
+        sizes.append(np.abs(impedance))
+        line.draw_where(usable, axes, comparison.frequency_hz, sizes[-1])
+    value_axis(axes, *sizes)
     frequency_axis(axes, comparison.frequency_hz)
     axes.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
 
@@ -120,8 +127,8 @@ def _enlarged(axes: Axes, whole: Axes, comparison: Comparison, shown: tuple[str,
     if inside.sum() < 2:
         inside[:] = True
     sizes = []
-    for line, impedance in _curves(comparison, shown):
-        line.draw(axes, frequency[inside], np.abs(impedance[inside]), markers=8)
+    for line, impedance, usable in _curves(comparison, shown):
+        line.draw_where(usable[inside], axes, frequency[inside], np.abs(impedance[inside]), markers=8)
         sizes.append(np.abs(impedance[inside]))
     frequency_axis(axes, frequency[inside])
     value_axis(axes, *sizes)
@@ -135,12 +142,9 @@ def _gain(axes: Axes, comparison: Comparison, shown: tuple[str, ...], key: str, 
     for name in shown:
         gains: GainSchedule = comparison.methods[name]
         value = scale * getattr(gains, key)
-        lines[name].draw(axes, comparison.frequency_hz, value)
-        drawn.append(value)
         asked = scale * getattr(gains, f"requested_{key}", np.full(gains.rows, np.nan))
-        refused = np.where(gains.usable | ~np.isfinite(asked), np.nan, asked)
-        lines[name].draw_asked(axes, comparison.frequency_hz, refused)
-        drawn.append(refused)
+        drawn.append(np.where(gains.usable, value, asked))
+        lines[name].draw_where(gains.usable, axes, comparison.frequency_hz, drawn[-1])
     frequency_axis(axes, comparison.frequency_hz)
     value_axis(axes, *drawn, wide=1.2)
     if axes.get_yscale() != "log":  # where 0 has no place, and would move the limits
@@ -149,15 +153,16 @@ def _gain(axes: Axes, comparison: Comparison, shown: tuple[str, ...], key: str, 
 
 def _real_part(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
     drawn = []
-    for line, impedance in _curves(comparison, shown):
-        line.draw(axes, comparison.frequency_hz, impedance.real, markers=20)
+    for line, impedance, usable in _curves(comparison, shown):
+        line.draw_where(usable, axes, comparison.frequency_hz, impedance.real, markers=20)
         drawn.append(impedance.real)
     lines = method_lines(comparison)
     other: Model = "sampled-data" if comparison.model == "paper" else "paper"
     for name in shown:
-        values = comparison.judged[name].real_part[other]
+        values = np.where(comparison.methods[name].usable, comparison.judged[name].real_part[other], np.nan)
         label = f"{lines[name].label}, {other} model"
-        lines[name].draw(axes, comparison.frequency_hz, values, linewidth=0.9, marker="", alpha=0.6, label=label)
+        if np.isfinite(values).any():
+            lines[name].draw(axes, comparison.frequency_hz, values, linewidth=0.9, marker="", alpha=0.6, label=label)
         drawn.append(values[np.isfinite(values)])
     frequency_axis(axes, comparison.frequency_hz)
     value_axis(axes, *drawn)

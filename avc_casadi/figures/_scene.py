@@ -25,6 +25,8 @@ _LINES: tuple[tuple[str, Any, float], ...] = (
 _OUTCOMES = {"asymptotic": "stable", "held-by-friction": "held by friction", "unstable": "unstable"}
 # A run that flies off would flatten all others: axes follow it no further than this multiple of the target's travel.
 _SHOWN_TRAVEL = 2.0
+# Room above the calm runs, in which one that does not rest is seen to leave.
+_VEIL_ROOM = 1.6
 
 
 @styled
@@ -40,7 +42,7 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
         InputError: another number of axes.
     """
     titles = (
-        "(a) position",
+        "(a) position; the wall begins at 0",
         "(b) force on the device",
         "(c) force against penetration",
         "(d) energy taken in by the virtual side",
@@ -48,16 +50,16 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
     panels = Panels.of(axes, titles, 5.6, lambda figure: figure.subplots(2, 2).ravel())
     position, force, loop, energy = panels.axes
     target = runs[0]
-    position.plot(
-        target.time_s, 1e3 * target.target_m, color="0.65", linewidth=2.4, label="target of the hand", zorder=1
-    )
+    aim = f"target of the hand, up to {1e3 * target.target_m.max():.3g} mm"
+    position.plot(target.time_s, 1e3 * target.target_m, color="0.65", linewidth=2.4, label=aim, zorder=1)
     labels = [run.coupling for run in runs] if names is None else list(names)
+    some_rest = any(run.stable for run in runs)
     for index, (run, name) in enumerate(zip(runs, labels, strict=True)):
         colour, style, width = _LINES[index % len(_LINES)]
         line: dict[str, Any] = {"color": colour, "linestyle": style, "linewidth": width, "zorder": 6 - index}
         if not run.stable:
-            # Thousands of turns: a thin grey veil behind the others.
-            line |= {"color": "0.55", "linestyle": "-", "linewidth": 0.35, "zorder": 2}
+            # Thousands of turns: a thin line, and a grey veil behind those that rest.
+            line |= {"linestyle": "-", "linewidth": 0.35} | ({"color": "0.55", "zorder": 2} if some_rest else {})
         label = f"{name}: {_OUTCOMES[run.claim]}{', buzzes' if run.buzzing else ''}"
         kept = slice(0, run.samples_in_reach)
         time, x = run.time_s[kept], 1e3 * run.position_m[kept]
@@ -69,7 +71,7 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
     for panel, x_label, y_label in (
         (position, "time (s)", "position (mm)"),
         (force, "time (s)", "force (N)"),
-        (loop, "position (mm)", "force (N)"),
+        (loop, "penetration (mm)", "force (N)"),
         (energy, "time (s)", "energy (mJ)"),
     ):
         panel.set_xlabel(x_label)
@@ -77,6 +79,7 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
     for panel in (position, energy):
         panel.axhline(0, color="0.4", linewidth=0.7, zorder=0)
     loop.axvline(0, color="0.4", linewidth=0.7, zorder=0)
+    loop.locator_params(axis="x", nbins=5)
     handles, texts = position.get_legend_handles_labels()
     panels.legend(handles, texts, 2)
     return panels.figure
@@ -85,21 +88,27 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
 def _limits(position: Axes, force: Axes, loop: Axes, energy: Axes, runs: Sequence[Run]) -> None:
     """Keep a run that does not rest from flattening the others."""
     calm = [run for run in runs if run.stable] or list(runs)
+    above = _VEIL_ROOM if any(run not in calm for run in runs) else 1.0
     aim = runs[0].target_m
     travel = _SHOWN_TRAVEL * max(float(np.ptp(aim)), 1e-6)
     depth = np.concatenate([run.position_m[: run.samples_in_reach] for run in runs] + [aim])
     shown = depth[np.abs(depth - np.clip(depth, aim.min(), aim.max())) <= travel]
-    _span(position, 1e3 * shown.min(), 1e3 * shown.max())
+    contact = np.concatenate([_contact(run) for run in calm])
+    deepest = float(contact.max(initial=0.0))
+    if 0 < deepest < shown.max():  # the wall's surface and what lies behind it, not where the hand would like to be
+        _span(position, 1e3 * max(-deepest, min(run.position_m.min() for run in runs)), 1.3e3 * deepest)
+    else:
+        _span(position, 1e3 * shown.min(), 1e3 * shown.max())
     pushing = np.concatenate([run.force_n[: run.samples_in_reach] for run in calm])
-    lowest, largest = min(1.6 * pushing.min(), 0.0), max(1.6 * pushing.max(), 0.0)
+    lowest, largest = min(above * pushing.min(), 0.0), max(above * pushing.max(), 0.0)
     for axes in (force, loop):
         _span(axes, lowest, largest)
-    contact = np.concatenate([_contact(run) for run in calm])
     if contact.size:
         room = max(float(np.ptp(contact)), 1e-9)
         loop.set_xlim(1e3 * (contact.min() - 0.3 * room), 1e3 * (contact.max() + 0.2 * room))
     taken = np.concatenate([run.ledger.absorbed_j[: run.samples_in_reach] for run in calm])
-    _span(energy, 1e3 * min(taken.min(), -0.3 * taken.max()), 1.4e3 * taken.max())
+    least = min(taken.min(), -0.3 * taken.max()) if above > 1 else taken.min()
+    _span(energy, 1e3 * least, 1e3 * above * taken.max())
 
 
 def _contact(run: Run) -> Any:

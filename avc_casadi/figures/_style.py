@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from avc_casadi.study.comparison import Comparison
+    from avc_casadi.support import BoolArray
 
 P = ParamSpec("P")
 
@@ -30,6 +31,11 @@ GRID = "0.88"
 # Values below this share of the largest count as 0 when an axis chooses its scale.
 _NEGLIGIBLE = 1e-10
 _DECADE = 10.0
+# So many points are read one by one: the first and the last stand clear of the ends of the axis.
+_FEW_POINTS = 25
+_ROOM = 0.03
+_DASH_POINTS = 22.0
+_MOST_ASKED = 60
 
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -84,36 +90,44 @@ class Line:
         """Draw the quantity against x in ascending order; gaps where y is not a number."""
         order = np.argsort(x, kind="stable")
         every = max(1, order.size // markers)
+        values = np.asarray(y)[order]
+        dash = order.size == 1 and not self.marker
         axes.plot(
             np.asarray(x)[order],
-            np.asarray(y)[order],
+            values,
             **{
                 "label": self.label,
                 "color": self.colour,
                 "linestyle": self.style,
-                "marker": self.marker or ("_" if order.size == 1 else ""),
+                "marker": "_" if dash else self.marker,
                 "markerfacecolor": "white",
                 "markeredgecolor": self.colour,
                 "linewidth": self.width,
+                **({"markersize": _DASH_POINTS, "markeredgewidth": self.width} if dash else {}),
                 "zorder": self.layer,
                 "markevery": (int(self.shift * every), every),
             }
             | changes,
         )
 
-    def draw_asked(self, axes: Axes, x: ArrayLike, y: ArrayLike, *, most: int = 60) -> None:
-        """Draw what no gains can give as points, never as a line; nothing where y is no number."""
-        known = np.isfinite(np.asarray(y))
-        if known.any():
+    def draw_where(self, usable: BoolArray, axes: Axes, x: ArrayLike, y: ArrayLike, **changes: Any) -> None:
+        """Draw a line where gains can be had; what is asked for elsewhere are points, never a line."""
+        values = np.asarray(y, dtype=float)
+        asked = np.where(usable, np.nan, values)
+        points = bool(np.isfinite(asked).any())
+        if points and not usable.any():
+            changes = {"label": "_"} | changes
+        self.draw(axes, x, np.where(usable, values, np.nan), **changes)
+        if points:
             self.draw(
                 axes,
                 x,
-                y,
+                asked,
                 label=f"{self.label} asks for, not realisable",
                 linestyle="none",
                 marker="x",
                 markersize=3.2,
-                markevery=max(1, known.size // most),
+                markevery=max(1, values.size // _MOST_ASKED),
             )
 
 
@@ -162,7 +176,10 @@ def frequency_axis(axes: Axes, frequency_hz: ArrayLike, *, label: bool = True) -
     if high > 5 * low:
         axes.set_xscale("log")
     if high > low:
-        axes.set_xlim(low, high)
+        scale = axes.xaxis.get_transform()
+        ends = np.asarray(scale.transform([low, high]))
+        room = _ROOM * np.ptp(ends) if np.size(frequency_hz) <= _FEW_POINTS else 0.0
+        axes.set_xlim(*scale.inverted().transform(ends + room * np.array([-1.0, 1.0])))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_formatter(FuncFormatter(lambda _value, _position: ""))
     if label:

@@ -52,7 +52,7 @@ def draw_traces(
         above.plot(time, np.clip(depth, -2 * deepest_mm, 2 * deepest_mm), color=colour, linewidth=1.0)
         below.plot(time, force, color=colour, linewidth=1.0)
         below.axhline(0, color="0.5", linewidth=0.8, zorder=1)
-        below.set_xlabel("Time (s)")
+        below.set_xlabel("time (s)")
         if run.stable:
             strongest = max(strongest, float(np.abs(force).max()))
     for panel in panels.axes:
@@ -60,8 +60,8 @@ def draw_traces(
     for above, below in zip(panels.axes[:count], panels.axes[count:], strict=True):
         above.set_ylim(deepest_mm, -deepest_mm)
         below.set_ylim(-0.15 * strongest, 1.6 * strongest)
-    panels.axes[0].set_ylabel("Position (mm),\ngrey: wall")
-    panels.axes[count].set_ylabel("Force (N)")
+    panels.axes[0].set_ylabel("position (mm),\ngrey: wall")
+    panels.axes[count].set_ylabel("force (N)")
     return panels.figure
 
 

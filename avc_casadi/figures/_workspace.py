@@ -44,7 +44,7 @@ def draw_workspace(maps: Mapping[str, WorkspaceMap], axes: GivenAxes = None) -> 
     panels = Panels.of(
         axes,
         titles,
-        1.1 + 1.6 * len(maps),
+        1.5 + 1.7 * len(maps),
         lambda figure: figure.subplots(len(maps), len(labels), sharex=True, sharey=True, squeeze=False).ravel(),
     )
     planes = [_plane(found) for found in maps.values()]

@@ -47,7 +47,7 @@ def draw_zwidth(
     count = 1 if llewellyn is None else 2
     panels = Panels.of(
         axes,
-        ("(a) walls without coupling: stiffness below each curve", "(b) static coupling, any passive wall")[:count],
+        ("(a) walls without coupling: stiffness below each curve", "(b) coupling for any passive wall")[:count],
         4.4,
         lambda figure: figure.subplots(1, count, squeeze=False, width_ratios=[1.7, 1][:count])[0],
     )
@@ -64,6 +64,8 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
         colour, style, width = _LINES[curve.key]
         stiffness = curve.stiffness_n_per_m[1:]
         label = f"{curve.claim} (of {region.hands})" if curve.key == "stable-hands" else curve.claim
+        if not (stiffness > 0).any():
+            label = f"{label}: no wall"
         axes.plot(damping, stiffness, color=colour, linestyle=style, linewidth=width, label=label)
         if curve.key == "passive-sampled-data":
             axes.fill_between(damping, 0, np.nan_to_num(stiffness), color=colour, alpha=0.12, linewidth=0)
@@ -120,7 +122,9 @@ def _llewellyn(axes: Axes, table: LlewellynTable) -> None:
                 f"{values[best]:.4g}", place, xytext=(3, 3), textcoords="offset points", fontsize=7.5, color=colour
             )
     axes.set_ylim(0, 1.3 * max(np.nanmax([table.paper, table.sampled_data], initial=0.0), 1e-3))
-    axes.set_xlim(0, table.damping_ratio[-1])
+    some = [np.nan_to_num(values) > 0 for values in (table.paper, table.sampled_data)]
+    widest = float(table.damping_ratio[some[0] | some[1]].max(initial=0.0))
+    axes.set_xlim(0, min(1.3 * widest, table.damping_ratio[-1]) or table.damping_ratio[-1])
     axes.legend(loc="upper right")
     axes.set_xlabel(r"$b_\mathrm{c}/b_\mathrm{d}$")
     axes.set_ylabel(r"largest $k_\mathrm{c}T/b_\mathrm{d}$")

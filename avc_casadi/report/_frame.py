@@ -11,7 +11,7 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.figures import figure_svg, stacked
-from avc_casadi.support import Table
+from avc_casadi.support import Table, spoken
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +29,8 @@ def page_html(title: str, source: str, body: str, versions: Mapping[str, str]) -
         versions: versions by package.
     """
     told = table_html(Table(("package", "version"), tuple(versions.items()), (0, 1)), "versions")
-    return filled("frame", title=escape(title), source=escape(source), body=body, versions=told)
+    page = filled("frame", title=escape(title), source=escape(source), body=body, versions=told)
+    return spoken().page(page)
 
 
 def filled(name: str, **parts: str) -> str:

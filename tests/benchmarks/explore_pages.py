@@ -2,14 +2,16 @@
 
 A script moves a slider in headless Chromium as a hand does: a change every 50 ms for 5 s, or one change after
 the other with a rest between. The times are the page's own, from the event of the input to the frame after the picture.
-Memory is that of the server's process while the slider goes to and fro without a rest. Overwrites explore.json in
-results and RESULTS_explore.md; with --pictures the screenshots in figures instead.
+Memory is that of the server's process while sliders are dragged for a second, left for five so that all follows, and
+dragged again. Overwrites explore.json in results and RESULTS_explore.md: --minutes the memory in them, else the times;
+with --pictures the screenshots in figures instead.
 """
 
 import argparse
 import io
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -33,8 +35,8 @@ CASES = {"figure5, 200 frequencies": {}, "1000 frequencies": {"points": 1000}}
 COMMAND = "python -m tests.benchmarks.explore_pages"
 _SHOWN = {"picture": "impedance and gains", "judge": "certificate, verdict, stiffest wall", "touch": "simulated touch"}
 _DRAG = """
-const [every, count, rest, done] = arguments;
-const slider = document.querySelector("[aria-label='Wall: stiffness']");
+const [name, every, count, rest, done] = arguments;
+const slider = document.querySelector(`[aria-label='${name}']`);
 performance.clearMeasures();
 let moved = 0;
 window.movedBefore ??= 0;
@@ -51,6 +53,8 @@ move();
 """
 _MEASURED = """return Object.fromEntries(["picture", "judge", "touch"].map((what) =>
   [what, performance.getEntriesByName(what).map((one) => one.duration)]))"""
+_WALL = "Wall: stiffness"
+_DRAGGED = (_WALL, "Device: mass", "Hands: mass, heaviest", _WALL, "Wall: damping", "Device: dry friction")
 _WORK = {
     "impedance and gains": ("now",),
     "certificate, verdict, stiffest wall": ("judge",),
@@ -60,9 +64,7 @@ _WORK = {
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--minutes", type=float, default=5.0, help="how long the slider moves for the memory; default 5"
-    )
+    parser.add_argument("--minutes", type=float, help="move sliders for so long and measure the memory only")
     parser.add_argument("--changes", type=int, default=20, help="changes waited for at rest; default 20")
     parser.add_argument("--pictures", action="store_true", help="take the screenshots only")
     args = parser.parse_args()
@@ -71,17 +73,21 @@ def main():
             pictures(driver, Path(folder))
             return
         driver.set_script_timeout(600)
-        cases = {name: latency(driver, changes, args.changes) for name, changes in CASES.items()}
-        found = {
-            "command": f"{COMMAND} --changes {args.changes} --minutes {args.minutes:g}",
-            "version": avc.__version__,
-            "load": os.getloadavg(),
-            "cases": cases,
-            "memory": memory(driver, args.minutes),
-        }
-    (HERE / "results" / "explore.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        results = HERE / "results" / "explore.json"
+        found = json.loads(results.read_text(encoding="utf-8"))
+        if args.minutes is None:
+            cases = {name: latency(driver, changes, args.changes) for name, changes in CASES.items()}
+            found["times"] = measured(f"--changes {args.changes}") | {"cases": cases}
+        else:
+            readings, told = memory(driver, args.minutes), measured(f"--minutes {args.minutes:g}")
+            found["memory"] = {**told, **readings}
+    results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     (HERE / "RESULTS_explore.md").write_text(page(found), encoding="utf-8")
     print(page(found))
+
+
+def measured(how):
+    return {"command": f"{COMMAND} {how}", "version": avc.__version__, "load": os.getloadavg()}
 
 
 def serving(changes):
@@ -106,10 +112,10 @@ def latency(driver, changes, rests):
     """Milliseconds of every picture while a slider is dragged, and of all that follows where it rests."""
     with serving(changes) as server:
         opened(driver, server.url)
-        dragged = driver.execute_async_script(_DRAG, 50, 100, 3000)["picture"]
+        dragged = driver.execute_async_script(_DRAG, _WALL, 50, 100, 3000)["picture"]
         rested = {what: [] for what in _SHOWN}
         for _ in range(rests):
-            driver.execute_async_script(_DRAG, 10, 1, 0)
+            driver.execute_async_script(_DRAG, _WALL, 10, 1, 0)
             wait_for_all(driver)
             for what, times in driver.execute_script(_MEASURED).items():
                 rested[what] += times
@@ -146,20 +152,34 @@ def spread(times):
 
 
 def memory(driver, minutes):
-    """Resident memory of the server's process, MB, every tenth of the time."""
+    """Resident memory of the server's process, and what the page's script holds, MB, every tenth of the time."""
     command = [sys.executable, "-m", "avc_casadi", "explore", "figure5"]
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a shell's background job would hand on that it is ignored
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
         process.stdout.readline()
         opened(driver, process.stdout.readline().split()[1])
-        readings, changes = [resident_mb(process.pid)], 0
-        for _ in range(10):
-            count = max(1, int(minutes * 60 / 10 / 0.1))
-            driver.execute_async_script(_DRAG, 100, count, 500)
-            readings.append(resident_mb(process.pid))
-            changes += count
-        process.send_signal(2)
-        process.wait(20)
-    return {"minutes": minutes, "changes": changes, "resident_mb": readings, "exit_code": process.returncode}
+        readings, drags, begun = [reading(driver, process.pid)], 0, time.monotonic()
+        while len(readings) <= 10:
+            driver.execute_async_script(_DRAG, _DRAGGED[drags % len(_DRAGGED)], 100, 10, 5000)
+            driver.get_log("performance")  # else the driver keeps it all
+            drags += 1
+            if time.monotonic() - begun >= 6 * minutes * len(readings):
+                readings.append(reading(driver, process.pid))
+        process.send_signal(signal.SIGINT)
+    server, page = zip(*readings, strict=True)
+    return {
+        "minutes": minutes,
+        "changes": 10 * drags,
+        "resident_mb": server,
+        "page_mb": page,
+    }
+
+
+def reading(driver, pid):
+    driver.execute_cdp_cmd("HeapProfiler.collectGarbage", {})
+    return resident_mb(pid), driver.execute_cdp_cmd("Runtime.getHeapUsage", {})["usedSize"] / 2**20
 
 
 def resident_mb(pid):
@@ -168,25 +188,29 @@ def resident_mb(pid):
 
 
 def page(found):
-    memory = found["memory"]
+    memory, times = found["memory"], found["times"]
     rows = []
-    for name, case in found["cases"].items():
+    for name, case in times["cases"].items():
         rows.append((name, "impedance and gains, dragged", case["dragged"]))
-        rows += [(name, f"{_SHOWN[what]}, at rest", times) for what, times in case["rested"].items()]
+        rows += [(name, f"{_SHOWN[what]}, at rest", spent) for what, spent in case["rested"].items()]
     lines = [
         f"| {name} | {what} | {t['median_ms']:.0f} | {t['most_ms']:.0f} | {t['count']} |" for name, what, t in rows
     ]
-    kept = ", ".join(f"{value:.0f}" for value in memory["resident_mb"])
     effort = [
         f"| {name} | {what} | {t['median_ms']:.0f} | {t['most_ms']:.0f} |"
-        for name, case in found["cases"].items()
+        for name, case in times["cases"].items()
         for what, t in case["work"].items()
+    ]
+    kept = [
+        f"| {tenth * memory['minutes'] / 10:g} | {server:.0f} | {page:.1f} |"
+        for tenth, (server, page) in enumerate(zip(memory["resident_mb"], memory["page_mb"], strict=True))
     ]
     return f"""# avc explore: how fast it follows, and its memory
 
-`{found["command"]}` (version {found["version"]}, headless Chromium on the same
-{os.cpu_count()} cores as the server). Other work held these cores: the load was
-{found["load"][0]:.0f} while it was measured.
+## How fast it follows
+
+`{times["command"]}` (version {times["version"]}, headless Chromium on the same
+{os.cpu_count()} cores as the server). The load of these cores was {times["load"][0]:.0f} while it was measured.
 
 From an input to the frame after the picture, ms by the clock. Dragged: a change of the wall every 50 ms for 5 s; the
 time of a picture counts from the oldest change in it. At rest: one change, and nothing until all has followed.
@@ -201,9 +225,17 @@ Processor time of the server for one change, ms.
 |---|---|--:|--:|
 {chr(10).join(effort)}
 
-Memory of the server's process, MB, at the beginning and after each tenth of {memory["minutes"]:g} minutes
-in which a script moved the slider {memory["changes"]} times: {kept}. An hour was not measured.
-Ctrl-C then ended it with exit code {memory["exit_code"]}.
+## Memory
+
+`{memory["command"]}` (version {memory["version"]})
+
+A script moved sliders of wall, device and hands {memory["changes"]} times in {memory["minutes"]:g} minutes: ten times
+within a second, then five seconds of rest in which certificate, verdict, touch and region follow. The server is its
+process (resident), the page what its script holds after a collection.
+
+| minute | server, MB | page, MB |
+|--:|--:|--:|
+{chr(10).join(kept)}
 
 ![explore on a desktop](figures/explore_desktop.png)
 
@@ -241,7 +273,7 @@ def save(content, name, tallest=2600):
     """Write a picture in few colours, cut at the foot."""
     image = Image.open(io.BytesIO(content)).convert("RGB")
     image = image.crop((0, 0, image.width, min(image.height, tallest)))
-    image.quantize(48, dither=Image.Dither.NONE).save(HERE / "figures" / f"{name}.png", optimize=True)
+    image.quantize(128, dither=Image.Dither.NONE).save(HERE / "figures" / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":

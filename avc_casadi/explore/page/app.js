@@ -91,7 +91,9 @@ function showControls() {
   get("tab-a").setAttribute("aria-pressed", String(state.on === "a"));
   get("tab-b").setAttribute("aria-pressed", String(state.on === "b"));
   get("method").value = settings.method;
-  get("device").value = settings.device || "";
+  const ofFile = settings.device !== null && typeof settings.device === "object";
+  get("device-of-file").hidden = !ofFile;
+  get("device").value = ofFile ? "(file)" : settings.device || "";
   get("motion").value = settings.motion;
   get("own-gains").hidden = settings.method !== "constant";
   for (const key of Object.keys(GAINS)) {
@@ -101,6 +103,8 @@ function showControls() {
   get("work").hidden = !about.slow.includes(settings.method);
   const known = shown[state.on].values || about.values;
   fields.show({ ...known, ...settings.values });
+  const now = shown[state.on].now;
+  get("kept").textContent = now && now.kept.length ? `Kept as in the file, without a field here: ${now.kept.join("; ")}.` : "";
   showFaults();
   if (!get("work").hidden) watchWork();
 }
@@ -126,7 +130,8 @@ function buildControls() {
   get("method").append(
     made("optgroup", { label: "at once" }, ...about.live.map((one) => option(one, named[one] || one))),
     made("optgroup", { label: "a run, seconds to minutes" }, ...about.slow.map((one) => option(one, named[one] || one))));
-  get("device").append(option("", "as in the problem"), ...about.devices.map((one) => option(one.name, one.title)));
+  get("device").append(option("", "as in the problem"), ...about.devices.map((one) => option(one.name, one.title)),
+    made("option", { value: "(file)", id: "device-of-file", hidden: true }, "from the file"));
   for (const [key, name] of Object.entries(GAINS)) {
     const input = made("input", { id: `g-${key}`, type: "text", inputmode: "decimal", "aria-describedby": `g-${key}-error` });
     input.addEventListener("input", () => change(() => {
@@ -143,7 +148,9 @@ function buildControls() {
   });
   get("method").addEventListener("change", (event) => change(() => (current().method = event.target.value)));
   get("motion").addEventListener("change", (event) => change(() => (current().motion = event.target.value)));
-  get("device").addEventListener("change", (event) => chooseDevice({ name: event.target.value }));
+  get("device").addEventListener("change", (event) => {
+    if (event.target.value !== "(file)") chooseDevice({ name: event.target.value });
+  });
   get("device-file").addEventListener("change", async (event) => {
     const [file] = event.target.files;
     if (file) chooseDevice({ text: await file.text(), file: file.name });
@@ -194,9 +201,7 @@ async function chooseDevice(which) {
   }
   get("device-note").textContent = found.gaps.length ? `Not known of it, and taken cautiously: ${found.gaps.join(", ")}.` : "";
   change(() => {
-    const values = kept(current().values);
-    if (which.name) Object.assign(current(), { device: which.name, values });
-    else Object.assign(current(), { device: null, values: { ...values, ...found.values } });
+    Object.assign(current(), { device: which.name || found.device, values: kept(current().values) });
   });
 }
 
@@ -236,6 +241,7 @@ const follow = Object.fromEntries(["a", "b"].map((column) => [column, new Follow
     if (part === "now") {
       mine.errors = found.errors || (found.refused ? [{ key: "", message: found.refused }] : []);
       if (found.values) mine.values = found.values;
+      if (found.title && column === state.on) get("title").textContent = document.title = `avc explore: ${found.title}`;
       if (column === state.on) showControls();
       if (mine.errors.length) {
         markStale();
@@ -309,8 +315,6 @@ async function copyCommand() {
 async function begin() {
   about = await client.ask("start", {});
   if (!about) return;
-  document.title = `avc explore: ${about.problem}`;
-  get("title").textContent = `avc explore: ${about.title || about.problem}`;
   state = readAddress();
   buildControls();
   toy = new Toy((without) => client.ask("toy", { settings: current(), without_coupling: without }));

@@ -57,7 +57,7 @@ function scale(kind, values) {
     }
     return { place: (value) => (bend(value) - from + room) / (to - from + 2 * room), ticks };
   }
-  if (high <= low) [low, high] = [low - Math.max(1e-9, Math.abs(low) * 0.1), high + Math.max(1e-9, Math.abs(high) * 0.1)];
+  if (high <= low) [low, high] = low === 0 ? [-1, 1] : [low - Math.abs(low) * 0.1, high + Math.abs(high) * 0.1];
   const room = 0.05 * (high - low);
   [low, high] = [low - room, high + room];
   const rough = (high - low) / 5, power = 10 ** Math.floor(Math.log10(rough));
@@ -77,6 +77,15 @@ export function chart(host, spec) {
   const width = Math.max(260, host.clientWidth);
   const inner = { w: width - EDGE.left - EDGE.right, h: HEIGHT - EDGE.top - EDGE.bottom };
   const { series = [], bands = [], points = [], lines = [] } = spec;
+  const caption = document.createElement("figcaption");
+  caption.textContent = spec.title;
+  if (!points.length && ![...series, ...bands].some((one) => finite(one.y || one.low).length)) {
+    const nothing = document.createElement("p");
+    nothing.className = "note";
+    nothing.textContent = `Nothing to draw: ${spec.summary}.`;
+    host.replaceChildren(caption, nothing);
+    return;
+  }
   const x = scale(spec.x.kind, spec.x.span || [...series, ...bands].flatMap((one) => one.x).concat(points.map((p) => p.x)));
   const y = scale(spec.y.kind, spec.y.span || [
     ...series.flatMap((one) => one.y), ...bands.flatMap((one) => [...one.low, ...one.high]),
@@ -112,8 +121,6 @@ export function chart(host, spec) {
   }
   for (const one of series) element("path", { class: `line ${one.cls}`, d: path(one, across, up) }, drawn);
   for (const point of points) mark(point, across, up, drawn);
-  const caption = document.createElement("figcaption");
-  caption.textContent = spec.title;
   host.replaceChildren(caption, svg, legend([...bands, ...series, ...lines, ...points]));
 }
 

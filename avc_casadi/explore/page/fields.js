@@ -43,7 +43,7 @@ export class Fields {
     const narrow = window.matchMedia("(max-width: 800px)").matches;
     for (const field of fields) {
       if (!groups.has(field.group)) {
-        const open = !narrow || groups.size === 0;
+        const open = groups.size === 0 || !(narrow || field.folded);
         const box = made("details", { open }, made("summary", {}, field.group));
         groups.set(field.group, box);
         host.append(box);
@@ -106,6 +106,7 @@ export class Fields {
       }
       entry.error.textContent = `${entry.error.textContent} ${fault.message}`.trim();
       entry.input.setAttribute("aria-invalid", "true");
+      entry.input.closest("details").open = true;
     }
     return rest;
   }

@@ -104,13 +104,21 @@ export function drawRegion(shown, columns, state) {
 
 const yes = (passed, text) => made("span", { class: passed ? "pass" : "fail" }, `${passed ? "✓" : "✗"} ${text}`);
 
+/** What to do about a coupling that may not go into a device. */
+function nextStep({ now, judge }, method) {
+  if (now && !now.gains && method === "recommend") return "Press Run: it looks for a coupling that may go into the device, and takes some seconds to a minute.";
+  if (now && !now.gains) return "Press Run, under Method.";
+  if (!judge || !judge.deployable || judge.deployable.pass) return "";
+  return method === "recommend" ? "" : "These gains answer the paper's question. For a coupling that may go into the device choose recommend, under Method.";
+}
+
 export function drawVerdict(shown, columns, state) {
   const rows = [
     ["gains by", (mine, column) => state[column].method],
     ["frequencies with gains", ({ now }) => now.gains ? Object.entries(now.gains.counts).map(([name, count]) => `${count} ${name}`).join(", ") : "not run"],
     ["may go into a device", ({ judge }) => judge && judge.deployable ? yes(judge.deployable.pass, judge.deployable.pass ? "deployable" : "not deployable") : "–"],
-    ["certificate", ({ judge }) => judge && judge.levels ? made("span", {}, ...judge.levels.flatMap((one) => [
-      made("span", { title: one.title, class: one.pass ? "pass" : one.refused ? "" : "fail" }, `${one.level} ${one.pass ? "✓ pass" : one.refused ? "refused" : "✗ fail"}`), " "])) : "–"],
+    ["certificate; L5 and let go decide", ({ judge }) => judge && judge.levels ? made("span", {}, ...judge.levels.flatMap((one) => [
+      made("span", { title: one.title, class: `level ${one.pass ? "pass" : one.refused ? "" : "fail"}` }, `${one.level} ${one.pass ? "✓ pass" : one.refused ? "refused" : "✗ fail"}`), " "])) : "–"],
     ["simulated touch", ({ touch }) => touch && touch.touch ? yes(touch.touch.claim === "asymptotic", CLAIMS[touch.touch.claim].slice(2)) : touch && touch.refused ? touch.refused : "–"],
     ["stiffness felt, N/m", ({ touch }) => touch && touch.touch ? number(touch.touch.stiffness_n_per_m, 4) : "–"],
     ["peak force, N", ({ touch }) => touch && touch.touch ? number(touch.touch.peak_force_n) : "–"],
@@ -122,6 +130,7 @@ export function drawVerdict(shown, columns, state) {
   const body = made("tbody", {}, ...rows.map(([name, cell]) => made("tr", {}, made("th", { scope: "row" }, name),
     ...there.map((column) => made("td", {}, cell(shown[column], column))))));
   get("verdict").replaceChildren(head, body);
+  get("next").textContent = nextStep(shown[state.on], state[state.on].method);
   get("levels").replaceChildren(...there.filter((column) => shown[column].judge && shown[column].judge.certificate).map((column) => {
     const mine = shown[column].judge;
     const box = made("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `levels of ${column.toUpperCase()}` });

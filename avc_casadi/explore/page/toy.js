@@ -27,6 +27,19 @@ export class Toy {
     this.button.addEventListener("click", () => (this.running ? this.stop() : this.start()));
     for (const input of [this.with, this.hz]) input.addEventListener("change", () => this.reload());
     this.sound.addEventListener("change", () => this.#listen());
+    this.#invite();
+  }
+
+  /** Say on the empty canvas what to do with it. */
+  #invite() {
+    const { canvas } = this;
+    [canvas.width, canvas.height] = [canvas.clientWidth, canvas.clientHeight];
+    const pen = canvas.getContext("2d");
+    pen.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--soft");
+    pen.font = "15px system-ui, sans-serif";
+    pen.textAlign = "center";
+    pen.fillText("Press Start, then move the pointer in here", canvas.width / 2, canvas.height / 2, canvas.width - 16);
+    pen.textAlign = "start";
   }
 
   #point(event) {
