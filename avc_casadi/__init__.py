@@ -39,6 +39,7 @@ __all__ = [
     "Recommendation",
     "Run",
     "UnsupportedError",
+    "WorkerLostError",
     "catalogue",
     "catalogue_path",
     "certify",
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
     from avc_casadi._errors import NotDeployableError as NotDeployableError
     from avc_casadi._errors import PortError as PortError
     from avc_casadi._errors import UnsupportedError as UnsupportedError
+    from avc_casadi._errors import WorkerLostError as WorkerLostError
     from avc_casadi._errors import fault_document as fault_document
     from avc_casadi.certificate import Certificate as Certificate
     from avc_casadi.certificate import Deployable as Deployable
@@ -109,6 +111,7 @@ else:
         "NotDeployableError": "_errors",
         "PortError": "_errors",
         "UnsupportedError": "_errors",
+        "WorkerLostError": "_errors",
         "fault_document": "_errors",
         "Certificate": "certificate",
         "certify": "certificate",

@@ -140,3 +140,15 @@ class NotDeployableError(AvcError):
         ...     print(error)
         let-go: linearly unstable
     """
+
+
+class WorkerLostError(AvcError, RuntimeError):
+    """A worker of a study in chunks died, and what it did could not be given to another one (exit code 2).
+
+    Example:
+        >>> try:
+        ...     raise avc.WorkerLostError("chunk 7 of 100: its worker died")
+        ... except avc.AvcError as error:
+        ...     print(error)
+        chunk 7 of 100: its worker died
+    """

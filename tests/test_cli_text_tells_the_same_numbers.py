@@ -89,8 +89,13 @@ def test_list_and_check(capsys):
     for name in names:
         text, document = both(capsys, "check", name)
         assert document["problem"] == name
-        limit = document["passive_limit_n_per_m"]
-        assert ("a limit of passive rendering is known for" if limit is None else f"exceeds {limit:.4g} N/m") in text
+        turns = document.get("motion") == "rotary"
+        limit = document["passive_limit_nm_per_rad" if turns else "passive_limit_n_per_m"]
+        assert (
+            "a limit of passive rendering is known for"
+            if limit is None
+            else f"exceeds {limit:.4g} {'N.m/rad' if turns else 'N/m'}"
+        ) in text
 
 
 @pytest.mark.parametrize("rows", [1, 2, 19, 20, 21, 200, 100_000])

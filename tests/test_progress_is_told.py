@@ -82,14 +82,12 @@ def test_the_verdict_on_deployment_tells_of_each_claim():
     assert all(done == total for done, total, _ in listener.told)
 
 
-def test_a_recommendation_tells_of_candidates_that_are_judged_and_tried():
+def test_a_recommendation_tells_of_candidates_that_are_tried():
     listener = Listener()
     found = avc.recommend("soft", hands=2, progress=listener)
-    judged = [told[:2] for told in listener.told if told[2] == "candidates judged"]
-    assert judged == [(done, found.considered) for done in range(1, found.considered + 1)]
-    tried = [told[:2] for told in listener.told if told[2] == "deployable candidates tried"]
-    assert [done for done, _ in tried] == list(range(1, len(tried) + 1))
-    assert len(tried) >= 1
+    tried = [told[:2] for told in listener.told if told[2] == "candidates tried"]
+    assert tried[0][0] == 1
+    assert all(1 <= done <= total <= found.considered for done, total in tried)
 
 
 def test_the_trial_of_a_method_tells_of_its_motions():

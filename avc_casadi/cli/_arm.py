@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from avc_casadi.arm import Arm
 
 _POSES, _MOST_REGIONS = 1000, 20
+# A device written from a workspace of which more is out of reach is warned of.
+_MUCH_OUT_OF_REACH = 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -219,6 +221,12 @@ def _text(document: dict[str, Any], args: argparse.Namespace) -> str:
             lines.append(
                 f"  {found['out_of_reach']} of {found['poses']} poses of the grid are out of the mechanism's reach"
             )
+    found = document.get("workspace", {})
+    if document["out"] and found and found["out_of_reach"] > _MUCH_OUT_OF_REACH * found["poses"]:
+        lines.append(
+            f"warning: what is written knows of {found['poses'] - found['out_of_reach']} of {found['poses']} poses "
+            "alone; give a workspace that the mechanism reaches"
+        )
     if document["out"]:
         lines.append(f'written: {document["out"]}; in a problem file: device = "{document["out"]}"')
     if "map" in document:

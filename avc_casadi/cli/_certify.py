@@ -10,7 +10,7 @@ import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._foreign import gains_for
-from avc_casadi.cli._subject import is_coupling, read_subject
+from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
 from avc_casadi.cli._text import number, passive_limit, rows_text
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
     claims = "\n".join(f"  {note}" for note in levels_table(certificate).notes)
     beside = "".join(f"note: {note}\n" for note in notes)
     text = (
-        f"{deployment['sentence']}\n"
+        f"{deployment['sentence']}\n{_detents(deployment)}"
         f"{problem.name}: {rows_text(gains.rows)} of {file}, {certificate['judged']}\n{beside}"
         f"{levels_text(certificate)}\n"
         f"{claims}\n{_proof(certificate['levels']['L5'])}{_beside_hands(certificate['levels']['L5'])}"
@@ -115,12 +115,18 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
 
 
+def _detents(deployment: dict[str, Any]) -> str:
+    """Return what was claimed of the detents where it holds; what does not is told in the verdict."""
+    claims = (claim for claim in deployment.get("claims", ()) if claim["name"].startswith("detent") and claim["pass"])
+    return "".join(f"{claim['sentence']}\n" for claim in claims)
+
+
 def _judged(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, Coupling | None, list[str]]:
     """Return the problem, the gains, the coupling if a file of one was given, and notes."""
     from avc_casadi.coupling import Coupling
 
     if args.gains is not None:
-        problem = avc.load_problem(args.problem)
+        problem = load_problem(args.problem)
         found, notes = gains_for(problem, args.gains)
         return (problem, found.schedule, found, notes) if isinstance(found, Coupling) else (problem, found, None, notes)
     if not is_coupling(args.problem):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-import avc_casadi as avc
 from avc_casadi.cli._check_device import check_device, is_device
 from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number, passive_limit, titled
 
 
@@ -24,7 +24,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
 
     if is_device(args.problem):
         return check_device(args.problem)
-    problem = avc.load_problem(args.problem)
+    problem = load_problem(args.problem)
     frequency = problem.frequencies_hz()
     device, measured = problem.device, problem.boundaries.measured
     document = {

@@ -6,8 +6,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-import avc_casadi as avc
 from avc_casadi.cli._console import Answer
+from avc_casadi.cli._subject import load_device
 from avc_casadi.cli._text import titled
 
 
@@ -28,7 +28,7 @@ def is_device(source: str) -> bool:
 
 def check_device(source: str) -> Answer:
     """Load the device file; its faults are raised."""
-    file = avc.load_device(source)
+    file = load_device(source)
     values = file.device.model_dump(mode="json", exclude_unset=True)
     ranges = values.pop("range", {})
     document: dict[str, Any] = {

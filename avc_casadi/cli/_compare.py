@@ -9,6 +9,7 @@ import avc_casadi as avc
 from avc_casadi.cli._compare_text import comparison_text
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
+from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.study.comparison import comparison_document
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
-    problem = avc.load_problem(args.problem)
+    problem = load_problem(args.problem)
     comparison = compared(problem, args.mine, console)
     if plot is not None:
         from avc_casadi.figures import draw_comparison, save_figure

@@ -15,6 +15,7 @@ import avc_casadi as avc
 from avc_casadi.cli._arguments import add_log_layout, log_layout
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
+from avc_casadi.cli._subject import linear_only, load_device
 
 if TYPE_CHECKING:
     from avc_casadi.identification import Identification
@@ -43,7 +44,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     out = output_file(args.out, "--out", (".toml",)) if args.out else None
     page = output_file(args.report, "--report", (".html",)) if args.report else None
     layout, masses, known = log_layout(args), _masses(args), _known(args)
-    base = avc.load_device(args.device) if args.device else None
+    base = load_device(args.device) if args.device else None
+    if base is not None:
+        linear_only(base.device, "identify", "--device")
     from avc_casadi.identification import device_text, identification_document, identification_text, identify
 
     found = identify(

@@ -17,7 +17,7 @@ from avc_casadi.cli._deploy import push_or_say
 from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._recommend import recommend_document
 from avc_casadi.cli._solve import without_gains
-from avc_casadi.cli._subject import add_unsafe
+from avc_casadi.cli._subject import add_unsafe, load_problem
 from avc_casadi.cli._text import titled
 from avc_casadi.cli._versions import package_versions
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from avc_casadi.design import MethodName
     from avc_casadi.report import Picture
     from avc_casadi.study.comparison import Comparison
+    from avc_casadi.support import Units
 
 _CAPTIONS = {
     "boundaries": "The range of impedance that feels real, the desired impedance, and the wall without coupling.",
@@ -46,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the main job."""
-    problem = avc.load_problem(args.problem)
+    problem = load_problem(args.problem)
     asked = f"avc-{problem.name.replace('/', '-')}" if args.out is None else args.out
     with output_folder(asked, "--out") as folder:
         console.say(titled(problem.name, problem.title))
@@ -68,7 +69,7 @@ def _worked_through(
         with console.step(f"direct, scope {comparison.scope}"):
             comparison = with_delivered(comparison, problem, avc.solve(problem, progress=console))
     gains = comparison.methods[comparison.delivered]
-    with meanwhile(_drawn, comparison) as drawn:
+    with meanwhile(_drawn, (comparison, problem.units)) as drawn:
         with console.step("certificate"):
             certificate = avc.certify(problem, gains, progress=console).document()
         with console.step(f"coupling to deploy: {args.method or 'recommended'}"):
@@ -129,17 +130,20 @@ def _by_method(problem: avc.Problem, method: MethodName, console: Console) -> di
     return recommend_document(found) | {"of": found.coupling}
 
 
-def _drawn(comparison: Comparison) -> dict[str, tuple[bytes, Picture]]:
-    """Return each figure as PNG, and for the page."""
+def _drawn(task: tuple[Comparison, Units]) -> dict[str, tuple[bytes, Picture]]:
+    """Return each figure as PNG, and for the page, in the words of the device."""
     from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, figure_png
     from avc_casadi.report import Picture, picture_words
+    from avc_casadi.support import speaking
 
+    comparison, units = task
     words = picture_words(comparison)
     draws = {"boundaries": draw_boundaries, "perceived": draw_perceived, "comparison": draw_comparison}
-    return {
-        name: (figure_png(draw(comparison)), Picture.of(draw, comparison, _CAPTIONS[name], words[name]))
-        for name, draw in draws.items()
-    }
+    with speaking(units):
+        return {
+            name: (figure_png(draw(comparison)), Picture.of(draw, comparison, _CAPTIONS[name], words[name]))
+            for name, draw in draws.items()
+        }
 
 
 def _written(drawn: dict[str, tuple[bytes, Picture]], folder: Path) -> list[Picture]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._simulate import gains_of
+from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number, table
 
 
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.coupling import NO_COUPLING
     from avc_casadi.scene import screen
 
-    problem = avc.load_problem(args.problem)
+    problem = load_problem(args.problem)
     gains, notes = gains_of(args.gains, problem, console)
     with console.step("the scene without each of its effects"):
         chosen = NO_COUPLING if gains is None else gains

@@ -11,7 +11,7 @@ from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._simulate_text import outcome, simulation_text
-from avc_casadi.cli._subject import is_coupling, read_subject
+from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, Gains, GainSchedule
@@ -101,7 +101,7 @@ def _subject(
 ) -> tuple[avc.Problem, Coupling | GainSchedule | None, list[str]]:
     """Return the problem, what its scene runs with, and notes; None for a scene without coupling."""
     if not is_coupling(args.problem):
-        problem = avc.load_problem(args.problem)
+        problem = load_problem(args.problem)
         return problem, *gains_of(args.gains, problem, console)
     if args.gains is not None:
         raise avc.InputError.of("does not go with a coupling file; give the problem instead", key="--gains")

@@ -8,6 +8,7 @@ import avc_casadi as avc
 from avc_casadi.cli._certify import levels_text
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
+from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import counts, number, passive_limit, sample_rows, table
 from avc_casadi.cli._versions import package_versions
 
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     method: MethodName = args.method or ("closed-form" if args.as_printed else "direct")
     out = None if args.out is None else output_file(args.out, "--out", (".json", ".csv"))
-    problem = avc.load_problem(args.problem)
+    problem = load_problem(args.problem)
     with console.step(f"{method}: {len(problem.frequencies_hz())} frequencies"):
         gains = avc.solve(
             problem, method, solver=args.solver, tolerance=args.tolerance, as_printed=args.as_printed, progress=console

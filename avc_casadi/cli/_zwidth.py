@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
+from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number, passive_limit, sample_rows, table
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.certificate import llewellyn_table, rendered_wall, zwidth
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
-    problem = avc.load_problem(args.problem)
+    problem = load_problem(args.problem)
     with console.step(f"{args.method}: {len(problem.frequencies_hz())} frequencies"):
         gains = avc.solve(problem, args.method, progress=console)
     with console.step("region"):

@@ -14,6 +14,7 @@ PAGES = {
     "problems/README.md": "problems",
     "hardware/README.md": "hardware",
     "hardware/PORTING.md": "porting",
+    "hardware/COMPARED.md": "compared",
     "tests/benchmarks/README.md": "measured",
     "CONTRIBUTING.md": "contributing",
     "CHANGELOG.md": "changelog",

@@ -55,9 +55,12 @@ class Study:
 
 STUDIES = (
     Study("guide_figures.py", 0.1, ("guide_figures",)),
+    Study("hardware_figures.py", None, ("hardware",)),
     Study("table1_study.py 200", 1.5, ("table1",)),
     Study("robust_goals.py", 2, ("robust_goals",)),
+    Study("many_hands.py", 4, ("many_hands",)),
     Study("arms.py", 1.2, ("arms",)),
+    Study("exported_rest.py", 1.6, ("exported_rest",)),
     Study("proof_contradictions.py", 2.3, ("proof_contradictions",)),
     Study("recommended.py", 3, ("recommended",)),
     Study("tampered_proofs.py", 5.4, ("tampered_proofs",)),
