@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from avc_process import avc as command
+from avc_process import strict_json
 from scipy.linalg import expm
 
 import avc_casadi as avc
@@ -139,5 +141,14 @@ def test_a_detent_in_the_wall_adds_to_its_slope():
 
 def test_firmware_refuses_detents_by_name():
     problem = knob()
-    with pytest.raises(avc.InputError, match=r"detent: is not rendered"):
+    with pytest.raises(avc.UnsupportedError, match=r"detent is not rendered"):
         export_c(Coupling.constant(problem, Gains(0.0, 1e8, 0.002), "rigid"))
+
+
+def test_a_run_ends_whole_where_the_firmware_renders_only_a_part(tmp_path):
+    """Detents: everything is written, and the push is skipped with the reason."""
+    done = command("run", "knob", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr.decode()
+    document = strict_json(done.stdout)
+    assert "detent is not rendered by the firmware" in document["push"]["skipped"]
+    assert (tmp_path / "avc-knob" / "report.html").stat().st_size > 10_000

@@ -6,7 +6,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.design import solve
 from avc_casadi.loop import coupling_impedance, loop_at
-from avc_casadi.study.accuracy import MP, NUMBERS, damped_error, series_error
+from avc_casadi.study.reference import MP, NUMBERS, damped_error, series_error
 from tests.drawn_problems import drawn_problem
 
 WITHIN = 1e-10

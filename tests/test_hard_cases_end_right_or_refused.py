@@ -10,7 +10,7 @@ from avc_casadi.design import solve
 from avc_casadi.design.pointwise import project
 from avc_casadi.loop import coupling_gains, loop_at
 from avc_casadi.problem import Problem
-from avc_casadi.study.accuracy import MP, NUMBERS, series_error
+from avc_casadi.study.reference import MP, NUMBERS, series_error
 
 WITHIN = 1e-10
 

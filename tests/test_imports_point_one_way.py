@@ -33,6 +33,7 @@ ROOMS = (
     "recommendation",
     "arm",
     "study.comparison",
+    "study.reference",
     "study.accuracy",
     "study.pareto",
     "study.estimators",

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi.loop import NUMPY, SampleAngle, bound_magnitudes, environment_impedance, judge_realism, loop_at
 from avc_casadi.problem import MeasuredBounds, MeasuredImpedance, problem_document, problem_of
-from avc_casadi.study.accuracy._reference import NUMBERS
+from avc_casadi.study.reference import NUMBERS
 
 FIGURE5 = avc.load_problem("figure5")
 FREQUENCY = FIGURE5.frequencies_hz()

@@ -1,13 +1,20 @@
 """Telemetry: records of the device's own ticks, lost ones seen by it; logs whole at any moment; heartbeats."""
 
+import ast
 import csv
+import inspect
 import io
 import json
 import os
 import signal
+import sys
+import textwrap
 import threading
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
+from types import CodeType, FrameType
 from typing import Any
 
 import matplotlib as mpl
@@ -23,7 +30,7 @@ from mcap.stream_reader import StreamReader
 
 import avc_hardware
 from avc_casadi import InputError, MissingExtraError, UnsupportedError, load_problem
-from avc_casadi.cli import main
+from avc_casadi.cli import _monitor, main
 from avc_casadi.identification import read_columns
 from avc_hardware import (
     Connection,
@@ -184,6 +191,68 @@ def test_interrupt_ends_the_heartbeat_and_keeps_log_and_samples(
     assert document["ended"]["mode"] == "safe"
     assert "carries over" in document["note"]
     assert document["records"] == len(document["samples"]) == len(log.read_text().splitlines()) - 2 > 5
+
+
+def lines_of_the_loop(function: Callable[..., Any]) -> list[int]:
+    """The lines of every statement within the first loop of a function."""
+    source, first = inspect.getsourcelines(function)
+    (loop, *_) = (node for node in ast.walk(ast.parse(textwrap.dedent("".join(source)))) if isinstance(node, ast.For))
+    return sorted(
+        {first - 1 + node.lineno for step in loop.body for node in ast.walk(step) if isinstance(node, ast.stmt)}
+    )
+
+
+@contextmanager
+def killed_at(code: CodeType, line: int, *, after: int) -> Iterator[list[int]]:
+    """Send this process SIGINT when it comes to a line of a function for the so-manieth time; list where it did."""
+    left = after
+    sent: list[int] = []
+
+    def watch(frame: FrameType, event: str, _: object) -> Any:
+        nonlocal left
+        if frame.f_code is code and event == "line" and frame.f_lineno == line:
+            left -= 1
+            if left == 0:
+                sent.append(line)
+                os.kill(os.getpid(), signal.SIGINT)
+        return watch if frame.f_code is code else None
+
+    before = sys.gettrace()
+    sys.settrace(watch)
+    try:
+        yield sent
+    finally:
+        sys.settrace(before)
+
+
+def test_an_interrupt_at_any_line_leaves_no_record_half_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    core, _ = pushed()
+    link = HostLink(core, position=lambda _: -100)
+    taken = list(monitor(link, rate_hz=100, seconds=0.1))
+
+    def played(*_: object, on_device: Callable[[Any], None], **__: object) -> Generator[TelemetrySample, None, None]:
+        on_device(Connection(link).device)
+        yield from taken
+
+    monkeypatch.setattr("avc_hardware.monitor", played)
+    body = [line for line in lines_of_the_loop(_monitor.run) for _ in range(2)]
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    kept = []
+    try:
+        for turn, line in enumerate(body):
+            log = tmp_path / f"{turn}.csv"
+            with killed_at(_monitor.run.__code__, line, after=3 + turn % 2) as sent:
+                code = main(["monitor", "--port", "emulator", "--out", str(log), "--json"])
+            assert code == (130 if sent else 0)  # no plot, no break
+            document = strict_json(capsys.readouterr().out.encode())
+            assert document["records"] == len(document["samples"]) == len(log.read_text().splitlines()) - 2
+            kept += [document["records"]] if sent else []
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert len(kept) > len(body) / 2
+    assert min(kept) < max(kept) < len(taken)
 
 
 @pytest.fixture(scope="module")

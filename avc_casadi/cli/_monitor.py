@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Watch the device; Ctrl-C ends it with all samples so far."""
-    from avc_casadi.support import plain, speak, spoken, units_for
+    from avc_casadi.support import HeldInterrupt, plain, speak, spoken, units_for
     from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, LOG_ENDINGS, DeviceFault, LivePlot, monitor, open_log
 
     speak(units_for(args.motion))
@@ -99,17 +99,18 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         stack.enter_context(closing(watched))
         try:
             for sample in watched:
-                document["records"] += 1
-                document["lost"] += sample.lost
                 words = DeviceFault(sample.faults).word
-                if log is not None:
-                    log.write(sample)
+                with HeldInterrupt():  # a record is counted, logged and kept, or none of it
+                    document["records"] += 1
+                    document["lost"] += sample.lost
+                    if log is not None:
+                        log.write(sample)
+                    if console.as_json:
+                        samples.append(plain(vars(sample) | {"fault_words": words.split(", ") if words else []}))
                 if plot is not None:
                     plot.take(sample)
                     if plot.closed:
                         break
-                if console.as_json:
-                    samples.append(plain(vars(sample) | {"fault_words": words.split(", ") if words else []}))
                 if not 0 <= sample.time_s - shown < 1 / _LINES_HZ - 1e-6:
                     shown = sample.time_s
                     console.say(_state(sample, words))

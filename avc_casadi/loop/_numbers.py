@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from avc_casadi._errors import MissingExtraError
+
 # One equation serves numpy arrays, mpmath numbers and CasADi expressions, which share no static type.
 Real = Any
 Complex = Any
@@ -129,8 +131,15 @@ def mpmath_numbers(digits: int = 50) -> NumberSystem:
 
     Args:
         digits: decimal digits carried.
+
+    Raises:
+        MissingExtraError: mpmath is not installed.
     """
-    import mpmath  # noqa: PLC0415
+    try:
+        import mpmath  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        message = "numbers of many digits need mpmath: pip install 'avc-casadi[accuracy]'"
+        raise MissingExtraError(message) from error
 
     context = mpmath.mp.clone()
     context.dps = digits

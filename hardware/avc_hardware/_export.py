@@ -230,7 +230,8 @@ def export_c(
 
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
-        InputError: another precision or package, detents, the wall gives no force, the observer has no encoder step to
+        UnsupportedError: detents.
+        InputError: another precision or package, the wall gives no force, the observer has no encoder step to
             look between, a gain is too large for single precision, or two rows become one in it.
     """
     if precision not in PRECISIONS:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi import InputError
+from avc_casadi import InputError, UnsupportedError
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, Gains
@@ -33,14 +33,14 @@ def wall_alone(coupling: Coupling) -> None:
     """Refuse detents, which neither the packaged firmware nor the exported source renders.
 
     Raises:
-        InputError: the problem has some.
+        UnsupportedError: the problem has some.
     """
     if coupling.problem.detent is not None:
         message = (
-            "is not rendered by the firmware, whose law is that of the wall; leave it out, and add its force to that "
-            "of the wall in firmware of your own"
+            f"{coupling.problem.name}: detent is not rendered by the firmware, whose law is that of the wall; leave it "
+            "out, and add its force to that of the wall in firmware of your own"
         )
-        raise InputError.of(message, file=coupling.problem.name, key="detent")
+        raise UnsupportedError(message, key="detent")
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,8 @@ class TableImage:
             safe: gains after a lost heartbeat; None is no force.
 
         Raises:
-            InputError: a number that single precision cannot hold, or two rows that become one in it; or detents.
+            InputError: a number that single precision cannot hold, or two rows that become one in it.
+            UnsupportedError: detents.
         """
         wall_alone(coupling)
         feedback = coupling.runtime.state_feedback

@@ -27,7 +27,7 @@ from avc_casadi.loop import (
     series,
 )
 from avc_casadi.problem import Problem
-from avc_casadi.study.accuracy import MP, NUMBERS
+from avc_casadi.study.reference import MP, NUMBERS
 
 
 @dataclass(frozen=True)

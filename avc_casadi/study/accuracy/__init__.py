@@ -5,10 +5,6 @@ from avc_casadi.study.accuracy._grids import grid_misses as grid_misses
 from avc_casadi.study.accuracy._interpolations import linear as linear
 from avc_casadi.study.accuracy._interpolations import nearest as nearest
 from avc_casadi.study.accuracy._interpolations import pchip as pchip
-from avc_casadi.study.accuracy._reference import MP as MP
-from avc_casadi.study.accuracy._reference import NUMBERS as NUMBERS
-from avc_casadi.study.accuracy._reference import damped_error as damped_error
-from avc_casadi.study.accuracy._reference import series_error as series_error
 from avc_casadi.study.accuracy._solvers import SolverCost as SolverCost
 from avc_casadi.study.accuracy._solvers import reference_errors as reference_errors
 from avc_casadi.study.accuracy._study import Accuracy as Accuracy
