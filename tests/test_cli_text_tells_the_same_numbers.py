@@ -6,6 +6,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.cli import main
+from avc_casadi.cli._simulate_text import simulation_text
 from avc_casadi.loop import PAPER_ERRORS
 from avc_casadi.support import ROWS_SHOWN, number, sample_rows
 
@@ -54,6 +55,22 @@ def test_compare(capsys):
     assert f"damper {max(injection['injected_damping_ns_per_m']):.4g} N.s/m" in text
     assert f"{100 * document['mine']['share_schedule_better']:.3g} % of the frequencies" in text
     assert "direct and exact agree" in text
+
+
+def test_what_rounding_leaves_of_a_scene_is_told_as_nothing():
+    document = avc.simulate(avc.load_problem("figure5")).document() | {
+        "effects": [],
+        "gains_from_hz": None,
+        "notes": [],
+        "left_out": [],
+        "without_guard": None,
+    }
+    left = {"position_peak_to_peak_m": 6.9e-19, "energy_generated_j": -2e-17, "force_ripple_n": 3e-15}
+    text = simulation_text(document | left | {"mean_force_n": 2e-9}, plot=None, explained=False)
+    assert "position at the end           0 mm peak to peak" in text
+    assert "taken in   0 mJ" in text
+    assert "20 and 500 Hz   0 N rms" in text
+    assert "force at the end              2e-09 N" in text
 
 
 def test_the_stiffest_wall_tells_what_was_assumed_and_simulates_nobody(capsys, tmp_path):

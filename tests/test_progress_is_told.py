@@ -85,8 +85,9 @@ def test_the_verdict_on_deployment_tells_of_each_claim():
 def test_a_recommendation_tells_of_candidates_that_are_tried():
     listener = Listener()
     found = avc.recommend("soft", hands=2, progress=listener)
-    tried = [told[:2] for told in listener.told if told[2] == "candidates tried"]
+    tried = [told[:2] for told in listener.told if told[2] == "candidates tried, springs and dampers"]
     assert tried[0][0] == 1
+    assert all(what != "candidates tried, " for _, _, what in listener.told)
     assert all(1 <= done <= total <= found.considered for done, total in tried)
 
 

@@ -106,10 +106,11 @@ def recommendation_lines(document: dict[str, Any]) -> list[str]:
         rows = [[one["change"], number(one["stiffest_wall_n_per_m"])] for one in document["what_would_help"]]
         lines += [
             (
-                f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m for every hand "
-                "(--stiffest: what a robust design gives, and what would help it)"
+                f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m for every hand, by linear "
+                "stability alone: nobody tries it, with encoder, friction or bouncing, so what is deployed may be "
+                "softer (--stiffest: what a robust design gives, and what would help it)"
             ),
-            table(["what would help", "plain wall\nN/m"], rows, left=(0,)),
+            table(["what would help", "plain wall,\nlinear alone\nN/m"], rows, left=(0,)),
         ]
     if document["certificate"]:
         lines += [f"claim: {claim['sentence']}" for claim in document["certificate"]["deployable"]["claims"]]
@@ -136,7 +137,8 @@ def stiffest_text(document: dict[str, Any]) -> str:
             ),
             (
                 f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m, with {number(low)} to "
-                f"{number(high)} N.s/m of wall and contact damping together"
+                f"{number(high)} N.s/m of wall and contact damping together; both by linear stability alone, tried by "
+                "nobody: what hands rest at may be softer (avc recommend without --stiffest)"
             ),
             table(["what would help", "stiffest wall\nN/m"], rows, left=(0,)),
             *(f"assumed: {gap}" for gap in document["assumed"]),

@@ -7,6 +7,8 @@ from typing import Any
 from avc_casadi.cli._text import number, table
 
 _HANDS = {"hand", "stylus-hand"}
+# In mm, mm/s, N and mJ: a millionth of what any device could show.
+_ROUND_OFF = 1e-12
 
 
 def simulation_text(document: dict[str, Any], *, plot: str | None, explained: bool) -> str:
@@ -35,13 +37,13 @@ def simulation_text(document: dict[str, Any], *, plot: str | None, explained: bo
             else []
         ),
         f"  {outcome(document)}{'; buzzes' if document['buzzing'] else ''}",
-        f"  largest velocity at the end   {number(_times(document['peak_velocity_m_per_s'], 1e3))} mm/s",
-        f"  position at the end           {number(_times(document['position_peak_to_peak_m'], 1e3))} mm peak to peak",
-        f"  force at the end              {number(document['mean_force_n'])} N",
-        f"  force between 20 and 500 Hz   {number(document['force_ripple_n'])} N rms",
+        f"  largest velocity at the end   {_told(document['peak_velocity_m_per_s'], 1e3)} mm/s",
+        f"  position at the end           {_told(document['position_peak_to_peak_m'], 1e3)} mm peak to peak",
+        f"  force at the end              {_told(document['mean_force_n'])} N",
+        f"  force between 20 and 500 Hz   {_told(document['force_ripple_n'])} N rms",
         f"  stiffness, at the sensor      {number(document['apparent_stiffness_n_per_m'])} N/m",
         f"  rate-hardness at contact      {number(document['rate_hardness_n_per_m'])} N/m",
-        f"  energy given out beyond that taken in   {number(_times(document['energy_generated_j'], 1e3))} mJ",
+        f"  energy given out beyond that taken in   {_told(document['energy_generated_j'], 1e3)} mJ",
         f"  {document['criterion']}",
     ]
     if document["without_guard"] is not None:
@@ -68,7 +70,7 @@ def outcome(document: dict[str, Any]) -> str:
 
 
 def _travel(document: dict[str, Any]) -> str:
-    return f"{document['outcome']}, {number(_times(document['position_peak_to_peak_m'], 1e3))} mm peak to peak"
+    return f"{document['outcome']}, {_told(document['position_peak_to_peak_m'], 1e3)} mm peak to peak"
 
 
 def _against(document: dict[str, Any]) -> list[str]:
@@ -76,10 +78,10 @@ def _against(document: dict[str, Any]) -> list[str]:
         [
             run["coupling"],
             run["outcome"] + (", buzzes" if run["buzzing"] else ""),
-            number(_times(run["position_peak_to_peak_m"], 1e3)),
+            _told(run["position_peak_to_peak_m"], 1e3),
             number(run["apparent_stiffness_n_per_m"]),
             number(run["rate_hardness_n_per_m"]),
-            number(_times(run["energy_generated_j"], 1e3)),
+            _told(run["energy_generated_j"], 1e3),
         ]
         for run in (document, *document["against"])
     ]
@@ -94,8 +96,10 @@ def _against(document: dict[str, Any]) -> list[str]:
     return [table(head, rows, left=(0, 1))]
 
 
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else factor * value
+def _told(value: float | None, factor: float = 1.0) -> str:
+    """Return a measured number in another unit; what only rounding leaves of it is 0."""
+    scaled = None if value is None else factor * value
+    return number(0.0 if scaled is not None and abs(scaled) < _ROUND_OFF else scaled)
 
 
 def _explanation(document: dict[str, Any]) -> list[str]:

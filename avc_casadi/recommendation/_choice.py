@@ -89,6 +89,7 @@ def tried(
     *,
     lean_on_friction: bool,
     executor: Executor | None = None,
+    search: str = "",
 ) -> list[Judged]:
     """Try those that are deployable, the stiffest first, until nothing that is left could win.
 
@@ -100,6 +101,7 @@ def tried(
         progress: told of the candidates.
         lean_on_friction: as in `best_of`.
         executor: as in `try_coupling`.
+        search: which one the candidates come from that are new, to be told.
 
     Returns:
         What was judged before, and now.
@@ -124,7 +126,7 @@ def tried(
             judged.append(found)
             if found.complete(lean_on_friction=lean_on_friction):
                 break
-        progress.advance(done, len(ranked), "candidates tried")
+        progress.advance(done, len(ranked), f"candidates tried, {search}")
     return judged
 
 

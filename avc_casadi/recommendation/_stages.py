@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 _CLOSE, _MOST_HALVED = 1.03, 3
 # Robust walls in a row that are too stiff, beyond which none is looked at: one of them may owe it to its law.
 _TOO_STIFF = 3
+# Searches, as they are told.
+_PLAIN, _BETWEEN = "springs and dampers", "halfway to the next stiffer wall"
 
 
 def judged_candidates(
@@ -56,20 +58,24 @@ def judged_candidates(
     # A wall beyond what spring and damper hold is robust from the start; one that nothing holds is softened until
     # everybody rests quietly. Tuned gains come last: what holds spring and damper back holds them back too.
     held_plainly = wall <= limit.stiffness_n_per_m
-    for more in (plain, islice(robust.stiff, 1)) if held_plainly else (islice(robust.stiff, 1),):
+    first = (islice(robust.stiff, 1), "the wall behind an observer")
+    for more, search in ((plain, _PLAIN), first) if held_plainly else (first,):
         if not jury.holds(wall):
-            jury.ask(more)
+            jury.ask(more, search)
     if not jury.holds(wall):
         _climb(jury, robust, wall)
     if not (held_plainly or jury.holds(limit.stiffness_n_per_m)):
-        jury.ask(plain)
-    for more, ceiling in (
-        *((softened_to(problem, corners, share * plainly), 0.0) for share in SAFER),
-        *((islice(robust.soft, 1), SOFTER ** (1 + step) * plainly) for step in range(MOST_SOFTER)),
-        (tuned_candidates(problem, progress), 0.0),
+        jury.ask(plain, _PLAIN)
+    for more, ceiling, search in (
+        *((softened_to(problem, corners, share * plainly), 0.0, "softer springs") for share in SAFER),
+        *(
+            (islice(robust.soft, 1), SOFTER ** (1 + step) * plainly, "softer walls behind an observer")
+            for step in range(MOST_SOFTER)
+        ),
+        (tuned_candidates(problem, progress), 0.0, "tuned gains"),
     ):
         if not jury.holds(ceiling):
-            jury.ask(more)
+            jury.ask(more, search)
     if jury.judged:
         _closer(problem, jury, limit, robust)
         jury.holds(0.0)
@@ -101,9 +107,11 @@ class _Jury:
         self._others = draw_hands(problem.hands, 2 * len(people), seed, "training")
         self._loose = loose_hands(problem.hands, len(people), seed)
         self._candidates: list[Alternatives] = []
+        self._search = ""
 
-    def ask(self, more: Iterable[Alternatives]) -> None:
-        """Try more candidates."""
+    def ask(self, more: Iterable[Alternatives], search: str) -> None:
+        """Try more candidates, of a search that is told."""
+        self._search = search
         for alternatives in more:
             self.considered += len(alternatives)
             self._candidates.append(likeliest(alternatives, self._loose, lean_on_friction=self._lean))
@@ -144,6 +152,7 @@ class _Jury:
             self._progress,
             lean_on_friction=self._lean,
             executor=self._executor,
+            search=self._search,
         )
         if len(judged) > len(self.judged):
             self.judged = judged
@@ -153,7 +162,7 @@ def _climb(jury: _Jury, robust: RobustCandidates, wall_n_per_m: float) -> None:
     """Try the robust walls from the softest on, until a few in a row are too stiff."""
     too_stiff = 0
     for alternatives in robust.stiff:
-        jury.ask([alternatives])
+        jury.ask([alternatives], "walls of rising stiffness behind an observer")
         if jury.reaches(wall_n_per_m):
             return
         too_stiff = 0 if jury.reaches(felt_at_rest_n_per_m(alternatives[0])) else too_stiff + 1
@@ -170,17 +179,17 @@ def _closer(problem: Problem, jury: _Jury, limit: DampingRange, robust: RobustCa
     low = jury.reached_n_per_m()
     high = None if low < 0 else stiffer_rung_n_per_m(problem, limit, robust, low)
     if high is not None and robust.walls_n_per_m:
-        jury.ask(robust.afresh(high))
+        jury.ask(robust.afresh(high), "the next stiffer wall afresh")
         if jury.holds(high):
             low, high = high, stiffer_rung_n_per_m(problem, limit, robust, high)
     for _ in range(_MOST_HALVED if high is not None else 0):
         if (high or low) < _CLOSE * low:
             break
         middle = math.sqrt(low * (high or low))
-        jury.ask(softened_to(problem, corners, middle))
+        jury.ask(softened_to(problem, corners, middle), _BETWEEN)
         held = jury.holds(middle)
         for more in () if held else robust.at(middle):
-            jury.ask([more])
+            jury.ask([more], _BETWEEN)
             held = jury.holds(middle)
             if held:
                 break

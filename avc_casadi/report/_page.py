@@ -126,7 +126,7 @@ def _deployment(found: Mapping[str, Any]) -> str:
         ),
         "<h3>What limits it, and what would help</h3>",
         _table(
-            ("what would help", "plain spring and damper hold, N/m"),
+            ("what would help", "plain spring and damper hold, by linear stability alone, N/m"),
             [
                 ("the device as it is", found["plain_wall_n_per_m"]),
                 *((one["change"], one["stiffest_wall_n_per_m"]) for one in found["what_would_help"]),

@@ -144,6 +144,19 @@ def random_devices(found: Document) -> str:
     )
 
 
+def recommend_time(found: Document) -> str:
+    cells = [cell for cell in found["cells"].values() if "cpu_s" in cell]
+    beyond = np.array([cell["wall_n_per_m"] > cell["plain_n_per_m"] for cell in cells])
+    cpu = np.array([cell["cpu_s"] for cell in cells])
+    return (
+        f"A wall that spring and damper hold on a usual device, as here or on `figure5`, takes a few seconds. Stiffer "
+        f"walls and odd devices take longer: of {len(cells)} devices drawn at random, a recommendation took "
+        f"{np.median(cpu[~beyond]):.1f} s of processor time in the median where spring and damper hold the wall, "
+        f"{np.median(cpu[beyond]):.0f} s where they do not, over 10 s on {int((cpu > 10).sum())} and "
+        f"{cpu.max():.0f} s at most."
+    )
+
+
 def table1(found: Document) -> str:
     people = found["hands"]
     by_wall: dict[str, dict[str, Document]] = {}
@@ -369,6 +382,7 @@ BLOCKS: Mapping[str, ResultBlock] = {
     "figure5-recommended": ResultBlock("recommended", figure5_recommended, quiet=True),
     "what-would-help": ResultBlock("recommended", what_would_help),
     "random-devices": ResultBlock("random_devices", random_devices),
+    "recommend-time": ResultBlock("random_devices", recommend_time, quiet=True),
     "table1": ResultBlock("table1", table1),
     "table1-read": ResultBlock("table1", table1_read, quiet=True),
     "closed-form": ResultBlock("guide_figures", closed_form, quiet=True),

@@ -85,7 +85,7 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT, limit: DampingR
     plain = _plain_n_per_m(problem, limit)
     space, loops = Space(device, hands), Loops.of(device, hands)
     if wanted <= _AT_ONCE * plain:
-        progress.advance(0, 1, f"the wall, {wanted:.4g} N/m")
+        progress.advance(0, 1, f"search of a law for the wall, {wanted:.4g} N/m")
         at_once = _searched(problem, space, loops, wanted)
         if at_once is not None:
             yield at_once
@@ -94,7 +94,7 @@ def robust_ladder(problem: Problem, progress: Progress = SILENT, limit: DampingR
     below: Rung | None = None
     for rung in range(_MOST_RUNGS):
         stiffness = _FIRST * plain * NEXT**rung
-        progress.advance(rung, rung + 2, f"walls, {stiffness:.4g} N/m")
+        progress.advance(rung, rung + 2, f"walls of rising stiffness, search of a law for {stiffness:.4g} N/m")
         found = _searched(problem, space, loops, stiffness, below)
         if stiffness >= wanted:
             known = [one for one in (below, found) if one is not None]
@@ -166,7 +166,7 @@ def softer_robust(
         stiffness = near.stiffness_n_per_m
     for done in range(MOST_SOFTER):
         stiffness *= SOFTER
-        progress.advance(done, MOST_SOFTER, f"softer walls, {stiffness:.4g} N/m")
+        progress.advance(done, MOST_SOFTER, f"softer walls, search of a law for {stiffness:.4g} N/m")
         found = _searched(problem, space, loops, stiffness, near)
         if found is not None:
             near = found
@@ -194,7 +194,7 @@ def stiffest_robust(problem: Problem, near: Rung | None = None, progress: Progre
         near = near if len(space.knobs) == len(near.found.logarithms) else None
     best: Rung | None = None
     for done in range(_MOST_STEPS):
-        progress.advance(done, done + 2, f"walls, {stiffness:.4g} N/m")
+        progress.advance(done, done + 2, f"stiffest wall, search of a law for {stiffness:.4g} N/m")
         found = _at_any_price(stated, space, loops, stiffness, near)
         if found is None and best is not None:
             break

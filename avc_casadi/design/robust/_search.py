@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from importlib.abc import MetaPathFinder
 from operator import itemgetter
+from threading import get_ident
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -109,6 +112,31 @@ def _apart(seen: list[tuple[float, FloatArray]]) -> list[FloatArray]:
     return taken
 
 
+class _Without(MetaPathFinder):
+    """Modules that this thread does not find, unless they are loaded already."""
+
+    def __init__(self, *names: str) -> None:
+        self._names, self._thread = names, get_ident()
+
+    def find_spec(self, fullname: str, path: object = None, target: object = None) -> None:  # noqa: ARG002
+        """Find nothing, for everybody else to look on."""
+        if fullname in self._names and get_ident() == self._thread:
+            raise ModuleNotFoundError(f"{fullname} is left out", name=fullname)
+
+
+def _cma() -> Any:
+    """Import the package without what it can do without: plotting and statistics cost a second and are not used."""
+    unused = _Without("matplotlib", "matplotlib.pyplot", "scipy.stats")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what is left out
+        sys.meta_path.insert(0, unused)
+        try:
+            import cma  # noqa: PLC0415
+        finally:
+            sys.meta_path.remove(unused)
+    return cma
+
+
 def _evolve(
     function: Callable[[FloatArray], FloatArray],
     start: FloatArray,
@@ -117,10 +145,7 @@ def _evolve(
     evaluations: int,
 ) -> list[tuple[float, FloatArray]]:
     """Minimise by covariance matrix adaptation (Hansen 2016); return what was seen."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of its own plotting, on import
-        import cma  # noqa: PLC0415
-
+    cma = _cma()
     # Its own generator would seed numpy's, which belongs to the caller.
     draw: Any = np.random.default_rng(0).standard_normal
     options = {

@@ -1,0 +1,21 @@
+"""The package of the robust search brings plotting and statistics along, which cost more than a short search."""
+
+import subprocess
+import sys
+
+SEARCHED = """
+import sys
+import numpy as np
+from avc_casadi.design.robust._search import _evolve
+seen = _evolve(lambda points: (points**2).sum(axis=1), np.ones(2), (-2 * np.ones(2), 2 * np.ones(2)), 0.3, 200)
+assert min(value for value, _ in seen) < 1e-2
+print(*(name for name in ("matplotlib", "scipy.stats") if name in sys.modules))
+import scipy.stats
+import matplotlib.pyplot
+"""
+
+
+def test_a_search_loads_neither_plots_nor_statistics_and_hides_them_from_nobody():
+    command = [sys.executable, "-c", SEARCHED]
+    found = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - ours
+    assert found.stdout.split() == []
