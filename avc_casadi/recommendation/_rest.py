@@ -49,7 +49,9 @@ def with_rest(coupling: Coupling, felt_n_per_m: float, progress: Progress = SILE
     if "L7" not in levels:
         level = quick_rest_level(coupling, progress)
         if level is None:
-            return coupling, RestKnown("simulated", "no proof was asked for (--prove; it may take minutes)")
+            return coupling, RestKnown(
+                "simulated", "no proof was asked for; avc recommend P --prove asks for one, in minutes"
+            )
         levels["L7"] = level.document()
         coupling = coupling.with_certificate(certificate | {"levels": levels})
     word, claim = levels["L7"]["outcome"], levels["L7"]["claim"]

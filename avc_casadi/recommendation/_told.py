@@ -73,7 +73,7 @@ def _limits(document: dict[str, Any]) -> list[str]:
     if leaning is not None and felt is not None and leaning > _STIFFER * felt:
         lines.append(
             f"friction: if rest by the declared {number(document['felt']['friction_n'])} N of dry friction is enough, "
-            f"{number(leaning)} N/m at least: --lean-on-friction searches for it"
+            f"{number(leaning)} N/m at least; avc recommend P --lean-on-friction searches for it"
         )
     return lines
 
@@ -97,7 +97,7 @@ def gains_line(coupling: dict[str, Any]) -> str:
         law = runtime["state_feedback"]
         beside.append(
             f"observer of {len(law['innovation'])} states with a dead zone of +-{number(1e6 * law['dead_zone_m'])} um, "
-            "and state feedback (numbers in --out and --json, C by avc export)"
+            "and state feedback (numbers in the coupling file, C by avc export)"
         )
     if not coupling["constant"]:
         beside.append(f"estimator {runtime['estimator']} and adaptation over {len(rows['frequency_hz'])} rows")

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.certificate import levels_table
 from avc_casadi.loop import ASSUMPTIONS, PAPER_ERRORS
+from avc_casadi.problem import catalogue_names
 from avc_casadi.report._frame import Picture, filled, items_html, page_html, table_html
 from avc_casadi.report._summary import device_line, injection_line, scope_line, summary_lines
 from avc_casadi.study.comparison import comparison_document, comparison_tables
-from avc_casadi.support import Cell, Table, number
+from avc_casadi.support import Cell, Table, number, with_problem
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
@@ -75,7 +76,14 @@ def report_html(contents: ReportContents) -> str:
         ),
     )
     title = f"{contents.problem.name}: {contents.problem.title}"
-    return page_html(title, contents.problem.source, body, contents.versions)
+    return page_html(
+        title, contents.problem.source, with_problem(body, escape(_file(contents.problem))), contents.versions
+    )
+
+
+def _file(problem: Problem) -> str:
+    """Return what a command calls the problem: its name in the catalogue, else its file beside the report's folder."""
+    return problem.name if problem.name in catalogue_names() else f"{problem.name}.toml"
 
 
 def _verdict(found: Mapping[str, Any]) -> str:

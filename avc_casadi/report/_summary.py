@@ -181,7 +181,7 @@ def device_line(push: Mapping[str, Any]) -> str:
     if "skipped" in push:
         return f"device: push skipped; {push['skipped']}"
     if push.get("deployable") is False:  # why not stands in the conclusion
-        return "device: push refused, as the coupling is not deployable; --unsafe overrides"
+        return "device: push refused, as the coupling is not deployable; avc push coupling.json --unsafe overrides"
     if "refused" in push:
         return f"device: push refused; {push['refused']}"
     equal = "equal" if push["readback_equal"] else "NOT EQUAL"

@@ -8,6 +8,7 @@ from avc_casadi.support._arrays import IndexArray as IndexArray
 from avc_casadi.support._background import Background as Background
 from avc_casadi.support._chunked import Chunked as Chunked
 from avc_casadi.support._chunked import Part as Part
+from avc_casadi.support._commands import with_problem as with_problem
 from avc_casadi.support._display import Columns as Columns
 from avc_casadi.support._display import Tabular as Tabular
 from avc_casadi.support._display import columns_html as columns_html
