@@ -2,6 +2,7 @@
 
 import json
 import multiprocessing
+import re
 import threading
 import time
 
@@ -214,6 +215,46 @@ def test_the_pointer_presses_the_wall_and_its_vibration_is_heard(page):
     until(lambda: by_id(page, "toy-run").get_attribute("aria-pressed") == "false")
 
 
+def test_a_gain_at_one_frequency_alone_is_a_mark(page):
+    drawn = page.execute_async_script(
+        """
+        const done = arguments[0];
+        import(new URL('charts.js', location.href)).then(({ chart }) => {
+          const host = document.createElement('figure');
+          host.id = 'alone';
+          document.body.append(host);
+          const y = [1, null, 3, null, 5, 6, null];
+          chart(host, { title: 't', summary: 's', x: { label: 'x', kind: 'linear' }, y: { label: 'y', kind: 'linear' },
+            series: [{ name: 'one', cls: 'a', x: [1, 2, 3, 4, 5, 6, 7], y }] });
+          const marks = [...host.querySelectorAll('g circle.alone')].map((one) => Number(one.getAttribute('cx')));
+          const line = host.querySelector('g path.line').getAttribute('d');
+          host.remove();
+          done([marks, line]);
+        });
+        """
+    )
+    assert len(drawn[0]) == 2
+    assert drawn[1].count("M") == drawn[1].count("L") == 1
+
+
+def test_a_knob_is_shown_and_pressed_in_its_own_units(driver):
+    with ExploreServer(Explorer(avc.load_problem("knob").changed(frequency={"points": 30}), "knob")) as turning:
+        threading.Thread(target=turning.serve_forever, daemon=True).start()
+        driver.get(turning.url)
+        settled(driver)
+        assert "N·m/rad" in by_id(driver, "verdict").text
+        assert "Torque against angle" in by_id(driver, "c-loop").text
+        text = driver.execute_script("return document.body.textContent")
+        assert not re.search(r"N·s/m|N/m|kg(?!·m²)", text)
+        by_id(driver, "toy-run").click()
+        until(lambda: "° before the wall" in by_id(driver, "toy").get_attribute("aria-label"))
+        by_id(driver, "toy-run").click()
+        assert console_errors(driver) == []
+        driver.get("about:blank")
+        turning.shutdown()
+    requested(driver)
+
+
 def found_at_once(task, progress):
     """In place of the search of `recommend`, which has tests of its own: a coupling that holds on a Falcon."""
     problem, _ = task
@@ -320,6 +361,19 @@ def test_the_page_feeds_back_the_believed_state_as_the_scene_does(page):
     moved = driven(page, problem, coupling, run)
     kept = slice(0, 200)  # the loop amplifies what rounding leaves
     np.testing.assert_allclose(moved[kept, 0], run.position_m[kept], rtol=0, atol=1e-9)
+
+
+def test_the_page_turns_a_knob_through_its_detents_as_the_scene_does(page):
+    problem = avc.load_problem("knob").changed(
+        scene={"duration_s": 0.6, "integrator": "projected", "substeps": 4},
+        detent={"width": 0.6, "damping_ns_per_m": 2e-4},
+    )
+    coupling = avc.Coupling.constant(problem, Gains(0.0, 20.0, 2e-3), "typed")
+    run = simulate(problem, coupling)
+    moved = driven(page, problem, coupling, run)
+    np.testing.assert_allclose(moved[:, 0], run.position_m, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(moved[:, 1], run.force_n, rtol=0, atol=1e-7)
+    assert run.force_n.min() < 0 < run.force_n.max()
 
 
 def coupling_gains(gains):

@@ -1,6 +1,7 @@
 """What the page of `avc explore` sets is a problem like any other: same rules, same files, same answers."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -82,6 +83,13 @@ def test_the_verdict_is_that_of_certify_and_deployable():
     assert found["deployable"]["pass"] == avc.deployable(coupling).passed
     levels = avc.certify(problem, coupling.schedule).levels
     assert {one["level"]: one["pass"] for one in found["levels"]} == {name: one.passed for name, one in levels.items()}
+
+
+def test_advice_is_what_to_choose_on_the_page():
+    claims = told("judge", method="constant", gains={"stiffness_n_per_m": 1e6})["deployable"]["claims"]
+    advice = [one["advice"] for one in claims if not one["pass"]]
+    assert "take recommend, under Method, which gives the stiffest coupling" in advice[0]
+    assert "avc " not in "".join(advice)
 
 
 def test_a_saved_coupling_is_one():
@@ -178,3 +186,83 @@ def test_a_device_file_that_is_wrong_says_where():
     )
     faults = [(fault["file"], fault["line"], fault["key"]) for fault in found["errors"]]
     assert ("mine.toml", 2, "device.mass_kg") in faults
+
+
+KNOB = avc.load_problem("knob").changed(frequency={"points": 30})
+
+
+def test_a_device_that_turns_has_its_units_everywhere():
+    begun, found = told("start", KNOB), told("now", KNOB, values={"environment.stiffness_n_per_m": 0.5})
+    units = {field["key"]: field["unit"] for field in begun["fields"]}
+    assert units["device.mass_kg"] == "kg·m²"
+    assert units["environment.damping_ns_per_m"] == begun["words"]["impedance"] == "N·m·s/rad"
+    assert units["detent.force_n"] == begun["words"]["force"] == "N·m"
+    assert units["device.handle_radius_m"] == "mm"
+    assert {one["name"] for one in begun["devices"]} == {"smartknob", "direct-drive-wheel"}
+    assert all(KNOB.device.motion == avc.load_device(one["name"]).device.motion for one in begun["devices"])
+    assert begun["values"]["device.mass_kg"] == 3e-5
+    assert found["title"] == "Wall of 0.5 N.m/rad for the device of knob"
+    spoken = json.dumps([begun, found, told("judge", KNOB), told("region", KNOB)], ensure_ascii=False)
+    texts = re.sub(r'"[a-z_.0-9]+"', "", spoken)  # keys stay inside
+    assert not re.search(r"N[.·]s/m|N/m|\d kg(?!·)|\bmass\b|\bforce\b", texts)
+
+
+def test_the_slider_of_every_value_of_a_knob_reaches_it():
+    begun = told("start", KNOB)
+    for field in begun["fields"]:
+        value = begun["values"][field["key"]]
+        if isinstance(value, float) and value > 0 and not field["choices"]:
+            assert field["low"] <= value / field["factor"] <= field["high"], field["key"]
+
+
+def test_faults_of_a_knob_are_told_in_its_units():
+    typed = {"environment.stiffness_n_per_m": -1.0, "device.encoder_resolution_m": -1.0, "detent.pitch_m": None}
+    faults = {one["key"]: one["message"] for one in told("now", KNOB, values=typed)["errors"]}
+    assert faults == {
+        "environment.stiffness_n_per_m": "is -1.0; allowed: 0 or 1e-9 to 1e12 N·m/rad",
+        "device.encoder_resolution_m": "is -1e6; allowed: 0 or 1e-6 to 1e6 µrad",
+    }
+
+
+def test_a_knob_saved_and_its_coupling_are_files_of_a_device_that_turns():
+    values = {"environment.stiffness_n_per_m": 0.5, "detent.force_n": 0.02}
+    ask = {
+        "values": values,
+        "method": "constant",
+        "gains": {"contact_damping_ns_per_m": 1e-3, "stiffness_n_per_m": 9.0},
+    }
+    files = {
+        kind: answer(Explorer(KNOB, "knob"), PARTS["file"], asked(**ask) | {"kind": kind})
+        for kind in ("problem", "coupling", "csv")
+    }
+    problem = avc.parse_problem(files["problem"]["text"], name=KNOB.name)
+    assert problem.environment.stiffness_n_per_m == 0.5
+    assert problem.detent == KNOB.changed(detent={"force_n": 0.02}).detent
+    assert problem.device == KNOB.device
+    document = json.loads(files["coupling"]["text"])
+    assert document["units"]["stiffness"] == "N.m/rad"
+    assert document["table"]["stiffness_nm_per_rad"] == [9.0]
+    assert files["csv"]["text"].splitlines()[0].endswith("stiffness_nm_per_rad,contact_damping_nms_per_rad")
+
+
+def test_hands_go_with_the_handle_of_another_device_and_motions_do_not_mix():
+    wheel = problem_of_settings(KNOB, settings_of(FRESH | {"device": "direct-drive-wheel"}))
+    wall = {"device": "direct-drive-wheel", "environment": {"stiffness_nm_per_rad": 1.0, "damping_nms_per_rad": 0.0}}
+    alone = avc.parse_problem(
+        "\n".join(
+            (f'device = "{wall["device"]}"', "[environment]", "stiffness_nm_per_rad = 1", "damping_nms_per_rad = 0")
+        )
+    )
+    for key, ends in alone.hands.model_dump().items():
+        assert getattr(wheel.hands, key) == pytest.approx(ends)
+    (fault,) = told("now", KNOB, device="novint-falcon")["errors"]
+    assert (fault["key"], "avc explore figure5" in fault["message"]) == ("device", True)
+    (fault,) = told("now", device="smartknob")["errors"]
+    assert (fault["key"], "avc explore knob" in fault["message"]) == ("device", True)
+
+
+def test_detents_are_put_in_and_taken_out():
+    without = problem_of_settings(KNOB, settings_of(FRESH | {"values": {"detent.force_n": None}}))
+    assert without.detent is None
+    within = problem_of_settings(BASE, settings_of(FRESH | {"values": {"detent.force_n": 0.5}}))
+    assert within.detent.force_n == 0.5

@@ -34,12 +34,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.explore import Explorer, ExploreServer
 
     problem = load_problem(args.problem)
-    if not problem.units.linear:
-        raise avc.UnsupportedError(
-            "device.motion: the sliders of the page are those of a linear device; take avc recommend, avc simulate and "
-            "avc run, or give capstan_radius_m in place of handle_radius_m for the handle of the device",
-            key="device.motion",
-        )
     explorer = Explorer(problem, args.problem, package_versions())
     try:
         server = ExploreServer(explorer, args.port)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Callable, Mapping
 from itertools import pairwise
@@ -13,16 +14,26 @@ import numpy as np
 from avc_casadi._errors import AvcError, InputError, fault_document
 from avc_casadi.certificate import certify, deployable, levels_table, zwidth
 from avc_casadi.coupling import coupling_document, gain_csv
-from avc_casadi.explore._fields import fields_document, labels_of
+from avc_casadi.explore._fields import KEYS, dotted_units, fields_document, labels_of, words_document
 from avc_casadi.explore._requests import RequestError
-from avc_casadi.explore._settings import LIVE, SLOW, Settings, kept_of, problem_of_settings, settings_of, values_of
+from avc_casadi.explore._settings import (
+    GAINS,
+    LIVE,
+    SLOW,
+    Settings,
+    kept_of,
+    problem_of_settings,
+    require_motion,
+    settings_of,
+    values_of,
+)
 from avc_casadi.explore._toy import toy_document
 from avc_casadi.loop import hand_corners, loop_at, perceived_bounds, with_let_go
 from avc_casadi.passivity import passive_limit_n_per_m
 from avc_casadi.problem import device_catalogue, dump_problem, load_device, parse_device
 from avc_casadi.scene import simulate
 from avc_casadi.stability import stiffest_wall
-from avc_casadi.support import json_text, plain
+from avc_casadi.support import json_text, plain, speaking, with_problem
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -31,21 +42,26 @@ if TYPE_CHECKING:
     from avc_casadi.explore._explorer import Explorer
     from avc_casadi.problem import Problem
     from avc_casadi.scene import Run
+    from avc_casadi.support import Units
 
 _DIGITS = 6
 # Points of a trace: a lowest and a highest in each of half as many stretches.
 _TRACE_POINTS = 1200
+# A command that the page does itself.
+_METHOD = re.compile(r"`?avc (?:recommend P|solve P --method ([a-z-]+))`?(?! --)")
 
 
 def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the page is built from: fields, devices, methods and the base."""
+    """Return what the page is built from: words, fields, devices, methods and the base."""
+    base = explorer.base.device
     return {
-        "fields": fields_document(),
+        "words": words_document(base.units),
+        "fields": fields_document(base),
         "values": values_of(explorer.base),
         "devices": [
-            {"name": file.name, "title": file.title, "gaps": labels_of(file.gaps)}
+            {"name": file.name, "title": file.title, "gaps": labels_of(file.gaps, base.units)}
             for file in device_catalogue()
-            if file.device.units.linear
+            if file.device.motion == base.motion
         ],
         "live": list(LIVE),
         "slow": list(SLOW),
@@ -69,7 +85,7 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         "upper": _short(np.abs(upper)),
         "lower": _short(np.abs(lower)),
         "passive_limit_n_per_m": plain(passive_limit_n_per_m(problem.device)),
-        "gains": _gains(explorer.schedule(settings)),
+        "gains": _gains(explorer.schedule(settings), problem.units),
     }
 
 
@@ -89,10 +105,17 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     return found | {
         "certificate": levels_table(certificate).html(),
         "levels": [
-            {"level": level, "title": one["title"], "pass": one["pass"], "refused": bool(one["refused"])}
+            {
+                "level": level,
+                "title": problem.units.text(one["title"]),
+                "pass": one["pass"],
+                "refused": bool(one["refused"]),
+            }
             for level, one in certificate["levels"].items()
         ],
-        "deployable": explorer.heavy(f"deployable {settings.key}", lambda: deployable(coupling)).document(),
+        "deployable": _on_page(
+            explorer, explorer.heavy(f"deployable {settings.key}", lambda: deployable(coupling)).document()
+        ),
     }
 
 
@@ -113,7 +136,11 @@ def region(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "damping_ns_per_m": _short(found.damping_ns_per_m),
         "curves": [
-            {"key": curve.key, "claim": curve.claim, "stiffness_n_per_m": _short(curve.stiffness_n_per_m)}
+            {
+                "key": curve.key,
+                "claim": _told(explorer, curve.claim),
+                "stiffness_n_per_m": _short(curve.stiffness_n_per_m),
+            }
             for curve in found.curves
         ],
         "encoder_limit_n_per_m": found.encoder_limit_n_per_m,
@@ -129,7 +156,11 @@ def toy(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
 
 def work(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Begin a slow method, or say how far it is."""
-    return explorer.work(settings_of(asked.get("settings")), begin=bool(asked.get("begin")))
+    settings = settings_of(asked.get("settings"))
+    told = explorer.work(settings, begin=bool(asked.get("begin")))
+    saved = f"{_stem(explorer.problem(settings))}.toml" if _changed(settings) else explorer.source
+    told["lines"] = [with_problem(line, shlex.quote(saved)) for line in told.get("lines", [])]
+    return told | {key: _told(explorer, told[key]) for key in ("lines", "error", "what") if key in told}
 
 
 def cancel(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -137,7 +168,7 @@ def cancel(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     return explorer.cancel(settings_of(asked.get("settings")))
 
 
-def device(_: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+def device(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values of a device file that was read in the browser, or of a device of the catalogue."""
     text, name = asked.get("text"), asked.get("name")
     if isinstance(text, str):
@@ -146,10 +177,9 @@ def device(_: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         found = load_device(name)
     else:
         raise RequestError(400, "device needs text or name")
-    if not found.device.units.linear:
-        raise InputError.of("turns; allowed: a linear device, or one with capstan_radius_m", key="device.motion")
+    require_motion(found.device, explorer.base.device)
     table = found.device.model_dump(mode="json", exclude_unset=True)
-    return {"title": found.title, "gaps": labels_of(found.gaps), "device": table}
+    return {"title": found.title, "gaps": labels_of(found.gaps, found.device.units), "device": table}
 
 
 def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -157,7 +187,7 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     settings, kind = settings_of(asked.get("settings")), asked.get("kind")
     problem = explorer.problem(settings)
     whole = problem_of_settings(explorer.base, settings, to_save=True)
-    stem = problem.name.replace("/", "-") or "problem"
+    stem = _stem(problem)
     if kind == "problem":
         return {"name": f"{stem}.toml", "text": dump_problem(whole)}
     if kind == "command":
@@ -172,7 +202,7 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     verdict = deployable(coupling).document()
     certificate = dict(coupling.certificate or certify(problem, coupling).document()) | {"deployable": verdict}
     text = json_text(coupling_document(coupling.with_certificate(certificate)))
-    return {"name": f"{stem}-coupling.json", "text": text, "told": verdict["sentence"]}
+    return {"name": f"{stem}-coupling.json", "text": text, "told": _told(explorer, verdict["sentence"])}
 
 
 Part = Callable[["Explorer", Mapping[str, Any]], dict[str, Any]]
@@ -190,18 +220,45 @@ def answer(explorer: Explorer, part: Part, asked: Mapping[str, Any]) -> dict[str
         RequestError: the page would not ask so.
     """
     try:
-        return part(explorer, asked)
+        with speaking(explorer.base.units):
+            return part(explorer, asked)
     except InputError as error:
-        return fault_document(error)
+        return {"errors": [_fault(explorer, one) for one in fault_document(error)["errors"]]}
     except RequestError:
         raise
     except AvcError as error:
-        return {"refused": str(error)}
+        return {"refused": _told(explorer, str(error))}
+
+
+def _fault(explorer: Explorer, fault: dict[str, Any]) -> dict[str, Any]:
+    of_field = fault["key"] in KEYS or fault["key"].removeprefix("gains.") in GAINS
+    key = fault["key"] if of_field else explorer.base.units.text(fault["key"])
+    return fault | {"key": key, "message": _told(explorer, fault["message"])}
+
+
+def _on_page(explorer: Explorer, verdict: dict[str, Any]) -> dict[str, Any]:
+    """Return a verdict whose advice is what to choose on the page, in place of a command."""
+    claims = [one | {"advice": _METHOD.sub(_chosen, one["advice"])} for one in verdict["claims"]]
+    told: dict[str, Any] = _told(explorer, verdict | {"claims": claims})
+    return told
+
+
+def _chosen(found: re.Match[str]) -> str:
+    return f"{found[1] or 'recommend'}, under Method"
+
+
+def _told(explorer: Explorer, told: Any) -> Any:
+    """Return a text, or every text of an answer, in the words and with the units of the page."""
+    if isinstance(told, str):
+        return dotted_units(explorer.base.units.text(told))
+    if isinstance(told, Mapping):
+        return {key: _told(explorer, one) for key, one in told.items()}
+    return [_told(explorer, one) for one in told] if isinstance(told, list | tuple) else told
 
 
 def _command(explorer: Explorer, settings: Settings, problem: Problem, name: str) -> str:
     """Return what to type for the same: the problem as a file where it is none yet, then the verb."""
-    changed = bool(settings.values) or settings.device is not None
+    changed = _changed(settings)
     lines = [f"cat > {name} <<'AVC_PROBLEM'", dump_problem(problem).rstrip(), "AVC_PROBLEM"] if changed else []
     which = name if changed else shlex.quote(explorer.source)
     if settings.method == "recommend":
@@ -214,7 +271,15 @@ def _command(explorer: Explorer, settings: Settings, problem: Problem, name: str
     return "\n".join(lines) + "\n"
 
 
-def _gains(schedule: GainSchedule | None) -> dict[str, Any] | None:
+def _changed(settings: Settings) -> bool:
+    return bool(settings.values) or settings.device is not None
+
+
+def _stem(problem: Problem) -> str:
+    return problem.name.replace("/", "-") or "problem"
+
+
+def _gains(schedule: GainSchedule | None, units: Units) -> dict[str, Any] | None:
     if schedule is None:
         return None
     usable = schedule.usable
@@ -226,7 +291,7 @@ def _gains(schedule: GainSchedule | None) -> dict[str, Any] | None:
         "contact_damping_ns_per_m": _short(schedule.contact_damping_ns_per_m),
         **_impedance(np.where(usable, schedule.impedance, np.nan)),
         "counts": schedule.counts(),
-        "reasons": list(dict.fromkeys(filter(None, schedule.reason)))[:3],
+        "reasons": [units.text(reason) for reason in dict.fromkeys(filter(None, schedule.reason))][:3],
     }
 
 

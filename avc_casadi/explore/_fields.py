@@ -1,11 +1,22 @@
-"""What the page lets an engineer change: keys of a problem file with the units and ranges of their sliders."""
+"""What the page lets an engineer change: keys of a problem file with the units and ranges of their sliders.
+
+The keys are those inside, which are those of a linear device; a device that turns has its own units and ranges.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi.problem import power_at_handle
+from avc_casadi.support import units_for
+
+if TYPE_CHECKING:
+    from avc_casadi.problem import Device
+    from avc_casadi.support import MotionKind, Units
 
 
 @dataclass(frozen=True)
@@ -25,6 +36,7 @@ class Field:
         choices: what may be chosen.
         start: value taken where the problem has none, in SI units.
         folded: whether its group is folded up at first.
+        turns: whether a device that turns alone has it.
     """
 
     key: str
@@ -39,10 +51,12 @@ class Field:
     choices: tuple[str, ...] = ()
     start: float | None = None
     folded: bool = False
+    turns: bool = False
 
 
-WALL, DEVICE, LOOP, STRUCTURE, KNOWN, HANDS, REAL, RENDERING = (
+WALL, DETENTS, DEVICE, LOOP, STRUCTURE, KNOWN, HANDS, REAL, RENDERING = (
     "Wall",
+    "Detents along the way",
     "Device",
     "Sampling, delay and encoder",
     "Amplifier and resonance",
@@ -51,6 +65,8 @@ WALL, DEVICE, LOOP, STRUCTURE, KNOWN, HANDS, REAL, RENDERING = (
     "What feels real: bounds of the wall",
     "Coupling, model and frequencies",
 )
+HANDLE = "device.handle_radius_m"
+"""Where a hand holds a device that turns."""
 RANGES = "device.range."
 """Beginning of the keys of a range, which end in 0 for the lowest value and in 1 for the highest."""
 
@@ -66,6 +82,11 @@ def _ends(name: str, label: str, unit: str, low: float, high: float, scale: str 
 FIELDS: tuple[Field, ...] = (
     Field("environment.stiffness_n_per_m", WALL, "stiffness", "N/m", 100, 1e6, "log"),
     Field("environment.damping_ns_per_m", WALL, "damping", "N·s/m", 0, 100),
+    Field("detent.force_n", DETENTS, "largest force", "N", 0.05, 5, "log", blank="no detents", folded=True),
+    Field("detent.pitch_m", DETENTS, "from one to the next", "mm", 0.5, 50, "log", 1e-3, start=5e-3, folded=True),
+    Field("detent.centre_m", DETENTS, "one of them, from the wall", "mm", -10, 10, factor=1e-3, start=0.0, folded=True),
+    Field("detent.damping_ns_per_m", DETENTS, "damping", "N·s/m", 0, 5, start=0.0, folded=True),
+    Field(HANDLE, DEVICE, "hand holds it at", "mm", 5, 300, "log", factor=1e-3, turns=True),
     Field("device.mass_kg", DEVICE, "mass", "kg", 0.01, 2, "log"),
     Field("device.damping_ns_per_m", DEVICE, "damping", "N·s/m", 0, 20),
     Field("device.coulomb_friction_n", DEVICE, "dry friction", "N", 0, 2),
@@ -98,18 +119,65 @@ FIELDS: tuple[Field, ...] = (
     Field("frequency.points", RENDERING, "how many", "", 20, 1000, "log", blank="as listed"),
 )
 KEYS: frozenset[str] = frozenset(field.key for field in FIELDS)
+_PLACE = re.compile(r"\.\d$")
 
 
 # What ends a key of the problem file: its unit.
 _UNIT = re.compile(r"(_rms)?_(kg|ns_per_m|n_per_m|samples|hz|n|m|s)$")
+_SQUARE = re.compile(r"(?<=kg\Wm)2")
 
 
-def labels_of(keys: Iterable[str]) -> list[str]:
+def page_unit(unit: str, units: Units) -> str:
+    """Return a unit as the page writes it: N·m·s/rad, kg·m²."""
+    return dotted_units(units.unit(unit))
+
+
+def dotted_units(text: str) -> str:
+    """Return a text with the units in it as the page writes them."""
+    return _SQUARE.sub("²", re.sub(r"(?<=\bN)\.(?=[ms])|(?<=\bN[.·]m)\.(?=s)|(?<=kg)\.(?=m2)", "·", text))
+
+
+def words_document(units: Units) -> dict[str, str]:
+    """Return units and nouns in which the page itself speaks."""
+    return {
+        "impedance": page_unit("N·s/m", units),
+        "stiffness": page_unit("N/m", units),
+        "force": page_unit("N", units),
+        "milli": page_unit("mm", units),
+        "micro": page_unit("µm", units),
+        "pushed": units.text("Force"),
+        "depth": "depth" if units.linear else "angle",
+        "motion": units.motion,
+    }
+
+
+def labels_of(keys: Iterable[str], units: Units) -> list[str]:
     """Return keys of a device by the names of their fields, and by their own words where they have none."""
     known = {field.key.removeprefix("device."): field.label for field in FIELDS}
-    return [known.get(key) or _UNIT.sub("", key).replace("_", " ") for key in keys]
+    return [units.text(known.get(key) or _UNIT.sub("", key).replace("_", " ")) for key in keys]
 
 
-def fields_document() -> list[dict[str, Any]]:
+def fields_for(device: Device) -> tuple[Field, ...]:
+    """Return the fields of devices of one motion; sliders of one that turns reach as far as others at its handle."""
+    return _fields_for(device.units.motion, device.metres_per_unit)
+
+
+def fields_document(device: Device) -> list[dict[str, Any]]:
     """Return the fields as JSON values."""
-    return [asdict(field) for field in FIELDS]
+    return [asdict(field) for field in fields_for(device)]
+
+
+@lru_cache
+def _fields_for(motion: MotionKind, radius_m: float) -> tuple[Field, ...]:
+    if motion == "linear":
+        return tuple(field for field in FIELDS if not field.turns)
+    return tuple(field if field.turns else _turned(field, radius_m) for field in FIELDS)
+
+
+def _turned(field: Field, radius_m: float) -> Field:
+    units = units_for("rotary")
+    label, unit = units.text(field.label), page_unit(field.unit, units)
+    size = radius_m ** -power_at_handle(_PLACE.sub("", field.key))
+    low, high = (float(f"{end * size:.2g}") for end in (field.low, field.high))
+    start = None if field.start is None else float(f"{field.start * size:.3g}")
+    return replace(field, label=label, unit=unit, low=low, high=high, start=start)

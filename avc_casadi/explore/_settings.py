@@ -14,9 +14,9 @@ from typing import Any, Literal
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.coupling import Gains
 from avc_casadi.explore._faults import on_page
-from avc_casadi.explore._fields import FIELDS, KEYS, RANGES
+from avc_casadi.explore._fields import HANDLE, KEYS, RANGES, fields_for
 from avc_casadi.explore._requests import RequestError
-from avc_casadi.problem import Problem, load_device, problem_document, problem_of
+from avc_casadi.problem import Device, Problem, load_device, power_at_handle, problem_document, problem_of
 
 LiveMethod = Literal["direct", "closed-form", "exact", "constant"]
 LIVE: tuple[str, ...] = ("direct", "closed-form", "exact", "constant")
@@ -97,7 +97,8 @@ def problem_of_settings(base: Problem, settings: Settings, *, to_save: bool = Fa
 
     The bounds of what feels real keep their ratio to the wall, as far as they were not typed. A value that is given
     anew is no longer in doubt as the old one was: its range goes, unless that is typed too. Frequencies end below
-    Nyquist. The scene is a press, a tap or a hold with all that the device declares.
+    Nyquist. Hands and bounds of the gains go with the handle of a device that turns, where it is held elsewhere. The
+    scene is a press, a tap or a hold with all that the device declares.
 
     Args:
         base: what was started with.
@@ -110,9 +111,12 @@ def problem_of_settings(base: Problem, settings: Settings, *, to_save: bool = Fa
     tables = problem_document(base)
     if settings.device is not None:
         tables["device"] = _device_table(base, settings.device)
+    tables["device"].update({"handle_radius_m": settings.values[HANDLE]} if HANDLE in settings.values else {})
+    _hold_elsewhere(tables, base.device)
     for key in sorted(settings.values, key=lambda one: one.startswith(RANGES)):  # ranges last, about what is typed
         _put(tables, key, settings.values[key])
-    _mend_resonance(tables["device"], settings.values)
+    _mend_started(tables, tables["device"], "resonance", "frequency_hz", base.device)
+    _mend_started(tables, tables, "detent", "force_n", base.device)
     _end_below_nyquist(tables, settings.values)
     if "measured" not in tables["boundaries"]:
         _scale_bounds(tables, base, settings.values)
@@ -124,7 +128,7 @@ def problem_of_settings(base: Problem, settings: Settings, *, to_save: bool = Fa
     try:
         problem = problem_of(tables | _headed(base, settings, tables["environment"]), file="")
     except InputError as error:
-        told = list(on_page(error.faults, settings.values))
+        told = list(on_page(error.faults, settings.values, base.device))
         raise InputError([*told, *(one for one in own if one.key not in {fault.key for fault in told})]) from None
     if own:
         raise InputError(own)
@@ -137,7 +141,7 @@ def _headed(base: Problem, settings: Settings, wall: Mapping[str, Any]) -> dict[
         return {"name": base.name, "title": base.title, "source": base.source}
     device = settings.device if isinstance(settings.device, str) else "" if settings.device is None else "device-file"
     stiffness = wall.get("stiffness_n_per_m")
-    of = f" of {stiffness:g} N/m" if isinstance(stiffness, int | float) else ""
+    of = f" of {stiffness:g} {base.units.unit('N/m')}" if isinstance(stiffness, int | float) else ""
     return {
         "name": f"{(device or base.name).replace('/', '-') or 'problem'}-explored",
         "title": f"Wall{of} for {device or f'the device of {base.name}'}",
@@ -160,16 +164,19 @@ def constant_gains(settings: Settings) -> Gains:
 def values_of(problem: Problem) -> dict[str, Any]:
     """Return the value of every field, in SI units; None where the problem has none."""
     tables = problem_document(problem)
-    return {field.key: _get(tables, field.key) for field in FIELDS}
+    return {field.key: _get(tables, field.key) for field in fields_for(problem.device)}
 
 
 def kept_of(problem: Problem) -> list[str]:
     """Return what the problem says otherwise than by default and the page has no field for, as a problem file would."""
-    plainest = {"device": {"mass_kg": 0.0, "damping_ns_per_m": 0.0}, "environment": problem.environment}
+    device: dict[str, Any] = {"mass_kg": 0.0, "damping_ns_per_m": 0.0}
+    if not problem.units.linear:
+        device |= {"motion": problem.device.motion, "handle_radius_m": problem.device.handle_radius_m}
+    plainest = {"device": device, "environment": problem.environment}
     default = dict(_flat(problem_document(Problem.model_validate(plainest))))
     found = {key: json.dumps(value) for key, value in _flat(problem_document(problem)) if default.get(key) != value}
     return [
-        f"{key} = {text if len(text) <= _TOLD else f'{text[:_TOLD]} ...'}"
+        f"{problem.units.text(key)} = {text if len(text) <= _TOLD else f'{text[:_TOLD]} ...'}"
         for key, text in found.items()
         if not _has_field(key)
     ]
@@ -197,10 +204,24 @@ def _device_table(base: Problem, device: str | Mapping[str, Any]) -> dict[str, A
         found = load_device(device).device
     else:
         found = problem_of({"device": device, "environment": base.environment.model_dump()}, file="").device
-    if not found.units.linear:
-        raise InputError.of("turns; allowed: a linear device", key="device.motion")
+    require_motion(found, base.device)
     table: dict[str, Any] = found.model_dump(mode="json", exclude_unset=True)
     return table
+
+
+def require_motion(device: Device, like: Device) -> None:
+    """Refuse a device that turns where the page speaks of one that does not, and the other way.
+
+    Raises:
+        InputError: it moves otherwise.
+    """
+    if device.motion == like.motion:
+        return
+    if like.units.linear:
+        message = "turns; allowed here: a linear device, or one with capstan_radius_m; for knobs: avc explore knob"
+    else:
+        message = "moves in a line; allowed here: a device that turns; for others: avc explore figure5"
+    raise InputError.of(message, key="device")
 
 
 def _gain_faults(settings: Settings) -> Iterator[Fault]:
@@ -271,16 +292,32 @@ def _get(tables: Any, key: str) -> Any:
     return tables
 
 
-def _mend_resonance(device: dict[str, Any], values: Mapping[str, Any]) -> None:
-    """A resonance is there with its frequency, and its other numbers have a value to start from."""
-    table = device.get("resonance", {})
-    if table.get("frequency_hz") is None:
-        device.pop("resonance", None)
-        device.get("range", {}).pop("resonance", None)
+def _hold_elsewhere(tables: dict[str, Any], before: Device) -> None:
+    """Take hands and bounds of the gains along to the radius at which the device is held now."""
+    radius = tables["device"].get("handle_radius_m")
+    if before.units.linear or isinstance(radius, bool) or not isinstance(radius, int | float) or not radius > 0:
         return
-    for field in FIELDS:
-        if field.start is not None and values.get(field.key) is None:
-            table.setdefault(field.key.rpartition(".")[2], field.start)
+    ratio = radius / before.metres_per_unit
+    if ratio == 1:
+        return
+    for table in (tables["hands"], tables["coupling"]):
+        for key, value in table.items():
+            power = power_at_handle(key)
+            if power and isinstance(value, list):
+                table[key] = [end * ratio**-power for end in value]
+
+
+def _mend_started(tables: dict[str, Any], outer: dict[str, Any], name: str, main: str, device: Device) -> None:
+    """A resonance is there with its frequency, detents with their force; other numbers have a value to start from."""
+    table = outer.get(name) or {}
+    if table.get(main) is None:
+        outer.pop(name, None)
+        tables["device"].get("range", {}).pop(name, None)
+        return
+    for field in fields_for(device):
+        *path, last = field.key.split(".")
+        if field.start is not None and path[-1] == name and table.get(last) is None:
+            table[last] = field.start
 
 
 def _scale_bounds(tables: dict[str, Any], base: Problem, values: Mapping[str, Any]) -> None:

@@ -1,7 +1,8 @@
 """The numbers of one sample of the loop, with which the page itself moves the device while a hand presses the wall.
 
 The same sample as that of a scene with ``integrator = "projected"``: encoder, observer with state feedback, coupling
-and contact law, force limit, delay, amplifier, resonance and dry friction. Noise and backlash are left out, and named.
+and contact law, detents, force limit, delay, amplifier, resonance and dry friction. Noise and backlash are left out,
+and named.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from avc_casadi.loop import LinearPlant
     from avc_casadi.problem import Problem
 
+# How far the pointer moves a handle, and the least that the trace of its force reaches to.
+_REACH_M, _LEAST_N = 0.02, 1.0
 SUBSTEPS = 4
 """Steps of a stretch of the sample, in each of which the dry friction is constant."""
 
@@ -56,6 +59,9 @@ def toy_document(problem: Problem, coupling: Coupling | None) -> dict[str, Any]:
     found: dict[str, Any] = plain(
         {
             "sample_time_s": device.sample_time_s,
+            "reach": _REACH_M / device.metres_per_unit,
+            "least_force": _LEAST_N * device.metres_per_unit,
+            "detent": None if problem.detent is None else vars(problem.detent),
             "measured": plant.names.index("handle_position_m" if at_handle else "device_position_m"),
             "held": plant.names.index("handle_position_m" if device.resonance is not None else "device_position_m"),
             "hand": vars(hand),

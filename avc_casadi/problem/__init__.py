@@ -85,6 +85,7 @@ from avc_casadi.problem._motion_file import Motion as Motion
 from avc_casadi.problem._motion_file import Press as Press
 from avc_casadi.problem._motion_file import Stroke as Stroke
 from avc_casadi.problem._motion_file import Tap as Tap
+from avc_casadi.problem._motion_words import power_at_handle as power_at_handle
 from avc_casadi.problem._plausibility import plausibility as plausibility
 from avc_casadi.problem._quantity import FREQUENCIES_HZ as FREQUENCIES_HZ
 from avc_casadi.problem._quantity import LARGEST_DAMPING_NS_PER_M as LARGEST_DAMPING_NS_PER_M

@@ -135,6 +135,10 @@ class Units:
                 return parts.removesuffix(other) + ending
         return parts
 
+    def unit(self, unit: str) -> str:
+        """Return what stands for a unit of a linear device: ``N/m`` as ``N.m/rad``."""
+        return unit if self.linear else _UNITS.get(unit, unit)
+
     def text(self, text: str) -> str:
         """Return a text for people, in the words of a linear device, with keys, units and nouns of this motion."""
         if self.linear or not text:

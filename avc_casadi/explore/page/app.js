@@ -4,11 +4,12 @@ import { Client, Follow } from "./client.js";
 import { Fields, made } from "./fields.js";
 import { drawImpedance, drawRegion, drawTouch, drawVerdict } from "./pictures.js";
 import { Toy } from "./toy.js";
+import { speak, turns, unit } from "./units.js";
 
 const UNDO_JOIN_MS = 900;
 const ADDRESS_MS = 300;
 const POLL_MS = 500;
-const GAINS = { damping_ns_per_m: "b, N·s/m", stiffness_n_per_m: "k, N/m", contact_damping_ns_per_m: "b_p, N·s/m" };
+const GAINS = { damping_ns_per_m: ["b", "impedance"], stiffness_n_per_m: ["k", "stiffness"], contact_damping_ns_per_m: ["b_p", "impedance"] };
 const FRESH = { device: null, values: {}, method: "direct", gains: {}, motion: "press" };
 
 const get = (id) => document.getElementById(id);
@@ -106,7 +107,8 @@ function showControls() {
   const now = shown[state.on].now;
   get("kept").textContent = now && now.kept.length ? `Kept as in the file, without a field here: ${now.kept.join("; ")}.` : "";
   showFaults();
-  if (!get("work").hidden) watchWork();
+  if (get("work").hidden) get("told").replaceChildren();
+  else watchWork();
 }
 
 function showFaults() {
@@ -132,14 +134,14 @@ function buildControls() {
     made("optgroup", { label: "a run, seconds to minutes" }, ...about.slow.map((one) => option(one, named[one] || one))));
   get("device").append(option("", "as in the problem"), ...about.devices.map((one) => option(one.name, one.title)),
     made("option", { value: "(file)", id: "device-of-file", hidden: true }, "from the file"));
-  for (const [key, name] of Object.entries(GAINS)) {
+  for (const [key, [name, what]] of Object.entries(GAINS)) {
     const input = made("input", { id: `g-${key}`, type: "text", inputmode: "decimal", "aria-describedby": `g-${key}-error` });
     input.addEventListener("input", () => change(() => {
       const value = Number(input.value);
       if (input.value.trim() === "") delete current().gains[key];
       else current().gains[key] = Number.isFinite(value) ? value : input.value;
     }, `gain ${key}`));
-    get("own-gains").append(made("div", { class: "field" }, made("label", { for: input.id }, name), input,
+    get("own-gains").append(made("div", { class: "field" }, made("label", { for: input.id }, `${name}, ${unit[what]}`), input,
       made("p", { class: "error", id: `g-${key}-error` })));
   }
   fields = new Fields(get("fields"), about.fields, (key, value, kind, event) => {
@@ -315,6 +317,8 @@ async function copyCommand() {
 async function begin() {
   about = await client.ask("start", {});
   if (!about) return;
+  speak(about.words);
+  if (turns()) get("toy-about").textContent = "Your pointer, or the arrow keys left and right, is the hand at the rim: to the right it turns towards the wall, which begins in the middle.";
   state = readAddress();
   buildControls();
   toy = new Toy((without) => client.ask("toy", { settings: current(), without_coupling: without }));

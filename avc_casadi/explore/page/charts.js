@@ -119,23 +119,27 @@ export function chart(host, spec) {
   for (const line of lines) {
     element("line", { class: `line ${line.cls}`, x1: EDGE.left, x2: EDGE.left + inner.w, y1: up(line.y), y2: up(line.y) }, drawn);
   }
-  for (const one of series) element("path", { class: `line ${one.cls}`, d: path(one, across, up) }, drawn);
+  for (const one of series) {
+    const { line, alone } = path(one, across, up);
+    if (line) element("path", { class: `line ${one.cls}`, d: line }, drawn);
+    for (const [cx, cy] of alone) element("circle", { class: `alone ${one.cls}`, cx, cy, r: 2.6 }, drawn);
+  }
   for (const point of points) mark(point, across, up, drawn);
   host.replaceChildren(caption, svg, legend([...bands, ...series, ...lines, ...points]));
 }
 
+/** The stretches of a series as one path, and the points between two gaps, which no line shows. */
 function path(one, across, up) {
-  let text = "", pen = "M";
+  const stretches = [[]];
   one.y.forEach((value, row) => {
     const [left, top] = [across(one.x[row]), value === null ? NaN : up(value)];
-    if (!Number.isFinite(left) || !Number.isFinite(top)) {
-      pen = "M";
-      return;
-    }
-    text += `${pen}${left.toFixed(1)} ${Math.max(-1e5, Math.min(1e5, top)).toFixed(1)}`;
-    pen = "L";
+    if (!Number.isFinite(left) || !Number.isFinite(top)) stretches.push([]);
+    else stretches.at(-1).push([left.toFixed(1), Math.max(-1e5, Math.min(1e5, top)).toFixed(1)]);
   });
-  return text || "M0 0";
+  return {
+    line: stretches.filter((points) => points.length > 1).map((points) => `M${points.map((point) => point.join(" ")).join("L")}`).join(""),
+    alone: stretches.filter((points) => points.length === 1).map(([point]) => point),
+  };
 }
 
 function mark(point, across, up, parent) {

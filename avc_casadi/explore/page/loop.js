@@ -34,6 +34,7 @@ export class Loop {
     this.stretchBefore = 0;
     this.surfaceBefore = numbers.clips_last ? start_m : Math.max(start_m, 0);
     this.positionBefore = start_m;
+    this.detentBefore = start_m;
     this.believed = null;
     this.asked = 0;
     this.line = new Array(numbers.whole_delay + 1).fill(0);
@@ -55,7 +56,7 @@ export class Loop {
     const measured = this.state[n.measured];
     let seen = step > 0 ? step * Math.floor(measured / step + 0.5) : measured;
     if (n.state_feedback) seen = this.#believe(seen);
-    const command = this.#wall(seen);
+    const command = this.#wall(seen) + this.#detent(seen);
     const limit = n.max_force_n;
     this.asked = limit === null ? command : clamp(command, -limit, limit);
     this.line.unshift(this.asked);
@@ -98,6 +99,17 @@ export class Loop {
       if (!lawful) force = x > 0 ? Math.max(force, 0) : 0;
     }
     return Math.max(force, 0);
+  }
+
+  /** Valleys at equal distances, everywhere on the way. */
+  #detent(x) {
+    const one = this.n.detent;
+    if (!one) return 0;
+    const turns = (x - one.centre_m) / one.pitch_m;
+    const share = (turns - Math.floor(turns + 0.5)) / one.width;
+    const rate = (x - this.detentBefore) / this.n.sample_time_s;
+    this.detentBefore = x;
+    return (Math.abs(share) < 0.5 ? one.force_n * Math.sin(2 * Math.PI * share) : 0) + one.damping_ns_per_m * rate;
   }
 
   #move(stretch, force, target, velocity) {

@@ -2,6 +2,7 @@
 
 import { chart, number } from "./charts.js";
 import { made } from "./fields.js";
+import { unit } from "./units.js";
 
 const get = (id) => document.getElementById(id);
 const HZ = { label: "interaction frequency, Hz", kind: "log" };
@@ -28,46 +29,46 @@ export function drawImpedance(shown, columns) {
   const lines = (pick) => there.filter((column) => shown[column].now.gains).map((column) => ({
     name: named(column, shown[column].now.gains.method), cls: column, x: shown[column].now.frequency_hz, y: pick(shown[column].now.gains) }));
   chart(get("c-magnitude"), {
-    title: "Perceived impedance |Z|", x: HZ, y: { label: "N·s/m", kind: "log" },
+    title: "Perceived impedance |Z|", x: HZ, y: { label: unit.impedance, kind: "log" },
     bands: [{ name: of("feels real"), cls: "real", x, low: base.lower, high: base.upper }],
     series: [{ name: of("desired"), cls: "desired", x, y: base.desired.magnitude }, { name: of("no coupling"), cls: "without", x, y: base.without.magnitude },
       ...lines((gains) => gains.magnitude)],
-    summary: `${summary(shown, columns, (gains) => gains.magnitude, "N·s/m")}; desired ${span(base.desired.magnitude)} N·s/m`,
+    summary: `${summary(shown, columns, (gains) => gains.magnitude, unit.impedance)}; desired ${span(base.desired.magnitude)} ${unit.impedance}`,
   });
   chart(get("c-real"), {
-    title: "Real part of Z: below 0 the loop gives energy out", x: HZ, y: { label: "N·s/m", kind: "symlog" },
+    title: "Real part of Z: below 0 the loop gives energy out", x: HZ, y: { label: unit.impedance, kind: "symlog" },
     series: [{ name: of("no coupling"), cls: "without", x, y: base.without.real }, ...lines((gains) => gains.real)],
-    summary: `${summary(shown, columns, (gains) => gains.real, "N·s/m")}; without coupling ${span(base.without.real)} N·s/m`,
+    summary: `${summary(shown, columns, (gains) => gains.real, unit.impedance)}; without coupling ${span(base.without.real)} ${unit.impedance}`,
   });
   chart(get("c-damping"), {
-    title: "Damping b of the coupling", x: HZ, y: { label: "N·s/m", kind: "symlog" }, series: lines((gains) => gains.damping_ns_per_m),
-    summary: summary(shown, columns, (gains) => gains.damping_ns_per_m, "N·s/m"),
+    title: "Damping b of the coupling", x: HZ, y: { label: unit.impedance, kind: "symlog" }, series: lines((gains) => gains.damping_ns_per_m),
+    summary: summary(shown, columns, (gains) => gains.damping_ns_per_m, unit.impedance),
   });
   const limit = base.passive_limit_n_per_m;
   chart(get("c-stiffness"), {
-    title: "Stiffness k of the coupling", x: HZ, y: { label: "N/m", kind: "symlog" }, series: lines((gains) => gains.stiffness_n_per_m),
+    title: "Stiffness k of the coupling", x: HZ, y: { label: unit.stiffness, kind: "symlog" }, series: lines((gains) => gains.stiffness_n_per_m),
     lines: limit > 0 ? [{ name: "passive limit of DC stiffness", cls: "limit", y: limit }] : [],
-    summary: `${summary(shown, columns, (gains) => gains.stiffness_n_per_m, "N/m")}; passive limit ${number(limit)} N/m`,
+    summary: `${summary(shown, columns, (gains) => gains.stiffness_n_per_m, unit.stiffness)}; passive limit ${number(limit)} ${unit.stiffness}`,
   });
 }
 
 export function drawTouch(shown, columns) {
   const there = columns.filter((column) => shown[column].touch && shown[column].touch.touch);
   const runs = there.map((column) => [column, shown[column].touch.touch]);
-  const words = runs.map(([column, run]) => named(column, `${CLAIMS[run.claim].slice(2)}, peak ${number(run.peak_force_n)} N`)).join("; ") || "nothing simulated";
+  const words = runs.map(([column, run]) => named(column, `${CLAIMS[run.claim].slice(2)}, peak ${number(run.peak_force_n)} ${unit.force}`)).join("; ") || "nothing simulated";
   const time = { label: "time, s", kind: "linear" };
   const series = (x, y, factor) => runs.map(([column, run]) => ({
     name: named(column, shown[column].now.gains ? shown[column].now.gains.method : ""), cls: column,
     x: x(run), y: y(run).map((value) => (value === null ? null : factor * value)) }));
   const target = runs.length ? [{ name: "the hand's target", cls: "desired", x: runs[0][1].time_s, y: runs[0][1].target_m.map((value) => 1e3 * value) }] : [];
   chart(get("c-position"), {
-    title: "Position (the wall begins at 0)", x: time, y: { label: "mm", kind: "linear", span: depthSpan(runs) },
+    title: "Position (the wall begins at 0)", x: time, y: { label: unit.milli, kind: "linear", span: depthSpan(runs) },
     series: [...target, ...series((run) => run.time_s, (run) => run.position_m, 1e3)], summary: words,
   });
-  chart(get("c-force"), { title: "Force", x: time, y: { label: "N", kind: "linear" }, series: series((run) => run.time_s, (run) => run.force_n, 1), summary: words });
+  chart(get("c-force"), { title: unit.pushed, x: time, y: { label: unit.force, kind: "linear" }, series: series((run) => run.time_s, (run) => run.force_n, 1), summary: words });
   const inside = runs.flatMap(([, run]) => run.position_m.filter((_, row) => Math.abs(run.force_n[row]) > 0).map((value) => 1e3 * value));
   chart(get("c-loop"), {
-    title: "Force against depth", x: { label: "depth, mm", kind: "linear", span: inside.length ? inside : null }, y: { label: "N", kind: "linear" },
+    title: `${unit.pushed} against ${unit.depth}`, x: { label: `${unit.depth}, ${unit.milli}`, kind: "linear", span: inside.length ? inside : null }, y: { label: unit.force, kind: "linear" },
     series: series((run) => run.position_m.map((value) => 1e3 * value), (run) => run.force_n, 1), summary: words,
   });
 }
@@ -90,15 +91,15 @@ export function drawRegion(shown, columns, state) {
   const wall = (one) => [shown[one].values["environment.damping_ns_per_m"], shown[one].values["environment.stiffness_n_per_m"]];
   const points = columns.filter((one) => shown[one].values).map((one) => {
     const [b, k] = wall(one);
-    return { name: named(one, `wall wanted, ${number(k)} N/m, ${number(b)} N·s/m`), cls: one, x: Math.max(b, x[0]), y: k };
+    return { name: named(one, `wall wanted, ${number(k)} ${unit.stiffness}, ${number(b)} ${unit.impedance}`), cls: one, x: Math.max(b, x[0]), y: k };
   });
   const limit = region.encoder_limit_n_per_m;
   chart(get("c-region"), {
     title: `Walls without coupling, stiffness below each curve (device ${column.toUpperCase()})`,
-    x: { label: "wall damping B, N·s/m", kind: "log" }, y: { label: "wall stiffness K, N/m", kind: "log" },
+    x: { label: `wall damping B, ${unit.impedance}`, kind: "log" }, y: { label: `wall stiffness K, ${unit.stiffness}`, kind: "log" },
     series: region.curves.map((curve) => ({ name: curve.claim, cls: curve.key, x, y: curve.stiffness_n_per_m.slice(1) })),
     points, lines: limit ? [{ name: "encoder and friction, 2 f/Δ", cls: "limit", y: limit }] : [],
-    summary: `${points.map((point) => point.name).join("; ")}; stable with every hand up to ${span(region.curves.at(-1).stiffness_n_per_m)} N/m`,
+    summary: `${points.map((point) => point.name).join("; ")}; stable with every hand up to ${span(region.curves.at(-1).stiffness_n_per_m)} ${unit.stiffness}`,
   });
 }
 
@@ -120,10 +121,10 @@ export function drawVerdict(shown, columns, state) {
     ["certificate; L5 and let go decide", ({ judge }) => judge && judge.levels ? made("span", {}, ...judge.levels.flatMap((one) => [
       made("span", { title: one.title, class: `level ${one.pass ? "pass" : one.refused ? "" : "fail"}` }, `${one.level} ${one.pass ? "✓ pass" : one.refused ? "refused" : "✗ fail"}`), " "])) : "–"],
     ["simulated touch", ({ touch }) => touch && touch.touch ? yes(touch.touch.claim === "asymptotic", CLAIMS[touch.touch.claim].slice(2)) : touch && touch.refused ? touch.refused : "–"],
-    ["stiffness felt, N/m", ({ touch }) => touch && touch.touch ? number(touch.touch.stiffness_n_per_m, 4) : "–"],
-    ["peak force, N", ({ touch }) => touch && touch.touch ? number(touch.touch.peak_force_n) : "–"],
-    ["stiffest wall with a spring and damper, every hand and let go, N/m", ({ judge }) => judge && judge.stiffest ? number(judge.stiffest.stiffness_n_per_m, 4) : "–"],
-    ["passive limit of stiffness at rest, N/m", ({ now }) => number(now.passive_limit_n_per_m, 4)],
+    [`stiffness felt, ${unit.stiffness}`, ({ touch }) => touch && touch.touch ? number(touch.touch.stiffness_n_per_m, 4) : "–"],
+    [`peak ${unit.pushed.toLowerCase()}, ${unit.force}`, ({ touch }) => touch && touch.touch ? number(touch.touch.peak_force_n) : "–"],
+    [`stiffest wall with a spring and damper, every hand and let go, ${unit.stiffness}`, ({ judge }) => judge && judge.stiffest ? number(judge.stiffest.stiffness_n_per_m, 4) : "–"],
+    [`passive limit of stiffness at rest, ${unit.stiffness}`, ({ now }) => number(now.passive_limit_n_per_m, 4)],
   ];
   const there = columns.filter((column) => shown[column].now);
   const head = made("thead", {}, made("tr", {}, made("th", { scope: "col" }, "what"), ...there.map((column) => made("th", { scope: "col" }, column.toUpperCase()))));

@@ -2,10 +2,11 @@
 
 import { number } from "./charts.js";
 import { gainsAt, Loop } from "./loop.js";
+import { turns, unit } from "./units.js";
 
-const REACH_M = 0.02;
-const LOST_M = 0.3;
-const KEY_M = 0.0005;
+// Shares of the way across the canvas, from its middle: a key's step, and where a device has flown off.
+const KEY = 1 / 40;
+const LOST = 15;
 const SHOWN_S = 1.0;
 const FELT_HZ = 30;
 
@@ -20,7 +21,8 @@ export class Toy {
     this.with = document.getElementById("toy-with");
     this.hz = document.getElementById("toy-hz");
     this.running = false;
-    this.aim = this.last = -REACH_M / 2;
+    this.reach = 0.02;
+    this.aim = this.last = -this.reach / 2;
     this.canvas.addEventListener("pointermove", (event) => this.#point(event));
     this.canvas.addEventListener("pointerdown", (event) => this.#point(event));
     this.canvas.addEventListener("keydown", (event) => this.#key(event));
@@ -44,14 +46,14 @@ export class Toy {
 
   #point(event) {
     const box = this.canvas.getBoundingClientRect();
-    this.aim = (2 * (event.clientX - box.left) / box.width - 1) * REACH_M;
+    this.aim = (2 * (event.clientX - box.left) / box.width - 1) * this.reach;
   }
 
   #key(event) {
-    const by = { ArrowLeft: -KEY_M, ArrowRight: KEY_M }[event.key];
+    const by = { ArrowLeft: -KEY * this.reach, ArrowRight: KEY * this.reach }[event.key];
     if (by === undefined) return;
     event.preventDefault();
-    this.aim = Math.max(-REACH_M, Math.min(REACH_M, this.aim + by));
+    this.aim = Math.max(-this.reach, Math.min(this.reach, this.aim + by));
   }
 
   async start() {
@@ -81,14 +83,16 @@ export class Toy {
       this.stop();
       return;
     }
+    this.aim *= found.reach / this.reach;
     this.numbers = found;
+    this.reach = found.reach;
     this.hz.disabled = without || found.rows.length < 2;
     const gains = found.rows ? gainsAt(found.rows, Number(this.hz.value) || 1) : null;
     this.loop = new Loop(found, gains, Math.min(this.aim, 0));
     this.last = Math.min(this.aim, 0);
     this.traces = [];
     this.low = this.shake = this.owed = 0;
-    const named = gains ? `b ${number(gains.b)} N·s/m, k ${number(gains.k)} N/m, b_p ${number(gains.bp)} N·s/m` : "no coupling";
+    const named = gains ? `b ${number(gains.b)} ${unit.impedance}, k ${number(gains.k)} ${unit.stiffness}, b_p ${number(gains.bp)} ${unit.impedance}` : "no coupling";
     const left = found.left_out.length ? `; left out here: ${found.left_out.join(", ")}` : "";
     this.named = `${named}${left}`;
     this.says.textContent = this.named;
@@ -115,7 +119,7 @@ export class Toy {
       this.traces.push([this.loop.handle_m, this.loop.force]);
     }
     this.traces.splice(0, Math.max(0, this.traces.length - Math.ceil(SHOWN_S / period)));
-    if (!(Math.abs(this.loop.handle_m) < LOST_M)) {
+    if (!(Math.abs(this.loop.handle_m) < LOST * this.reach)) {
       this.says.textContent = `It flew off: with this hand the loop is unstable (${this.named}). Press Start to begin again.`;
       this.stop();
       return;
@@ -140,7 +144,7 @@ export class Toy {
       const row = Math.min(shaking.length - 1, at / rate / period);
       const near = Math.floor(row), next = Math.min(shaking.length - 1, near + 1);
       const value = shaking[near] + (row - near) * (shaking[next] - shaking[near]);
-      out[at] = Math.max(-0.5, Math.min(0.5, 0.1 * value));
+      out[at] = Math.max(-0.5, Math.min(0.5, (0.1 * value) / this.numbers.least_force));
     });
     const source = this.audio.createBufferSource();
     source.buffer = buffer;
@@ -160,10 +164,11 @@ export class Toy {
     const pen = canvas.getContext("2d");
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.clearRect(0, 0, width, height);
-    const across = (metres) => width * (0.5 + metres / REACH_M / 2);
+    const across = (place) => width * (0.5 + place / this.reach / 2);
     const scene = 90;
     pen.fillStyle = colour("--band");
     pen.fillRect(across(0), 0, width / 2, scene);
+    this.#detents(pen, across, scene, colour);
     pen.strokeStyle = colour("--grey");
     pen.beginPath();
     pen.arc(across(this.last), scene / 2, 16, 0, 2 * Math.PI);
@@ -174,11 +179,13 @@ export class Toy {
     pen.beginPath();
     pen.arc(across(this.loop.handle_m), scene / 2, 9, 0, 2 * Math.PI);
     pen.fill();
+    if (turns()) this.#pointer(pen, across(this.loop.handle_m), scene / 2, colour);
     const force = this.loop.force, depth = this.loop.handle_m;
     const rms = Math.sqrt(Math.max(0, this.shake));
-    const told = `force ${force.toFixed(2)} N, ${depth > 0 ? `${(1e6 * depth).toFixed(0)} µm in the wall` : "free"}, shaking ${rms.toFixed(3)} N`;
-    this.#trace(pen, 1, scene + 8, (height - scene) / 2 - 12, width, "force, N", colour);
-    this.#trace(pen, 0, scene + (height - scene) / 2 + 4, (height - scene) / 2 - 12, width, "depth, mm", colour);
+    const digits = turns() ? 2 : 0;
+    const told = `${unit.pushed.toLowerCase()} ${force.toFixed(2 + digits)} ${unit.force}, ${this.#place(depth)}, shaking ${rms.toFixed(3 + digits)} ${unit.force}`;
+    this.#trace(pen, 1, scene + 8, (height - scene) / 2 - 12, width, `${unit.pushed.toLowerCase()}, ${unit.force}`, colour);
+    this.#trace(pen, 0, scene + (height - scene) / 2 + 4, (height - scene) / 2 - 12, width, `${unit.depth}, ${unit.milli}`, colour);
     pen.fillStyle = colour("--ink");
     pen.font = "13px system-ui, sans-serif";
     pen.fillText(told, 8, 16);
@@ -188,9 +195,7 @@ export class Toy {
   #trace(pen, column, top, tall, width, label, colour) {
     const factor = column ? 1 : 1000;
     const values = this.traces.map((row) => factor * row[column]);
-    const deep = column ? values : values.filter((value) => value > 0);
-    const high = Math.max(column ? 1 : 0.01, ...deep.slice(-4000)) * 1.1;
-    const low = column ? 0 : -0.15 * high;
+    const [low, high] = this.#span(column, values);
     pen.strokeStyle = colour("--grid");
     pen.strokeRect(0.5, top, width - 1, tall);
     pen.strokeStyle = colour("--a");
@@ -204,6 +209,50 @@ export class Toy {
     pen.stroke();
     pen.fillStyle = colour("--soft");
     pen.font = "12px system-ui, sans-serif";
-    pen.fillText(`${label}, up to ${number(high)}; last ${SHOWN_S} s`, 8, top + 14);
+    pen.fillText(`${label}, ${low < -0.2 * high ? number(low) : ""} up to ${number(high)}; last ${SHOWN_S} s`.replace(",  up", ", up"), 8, top + 14);
+  }
+
+  /** What a trace reaches over; with detents it has two signs. */
+  #span(column, values) {
+    const way = column ? (this.numbers.detent ? this.numbers.detent.force_n : this.numbers.least_force) : this.reach / 2;
+    if (this.numbers.detent) {
+      const most = 1.1 * values.slice(-4000).reduce((found, value) => Math.max(found, Math.abs(value)), column ? way : 1e3 * way);
+      return [-most, most];
+    }
+    const high = 1.1 * values.slice(-4000).reduce((found, value) => Math.max(found, value), column ? way : 0.5 * this.reach);
+    return [column ? 0 : -0.15 * high, high];
+  }
+
+  #place(depth) {
+    if (depth > 0 && !turns()) return `${(1e6 * depth).toFixed(0)} ${unit.micro} in the wall`;
+    if (depth > 0) return `${(1e3 * depth).toFixed(2)} ${unit.milli} in the wall`;
+    return turns() ? `free, ${((-180 * depth) / Math.PI).toFixed(1)}° before the wall` : "free";
+  }
+
+  /** The mark of a knob, up where it meets the wall. */
+  #pointer(pen, left, top, colour) {
+    pen.strokeStyle = colour("--a");
+    pen.lineWidth = 4;
+    pen.beginPath();
+    pen.moveTo(left, top);
+    pen.lineTo(left + 22 * Math.sin(this.loop.handle_m), top - 22 * Math.cos(this.loop.handle_m));
+    pen.stroke();
+    pen.lineWidth = 1;
+  }
+
+  /** A line at each valley of the detents. */
+  #detents(pen, across, tall, colour) {
+    const one = this.numbers.detent;
+    if (!one || one.pitch_m < this.reach / 60) return;
+    pen.strokeStyle = colour("--grey");
+    pen.lineWidth = 2;
+    pen.beginPath();
+    for (let count = Math.ceil((-this.reach - one.centre_m) / one.pitch_m); one.centre_m + count * one.pitch_m <= this.reach; count += 1) {
+      const left = across(one.centre_m + count * one.pitch_m);
+      pen.moveTo(left, tall - 22);
+      pen.lineTo(left, tall);
+    }
+    pen.stroke();
+    pen.lineWidth = 1;
   }
 }
