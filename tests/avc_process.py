@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import avc_casadi
@@ -18,8 +19,28 @@ def avc(*arguments, cwd=None, program=None):
     """Return the finished process; with ``program`` run that Python text in place of the command."""
     command = AVC if program is None else [sys.executable, "-c", program]
     return subprocess.run(  # noqa: S603
-        [*command, *map(str, arguments)], capture_output=True, cwd=cwd, env=ENVIRONMENT, timeout=120, check=False
+        [*command, *map(str, arguments)], capture_output=True, cwd=cwd, env=ENVIRONMENT, timeout=600, check=False
     )
+
+
+def wait_until_begun(process, library, *, workers=0):
+    """Wait until a process has loaded a library that its work needs, and so many workers of its own have too."""
+    if sys.platform != "linux":
+        time.sleep(5)
+        return
+    while process.poll() is None:
+        children = Path(f"/proc/{process.pid}/task").glob("*/children")  # of every thread
+        begun = [_has_loaded(library, pid) for path in children for pid in path.read_text().split()]
+        if _has_loaded(library, process.pid) and sum(begun) >= workers:
+            return
+        time.sleep(0.01)
+
+
+def _has_loaded(library, pid):
+    try:
+        return library in Path(f"/proc/{pid}/maps").read_text()
+    except OSError:  # it has just ended
+        return False
 
 
 def strict_json(data):

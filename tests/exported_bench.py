@@ -112,7 +112,7 @@ static uint32_t bits_at(unsigned int index)
 def _output(emulator: str, *arguments: str) -> str:
     """Return what a program printed, without colours."""
     done = subprocess.run(  # noqa: S603 - ours
-        [emulator, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=120, check=True
+        [emulator, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=600, check=True
     )
     return re.sub("\x1b\\[[0-9;]*m", "", done.stdout.decode(errors="replace"))
 

@@ -61,7 +61,7 @@ def played(program: Path, name: str, positions_m: FloatArray, took_us: FloatArra
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=600,
     )
     forces = [[float.fromhex(word) for word in line.split()[1:]] for line in re.findall("force .*", done.stdout)]
     return np.array(forces).reshape(-1, 3), done.stderr, done.returncode

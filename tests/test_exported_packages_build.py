@@ -135,7 +135,7 @@ def first_words(image: Path) -> str:
     command = ["stdbuf", "-oL", "simavr", "-m", "atmega328p", "-f", "16000000", image]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as board:  # noqa: S603 - ours
         assert board.stdout is not None
-        limit = threading.Timer(60, board.kill)
+        limit = threading.Timer(600, board.kill)
         limit.start()
         try:
             for line in board.stdout:

@@ -4,15 +4,14 @@ import ast
 import csv
 import inspect
 import io
+import itertools
 import json
 import os
 import signal
 import sys
 import textwrap
-import threading
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
@@ -47,7 +46,7 @@ from avc_hardware._frames import Frame, encode
 from avc_hardware._host import HostCore, HostLink
 from avc_hardware._messages import Kind, parse
 from avc_hardware._refusal import Refusal
-from avc_hardware._telemetry import Telemetry
+from avc_hardware._telemetry import Samples, Telemetry
 
 WALL = with_gains(load_problem("damped"), 50.0, 2e4, 20.0)
 
@@ -71,7 +70,7 @@ def test_every_record_is_the_tick_that_it_names_and_watching_changes_nothing(eve
     link = HostLink(watched, position=lambda tick: tap(tick + start))
     link._on_force = lambda force: forces.__setitem__(watched.state().ticks, (force, watched.state().encoder_count))
     samples = list(monitor(link, rate_hz=1000 / every, seconds=0.3))
-    assert {b.ticks - a.ticks for a, b in pairwise(samples)} <= {every}
+    assert {b.ticks - a.ticks for a, b in itertools.pairwise(samples)} <= {every}
     assert len(samples) == 300 // every + 1
     assert not any(sample.lost for sample in samples)
     for sample in samples:
@@ -95,7 +94,7 @@ def test_every_record_is_the_tick_that_it_names_and_watching_changes_nothing(eve
 def test_a_lost_message_is_seen_by_its_ticks(faults: list[LinkFault]) -> None:
     link = FaultyLink(HostLink(pushed()[0], position=tap), faults)
     samples = list(monitor(link, rate_hz=250, seconds=0.5))
-    for before, after in pairwise(samples):
+    for before, after in itertools.pairwise(samples):
         assert after.ticks - before.ticks == 4 * (1 + after.lost)
     assert sum(1 + sample.lost for sample in samples[1:]) >= 125
 
@@ -172,19 +171,24 @@ def test_a_heartbeat_below_a_tick_is_named_as_it_was_typed(capsys: pytest.Captur
 
 
 def test_interrupt_ends_the_heartbeat_and_keeps_log_and_samples(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     require("unicorn")
     before = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    timer = threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
+    take, messages = Samples.take, itertools.count(1)
+
+    def interrupted_at_the_tenth(self: Samples, message: Telemetry) -> list[TelemetrySample]:
+        if next(messages) == 10:
+            os.kill(os.getpid(), signal.SIGINT)
+        return take(self, message)
+
+    monkeypatch.setattr(Samples, "take", interrupted_at_the_tenth)
     log = tmp_path / "log.csv"
     arguments = ["monitor", "--port", "emulator", "--rate-hz", "100", "--heartbeat", "--out", str(log)]
     try:
         assert main([*arguments, "--seconds", "1000", "--json"]) == 130
     finally:
-        timer.join()
         signal.signal(signal.SIGINT, before)
     document: dict[str, Any] = strict_json(capsys.readouterr().out.encode())
     assert document["errors"][0]["message"] == "interrupted"
