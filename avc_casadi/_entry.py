@@ -6,11 +6,11 @@ import os
 import signal
 import sys
 
+from avc_casadi._interrupted import DOCUMENT, EXIT_CODE, TEXT
+
 TYPE_CHECKING = False  # typing takes long to load, and Ctrl-C meanwhile is a traceback
 if TYPE_CHECKING:
     from typing import Any, NoReturn
-
-_INTERRUPTED = 130  # as `avc_casadi.cli` has it, which is not loaded yet
 
 
 def run() -> int:
@@ -21,7 +21,7 @@ def run() -> int:
     before = signal.getsignal(signal.SIGINT)
     handled = before is signal.default_int_handler  # not where the caller of the process had it ignored
     if handled:
-        signal.signal(signal.SIGINT, _leave)
+        signal.signal(signal.SIGINT, _interrupted)
     # An interrupt of these imports is handled too.
     from contextlib import suppress  # noqa: PLC0415
     from importlib.util import find_spec  # noqa: PLC0415
@@ -36,10 +36,10 @@ def run() -> int:
             signal.signal(signal.SIGINT, before)
         code = main()
     except KeyboardInterrupt:
-        code = _INTERRUPTED
+        code = EXIT_CODE
     if handled:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if handled and code == _INTERRUPTED:
+    if handled and code == EXIT_CODE:
         # Where Ctrl-C fell into code made from text, as of a dataclass, Python would end by the signal in spite of us.
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError, AttributeError):
@@ -48,5 +48,14 @@ def run() -> int:
     return code
 
 
-def _leave(*_: Any) -> NoReturn:
-    os._exit(_INTERRUPTED)
+def _interrupted(*_: Any) -> NoReturn:
+    descriptor, said = (1, DOCUMENT) if "--json" in sys.argv else (2, TEXT)
+    try:  # noqa: SIM105 - contextlib may not be loaded yet
+        os.write(descriptor, said.encode("ascii"))
+    except OSError:
+        pass  # closed
+    _leave()
+
+
+def _leave() -> NoReturn:
+    os._exit(EXIT_CODE)

@@ -11,6 +11,7 @@ from avc_process import ENVIRONMENT, avc, strict_json
 from hardware_bench import host_core
 
 import avc_hardware
+from avc_casadi import InputError, fault_document
 from avc_casadi.cli import main
 from avc_casadi.cli._files import output_folder
 from avc_hardware._host import HostLink
@@ -51,24 +52,21 @@ sys.exit(run())
 """
 
 
-def interrupted_at(module):
-    return avc("list", program=BEGIN.replace("MODULE", module))
+def interrupted_at(module, *arguments):
+    return avc("list", *arguments, program=BEGIN.replace("MODULE", module))
 
 
-def test_an_interrupt_of_the_first_imports_ends_with_130():
-    for module in ("avc_casadi.cli", "avc_casadi.cli._main", "avc_casadi.cli._list", "avc_casadi.problem"):
-        done = interrupted_at(module)
-        assert done.returncode == 130, module
-        assert b"Traceback" not in done.stderr
-        assert done.stdout == b""
-
-
-def test_an_interrupt_that_spoils_numpy_ends_with_130_too():
-    """What writes the refusal needs numpy, which cannot be loaded a second time after an interrupt."""
-    for module in ("numpy.exceptions", "numpy.dtypes"):
-        done = interrupted_at(module)
-        assert done.returncode == 130, module
-        assert b"Traceback" not in done.stderr
+# numpy cannot be loaded a second time after an interrupt: what is said then needs none.
+@pytest.mark.parametrize(
+    "module",
+    ["avc_casadi.cli", "avc_casadi.cli._main", "avc_casadi.cli._list", "avc_casadi.problem", "numpy.exceptions"],
+)
+def test_an_interrupt_of_the_imports_is_answered_like_any_other(module):
+    done = interrupted_at(module)
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"avc: interrupted\n")
+    done = interrupted_at(module, "--json")
+    assert (done.returncode, done.stderr) == (130, b"")
+    assert strict_json(done.stdout) == fault_document(InputError.of("interrupted"))
 
 
 def test_a_folder_that_was_made_goes_again_where_nothing_comes_of_it(tmp_path):

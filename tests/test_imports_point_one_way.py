@@ -9,6 +9,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 # From the ground up; a room may import those before it and itself.
 ROOMS = (
+    "_interrupted",
     "_errors",
     "_resources",
     "support",

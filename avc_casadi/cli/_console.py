@@ -10,12 +10,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, TextIO
 
+from avc_casadi._interrupted import DOCUMENT, EXIT_CODE, TEXT
+
 # A line of progress is written at most five times a second.
 _BETWEEN_S = 0.2
 # A rate is told when it has been seen for so long.
 _RATE_AFTER_S = 1.0
 
-INTERRUPTED = 130
+INTERRUPTED = EXIT_CODE
 """Exit code of what Ctrl-C ended."""
 
 
@@ -75,6 +77,7 @@ class Console:
 
     def __init__(self, *, as_json: bool) -> None:
         self.as_json = as_json
+        self._answered = False
         self._descriptor: int | None = None
         self._step: str | None = None
         self._shown = 0.0
@@ -93,6 +96,7 @@ class Console:
         from avc_casadi.support import json_text, spoken, uninterrupted
 
         with uninterrupted():
+            self._answered = True
             if self.as_json:
                 self._write(json_text(answer.document))
             elif answer.text:
@@ -112,10 +116,21 @@ class Console:
         from avc_casadi.support import json_text, uninterrupted
 
         with uninterrupted():
+            self._answered = True
             if self.as_json:
                 self._write(json_text(document))
             else:
                 self.complain(text)
+
+    def interrupted(self) -> None:
+        """Print that Ctrl-C ended it, where nothing has been answered yet."""
+        if self._answered:
+            return
+        self._answered = True
+        if self.as_json:
+            self._write(DOCUMENT)
+        else:
+            self.complain(TEXT)
 
     def complain(self, text: str) -> None:
         """Print to standard error."""

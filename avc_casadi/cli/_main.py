@@ -9,7 +9,6 @@ import re
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -93,6 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = sys.argv[1:] if argv is None else list(argv)
     as_json = "--json" in arguments
+    console: Console | None = None
     try:
         try:
             args = build_parser().parse_args(arguments)
@@ -100,10 +100,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             return int(leaving.code or 0)
         except InputError as error:
-            return _refused(Console(as_json=as_json), error)
+            console = Console(as_json=as_json)
+            return _refused(console, error)
+        console = Console(as_json=as_json)
         # What a verb says of the motion of its device holds for this call alone.
-        return contextvars.copy_context().run(_answered, args, Console(as_json=as_json))
+        return contextvars.copy_context().run(_answered, args, console)
     except KeyboardInterrupt:
+        (console or Console(as_json=as_json)).interrupted()
         return INTERRUPTED
     except BrokenPipeError:
         _drop_standard_output()
@@ -124,8 +127,6 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
         return _refused(console, _as_options(error, args.options))
     except (AvcError, OSError) as error:
         return _refused(console, error)
-    except KeyboardInterrupt:
-        return _interrupted(console)
     except Exception as error:  # noqa: BLE001 - an internal error must not end in the code of a plain no
         console.complain(traceback.format_exc())
         console.refuse(_document(f"internal error: {error!r}"), "avc: internal error; please report it")
@@ -141,12 +142,6 @@ def _run(args: argparse.Namespace, console: Console) -> Answer:
     with undisguised_interrupts():
         answer: Answer = args.run(args, console)
     return answer
-
-
-def _interrupted(console: Console) -> int:
-    with suppress(ImportError):  # Ctrl-C fell into loading numpy, which is then lost to this process
-        console.refuse(_document("interrupted"), "avc: interrupted")
-    return INTERRUPTED
 
 
 def _refused(console: Console, error: AvcError | OSError) -> int:
