@@ -131,10 +131,13 @@ def schedule(
     unusable: int = 0,
     sample_time_s: float = 1e-3,
     largest: tuple[float, float, float] = (1e4, 1e7, 1e3),
+    even: bool = True,
 ) -> GainSchedule:
-    """Random gains over 1 to 450 Hz; the first ``unusable`` rows have none."""
+    """Random gains over 1 to 450 Hz, evenly in the logarithm or crowded below; the first ``unusable`` have none."""
     rng = np.random.default_rng(seed)
     frequency = np.geomspace(1.0, 450.0, rows) if rows > 1 else np.array([10.0])
+    if not even:
+        frequency = 450.0 ** np.linspace(0.0, 1.0, rows) ** 3
     b, k, b_p = (most * rng.uniform(0, 1, rows) for most in largest)
     for column in (b, k, b_p):
         column[:unusable] = np.nan
@@ -182,11 +185,13 @@ def coupling(
     wall: tuple[float, float] = (10.0, 1e5),
     runtime: Runtime | None = None,
     contact: str = "gated",
+    even: bool = True,
     **device: float | None,
 ) -> Coupling:
     """A coupling of random gains, every row of `schedule`, for the bench's wall and device."""
     problem = bench_problem(wall, **device).changed(coupling={"contact": contact})
-    gains = schedule(rows, seed=seed, unusable=unusable, sample_time_s=problem.device.sample_time_s, largest=largest)
+    sample_time_s = problem.device.sample_time_s
+    gains = schedule(rows, seed=seed, unusable=unusable, sample_time_s=sample_time_s, largest=largest, even=even)
     return Coupling(problem, gains, GainTable.of(gains), runtime or Runtime())
 
 

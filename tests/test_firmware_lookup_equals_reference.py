@@ -61,9 +61,11 @@ def test_logarithm_is_the_same_on_both_sides_and_accurate(x: float) -> None:
     assert abs(float(got) - exact) <= 2.5e-7 * max(1.0, abs(exact))
 
 
-@pytest.mark.parametrize("rows", [1, 2, 3, 77, 256])
-def test_lookup_is_the_same_bit_for_bit(rows: int) -> None:
-    made = coupling(rows, seed=rows)
+@pytest.mark.parametrize(
+    ("rows", "even"), [*((rows, True) for rows in (1, 2, 3, 77, 256)), *((rows, False) for rows in (3, 64, 65, 256))]
+)
+def test_lookup_is_the_same_bit_for_bit(rows: int, even: bool) -> None:
+    made = coupling(rows, seed=rows, even=even)
     at = frequencies(made, 2000, rows)
     device, host = device_lookup(made, at), lookup(made.table.single(), at)
     assert device.tobytes() == host.tobytes()

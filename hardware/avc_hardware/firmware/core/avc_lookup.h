@@ -38,12 +38,19 @@ static inline bool avc_between(const avc_table_t *table, uint32_t row, uint32_t 
     return key > avc_bits(low->frequency_hz) && key < avc_bits(low[1].frequency_hz);
 }
 
+/* The row below a logarithm, if those of the rows are evenly spaced; some row where they are not. */
+static inline uint32_t avc_even_row(const avc_table_t *table, float ln)
+{
+    const float place = (ln - table->ln_frequency[0]) * table->rows_per_ln;
+    return (uint32_t)(int32_t)(avc_bits(place) < avc_bits(table->intervals) ? place : 0.0f);
+}
+
 /* The last row that is not above a frequency between the first row and the last one, given by its bits. */
 uint32_t avc_row_below(const avc_table_t *table, uint32_t key);
 
 /* Gains at a frequency; the first and last row beyond the table's ends.
- * near is the row that is tried first, and is set to the one found: a frequency that changes slowly is found at once. The
- * next try is where the frequency would be if the logarithms of the rows were evenly spaced, as those of a grid are. */
+ * near is the row that is tried first, and is set to the one found: a frequency that changes slowly is found at once.
+ * Otherwise an evenly spaced table tells the row by the logarithm, any other is searched by halves. */
 static inline avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near)
 {
     const avc_row_t *rows = table->image.row;
@@ -52,9 +59,11 @@ static inline avc_gains_t avc_table_lookup(const avc_table_t *table, float frequ
     const float ln = avc_ln(frequency_hz);
     uint32_t low = *near;
     if (low >= last || !avc_between(table, low, key)) {
-        const float place = (ln - table->ln_frequency[0]) * table->rows_per_ln;
-        low = (uint32_t)(int32_t)(avc_bits(place) < avc_bits(table->intervals) ? place : 0.0f);
-        if (!(last != 0u && avc_between(table, low, key))) {
+        const bool even = avc_bits(table->rows_per_ln) != 0u;
+        if (even) {
+            low = avc_even_row(table, ln);
+        }
+        if (!even || !avc_between(table, low, key)) {
             if (!(frequency_hz > rows[0].frequency_hz)) { /* also when the frequency is undefined (NaN) */
                 return avc_gains_of(&rows[0]);
             }

@@ -151,8 +151,14 @@ void avc_table_prepare(avc_table_t *table)
     const avc_row_t *row = &table->image.row[0];
     const uint32_t intervals = (uint32_t)header->rows - 1u;
     const float span = table->ln_frequency[intervals] - table->ln_frequency[0];
-    table->intervals = span > 0.0f ? (float)intervals : 0.0f;
+    table->intervals = (float)intervals;
     table->rows_per_ln = span > 0.0f ? table->intervals / span : 0.0f;
+    for (uint32_t i = 0; i < intervals; i++) {
+        if (avc_even_row(table, 0.5f * (table->ln_frequency[i] + table->ln_frequency[i + 1u])) != i) {
+            table->rows_per_ln = 0.0f;
+            break;
+        }
+    }
     table->halvings = 0u;
     while (intervals >> table->halvings > 1u) {
         table->halvings++;

@@ -78,8 +78,8 @@ typedef union {
 typedef struct {
     avc_image_t image;
     float ln_frequency[AVC_ROWS_MAX];
-    float intervals;   /* between the rows; 0 where there are none that could be told apart */
-    float rows_per_ln; /* if their logarithms were evenly spaced */
+    float intervals;   /* between the rows */
+    float rows_per_ln; /* where their logarithms are evenly spaced; otherwise 0 */
     uint32_t halvings; /* that the largest power of 2 within the number of intervals has */
     uint32_t beyond;   /* how many intervals there are beside that power */
     avc_steady_t steady; /* of the only row, where the gains are constant */
