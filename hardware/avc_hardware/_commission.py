@@ -26,6 +26,7 @@ from avc_hardware._excite import ExcitationLog, excite_over
 from avc_hardware._limits import Limits, limit_over
 from avc_hardware._messages import Kind
 from avc_hardware._monitor import pause, watch
+from avc_hardware._pulse import LEAST_COUNTS, Moved
 from avc_hardware._wired_bench import WiredBench, Wiring
 
 if TYPE_CHECKING:
@@ -37,15 +38,13 @@ BACK = "2. draw it back to where the face of the wall shall be, and hold it stil
 HANDS_OFF = "3. hands off: in {wait:g} s a pulse of {force:g} N for {time:.0f} ms, into the wall and back"
 # What the steps take: rate of looking, stillness, patience, pause before the pulse.
 _RATE_HZ, _STILL_S, _PATIENCE_S, _WAIT_S = 100.0, 0.5, 30.0, 2.0
-# Still: within this share of the way that was asked for. Moved by the pulse: more counts than that.
-_STILL, _LEAST_COUNTS = 0.05, 5
-# The way that the declared device makes under the pulse; its limits of speed and travel.
-_PULSE_M, _SPEED_M_PER_S, _TRAVEL_M, _LONGEST_PULSE_S = 1e-3, 0.3, 0.01, 1.0
+# Still: within this share of the way that was asked for.
+_STILL = 0.05
+# The pulse's limits of speed and travel.
+_SPEED_M_PER_S, _TRAVEL_M = 0.3, 0.01
 _FIRST_TOUCH = 0.1
 # The way of a hand: counts that make stillness seen, and what is still a way on a desk.
 _LEAST_WAY_COUNTS, _LONGEST_WAY_M = 20, 0.1
-# What a pulse has beyond the dry friction moves the device: a fifth of it, which a little more friction leaves some of.
-_OVER_FRICTION = 1.25
 
 
 @dataclass(frozen=True)
@@ -99,8 +98,8 @@ def commission(
     Args:
         declared: what is known of the device: its mass, friction and force say how long the pulse lasts.
         port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
-        force_n: of the pulse, 1.25 times the dry friction or more; default three times it, at least a tenth of the
-            device's force.
+        force_n: of the pulse, 1.25 times the dry friction or more, and what the damping leaves a way that is seen;
+            default three times the friction, at least a tenth of the device's force.
         first_touch_n: force limit at the end; default a tenth of the device's force.
         by_hand_m: least way of the hand into the wall, 20 counts of the encoder to 0.1 m.
         on_bench: wiring of the emulated board, whose hand does what is asked.
@@ -113,8 +112,8 @@ def commission(
         LinkError: no device, other faults latched, or the hand did not do what was asked.
         MissingExtraError: ``emulator`` without its extra.
     """
-    friction_n = _most_friction(declared)
-    _check_asked(force_n, friction_n, by_hand_m)
+    moved_by = Moved.of(declared)
+    _check_asked(force_n, moved_by, by_hand_m)
     if port == EMULATOR:
         link: ByteLink = WiredBench(declared, on_bench, way_m=2 * by_hand_m).board()
     else:
@@ -122,9 +121,10 @@ def commission(
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
         device = connection.device
         most = device.max_force_n
-        pulse_n = force_n or min(max(3 * friction_n, _FIRST_TOUCH * most), most)
+        least_n = moved_by.least_n(device.metres_per_count)
+        pulse_n = force_n or min(max(3 * moved_by.friction_n, _FIRST_TOUCH * most, least_n), most)
         touch_n = first_touch_n or _FIRST_TOUCH * most
-        _check_of_device(device, pulse_n, touch_n, friction_n, by_hand_m)
+        _check_of_device(device, pulse_n, touch_n, moved_by, by_hand_m)
         limits = Limits(touch_n, device.lowered_speed_m_per_s, device.lowered_energy_j)
         _begin(connection, limits)
         result = Commissioned(link.name, DeviceFault(0), "", 0.0, pulse_n, math.nan, False, limits)
@@ -149,13 +149,13 @@ def commission(
         connection.run(connection.session.ask(Kind.ZERO, b"", m.Zeroed))
         # What commissioning set before is no limit of this pulse.
         limit_over(connection, replace(limits, force_n=max(pulse_n, touch_n)))
-        plan = _pulse(declared, device, pulse_n, friction_n)
+        plan = _pulse(moved_by, device, pulse_n)
         on_step(HANDS_OFF.format(wait=_WAIT_S, force=pulse_n, time=1e3 * plan.seconds))
         connection.run(pause(_WAIT_S))
         log = excite_over(connection, plan)
         limit_over(connection, limits)
         result = replace(result, zero=True, pulse_m=_answer(log))
-        if abs(result.pulse_m) <= _LEAST_COUNTS * device.metres_per_count:
+        if abs(result.pulse_m) <= LEAST_COUNTS * device.metres_per_count:
             return _wrong(connection, result, DeviceFault.MOTOR_DEAD, f"a pulse of {pulse_n:g} N moved nothing")
         if result.pulse_m < 0:
             said = f"a pulse of {pulse_n:g} N into the wall moved it {-1e3 * result.pulse_m:.3g} mm out of it"
@@ -167,17 +167,11 @@ def commission(
     return replace(result, sentence=said)
 
 
-def _most_friction(declared: DeclaredDevice) -> float:
-    """Return the dry friction, the upper end of its range where it has one."""
-    stated = declared.range.coulomb_friction_n
-    return declared.coulomb_friction_n if stated is None else max(declared.coulomb_friction_n, *stated)
-
-
-def _check_asked(force_n: float | None, friction_n: float, by_hand_m: float) -> None:
+def _check_asked(force_n: float | None, moved_by: Moved, by_hand_m: float) -> None:
     """Refuse what no device could do, before a port is opened."""
     faults = []
-    if force_n is not None and not force_n >= _OVER_FRICTION * friction_n:
-        faults.append(_weak(force_n, friction_n))
+    if force_n is not None and not force_n >= moved_by.least_n(0.0):
+        faults.append(_weak(force_n, moved_by, 0.0))
     if not 0 < by_hand_m <= _LONGEST_WAY_M:
         message = (
             f"{by_hand_m:g} m; allowed: {_LEAST_WAY_COUNTS} counts of the encoder to {_LONGEST_WAY_M:g} m: a hand "
@@ -188,15 +182,20 @@ def _check_asked(force_n: float | None, friction_n: float, by_hand_m: float) -> 
         raise InputError(faults)
 
 
-def _weak(force_n: float, friction_n: float) -> Fault:
+def _weak(force_n: float, moved_by: Moved, metres_per_count: float) -> Fault:
+    least_n = moved_by.least_n(metres_per_count)
+    damped = f" and a damping of {moved_by.damping_ns_per_m:g} N.s/m" if least_n > moved_by.least_n(0.0) else ""
+    # Three digits, rounded up: what is told is allowed.
+    grain = 10.0 ** (math.floor(math.log10(least_n)) - 2)
+    least_n = math.ceil(least_n / grain - 1e-6) * grain
     message = (
-        f"{force_n:g} N against a dry friction of {friction_n:g} N; allowed: {_OVER_FRICTION * friction_n:g} N or "
+        f"{force_n:g} N against a dry friction of {moved_by.friction_n:g} N{damped}; allowed: {least_n:g} N or "
         "more, as the device gives it: a weaker pulse moves nothing, which would be taken for a dead motor"
     )
     return Fault("", None, "force_n", message)
 
 
-def _check_of_device(device: Device, pulse_n: float, touch_n: float, friction_n: float, by_hand_m: float) -> None:
+def _check_of_device(device: Device, pulse_n: float, touch_n: float, moved_by: Moved, by_hand_m: float) -> None:
     """Refuse what this device cannot do, before it is touched."""
     most, step_m = device.max_force_n, device.metres_per_count
     faults = [
@@ -204,8 +203,8 @@ def _check_of_device(device: Device, pulse_n: float, touch_n: float, friction_n:
         for key, value in (("force_n", pulse_n), ("first_touch_n", touch_n))
         if not 0 < value <= most
     ]
-    if pulse_n <= most and pulse_n < _OVER_FRICTION * friction_n:
-        faults.append(_weak(pulse_n, friction_n))
+    if pulse_n <= most and pulse_n < moved_by.least_n(step_m):
+        faults.append(_weak(pulse_n, moved_by, step_m))
     if by_hand_m < _LEAST_WAY_COUNTS * step_m:
         message = (
             f"{by_hand_m:g} m; allowed: {_LEAST_WAY_COUNTS * step_m:g} to {_LONGEST_WAY_M:g} m: one count of this "
@@ -247,11 +246,9 @@ def _by_hand(connection: Connection, far: Callable[[float], bool], asked_m: floa
     return way if far(way) else furthest
 
 
-def _pulse(declared: DeclaredDevice, device: Device, force_n: float, friction_n: float) -> Plan:
+def _pulse(moved_by: Moved, device: Device, force_n: float) -> Plan:
     """Plan one period of a sine: a free mass goes one way and stands still at its end."""
-    way_m = max(_PULSE_M, 4 * _LEAST_COUNTS * device.metres_per_count)
-    radian_s = math.sqrt(declared.mass_kg * way_m / (force_n * _way_of_sine(friction_n / force_n)))
-    seconds = min(max(2 * math.pi * radian_s, 0.02), _LONGEST_PULSE_S)
+    seconds = moved_by.seconds(force_n, device.metres_per_count)
     ticks = max(round(seconds / device.sample_time_s), 8)
     return Plan(
         kind="multisine",
@@ -267,14 +264,6 @@ def _pulse(declared: DeclaredDevice, device: Device, force_n: float, friction_n:
         window=speed_window(device.metres_per_count, device.sample_time_s, _SPEED_M_PER_S),
         signal=Signal(step=(round(2**32 / ticks),), phase=(0,), amplitude=(FULL,)),
     )
-
-
-def _way_of_sine(friction: float) -> float:
-    """Return how far a mass of 1 goes under sin(t) against dry friction below 1; 2 pi without any."""
-    start = math.asin(friction)
-    time = np.linspace(0.0, 2 * math.pi - start, 1000)
-    speed = math.cos(start) - np.cos(start + time) - friction * time
-    return float(np.maximum(speed, 0.0).mean() * time[-1])
 
 
 def _answer(log: ExcitationLog) -> float:
