@@ -1,6 +1,9 @@
 """A board that is not in the package: built from its folder, it gives the bits of every other, within its memory."""
 
 import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +11,9 @@ import pytest
 from hardware_bench import coupling, require, scratch, unwatched
 from test_firmware_tick_equals_reference import queue
 
+import avc_casadi
+import avc_hardware
 from avc_casadi import InputError, LinkError, load_device
-from avc_casadi.cli import main
 from avc_casadi.coupling import Runtime
 from avc_hardware import Connection, DeviceStatus, TableImage, build_firmware
 from avc_hardware._build_faults import build_faults
@@ -76,13 +80,31 @@ def test_a_table_too_long_for_it_is_refused_by_name() -> None:
         push_over(connection, made)
 
 
-def test_the_command_takes_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_takes_a_folder_copied_anywhere_and_the_installed_package_alone(tmp_path: Path) -> None:
+    """As PORTING.md says: a folder outside the repository, and the packages as a wheel lays them out."""
     require("arm-none-eabi-gcc")
-    asked = ["firmware", "reference-r1", "--board", str(FOLDER / "cortex-m0"), "--out", str(tmp_path / "made")]
-    assert main(asked) == 0
-    told = capsys.readouterr().out
-    assert "qemu-system-arm -M microbit -kernel cortex-m0.elf" in told
-    assert {path.suffix for path in (tmp_path / "made").iterdir()} == {".elf", ".bin", ".hex"}
+    site, own = tmp_path / "site", tmp_path / "elsewhere"
+    for package in (avc_casadi, avc_hardware):
+        source = Path(str(package.__file__)).parent
+        shutil.copytree(source, site / source.name, ignore=shutil.ignore_patterns("_problems", "__pycache__"))
+    shutil.copytree(avc_casadi.catalogue_path("figure5").parent, site / "avc_casadi" / "_problems")
+    shutil.copytree(FOLDER / "cortex-m0", own / "my_board")
+    asked = ["firmware", "reference-r1", "--board", "./my_board", "--out", "build"]
+    program = f"""
+import sys
+sys.path.insert(0, {str(site)!r})
+import avc_hardware
+from avc_casadi.cli import main
+status = main({asked!r})
+print(avc_hardware.__file__)
+raise SystemExit(status)
+"""
+    command = [sys.executable, "-P", "-c", program]
+    done = subprocess.run(command, cwd=own, capture_output=True, text=True, check=False)  # noqa: S603 - our own program
+    assert done.returncode == 0, done.stderr
+    assert str(site / "avc_hardware") in done.stdout
+    assert "qemu-system-arm -M microbit -kernel my_board.elf" in done.stdout
+    assert {path.suffix for path in (own / "build").iterdir()} == {".elf", ".bin", ".hex"}
 
 
 def test_every_fault_of_a_manifest_is_told_at_once(tmp_path: Path) -> None:
