@@ -95,9 +95,8 @@ import sys
 sys.path.insert(0, {str(site)!r})
 import avc_hardware
 from avc_casadi.cli import main
-status = main({asked!r})
 print(avc_hardware.__file__)
-raise SystemExit(status)
+raise SystemExit(main({asked!r}))
 """
     command = [sys.executable, "-P", "-c", program]
     done = subprocess.run(command, cwd=own, capture_output=True, text=True, check=False)  # noqa: S603 - our own program
