@@ -1,3 +1,8 @@
+import os
+
+# Threads of the linear algebra spin while they wait for a processor that the other worker has; commands inherit this.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything loads NumPy
+
 import pytest
 from hypothesis import HealthCheck, settings
 
