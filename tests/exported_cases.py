@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from hardware_bench import believer, coupling
 
@@ -55,3 +57,17 @@ def motions(made: Coupling) -> FloatArray:
         np.where(np.arange(samples) // 60 % 2 == 0, 3e-3, -1e-3),
     ]
     return np.array([*(step * np.round(way / step) for way in ways), broken])
+
+
+def notched(seed: int) -> Coupling:
+    """The same with detents in front of the wall and in it: narrow and wide ones, with and without a damper."""
+    made = drawn(seed)
+    rng = np.random.default_rng(seed)
+    detent = {
+        "force_n": float(rng.uniform(0.3, 3.0)),
+        "pitch_m": float(rng.uniform(3e-4, 3e-3)),
+        "width": (1.0, 0.4)[seed % 2],
+        "centre_m": float(rng.uniform(-2e-3, 0.0)),
+        "damping_ns_per_m": (0.0, 1.5)[seed // 2 % 2],
+    }
+    return dataclasses.replace(made, problem=made.problem.changed(detent=detent))

@@ -13,7 +13,7 @@ from avc_casadi.certificate import deployable
 from avc_casadi.coupling import Coupling, Gains
 from avc_casadi.loop import Hand, hand_set, no_hand
 from avc_casadi.stability import damping_range, loop_poles
-from avc_hardware import export_c
+from avc_hardware import TableImage
 
 T = 1e-3
 KNOB = """
@@ -139,10 +139,10 @@ def test_a_detent_in_the_wall_adds_to_its_slope():
     assert "detent-hands" in failed or "detent-let-go" in failed
 
 
-def test_firmware_refuses_detents_by_name():
+def test_a_table_refuses_detents_by_name():
     problem = knob()
-    with pytest.raises(avc.UnsupportedError, match=r"detent is not rendered"):
-        export_c(Coupling.constant(problem, Gains(0.0, 1e8, 0.002), "rigid"))
+    with pytest.raises(avc.UnsupportedError, match=r"detent has no place in the table.*avc export FILE"):
+        TableImage.of(Coupling.constant(problem, Gains(0.0, 1e8, 0.002), "rigid"))
 
 
 def test_a_run_ends_whole_where_the_firmware_renders_only_a_part(tmp_path):
@@ -150,5 +150,5 @@ def test_a_run_ends_whole_where_the_firmware_renders_only_a_part(tmp_path):
     done = command("run", "knob", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr.decode()
     document = strict_json(done.stdout)
-    assert "detent is not rendered by the firmware" in document["push"]["skipped"]
+    assert "detent has no place in the table" in document["push"]["skipped"]
     assert (tmp_path / "avc-knob" / "report.html").stat().st_size > 10_000

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
-from avc_casadi.problem import DelayEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
+from avc_casadi.problem import DelayEffect, DetentEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
 from avc_casadi.scene.effects import (
     Adaptation,
     Delay,
+    Detents,
     Estimator,
     Guard,
     Observer,
@@ -88,6 +89,8 @@ def _computer(coupling: Coupling) -> Iterator[SceneEffect]:
     device = problem.device
     listed: list[Effect] = [HandEffect(), WallEffect(), *coupling.runtime.effects(constant=constant)]
     own = {effect.kind: effect for effect in problem.scene.effects}
+    if problem.detent is not None:
+        listed.append(DetentEffect())
     if device.encoder_resolution_m or "encoder" in own:
         listed.append(own.get("encoder", EncoderEffect()))
     remembers = not constant or coupling.runtime.observer_mass_kg is not None or coupling.runtime.guard is not None
@@ -96,7 +99,7 @@ def _computer(coupling: Coupling) -> Iterator[SceneEffect]:
     if coupling.max_force_n is not None:
         listed.append(SaturationEffect())
     built = build_effects(problem.changed(scene={"effects": tuple(listed)}))
-    kinds = (Observer, StateFeedback, Estimator, Adaptation, Wall, Guard, Saturation, Delay)
+    kinds = (Observer, StateFeedback, Estimator, Adaptation, Wall, Detents, Guard, Saturation, Delay)
     for kind in kinds:
         for effect in built:
             if isinstance(effect, kind):
@@ -138,9 +141,9 @@ class _Built:
         tick.command = wall_force(tick, environment, rigid=False, damped=coupling.structure == "damped")
         command = tick.command
         for effect in effects:
-            if isinstance(effect, Guard | Saturation | Delay):
+            if isinstance(effect, Detents | Guard | Saturation | Delay):
                 effect.sample(tick)
-                command = tick.command if isinstance(effect, Guard) else command
+                command = tick.command if isinstance(effect, Detents | Guard) else command
         for settle in tick.at_end:
             settle()
         frequency = looked.frequency[0] if looked.frequency else None

@@ -14,13 +14,14 @@ from avc_hardware._packages import packaged
 from avc_hardware._precision import DOUBLE, PRECISIONS, SINGLE, Precision
 from avc_hardware._runtime_c import start_lines
 from avc_hardware._runtime_program import GAINS
-from avc_hardware._table import TableImage, wall_alone
+from avc_hardware._table import single_rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from avc_casadi.certificate import Deployable
     from avc_casadi.coupling import Coupling
+    from avc_casadi.problem import Problem
 
 HEADER, SOURCE = "avc_coupling.h", "avc_coupling.c"
 
@@ -30,7 +31,7 @@ _HEADER = """\
  * Coupling {id} for {problem}: {title}
  * method {method}, structure {structure}, {rows}
  * wall: {wall_damping:.9g} N.s/m and {wall_stiffness:.9g} N/m, on one side, at position 0; contact law {contact}
- * beside the gains: {beside}
+ * beside the gains: {beside}{detents}
  * force: {force}
  * {verdict}
  * sample time: {sample_time:.9g} s, and no other: the gains mean another loop at another rate
@@ -230,16 +231,14 @@ def export_c(
 
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
-        UnsupportedError: detents.
         InputError: another precision or package, the wall gives no force, the observer has no encoder step to
             look between, a gain is too large for single precision, or two rows become one in it.
     """
     if precision not in PRECISIONS:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
     verdict = require_deployable(coupling, unsafe=unsafe)
-    wall_alone(coupling)
     chosen = PRECISIONS[precision]
-    rows = TableImage.of(coupling).rows if chosen is SINGLE else coupling.table.rows
+    rows = single_rows(coupling) if chosen is SINGLE else coupling.table.rows
     program = coupling_program(coupling, chosen)
     files = {HEADER: _header(coupling, program, chosen, verdict), SOURCE: _source(coupling, program, chosen, rows)}
     units = coupling.problem.units
@@ -277,6 +276,7 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         wall_damping=coupling.wall.damping_ns_per_m,
         wall_stiffness=coupling.wall.stiffness_n_per_m,
         beside="; ".join(beside) or "nothing",
+        detents=_detents(problem),
         force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
         sample_time=coupling.sample_time_s,
         sample_time_literal=precision.literal(coupling.sample_time_s),
@@ -288,6 +288,18 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
         farthest=FARTHEST_M,
+    )
+
+
+def _detents(problem: Problem) -> str:
+    """Return the line on the detents; none where there are none."""
+    one = problem.detent
+    if one is None:
+        return ""
+    damper = f", a damper of {one.damping_ns_per_m:.9g} N.s/m" if one.damping_ns_per_m else ""
+    return (
+        f"\n * detents everywhere: {one.force_n:.9g} N at most, every {one.pitch_m:.9g} m from {one.centre_m:.9g} m, on"
+        f"\n * {100 * one.width:.9g} % of the way{damper}"
     )
 
 

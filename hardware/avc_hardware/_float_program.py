@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable, Collection, Container, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -34,9 +35,12 @@ class _Operation:
 
 
 _SELECT = -1  # condition ? a : b, which CasADi writes as a sum of two halves
+_NEAREST = -2  # the nearest whole number, as a sum too large to hold a fraction leaves it; none of those beyond it
+# Terms of the series of sin(2 pi u), u up to a quarter, by the bits of the precision.
+_TERMS = {24: 7, 53: 12}
 
 
-def _operations(ca: Any) -> dict[int, _Operation]:
+def _operations(ca: Any, precision: Precision) -> dict[int, _Operation]:
     def arithmetic(c: str, numpy: Callable[..., Value]) -> _Operation:
         return _Operation(c, numpy)
 
@@ -45,6 +49,8 @@ def _operations(ca: Any) -> dict[int, _Operation]:
 
     zero = np.float32(0)
     both = (True, True)
+    whole = precision.dtype(1.5 * 2.0 ** (precision.bits - 1))
+    text = precision.literal(float(whole))
     return {
         ca.OP_ASSIGN: arithmetic("{0}", lambda a: a),
         ca.OP_ADD: arithmetic("{0} + {1}", lambda a, b: a + b),
@@ -66,6 +72,7 @@ def _operations(ca: Any) -> dict[int, _Operation]:
         ca.OP_AND: _Operation("{0} && {1}", lambda a, b: a & b, truth=True, of_truth=both),
         ca.OP_OR: _Operation("{0} || {1}", lambda a, b: a | b, truth=True, of_truth=both),
         ca.OP_IF_ELSE_ZERO: _Operation("{0} ? {1} : {zero}", lambda a, b: np.where(a, b, zero), of_truth=(True, False)),
+        _NEAREST: arithmetic(f"({{0}} + {text}) - {text}", lambda a: (a + whole) - whole),
         _SELECT: _Operation("{0} ? {1} : {2}", np.where, of_truth=(True, False, False)),
     }
 
@@ -119,13 +126,13 @@ class FloatProgram:
 
         self._ca = ca
         self.precision = precision
-        self._operations = _operations(ca)
+        self._operations = _operations(ca, precision)
         self.inputs = tuple(function.name_in())
         self.outputs = tuple(function.name_out())
         self._nodes: list[_Node] = []
         self._results: dict[int, int] = {}
+        self._known: dict[_Node, int] = {}
         latest: dict[int, int] = {}
-        known: dict[_Node, int] = {}
         for index in range(function.n_instructions()):
             operation = function.instruction_id(index)
             inputs = function.instruction_input(index)
@@ -137,15 +144,57 @@ class FloatProgram:
                 node = _Node(operation, constant=function.instruction_constant(index))
             elif operation == ca.OP_INPUT:
                 node = _Node(operation, (inputs[0],))
+            elif operation in (ca.OP_FLOOR, ca.OP_SIN, ca.OP_COS):
+                latest[output] = self._written_out(operation, latest[inputs[0]])
+                continue
             elif operation in self._operations:
                 node = self._joined(_Node(operation, tuple(latest[at] for at in inputs)))
             else:
                 raise UnsupportedError(f"{function.name()}: CasADi operation {operation} has no form in C")
-            if node not in known:
-                known[node] = len(self._nodes)
-                self._nodes.append(node)
-            latest[output] = known[node]
+            latest[output] = self._place_of(node)
         self._needed = self._reachable()
+
+    def _place_of(self, node: _Node) -> int:
+        """Return where a value is computed, once for all."""
+        if node not in self._known:
+            self._known[node] = len(self._nodes)
+            self._nodes.append(node)
+        return self._known[node]
+
+    def _written_out(self, operation: int, at: int) -> int:
+        """Return the place of a function that C has in a library only, as operations that have the same bits anywhere.
+
+        The sine is that of the nearest turn, folded to a quarter of it, as a series.
+        """
+        ca = self._ca
+
+        def of(operation: int, *arguments: int) -> int:
+            return self._place_of(_Node(operation, arguments))
+
+        def number(value: float) -> int:
+            return self._place_of(_Node(ca.OP_CONST, constant=value))
+
+        if operation == ca.OP_FLOOR:
+            nearest = of(_NEAREST, at)
+            above = of(ca.OP_LT, at, nearest)
+            return of(ca.OP_SUB, nearest, of(ca.OP_IF_ELSE_ZERO, above, number(1.0)))
+        turns = of(ca.OP_MUL, at, number(1 / (2 * math.pi)))
+        if operation == ca.OP_COS:
+            turns = of(ca.OP_ADD, turns, number(0.25))
+        rest = of(ca.OP_SUB, turns, of(_NEAREST, turns))
+        size = of(ca.OP_FABS, rest)
+        folded = of(ca.OP_FMIN, size, of(ca.OP_SUB, number(0.5), size))
+        square = of(ca.OP_SQ, folded)
+        terms = [(-1) ** n * (2 * math.pi) ** (2 * n + 1) / math.factorial(2 * n + 1) for n in range(self._terms)]
+        series = number(terms[-1])
+        for term in reversed(terms[:-1]):
+            series = of(ca.OP_ADD, of(ca.OP_MUL, series, square), number(term))
+        found = of(ca.OP_MUL, folded, series)
+        return of(_SELECT, of(ca.OP_LT, rest, number(0.0)), of(ca.OP_NEG, found), found)
+
+    @property
+    def _terms(self) -> int:
+        return _TERMS[self.precision.bits]
 
     def _joined(self, node: _Node) -> _Node:
         """Make (c ? a : 0) + (!c ? b : 0) one choice."""

@@ -32,6 +32,11 @@ class Precision:
         return self.ln.dtype
 
     @property
+    def bits(self) -> int:
+        """Of a mantissa, the one that is not written down among them."""
+        return int(np.finfo(self.dtype).nmant) + 1
+
+    @property
     def largest(self) -> float:
         """Largest number."""
         return float(np.finfo(self.dtype).max)

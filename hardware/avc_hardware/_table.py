@@ -30,17 +30,42 @@ FEEDBACK_HEADER = struct.Struct("<HHff")
 
 
 def wall_alone(coupling: Coupling) -> None:
-    """Refuse detents, which neither the packaged firmware nor the exported source renders.
+    """Refuse detents, which a table does not hold; the exported source has them.
 
     Raises:
         UnsupportedError: the problem has some.
     """
     if coupling.problem.detent is not None:
         message = (
-            f"{coupling.problem.name}: detent is not rendered by the firmware, whose law is that of the wall; leave it "
-            "out, and add its force to that of the wall in firmware of your own"
+            f"{coupling.problem.name}: detent has no place in the table that is pushed; export the whole as C (avc "
+            "export FILE --c DIR), or build it into the firmware (avc firmware FILE --board B --built-in --out DIR)"
         )
         raise UnsupportedError(message, key="detent")
+
+
+def single_rows(coupling: Coupling) -> Float32Array:
+    """Return the rows of a coupling in single precision, shape (n, 4).
+
+    Raises:
+        InputError: a number that single precision cannot hold, or two rows that become one in it.
+    """
+    feedback = coupling.runtime.state_feedback
+    with np.errstate(over="ignore", under="ignore"):
+        rows = coupling.table.single()
+    if not np.isfinite(rows).all():
+        raise InputError.of("holds a gain that single precision cannot carry; allowed: below 3.4e38", key="table")
+    repeated = np.flatnonzero(np.diff(rows[:, 0]) <= 0)
+    if len(repeated):
+        raise InputError.of(
+            f"two rows have the frequency {rows[repeated[0], 0]:.7g} Hz (single precision); allowed: each once",
+            key="table.frequency_hz",
+        )
+    if feedback is not None and not np.isfinite(_single(feedback)).all():
+        raise InputError.of(
+            "holds a number that single precision cannot carry; allowed: below 3.4e38",
+            key="runtime.state_feedback",
+        )
+    return rows
 
 
 @dataclass(frozen=True)
@@ -93,22 +118,7 @@ class TableImage:
         """
         wall_alone(coupling)
         feedback = coupling.runtime.state_feedback
-        wide = coupling.table.rows
-        with np.errstate(over="ignore", under="ignore"):
-            rows = coupling.table.single()
-        if not np.isfinite(rows).all():
-            raise InputError.of("holds a gain that single precision cannot carry; allowed: below 3.4e38", key="table")
-        repeated = np.flatnonzero(np.diff(rows[:, 0]) <= 0)
-        if len(repeated):
-            raise InputError.of(
-                f"two rows have the frequency {rows[repeated[0], 0]:.7g} Hz (single precision); allowed: each once",
-                key="table.frequency_hz",
-            )
-        if feedback is not None and not np.isfinite(_single(feedback)).all():
-            raise InputError.of(
-                "holds a number that single precision cannot carry; allowed: below 3.4e38",
-                key="runtime.state_feedback",
-            )
+        rows = single_rows(coupling)
         wall = coupling.wall
         return cls(
             rows=rows,
@@ -123,7 +133,7 @@ class TableImage:
             damped=coupling.structure == "damped",
             varies=not coupling.table.constant,
             clips_last=coupling.contact == "clip-last",
-            rounding_max=_rounding(wide[:, 1:], rows[:, 1:]),
+            rounding_max=_rounding(coupling.table.rows[:, 1:], rows[:, 1:]),
             feedback=feedback,
         )
 

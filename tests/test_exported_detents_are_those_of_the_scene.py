@@ -1,0 +1,84 @@
+"""Detents in the exported C: the bits of the scene's expressions, and the sine of their definition."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from exported import C99, CLANG_CPP17, CPP11, Exported
+from exported_bench import ran
+from exported_cases import motions, notched
+from hardware_bench import bench_problem, coupling, export_c, with_gains
+
+import avc_casadi as avc
+from avc_casadi import UnsupportedError
+from avc_casadi.problem import DelayEffect, DetentEffect, EncoderEffect, HandEffect, WallEffect
+from avc_hardware import TableImage
+from avc_hardware._precision import PRECISIONS
+from avc_hardware._reference_coupling import ReferenceCoupling
+
+# Nothing beside the gains; a table; observer and tank; a controller; state feedback.
+SEEDS = (0, 1, 2, 7, 16)
+
+
+def forces_of(seed: int, precision: str = "single") -> np.ndarray:
+    ways = motions(notched(seed))
+    devices = ReferenceCoupling(notched(seed), len(ways), PRECISIONS[precision])
+    return np.stack([devices.step(column) for column in ways.T], axis=1)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_compiled_detents_have_the_bits_of_the_expressions(seed: int) -> None:
+    compiler = (C99, CPP11, CLANG_CPP17)[seed % 3]
+    device = Exported(notched(seed), compiler=compiler)
+    for way, forces in zip(motions(notched(seed)), forces_of(seed), strict=True):
+        device.start()
+        assert device.forces(way).tobytes() == forces.tobytes()
+
+
+@pytest.mark.parametrize(("board", "seed"), [("Cortex-M0", 0), ("ATmega328P", 2)])
+def test_a_small_processor_has_the_same_bits(board: str, seed: int) -> None:
+    ways = motions(notched(seed))[:, :60]
+    assert ran(board, notched(seed), ways).forces.tobytes() == forces_of(seed)[:, :60].tobytes()
+
+
+@pytest.mark.parametrize(("precision", "off"), [("single", 2e-5), ("double", 1e-12)])
+@pytest.mark.parametrize("width", [1.0, 0.3])
+def test_the_force_in_front_of_the_wall_is_that_of_the_definition(precision: str, off: float, width: float) -> None:
+    pitch, centre = 2e-3, -3.3e-3
+    made = dataclasses.replace(
+        coupling(1),
+        problem=coupling(1).problem.changed(
+            detent={"force_n": 1.0, "pitch_m": pitch, "width": width, "centre_m": centre}
+        ),
+    )
+    step = made.problem.device.encoder_resolution_m or 1e-6
+    places = -step * np.round(np.linspace(1e-6, 0.05, 400) / step)
+    from_valley = (places - centre) / pitch - np.round((places - centre) / pitch)
+    expected = np.where(np.abs(from_valley) < width / 2, np.sin(2 * math.pi * from_valley / width), 0.0)
+    near_an_edge = np.abs(np.abs(from_valley) - width / 2) < 1e-3
+    forces = Exported(made, precision=precision).forces(places)
+    # A valley is as far away as single precision tells a place some thousand times its distance.
+    assert np.abs(forces - expected)[~near_an_edge].max() < off * 50 / width
+
+
+def test_the_scene_and_its_export_feel_alike() -> None:
+    effects = (HandEffect(), WallEffect(), DetentEffect(), EncoderEffect(), DelayEffect())
+    problem = bench_problem((0.0, 2e3), delay_samples=1, encoder_resolution_m=2e-5).changed(
+        detent={"force_n": 0.8, "pitch_m": 2e-3, "centre_m": -1e-3, "damping_ns_per_m": 0.5},
+        scene={"effects": effects, "motion": {"kind": "press", "end_m": 0.003}, "duration_s": 0.8},
+    )
+    made = with_gains(problem, 0.0, 1e8, 3.0)
+    scene = avc.simulate(problem, made)
+    measured = 2e-5 * np.floor(scene.position_m / 2e-5 + 0.5)
+    asked = scene.force_n[1:]
+    assert asked.min() < -0.5
+    assert asked.max() > 1
+    force = Exported(made, precision="double").forces(measured)[:-1]
+    assert np.abs(force - asked).max() < 1e-9 * asked.max()
+
+
+def test_a_table_has_no_place_for_them_and_says_where_they_go() -> None:
+    with pytest.raises(UnsupportedError, match=r"detent has no place in the table.*avc export FILE --c DIR"):
+        TableImage.of(notched(0))
+    assert "detents everywhere: " in export_c(notched(0))["avc_coupling.h"]
