@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from avc_casadi._errors import InputError
-from avc_casadi.arm._arm import Arm
+from avc_casadi.arm._arm import Arm, evaluated
 from avc_casadi.arm._five_bar import five_bar
 from avc_casadi.arm._gantry import gantry
 from avc_casadi.arm._phantom import phantom
@@ -42,4 +44,22 @@ def arm(source: str | Path | ArmFile) -> Arm:
     if len(file.workspace.low_m) != axes:
         message = f"has {len(file.workspace.low_m)} numbers; allowed: {axes}, along {', '.join(made.axes)}"
         raise InputError.of(message, file=told, key="workspace.low_m")
+    _check_home(made, told)
     return made
+
+
+def _check_home(made: Arm, told: str) -> None:
+    """Refuse a home where the mechanism cannot stand, or where its tip cannot move along every axis.
+
+    Raises:
+        InputError: it is such a one.
+    """
+    home = made.home[None]
+    stands = np.concatenate([evaluated(one, home).ravel() for one in (made.tip, made.allowed)])
+    shown = ", ".join(f"{value:g}" for value in made.home)
+    if not np.isfinite(stands).all() or evaluated(made.allowed, home).min(initial=0.0) < 0:
+        message = f"is [{shown}], where the mechanism cannot stand; allowed: joint values within its reach and limits"
+        raise InputError.of(message, file=told, key="home")
+    if np.linalg.matrix_rank(evaluated(made.jacobian, home)[0]) < len(made.axes):
+        message = f"is [{shown}], a singular pose: the tip cannot move along every axis there; allowed: another pose"
+        raise InputError.of(message, file=told, key="home")
