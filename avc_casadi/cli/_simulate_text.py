@@ -28,6 +28,8 @@ def simulation_text(document: dict[str, Any], *, plot: str | None, explained: bo
             adapts = any(effect["kind"] == "adaptation" for effect in document["effects"])
             coupling += ", at first" if adapts else ""
             coupling += f", the table at {number(document['gains_from_hz'])} Hz"
+    detents = any(effect["kind"] == "detent" for effect in document["effects"])
+    beside = ", with the slope of the detents" if detents else ""
     lines = [
         f"{document['problem']}: {document['steps']} samples, coupling {coupling}",
         *(f"  note: {note}" for note in document["notes"]),
@@ -41,7 +43,7 @@ def simulation_text(document: dict[str, Any], *, plot: str | None, explained: bo
         f"  position at the end           {_told(document['position_peak_to_peak_m'], 1e3)} mm peak to peak",
         f"  force at the end              {_told(document['mean_force_n'])} N",
         f"  force between 20 and 500 Hz   {_told(document['force_ripple_n'])} N rms",
-        f"  stiffness, at the sensor      {number(document['apparent_stiffness_n_per_m'])} N/m",
+        f"  stiffness, at the sensor      {number(document['apparent_stiffness_n_per_m'])} N/m{beside}",
         f"  rate-hardness at contact      {number(document['rate_hardness_n_per_m'])} N/m",
         f"  energy given out beyond that taken in   {_told(document['energy_generated_j'], 1e3)} mJ",
         f"  {document['criterion']}",
