@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from avc_casadi.identification import Layout
+    from avc_casadi.support import Units
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +42,51 @@ def positive_int(text: str) -> int:
     return value
 
 
+class _Worded(argparse.Action):
+    """Keep a value and the option by which it came: one motion's or the other's."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,  # noqa: ARG002
+        namespace: argparse.Namespace,
+        values: Any,
+        option: str | None = None,
+    ) -> None:
+        setattr(namespace, self.dest, values)
+        namespace.worded = {**getattr(namespace, "worded", {}), self.dest: (option, self.option_strings)}
+
+
+def add_worded(parser: argparse.ArgumentParser, linear: str, rotary: str, metavar: str, text: str) -> None:
+    """Declare an option that devices that turn have in their own unit.
+
+    Args:
+        parser: of the verb.
+        linear: the option, which names the value too.
+        rotary: the same for a device that turns.
+        metavar: of the value.
+        text: help.
+    """
+    parser.add_argument(linear, rotary, action=_Worded, type=positive, metavar=metavar, help=text)
+
+
+def check_worded(args: argparse.Namespace, units: Units) -> None:
+    """Refuse options of the other kind of motion.
+
+    Raises:
+        InputError: with the option that is meant, of each.
+    """
+    from avc_casadi import Fault, InputError
+
+    faults = []
+    for given, (linear, rotary) in getattr(args, "worded", {}).values():
+        meant = linear if units.linear else rotary
+        if given != meant:
+            kind = "a linear device" if units.linear else "a device that turns"
+            faults.append(Fault("", None, meant, f"was given as {given.lstrip('-')!r}; allowed of {kind}: {meant}"))
+    if faults:
+        raise InputError(faults)
+
+
 def add_log_layout(parser: argparse.ArgumentParser) -> None:
     """Declare what a user may say of the columns of a log."""
     parser.add_argument(
@@ -48,14 +94,14 @@ def add_log_layout(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="Q=C",
-        help="columns by header or number, 1 is the first: time=1,position=2,force=3",
+        help="columns by header or number, 1 is the first: time=1,position=2,force=3; angle and torque of what turns",
     )
     parser.add_argument(
         "--units",
         action="append",
         default=[],
         metavar="Q=U",
-        help="units where no header says them: time=ms,position=um",
+        help="units where no header says them: time=ms,position=um, or angle=deg,torque=N.m",
     )
     parser.add_argument("--sample-time", type=positive, metavar="S", help="sample time in seconds of logs without time")
     parser.add_argument("--flip-force", action="store_true", help="the logs count the force against +position")

@@ -10,10 +10,10 @@ from __future__ import annotations
 import argparse
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import add_port, positive, positive_int
+from avc_casadi.cli._arguments import add_port, add_worded, check_worded, positive_int
 from avc_casadi.cli._check_device import is_device
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._subject import linear_only, load_device, load_problem
+from avc_casadi.cli._subject import load_device, load_problem
 from avc_casadi.cli._text import number
 
 _WIRINGS = ("right", "encoder-reversed", "encoder-stuck", "motor-reversed", "motor-dead")
@@ -27,18 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what is known of it: a device or a problem; a file or a catalogue name",
     )
     add_port(parser)
-    parser.add_argument(
-        "--force-n",
-        type=positive,
-        metavar="N",
-        help="of the pulse; default three times the dry friction, at least a tenth of the device's force",
-    )
-    parser.add_argument(
-        "--first-touch-n", type=positive, metavar="N", help="force limit afterwards; default a tenth of the device's"
-    )
-    parser.add_argument(
-        "--by-hand-m", type=positive, default=5e-3, metavar="X", help="least way of the hand; default 0.005"
-    )
+    pulse = "of the pulse; default three times the dry friction, at least a tenth of the device's force"
+    add_worded(parser, "--force-n", "--torque-nm", "N", pulse)
+    touch = "force limit afterwards; default a tenth of the device's"
+    add_worded(parser, "--first-touch-n", "--first-touch-nm", "N", touch)
+    add_worded(parser, "--by-hand-m", "--by-hand-rad", "X", "least way of the hand; default 0.005 m at the hand")
     parser.add_argument(
         "--on-bench", choices=_WIRINGS, default="right", help="with --port emulator: how its device is wired"
     )
@@ -55,8 +48,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             f"goes with --port emulator alone, not with {args.port}; leave it out", key="--on-bench"
         )
     device = load_device(args.device).device if is_device(args.device) else load_problem(args.device).device
+    check_worded(args, device.units)
     found = commission(
-        linear_only(device, "commission", "device"),
+        device,
         args.port,
         force_n=args.force_n,
         first_touch_n=args.first_touch_n,
@@ -69,8 +63,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     document = plain({"schema": "avc-commission/1"} | found.document())
     if found.found:
         return Answer(document, "", code=1, complaint=f"avc: {found.port}: {found.sentence}")
+    motion = "" if device.units.linear else " --motion rotary"
     text = (
         f"{found.sentence}\nfirst touch: the force is limited to {number(found.limits.force_n)} N; next: avc push, "
-        "touch the wall, then raise it: avc limits --force-n N"
+        f"touch the wall, then raise it: avc limits --force-n F{motion}"
     )
     return Answer(document, text)

@@ -15,7 +15,7 @@ import avc_casadi as avc
 from avc_casadi.cli._arguments import add_log_layout, log_layout, positive
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
-from avc_casadi.cli._subject import linear_only, load_device, load_problem
+from avc_casadi.cli._subject import load_device, load_problem
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -32,8 +32,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--device", metavar="NAME|FILE", help="device file or name: what it was declared to be")
     parser.add_argument("--problem", metavar="P", help="problem: its device and its hands")
     parser.add_argument("--coupling", metavar="FILE", help="coupling.json that was meant to run")
-    parser.add_argument("--stiffness", type=positive, metavar="N/m", help="stiffness that was meant to run")
-    parser.add_argument("--damping", type=positive, metavar="N.s/m", help="damping that was meant to run")
+    parser.add_argument(
+        "--stiffness", type=positive, metavar="N/m", help="stiffness that was meant to run (N.m/rad of what turns)"
+    )
+    parser.add_argument(
+        "--damping", type=positive, metavar="N.s/m", help="damping that was meant to run (N.m.s/rad of what turns)"
+    )
     parser.add_argument("--plot", metavar="FILE", help="write a picture of each log (.png, .svg, .pdf)")
     parser.add_argument("--report", metavar="FILE", help="write a page with figures (.html)")
 
@@ -80,8 +84,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 def _declared(args: argparse.Namespace) -> tuple[Device | None, Hands | None]:
     if args.problem:
         problem = load_problem(args.problem)
-        return linear_only(problem.device, "diagnose", "--problem"), problem.hands
-    return (linear_only(load_device(args.device).device, "diagnose", "--device") if args.device else None), None
+        return problem.device, problem.hands
+    return (load_device(args.device).device if args.device else None), None
 
 
 def _coupling(file: str | None) -> Coupling | None:

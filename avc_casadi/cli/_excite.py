@@ -12,11 +12,11 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import positive, positive_int
+from avc_casadi.cli._arguments import add_worded, check_worded, positive, positive_int
 from avc_casadi.cli._check_device import is_device
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
-from avc_casadi.cli._subject import linear_only, load_device, load_problem
+from avc_casadi.cli._subject import load_device, load_problem
 from avc_casadi.cli._text import number, table
 
 if TYPE_CHECKING:
@@ -47,16 +47,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="multisine: tells the most (default); chirp; sweep: at constant speed; release: pulled and let go",
     )
     parser.add_argument("--seconds", type=positive, default=10.0, metavar="S", help="how long; default 10")
-    parser.add_argument(
-        "--force-n",
-        type=positive,
-        metavar="N",
-        help="force limit; default: half of max_force_n",
+    add_worded(parser, "--force-n", "--torque-nm", "N", "force limit; default: half of the device's")
+    add_worded(
+        parser,
+        "--speed-m-per-s",
+        "--speed-rad-per-s",
+        "V",
+        "speed limit; default 0.3 m/s at the hand, at most 10 rad/s",
     )
-    parser.add_argument("--speed-m-per-s", type=positive, default=0.3, metavar="V", help="speed limit; default 0.3")
-    parser.add_argument(
-        "--travel-m", type=positive, default=0.02, metavar="X", help="travel limit to either side; default 0.02"
-    )
+    add_worded(parser, "--travel-m", "--travel-rad", "X", "travel limit to either side; default 20 mm at the hand")
     parser.add_argument("--out", metavar="FILE", help="write the log (.csv)")
     parser.add_argument("--plan-only", action="store_true", help="say what would be done; nothing moves")
     parser.add_argument(
@@ -69,6 +68,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Plan, say so, play, write; 1 if the device stopped before the end."""
     out = output_file(args.out, "--out", (".csv",)) if args.out else None
     device = _device(args.device)
+    check_worded(args, device.units)
     on_bench = _device(args.on_bench) if args.on_bench else device
     if args.plan_only and args.out:
         raise avc.InputError.of("makes a log, and --plan-only plays nothing; leave one of them out", key="--out")
@@ -121,8 +121,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _device(source: str) -> Device:
-    device = load_device(source).device if is_device(source) else load_problem(source).device
-    return linear_only(device, "excite", "device")
+    return load_device(source).device if is_device(source) else load_problem(source).device
 
 
 def _plan(made: Excitation) -> dict[str, Any]:

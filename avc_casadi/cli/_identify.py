@@ -12,10 +12,10 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import add_log_layout, log_layout
+from avc_casadi.cli._arguments import add_log_layout, log_layout, positive
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
-from avc_casadi.cli._subject import linear_only, load_device
+from avc_casadi.cli._subject import load_device
 
 if TYPE_CHECKING:
     from avc_casadi.identification import Identification
@@ -30,10 +30,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_log_layout(parser)
     parser.add_argument(
-        "--added-mass", metavar="KG,...", help="known mass on the device, one of each log: tells the force's scale"
+        "--added-mass",
+        metavar="KG,...",
+        help="known mass (kg.m2 on what turns) on the device, one of each log: tells the force's scale",
     )
     parser.add_argument(
         "--known", action="append", default=[], metavar="KEY=VALUE", help="a value not to search for: mass_kg=0.1"
+    )
+    parser.add_argument(
+        "--handle-radius-m",
+        type=positive,
+        metavar="R",
+        help="where the hand holds a device that turns, if BASE is not given",
     )
     parser.add_argument("--encoder-at", choices=("motor", "handle"), help="side of the resonance with the encoder")
     parser.add_argument("--report", metavar="FILE", help="write a page with figures (.html)")
@@ -45,9 +53,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     page = output_file(args.report, "--report", (".html",)) if args.report else None
     layout, masses, known = log_layout(args), _masses(args), _known(args)
     base = load_device(args.device) if args.device else None
-    if base is not None:
-        linear_only(base.device, "identify", "--device")
     from avc_casadi.identification import device_text, identification_document, identification_text, identify
+    from avc_casadi.support import speak, units_for
 
     found = identify(
         args.log,
@@ -57,8 +64,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         added_mass_kg=masses,
         encoder_at=args.encoder_at,
         flip_force=args.flip_force,
+        handle_radius_m=args.handle_radius_m,
         progress=console,
     )
+    if base is None:
+        speak(units_for(found.motion))
     document: dict[str, Any] = identification_document(found)
     lines = [identification_text(found)]
     code, complaint = 0, ""
@@ -106,11 +116,13 @@ def _masses(args: argparse.Namespace) -> tuple[float, ...]:
 
 
 def _known(args: argparse.Namespace) -> dict[str, float]:
-    known = {}
+    from avc_casadi.support import ROTARY
+
+    known: dict[str, float] = {}
     for text in args.known:
         key, _, value = text.partition("=")
         try:
-            known[key] = float(value)
+            known[ROTARY.inner(key)] = float(value)
         except ValueError:
             raise avc.InputError.of(f"is {text!r}; allowed: KEY=VALUE, as mass_kg=0.1", key="--known") from None
     return known

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from avc_casadi.cli._arguments import add_port, positive, positive_int
+from avc_casadi.cli._arguments import add_port, add_worded, check_worded, positive, positive_int
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._text import number, table
 
@@ -19,20 +19,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "holds at once, a higher one from the next time that the device is out of contact."
     )
     add_port(parser)
-    parser.add_argument("--force-n", type=positive, metavar="N", help="limit of the force")
-    parser.add_argument("--speed-m-per-s", type=positive, metavar="V", help="a fault is latched beyond it")
+    add_worded(parser, "--force-n", "--torque-nm", "N", "limit of the force")
+    add_worded(parser, "--speed-m-per-s", "--speed-rad-per-s", "V", "a fault is latched beyond it")
     parser.add_argument(
         "--energy-j", type=positive, metavar="E", help="that a coupling may give out, a second, without having got it"
     )
     parser.add_argument("--built-in", action="store_true", help="those of the firmware, for all that is not given")
+    parser.add_argument(
+        "--motion", choices=("linear", "rotary"), default="linear", help="of the device: rotary has rad and N.m"
+    )
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Set or show."""
-    from avc_casadi.support import plain
+    from avc_casadi.support import plain, speak, units_for
     from avc_hardware import set_limits
 
+    units = units_for(args.motion)
+    check_worded(args, units)
+    speak(units)
     with console.step(f"limits of {args.port}"):
         found = set_limits(
             args.port,

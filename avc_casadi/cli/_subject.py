@@ -13,7 +13,7 @@ import avc_casadi as avc
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import Device, DeviceFile
+    from avc_casadi.problem import DeviceFile
 
 _FILES = (".json", ".csv")
 
@@ -36,21 +36,6 @@ def load_device(source: str) -> DeviceFile:
     example = [] if file.sdk_example is None else [file.sdk_example.source]
     speak(file.device.units.beside(file.name, file.title, *sources, *example))
     return file
-
-
-def linear_only(device: Device, verb: str, key: str) -> Device:
-    """Return a device whose position is a length, of which a verb's limits and logs are.
-
-    Raises:
-        UnsupportedError: it turns.
-    """
-    if device.units.linear:
-        return device
-    raise avc.UnsupportedError(
-        f"{key} turns: {verb} works in metres and newtons; give it the device with capstan_radius_m, as at its handle, "
-        "and logs of that: x = r theta, F = tau/r",
-        key=key,
-    )
 
 
 def is_coupling(text: str) -> bool:

@@ -148,7 +148,7 @@ def _encoder(answer: Answer, law: Law, log: Log) -> list[Cure]:
         played = replay(answer, with_law, log, encoder_m, filter_hz=filter_hz)
         return not played.sustained
 
-    for factor in _SOFTER if law.damping_ns_per_m > NOTHING else ():
+    for factor in _SOFTER if law.damping_ns_per_m > NOTHING * log.reach_m**2 else ():
         softer = replace(law, damping_ns_per_m=factor * law.damping_ns_per_m)
         if worst_mode(answer, softer).stable and small(softer, step):
             change = f"b = {number(softer.damping_ns_per_m, 3)} N.s/m in place of {number(law.damping_ns_per_m, 3)}"

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from avc_casadi.loop import Hand, hand_corners, joined
-from avc_casadi.problem import Device, Hands
+from avc_casadi.problem import Device, Hands, turned_hands
 from avc_casadi.support import FloatArray
 
 # What a device on a desk is taken for where none is declared; the hand's ranges widen it.
 _ASSUMED = {"mass_kg": 0.1, "damping_ns_per_m": 1.0, "delay_samples": 1.0}
+
+# Mass, damping and stiffness of hardly any hand.
+_LEAST_HAND = np.array([[1e-3], [0.1], [5.0]])
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,9 @@ class Declared:
                 "that let go is not told from one that holds; better: --device NAME|FILE"
             )
             return cls(device, known=False, hands=hands or Hands(), notes=tuple(notes))
-        return cls(device, known=True, hands=hands or Hands(), notes=())
+        return cls(
+            device, known=True, hands=hands or Hands.model_validate(turned_hands(device.metres_per_unit)), notes=()
+        )
 
     @property
     def longest_delay(self) -> float:
@@ -66,7 +71,7 @@ class Declared:
 
     def hand_prior(self) -> tuple[FloatArray, FloatArray]:
         """Return middle and spread of ln mass, damping and stiffness of the hand."""
-        ends = np.log(np.maximum(self._ends(), [[1e-3], [0.1], [5.0]]))
+        ends = np.log(np.maximum(self._ends(), self.device.metres_per_unit**2 * _LEAST_HAND))
         spread = np.maximum((ends[:, 1] - ends[:, 0]) / 2, 0.4)
         return ends.mean(axis=1), spread if self.known else np.maximum(spread, 1.1)
 

@@ -60,10 +60,12 @@ def diagnose(
         InputError: every fault of the log, or a force that drives the device away from where it rests.
     """
     columns = log if isinstance(log, Columns) else _one(read_columns(log, layout), log)
-    grid, notes = log_of(columns, flip_force=flip_force)
     if coupling is not None:
         device = device or coupling.problem.device
         hands = hands or coupling.problem.hands
+    _check_motion(columns, device)
+    reach_m = 1.0 if device is None else device.metres_per_unit
+    grid, notes = log_of(columns, flip_force=flip_force, reach_m=reach_m)
     declared = Declared.of(device, hands, grid.ticks.sample_time_s)
     with progress.step("oscillation"):
         swing = find_oscillation(grid)
@@ -76,7 +78,7 @@ def diagnose(
             file=columns.file,
             key="force",
         )
-    evidence = [oscillation_sentence(swing.found), ticks_sentence(grid.ticks, declared)]
+    evidence = [oscillation_sentence(swing.found, reach_m), ticks_sentence(grid.ticks, declared)]
     if law is None:
         evidence.append("the force tells of no spring and no damper" if grid.force_n.any() else "no force is commanded")
     else:
@@ -95,6 +97,21 @@ def diagnose(
         asked = weigh(fits, law, grid, swing.found, declared)
     with progress.step("cures"):
         return judge.judged(law, fits, asked)
+
+
+def _check_motion(columns: Columns, device: Device | None) -> None:
+    """Refuse a log that turns beside a device that does not, or of which nothing says where a hand holds it."""
+    turns, motion = columns.motion == "rotary", None if device is None else device.motion
+    if motion == columns.motion or (device is None and not turns):
+        return
+    allowed = "a log of its own motion: rad and N.m of what turns, m and N at a handle, x = r theta and F = tau/r"
+    message = f"is {columns.motion} by its units, and the device is {motion}; allowed: {allowed}"
+    if device is None:
+        message = (
+            "is of a device that turns, and nothing says where the hand holds it; allowed: beside --device, --problem "
+            "or --coupling, whose device has handle_radius_m"
+        )
+    raise InputError.of(message, file=columns.file, key="position")
 
 
 def _one(columns: Sequence[Columns], file: str | Path) -> Columns:

@@ -28,9 +28,14 @@ _DECIDES = {
 }
 
 
-def thresholds(found: Oscillation) -> float:
-    """Return the amplitude as a multiple of what a hand on a stylus detects."""
-    return found.peak_to_peak_m / 2 / float(threshold_m(np.array([found.frequency_hz]))[0])
+def thresholds(found: Oscillation, reach_m: float) -> float:
+    """Return the amplitude as a multiple of what a hand on a stylus detects.
+
+    Args:
+        found: the oscillation.
+        reach_m: how far the hand moves for a unit of the position.
+    """
+    return reach_m * found.peak_to_peak_m / 2 / float(threshold_m(np.array([found.frequency_hz]))[0])
 
 
 def toggling_felt(found: Oscillation, declared: Declared) -> float:
@@ -43,17 +48,17 @@ def toggling_felt(found: Oscillation, declared: Declared) -> float:
     angular = 2 * math.pi * found.frequency_hz
     hands = declared.hands
     if hands.mass_kg[0] * angular**2 < hands.stiffness_n_per_m[1]:
-        return thresholds(found)
+        return thresholds(found, declared.device.metres_per_unit)
     # Above the frequency of a hand's spring and mass, a mass moves less the heavier it is; 4/pi of a square wave.
     moves = 4 / math.pi * found.force_peak_to_peak_n / 2 / (declared.device.mass_kg * angular**2)
-    return min(1.0, moves / (found.peak_to_peak_m / 2)) * thresholds(found)
+    return min(1.0, moves / (found.peak_to_peak_m / 2)) * thresholds(found, declared.device.metres_per_unit)
 
 
-def oscillation_sentence(found: Oscillation) -> str:
-    """Say what swings."""
+def oscillation_sentence(found: Oscillation, reach_m: float) -> str:
+    """Say what swings, and how a hand feels it that moves so far for a unit of the position."""
     if not math.isfinite(found.frequency_hz):
         return f"no oscillation: above 4 Hz the position moves by {_um(found.at_rest_m)} rms"
-    felt = thresholds(found)
+    felt = thresholds(found, reach_m)
     steps = f", {number(found.steps, 3)} encoder steps" if math.isfinite(found.steps) else ""
     grows = ""
     if math.isfinite(found.growth_per_s) and found.growth_error_per_s < 0.5 * abs(found.growth_per_s):

@@ -45,15 +45,17 @@ class Jump:
     lag: int
 
 
-def jump_sentence(jump: Jump) -> str:
+def jump_sentence(jump: Jump, reach_m: float) -> str:
     """Say how the force follows the position.
 
     Args:
         jump: of the log.
+        reach_m: how far the hand moves for a unit of the position.
     """
+    nothing = _NOTHING * reach_m**2
     parts = [f"{number(jump.force_n, 3)} N"]
-    parts += [f"{number(jump.stiffness_n_per_m, 3)} N/m of depth"] if abs(jump.stiffness_n_per_m) > _NOTHING else []
-    parts += [f"{number(jump.damping_ns_per_m, 3)} N.s/m"] if abs(jump.damping_ns_per_m) > _NOTHING else []
+    parts += [f"{number(jump.stiffness_n_per_m, 3)} N/m of depth"] if abs(jump.stiffness_n_per_m) > nothing else []
+    parts += [f"{number(jump.damping_ns_per_m, 3)} N.s/m"] if abs(jump.damping_ns_per_m) > nothing else []
     return f"in contact the force is {' + '.join(parts)}, and 0 outside: every cycle switches it"
 
 
@@ -89,13 +91,13 @@ def find_jump(log: Log, swing: Swing, law: Law | None, limit_n: float | None) ->
             carried = _columns(position, before[before > lag], lag, edge, period) @ told
             switched = carried.size > 0 and float(np.median(carried)) > 0
             least = _SHARE * swings
-            return jump if switched and min(jump.force_n, _of_spring(law, edge)) > least else None
+            return jump if switched and min(jump.force_n, _of_spring(law, edge, log.reach_m)) > least else None
     return None
 
 
-def _of_spring(law: Law | None, edge: float) -> float:
+def _of_spring(law: Law | None, edge: float, reach_m: float) -> float:
     """Return the force of the spring alone at a position; infinite where none is told."""
-    if law is None or not law.told or not law.stiffness_n_per_m > _NOTHING:
+    if law is None or not law.told or not law.stiffness_n_per_m > _NOTHING * reach_m**2:
         return np.inf
     return law.stiffness_n_per_m * (edge - law.wall_m)
 

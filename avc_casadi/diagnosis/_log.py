@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,6 +52,7 @@ class Log:
         ran: whether the tick is in the log, shape (n,).
         encoder_m: step of the lattice that the positions lie on, 0 where they lie on none.
         start_s: time of the first sample.
+        reach_m: how far the hand moves for a unit of the position: 1, or the radius of the handle of what turns.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Log:
     ran: BoolArray
     encoder_m: float
     start_s: float
+    reach_m: float = 1.0
 
     @property
     def time_s(self) -> FloatArray:
@@ -68,12 +70,13 @@ class Log:
         return np.asarray(self.start_s + np.arange(self.position_m.size) * self.ticks.period_s)
 
 
-def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str]]:
+def log_of(columns: Columns, *, flip_force: bool = False, reach_m: float = 1.0) -> tuple[Log, list[str]]:
     """Lay a log on its grid.
 
     Args:
         columns: the log, its force along +position.
         flip_force: whether its force counts against +position.
+        reach_m: how far the hand moves for a unit of the position.
 
     Returns:
         The longest stretch without a pause, and what the user should know.
@@ -115,6 +118,7 @@ def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str
         ran=ran,
         encoder_m=_encoder(columns.file, period, position, force),
         start_s=float(time[0]),
+        reach_m=reach_m,
     )
     return _thinned(log), told
 
@@ -155,12 +159,10 @@ def _thinned(log: Log) -> Log:
     change = np.flatnonzero(np.diff(log.force_n) != 0) + 1
     first = int(np.argmax(np.bincount(change % held, minlength=held)))
     keep = slice(first, None, held)
-    return Log(
-        log.name,
-        log.ticks,
-        log.position_m[keep],
-        log.force_n[keep],
-        log.ran[keep],
-        log.encoder_m,
-        log.start_s + first * log.ticks.sample_time_s,
+    return replace(
+        log,
+        position_m=log.position_m[keep],
+        force_n=log.force_n[keep],
+        ran=log.ran[keep],
+        start_s=log.start_s + first * log.ticks.sample_time_s,
     )

@@ -20,7 +20,7 @@ _WINDOW_S = 0.25
 # A sawtooth, which is what a slow motion over encoder steps leaves, has a fundamental of 0.32 steps; a position that
 # toggles between two has one of 0.64.
 _LEAST_STEPS = 0.37
-_LEAST_M = 1e-7
+_LEAST_M = 1e-7  # at the hand, as the force below
 # Share of the power in a line and its harmonics.
 _LINE = 0.5
 # Logarithm of frequencies that are one oscillation, from window to window.
@@ -104,7 +104,7 @@ def find_oscillation(log: Log) -> Swing:
     starts = np.arange(0, n - size + 1, hop)
     lines = np.array([_line(fast[start : start + size], period) for start in starts])
     amplitude, frequency, share = lines.T
-    least = max(_LEAST_STEPS * log.encoder_m, _LEAST_M)
+    least = max(_LEAST_STEPS * log.encoder_m, _LEAST_M / log.reach_m)
     swings = (amplitude > least) & (share > _LINE)
     found = _swings(log, fast, starts, size, swings, amplitude, frequency, kind=None)
     dying = any(swing.found.kind == "decaying" and swing.last >= n - 2 * hop for swing in found)
@@ -154,8 +154,8 @@ def _restless(log: Log, fast: FloatArray, part: slice) -> bool:
     filtered = signal.butter(2, _RESTLESS_HZ, "highpass", fs=1 / log.ticks.period_s, output="sos")
     ripple = _rms(signal.sosfiltfilt(filtered, force - force.mean()))
     motion = _rms(signal.sosfiltfilt(filtered, fast[part]))
-    return motion > max(_RESTLESS_STEPS * log.encoder_m, _LEAST_M) or ripple > max(
-        _RIPPLE * abs(float(force.mean())), _LEAST_N
+    return motion > max(_RESTLESS_STEPS * log.encoder_m, _LEAST_M / log.reach_m) or ripple > max(
+        _RIPPLE * abs(float(force.mean())), _LEAST_N * log.reach_m
     )
 
 
@@ -171,7 +171,7 @@ def _measured(
     envelope = np.convolve(envelope, np.ones(smooth) / smooth, mode="same")
     inside = envelope[first:last]
     top = float(np.quantile(inside, 0.9))
-    floor = max(0.4 * log.encoder_m, 1e-9)
+    floor = max(0.4 * log.encoder_m, 1e-9 / log.reach_m)
     # It begins where the envelope last leaves a tenth of its top, or the floor of the encoder.
     low = max(0.1 * top, min(2 * floor, 0.5 * top))
     reached = first + int(np.argmax(inside >= 0.7 * top))

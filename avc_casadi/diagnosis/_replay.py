@@ -17,7 +17,7 @@ _SECONDS = 1.5
 _SPEED_M_PER_S = 0.07
 _BEFORE_M = 0.004
 NOTHING = 1e-6
-"""N/m or N.s/m that no hand feels, and what a fit leaves of nothing."""
+"""N/m or N.s/m at the hand that no hand feels, and what a fit leaves of nothing."""
 
 
 def can_replay(law: Law) -> bool:
@@ -42,7 +42,7 @@ def replay(answer: Answer, law: Law, log: Log, encoder_m: float, *, filter_hz: f
         seen = encoder_m * np.floor(seen / encoder_m + 0.5)
     if not np.isfinite(seen).all():
         return Oscillation("growing")
-    played, _ = log_of(Columns("replay", run.time_s, np.asarray(seen), -run.force_n))
+    played, _ = log_of(Columns("replay", run.time_s, np.asarray(seen), -run.force_n), reach_m=log.reach_m)
     return find_oscillation(played).found
 
 
@@ -51,12 +51,12 @@ def _problem(answer: Answer, law: Law, log: Log, encoder_m: float, filter_hz: fl
     two_sided = np.count_nonzero(log.force_n < 0) > 0.01 * log.force_n.size
     pressed = float(np.mean(log.force_n[-max(1, log.force_n.size // 3) :]))
     effects: list[dict[str, object]] = []
-    end = _BEFORE_M
+    end = _BEFORE_M / log.reach_m
     if hand is not None:
         k_h = float(hand.stiffness_n_per_m)
         effects.append({"kind": "hand", **hand.values(0)})
         depth = pressed / law.stiffness_n_per_m if law.stiffness_n_per_m > 0 else 0.0
-        end = float(np.clip(depth + pressed / k_h, 1e-4, 0.2))
+        end = float(np.clip(depth + pressed / k_h, 1e-4 / log.reach_m, 0.2 / log.reach_m))
     effects.append({"kind": "environment" if two_sided else "wall"})
     if device.resonance is not None:
         effects.append({"kind": "resonance"})
@@ -85,8 +85,8 @@ def _problem(answer: Answer, law: Law, log: Log, encoder_m: float, filter_hz: fl
             "title": "the loop of a log",
             "device": device.model_dump(mode="json", exclude={"range"}, exclude_none=True),
             "environment": {
-                "damping_ns_per_m": _or_none(law.damping_ns_per_m),
-                "stiffness_n_per_m": _or_none(law.stiffness_n_per_m),
+                "damping_ns_per_m": _or_none(law.damping_ns_per_m, log.reach_m),
+                "stiffness_n_per_m": _or_none(law.stiffness_n_per_m, log.reach_m),
             },
             "frequency": {"values_hz": [1.0]},
             "scene": {
@@ -94,9 +94,9 @@ def _problem(answer: Answer, law: Law, log: Log, encoder_m: float, filter_hz: fl
                 "coupling": "none",
                 "motion": {
                     "kind": "press",
-                    "start_m": -_BEFORE_M,
+                    "start_m": -_BEFORE_M / log.reach_m,
                     "end_m": end,
-                    "speed_m_per_s": _SPEED_M_PER_S,
+                    "speed_m_per_s": _SPEED_M_PER_S / log.reach_m,
                 },
                 "effects": effects,
             },
@@ -104,6 +104,6 @@ def _problem(answer: Answer, law: Law, log: Log, encoder_m: float, filter_hz: fl
     )
 
 
-def _or_none(fitted: float) -> float:
+def _or_none(fitted: float, reach_m: float) -> float:
     """Return 0 for what a fit leaves of nothing."""
-    return fitted if fitted > NOTHING else 0.0
+    return fitted if fitted > NOTHING * reach_m**2 else 0.0

@@ -74,13 +74,12 @@ class Judge:
         if jump is None:
             return None
         size = number(jump.force_n, 3)
+        told = jump_sentence(jump, self._log.reach_m)
         said = (
             f"{CAUSES['stiffness']}: the force jumps by {size} N where contact begins, a spring without length; let it "
             "grow with the depth (k below its limit), or keep it on through the whole cycle"
         )
-        return self._made(
-            "named", said, cause="stiffness", candidates=("stiffness",), evidence=[*self._evidence, jump_sentence(jump)]
-        )
+        return self._made("named", said, cause="stiffness", candidates=("stiffness",), evidence=[*self._evidence, told])
 
     def without_model(self) -> Diagnosis:
         """Return the verdict where no loop model can be made."""

@@ -46,7 +46,7 @@ def windows_of(log: Log, swing: Swing) -> list[Window]:
         if all(abs(start - other) > size // 3 for other in chosen):
             chosen.append(start)
     smooth = signal.savgol_filter(log.position_m, 9, 2, deriv=1)
-    least = 0.05 * max(log.encoder_m, 1e-9)
+    least = 0.05 * max(log.encoder_m, 1e-9 / log.reach_m)
     rub = np.tanh(smooth / least)
     return [
         Window(

@@ -27,7 +27,9 @@ KINDS: Mapping[Kind, str] = {
 """What can be played, with a line for each."""
 
 SECONDS, SPEED_M_PER_S, TRAVEL_M = 10.0, 0.3, 0.02
-"""Defaults."""
+"""Defaults, of a device that turns at its handle."""
+# What the firmware takes, in the device's own units: of a knob that is less than of a slide at the hand.
+_FIRMWARE_MOST = 10.0
 _FORCE_SHARE = 0.5  # of the device's limit, where none is given
 _USUAL_ENCODER_M = 2e-6
 _TONES = 48
@@ -83,8 +85,8 @@ def plan_excitation(
     *,
     seconds: float = SECONDS,
     force_n: float | None = None,
-    speed_m_per_s: float = SPEED_M_PER_S,
-    travel_m: float = TRAVEL_M,
+    speed_m_per_s: float | None = None,
+    travel_m: float | None = None,
     progress: Progress = SILENT,
 ) -> Excitation:
     """Plan an excitation that no device of the ranges takes beyond the limits.
@@ -95,18 +97,21 @@ def plan_excitation(
         seconds: how long.
         force_n: limit, of signal and centring together; None is half of the device's own. The signal is as strong as
             this and the limits of speed and travel allow on every device of the ranges.
-        speed_m_per_s: limit.
-        travel_m: limit, to either side of where the device stands.
+        speed_m_per_s: limit; None is 0.3 m/s at the hand.
+        travel_m: limit, to either side of where the device stands; None is 20 mm at the hand.
         progress: is told how far the search and the simulations of it have come.
 
     Raises:
         InputError: an argument out of range, or limits that leave nothing to see.
         UnsupportedError: no weights of the multisine are found.
     """
+    reach = device.metres_per_unit
+    speed_m_per_s = min(SPEED_M_PER_S / reach, _FIRMWARE_MOST) if speed_m_per_s is None else speed_m_per_s
+    travel_m = TRAVEL_M / reach if travel_m is None else travel_m
     _check(device, kind, seconds, force_n, speed_m_per_s, travel_m)
     most_n = force_n or _FORCE_SHARE * (device.max_force_n or math.inf)
     devices = corners_of(device)
-    step_m = device.encoder_resolution_m or _USUAL_ENCODER_M
+    step_m = device.encoder_resolution_m or _USUAL_ENCODER_M / reach
     window = speed_window(step_m, device.sample_time_s, speed_m_per_s)
     centring = _centring(devices, most_n, travel_m, kind, window)
     ticks = round(seconds / device.sample_time_s)
@@ -123,6 +128,7 @@ def plan_excitation(
         damper_ns_per_m=centring.damper_ns_per_m,
         window=window,
         signal=Signal((0,), (0,), (0,)),
+        motion=device.motion,
     )
     signal = _signal(empty, devices, centring, progress)
     return _scaled(replace(empty, signal=signal), devices, progress)
@@ -185,12 +191,13 @@ def _check(
     device: Device, kind: str, seconds: float, force_n: float | None, speed_m_per_s: float, travel_m: float
 ) -> None:
     faults = []
+    reach = device.metres_per_unit
     if kind not in KINDS:
         faults.append(Fault("", None, "signal", f"is {kind!r}; allowed: {', '.join(KINDS)}"))
     for key, value, low, high, unit in (
         ("seconds", seconds, 2.0, 120.0, "s"),
-        ("speed_m_per_s", speed_m_per_s, 1e-3, 5.0, "m/s"),
-        ("travel_m", travel_m, 1e-4, 1.0, "m"),
+        ("speed_m_per_s", speed_m_per_s, 1e-3 / reach, min(5.0 / reach, _FIRMWARE_MOST), "m/s"),
+        ("travel_m", travel_m, 1e-4 / reach, min(1.0 / reach, _FIRMWARE_MOST), "m"),
     ):
         if not low <= value <= high:
             faults.append(Fault("", None, key, f"is {value:g} {unit}; allowed: {low:g} to {high:g} {unit}"))

@@ -22,7 +22,8 @@ from avc_casadi.support import SILENT, ComplexArray, FloatArray, Progress, undis
 
 # Below this the identification forgets: what disturbs a device there is not its own.
 _FORGETS_RAD_PER_S = 20.0
-_NOISE_AT_LEAST_M = 1e-7
+# Told at the hand: noise, damping and speed below which nothing is gained.
+_NOISE_AT_LEAST_M, _DAMPED_AT_LEAST_NS_PER_M, _SLOWEST_M_PER_S = 1e-7, 0.1, 1e-4
 # Share of the power that is spread evenly over all tones, for what the design does not know of.
 _SPREAD = 0.25
 _PASSES = 4
@@ -221,21 +222,24 @@ def _linearised(
     def alone(equivalent: float) -> ComplexArray:
         return np.asarray(1 / (mass * s**2 + (damping + equivalent) * s), dtype=np.complex128)
 
+    reach = device.metres_per_unit
     equivalent = 0.0
-    speed_rms = 1e-3
+    speed_rms = 10 * _SLOWEST_M_PER_S / reach
     if friction:
         for _ in range(60):
             moves = hold * alone(equivalent) / (1 + back * alone(equivalent))
-            speed_rms = max(float(np.sqrt(np.sum(power * np.abs(moves * s) ** 2))), 1e-4)
+            speed_rms = max(float(np.sqrt(np.sum(power * np.abs(moves * s) ** 2))), _SLOWEST_M_PER_S / reach)
             equivalent = 0.5 * equivalent + 0.5 * friction * float(np.sqrt(2 / np.pi)) / speed_rms
     bare = alone(equivalent)
     force = hold / (1 + back * bare)  # that acts, by the signal
     position = bare * force
     seen = rate**2 / np.sqrt(rate**4 + _FORGETS_RAD_PER_S**4)
-    noise = max((device.encoder_resolution_m**2 / 12 + device.position_noise_rms_m**2) ** 0.5, _NOISE_AT_LEAST_M)
+    noise = max(
+        (device.encoder_resolution_m**2 / 12 + device.position_noise_rms_m**2) ** 0.5, _NOISE_AT_LEAST_M / reach
+    )
     by = [
         -mass * s**2 * bare * position,
-        -max(damping, 0.1) * s * bare * position,
+        -max(damping, _DAMPED_AT_LEAST_NS_PER_M * reach**2) * s * bare * position,
         -s * period * position,
     ]
     if friction:

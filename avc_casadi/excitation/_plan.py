@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from avc_casadi.excitation._signal import Signal
+from avc_casadi.support import MotionKind
 
 Kind = Literal["multisine", "chirp", "sweep", "release"]
 
@@ -33,6 +34,7 @@ class Plan:
         damper_ns_per_m: beside the spring.
         window: ticks over which the velocity is taken, 1 to 32.
         signal: beside the centring.
+        motion: of the device; one that turns has rad and N.m in all of these.
     """
 
     kind: Kind
@@ -47,6 +49,7 @@ class Plan:
     damper_ns_per_m: float
     window: int
     signal: Signal
+    motion: MotionKind = "linear"
 
     @property
     def seconds(self) -> float:

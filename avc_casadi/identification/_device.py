@@ -35,7 +35,8 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         found: what the logs tell.
         base: what else is known.
     """
-    device: dict[str, Any] = {"sample_time_s": found.sample_time_s}
+    turn = {} if found.motion == "linear" else {"motion": found.motion, "handle_radius_m": found.handle_radius_m}
+    device: dict[str, Any] = {**turn, "sample_time_s": found.sample_time_s}
     ranges: dict[str, Any] = {}
     logs = ", ".join(dict.fromkeys(name.partition("@")[0].partition("#")[0] for name in found.sources))[:300]
     how = f"avc identify, {found.seconds:.3g} s of {logs}"
@@ -139,23 +140,29 @@ def device_text(file: DeviceFile) -> str:
     Raises:
         AvcError: a text that TOML cannot hold.
     """
+    units = file.device.units
     lines = [f"title = {_value(file.title)}"]
     if file.gaps:
         lines += [
             "# Not known. Where a value stands all the same, it is assumed, with a cautious range.",
-            f"gaps = {_value(list(file.gaps))}",
+            f"gaps = {_value([units.key(gap) for gap in file.gaps])}",
         ]
     tables = file.device.model_dump(exclude_unset=True, exclude_none=True)
     ranges = tables.pop("range", {})
-    lines += ["", "[device]", *(f"{key} = {_value(tables[key])}" for key in Device.model_fields if key in tables)]
+    lines += [
+        "",
+        "[device]",
+        *(f"{units.key(key)} = {_value(units.keyed(tables[key]))}" for key in Device.model_fields if key in tables),
+    ]
     if ranges:
         order = [key for key in DeviceRange.model_fields if ranges.get(key)]
-        lines += ["", "[device.range]", *(f"{key} = {_value(ranges[key])}" for key in order)]
+        lines += ["", "[device.range]", *(f"{units.key(key)} = {_value(units.keyed(ranges[key]))}" for key in order)]
     sources = file.sources.model_dump(exclude_none=True)
     lines += ["", "[sources]"]
     for key in Device.model_fields:
         if key in sources:
-            lines.append(f"{key} = {_value({name: sources[key][name] for name in ('grade', 'source')})}")
+            one = {"grade": sources[key]["grade"], "source": units.text(sources[key]["source"])}
+            lines.append(f"{units.key(key)} = {_value(one)}")
     return "\n".join(lines) + "\n"
 
 

@@ -24,10 +24,11 @@ from avc_casadi.identification._select import Selection, select, settled, withou
 from avc_casadi.identification._share import SHARE, other_shares, share_assumed, share_refused, shared
 from avc_casadi.identification._start import first_guess
 from avc_casadi.identification._terms import PARAMETERS, TERMS, Structure
+from avc_casadi.identification._turned import known_at_handle, of_the_turn, radius_of
 from avc_casadi.identification._uncertainty import Spread, sensitivity, spread_of
 from avc_casadi.identification._units import Layout
-from avc_casadi.problem import DeviceFile
-from avc_casadi.support import SILENT, FloatArray, Progress, number
+from avc_casadi.problem import DeviceFile, power_at_handle
+from avc_casadi.support import SILENT, FloatArray, Progress, number, told_in, units_for
 
 MOST_SAMPLES = 120_000
 _SHOWN_S = 1.5
@@ -35,6 +36,8 @@ _SHOWN_RATE_PER_S = 4.0
 # Rates of the observers that would have found other values of a wrong model, as multiples of the best.
 _OTHER_OBSERVERS = (3.0, 0.4, 0.12)
 _LEAST_S = 1.0
+# Masses at a handle that are no slip of a unit.
+_LIGHTEST_KG, _HEAVIEST_KG = 1e-3, 2e3
 
 
 def identify(
@@ -46,6 +49,7 @@ def identify(
     added_mass_kg: Sequence[float] = (),
     encoder_at: str | None = None,
     flip_force: bool = False,
+    handle_radius_m: float | None = None,
     most_samples: int = MOST_SAMPLES,
     progress: Progress = SILENT,
 ) -> Identification:
@@ -55,10 +59,11 @@ def identify(
         logs: files, or records.
         layout: columns and units of the files.
         base: what is known of the device; what the logs do not tell is taken from it.
-        known: values that are not searched for, by key.
+        known: values that are not searched for, by key; of a device that turns in kg.m2 and N.m.s/rad.
         added_mass_kg: known mass on the device, one of each log.
         encoder_at: "motor" or "handle"; None takes that of the base, or what the log bears out.
         flip_force: whether the logs count the force against +position.
+        handle_radius_m: where the hand holds a device that turns, if not as the base says.
         most_samples: longer records are cut to so many in all.
         progress: who is told.
 
@@ -70,7 +75,29 @@ def identify(
         raise InputError.of(f"is {encoder_at!r}; allowed: motor, handle", key="encoder_at")
     if flip_force:
         records = [replace(record, force_n=-record.force_n) for record in records]
-    known = _checked(known or {})
+    radius = radius_of(records, base, handle_radius_m)
+    if radius is None:
+        found = _identified(records, notes, base, _checked(known or {}, 1.0), encoder_at, 1.0, most_samples, progress)
+    else:
+        with told_in(units_for("rotary")):
+            at_handle = [record.at_handle(radius) for record in records]
+            held = known_at_handle(_checked(known or {}, radius), radius)
+            found = _identified(at_handle, notes, base, held, encoder_at, radius, most_samples, progress)
+        found = of_the_turn(found, radius)
+    return replace(found, device=device_file(found, base))
+
+
+def _identified(
+    records: Sequence[Record],
+    notes: list[str],
+    base: DeviceFile | None,
+    known: Mapping[str, float],
+    encoder_at: str | None,
+    radius_m: float,
+    most_samples: int,
+    progress: Progress,
+) -> Identification:
+    """Identify the device at its handle; numbers in messages are those of the turn."""
     records, cut = shortened(records, most_samples)
     notes += [cut] if cut else []
     seconds = sum(record.seconds for record in records)
@@ -79,7 +106,7 @@ def identify(
     step_m = encoder_step_m(records)
     force_rms, travel = _sizes(records, step_m)
     with progress.step("first guess"):
-        guess = _guess(records, force_rms)
+        guess = _guess(records, force_rms, radius_m)
     structure = _simplest(records, known, force_rms, travel)
     guess |= known
     sizes = [record.position_m.size for record in records]
@@ -104,9 +131,9 @@ def identify(
     lags = autocorrelation(fit.error_m)
     refused |= _never_told(fit, estimates, response.excited_hz, chosen.trials.keys() - set(fit.structure.terms), lags)
     feedback = feeds_back(records, fit.error_m)
-    notes += _notes(fit, lags, feedback, estimates)
+    notes += _notes(fit, lags, feedback, estimates, radius_m)
     names = tuple(one.name for one in fit.structure.free)
-    found = Identification(
+    return Identification(
         sources=tuple(dict.fromkeys(record.name for record in records)),
         seconds=seconds,
         records=len(records),
@@ -133,7 +160,6 @@ def identify(
         shown=_shown(records, fit),
         device=None,
     )
-    return replace(found, device=device_file(found, base))
 
 
 def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, float]:
@@ -148,19 +174,21 @@ def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, floa
     return force, travel
 
 
-def _guess(records: Sequence[Record], force_rms: float) -> dict[str, float]:
+def _guess(records: Sequence[Record], force_rms: float, radius_m: float) -> dict[str, float]:
     """Return values to start from; refuse a force that points the other way, and units that cannot be."""
     guess = first_guess(records)
     mass = guess["mass_kg"]
+    size = radius_m**2
     if mass < 0 and abs(mass) > 1e-4 * force_rms:
         raise InputError.of(
-            f"give a mass of {number(mass)} kg: force and position point against each other; allowed: force along "
-            "+position, or --flip-force",
+            f"give a mass of {number(mass * size)} kg: force and position point against each other; allowed: force "
+            "along +position, or --flip-force",
             key="logs",
         )
-    if not 1e-3 <= mass <= 2e3:
+    if not _LIGHTEST_KG <= mass <= _HEAVIEST_KG:
         raise InputError.of(
-            f"give a mass of {number(mass)} kg; allowed: 0.001 to 2000 kg; are the units of position and force right?",
+            f"give a mass of {number(mass * size)} kg; allowed: {number(_LIGHTEST_KG * size)} to "
+            f"{number(_HEAVIEST_KG * size)} kg; are the units of position and force right?",
             key="logs",
         )
     return {**guess, "force_scale": 1.0}
@@ -207,14 +235,15 @@ def _records(
     return read_logs(paths, layout, added)
 
 
-def _checked(known: Mapping[str, float]) -> dict[str, float]:
+def _checked(known: Mapping[str, float], radius_m: float) -> dict[str, float]:
     base = [one.name for one in TERMS["base"].parameters]
     for key, value in known.items():
         if key not in base:
             raise InputError.of(f"names {key!r}; allowed: {', '.join(base)}", key="known")
-        one = PARAMETERS[key]
-        if not one.lowest <= value <= one.highest:
-            raise InputError.of(f"has {key} = {value:g}; allowed: {one.lowest:g} to {one.highest:g}", key="known")
+        one, size = PARAMETERS[key], radius_m ** -power_at_handle(key)
+        low, high = one.lowest * size, one.highest * size
+        if not low <= value <= high:
+            raise InputError.of(f"has {key} = {value:g}; allowed: {low:g} to {high:g}", key="known")
     return {key: float(value) for key, value in known.items()}
 
 
@@ -283,10 +312,10 @@ def _from(base: DeviceFile | None, refused: Refusal) -> Refusal:
     return replace(refused, why=f"{refused.why}; the value of {base.name} is written")
 
 
-def _notes(fit: Fit, lags: FloatArray, feedback: bool, estimates: Mapping[str, object]) -> list[str]:
+def _notes(fit: Fit, lags: FloatArray, feedback: bool, estimates: Mapping[str, object], radius_m: float) -> list[str]:
     notes = []
     if "stiffness" in fit.structure.terms:
-        stiffness = number(fit.values["stiffness_n_per_m"])
+        stiffness = number(fit.values["stiffness_n_per_m"] * radius_m**2)
         notes.append(
             f"a spring of {stiffness} N/m holds the device (a hand, a cable, gravity along an arc): mass and damping "
             f"are "

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from avc_casadi.identification._evidence import Trial
 from avc_casadi.identification._frequency import Response
 from avc_casadi.problem import DeviceFile
-from avc_casadi.support import ComplexArray, FloatArray
+from avc_casadi.support import ComplexArray, FloatArray, MotionKind
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,8 @@ class Identification:
         modelled: that of the model.
         shown: stretches for the eye.
         device: the device file, or None where mass or damping stay unknown.
+        motion: of the device; what turns has rad, N.m and kg.m2 in all of these.
+        handle_radius_m: of a device that turns, where the hand holds it.
     """
 
     sources: tuple[str, ...]
@@ -121,6 +123,8 @@ class Identification:
     modelled: ComplexArray
     shown: tuple[Shown, ...]
     device: DeviceFile | None
+    motion: MotionKind = "linear"
+    handle_radius_m: float | None = None
 
     def __repr__(self) -> str:
         told = ", ".join(f"{one.key} {one.value:.4g}" for one in self.estimates.values())

@@ -22,7 +22,8 @@ from avc_casadi.identification._record import (
     implausible,
     records_of,
 )
-from avc_casadi.identification._units import QUANTITIES, Layout, chosen_columns
+from avc_casadi.identification._units import QUANTITIES, Column, Layout, chosen_columns, motion_of
+from avc_casadi.support import units_for
 
 _MOST_FAULTS = 6
 _LARGEST_BYTES = 1_000_000_000
@@ -59,13 +60,15 @@ def read_logs(
         for columns in found:
             cut, broken, said = records_of(columns, added_mass_kg[index] if added_mass_kg else 0.0)
             records += cut
-            wrong += broken
+            wrong += _worded(broken, columns)
             told += said
         faults += _few(wrong, str(path))
     periods = {record.sample_time_s for record in records}
     if not faults and periods and max(periods) > min(periods) * (1 + 1e-4):
         seconds = ", ".join(f"{period:g}" for period in sorted(periods))
         faults.append(Fault("", None, "LOG", f"have sample times of {seconds} s; allowed: one sample time for all"))
+    if len({record.motion for record in records}) > 1:
+        faults.append(Fault("", None, "LOG", "are of a device that turns and of one that does not; allowed: one kind"))
     if faults:
         raise InputError(faults)
     return [replace(record, sample_time_s=records[0].sample_time_s) for record in records], told
@@ -87,10 +90,16 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
     found, faults = _columns(Path(path), str(path), layout or Layout())
     for columns in found:
         wrong = implausible(columns, idle=True)
-        faults += wrong or backwards_of(columns)
+        faults += _worded(wrong, columns) or backwards_of(columns)
     if faults:
         raise InputError(_few(faults, str(path)))
     return found
+
+
+def _worded(faults: Sequence[Fault], columns: Columns) -> list[Fault]:
+    """Return faults in the words of the device that a log is of."""
+    units = units_for(columns.motion)
+    return [replace(one, key=units.text(one.key), message=units.text(one.message)) for one in faults]
 
 
 def _counted(count: int, one: str, many: str) -> str:
@@ -157,7 +166,7 @@ def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[list[C
         columns = [vectors[name] for name in names]
     if faults:
         return [], faults
-    lengths = {quantity: columns[index].size for quantity, (index, _) in chosen.items()}
+    lengths = {quantity: columns[one.index].size for quantity, one in chosen.items()}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{quantity} {length}" for quantity, length in lengths.items())
         return [], [Fault(file, None, "", f"has columns of unequal length: {told}; allowed: equal lengths")]
@@ -167,16 +176,16 @@ def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[list[C
 def _quantities(
     file: str,
     columns: Sequence[Any],
-    chosen: Mapping[str, tuple[int, float]],
+    chosen: Mapping[str, Column],
     layout: Layout,
     lines: Sequence[int] | None,
 ) -> Columns:
     values = {
-        quantity: np.asarray(columns[index], dtype=np.float64) * unit for quantity, (index, unit) in chosen.items()
+        quantity: np.asarray(columns[one.index], dtype=np.float64) * one.unit.size for quantity, one in chosen.items()
     }
     if "time" not in values:
         values["time"] = np.arange(values["position"].size, dtype=np.float64) * float(layout.sample_time_s or 0.0)
-    return Columns(file, values["time"], values["position"], values["force"], lines)
+    return Columns(file, values["time"], values["position"], values["force"], lines, motion_of(chosen))
 
 
 def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
@@ -198,7 +207,7 @@ def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fa
         return [], faults
     body = cells[1:] if headers else cells
     groups = [index for index, name in enumerate(headers or ()) if name.strip().lower() in {"record", "run", "trial"}]
-    wanted = {quantity: index for quantity, (index, _) in chosen.items()}
+    wanted = {quantity: one.index for quantity, one in chosen.items()}
     values: dict[str, list[tuple[int, list[float]]]] = {}
     wrong: dict[str, list[tuple[int | None, str]]] = {}
     for number, row in body:
@@ -216,7 +225,9 @@ def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fa
         faults += faults_of_rows(file, quantity, found, allowed)
     if faults:
         return [], faults
-    units = {quantity: (at, chosen[quantity][1]) for at, quantity in enumerate(QUANTITIES) if quantity in chosen}
+    units = {
+        quantity: Column(at, chosen[quantity].unit) for at, quantity in enumerate(QUANTITIES) if quantity in chosen
+    }
     logs = []
     for name, samples in values.items():
         table = np.array([sample for _, sample in samples])

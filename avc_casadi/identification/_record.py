@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from avc_casadi._errors import Fault
-from avc_casadi.support import FloatArray, number
+from avc_casadi.support import FloatArray, MotionKind, number
 
 # A step of time may differ from the usual one by this share of it; a longer one is a gap.
 _JITTER = 0.25
@@ -24,7 +24,7 @@ _FEW_LOST = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Samples of one uninterrupted record.
+    """Samples of one uninterrupted record; of a device that turns in rad, N.m and kg.m2.
 
     Attributes:
         name: file, and which record of it.
@@ -32,6 +32,7 @@ class Record:
         position_m: measured position, shape (samples,).
         force_n: commanded force along +position, held from this sample to the next, shape (samples,).
         added_mass_kg: known mass on the device during the record.
+        motion: of the device.
     """
 
     name: str
@@ -39,6 +40,17 @@ class Record:
     position_m: FloatArray
     force_n: FloatArray
     added_mass_kg: float = 0.0
+    motion: MotionKind = "linear"
+
+    def at_handle(self, radius_m: float) -> Record:
+        """Return the record of a device that turns as that of a handle, which goes so far for each radian."""
+        return replace(
+            self,
+            position_m=self.position_m * radius_m,
+            force_n=self.force_n / radius_m,
+            added_mass_kg=self.added_mass_kg / radius_m**2,
+            motion="linear",
+        )
 
     @property
     def seconds(self) -> float:
@@ -54,6 +66,7 @@ class Columns:
         file: its name.
         time_s, position_m, force_n: shape (rows,).
         line: line of each row in the file, shape (rows,), or None of a file without lines.
+        motion: of the device.
     """
 
     file: str
@@ -61,6 +74,7 @@ class Columns:
     position_m: FloatArray
     force_n: FloatArray
     line: Sequence[int] | None = None
+    motion: MotionKind = "linear"
 
     def at(self, row: int) -> int | None:
         """Return the line of a row."""
@@ -124,6 +138,7 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
                 columns.position_m[a:b],
                 columns.force_n[a:b],
                 added_mass_kg,
+                columns.motion,
             )
             for index, (a, b) in enumerate(pieces, start=1)
         ],
@@ -138,12 +153,13 @@ def _sound(columns: Columns) -> tuple[Columns, list[str]]:
     lost = int(np.count_nonzero(~sound))
     if not 0 < lost <= max(1.0, _FEW_LOST * sound.size):
         return columns, []
-    kept = Columns(
-        columns.file,
-        columns.time_s[sound],
-        columns.position_m[sound],
-        columns.force_n[sound],
-        None if columns.line is None else [line for line, there in zip(columns.line, sound, strict=True) if there],
+    lines = columns.line
+    kept = replace(
+        columns,
+        time_s=columns.time_s[sound],
+        position_m=columns.position_m[sound],
+        force_n=columns.force_n[sound],
+        line=None if lines is None else [line for line, there in zip(lines, sound, strict=True) if there],
     )
     first = columns.at(int(np.argmin(sound)))
     where = "" if first is None else f", the first in line {first}"
@@ -196,10 +212,10 @@ def _round(period: float) -> float:
 
 
 # What a haptic device or a drive of a machine does; a slip of the unit is a factor of 1000.
-_LIKELY: tuple[tuple[str, str, float, float, str], ...] = (
-    ("position", "spans", 2e-6, 5.0, "m"),
-    ("force", "reaches", 1e-3, 1e5, "N"),
-)
+_LIKELY: Mapping[MotionKind, tuple[tuple[str, str, float, float, str], ...]] = {
+    "linear": (("position", "spans", 2e-6, 5.0, "m"), ("force", "reaches", 1e-3, 1e5, "N")),
+    "rotary": (("position", "spans", 1e-5, 1e3, "rad"), ("force", "reaches", 1e-5, 1e4, "N.m")),
+}
 
 
 def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
@@ -223,7 +239,7 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
         message = f"steps of {number(step)} s; allowed: 1e-5 to 0.05 s; is the unit right?"
         faults.append(Fault(columns.file, None, "time", message))
     sizes = {"position": np.ptp(columns.position_m), "force": np.abs(columns.force_n).max()}
-    for key, verb, low, high, unit in _LIKELY:
+    for key, verb, low, high, unit in _LIKELY[columns.motion]:
         size = float(sizes[key])
         if size > high or (size < low and not idle):
             what = "never changes" if key == "position" and size == 0 else "is 0 throughout" if size == 0 else ""

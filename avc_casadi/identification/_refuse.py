@@ -17,8 +17,8 @@ EXCITATION = {
     "coulomb_friction_n": "slow strokes with many reversals, the force twice the friction or more",
     "friction_asymmetry_n": "a second log with the device turned over, which reverses gravity and not the friction",
     "damping_asymmetry_ns_per_m": "fast strokes both ways",
-    "breakaway_excess_n": "reversals at a few millimetres a second, slow enough that the device sticks",
-    "stribeck_speed_m_per_s": "strokes at speeds from 1 to 50 mm/s",
+    "breakaway_excess_n": "reversals at a few millimetres a second of the hand, slow enough that the device sticks",
+    "stribeck_speed_m_per_s": "strokes at speeds from 1 to 50 millimetres a second of the hand",
     "resonance.mass_ratio": "a log of a position at the motor, or the handle weighed",
     "resonance": "a chirp or multisine of 20 Hz to a third of the sample rate, strong enough to move several encoder "
     "steps",

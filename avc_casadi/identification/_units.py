@@ -3,26 +3,64 @@
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from avc_casadi._errors import Fault
+from avc_casadi.support import MotionKind
 
 QUANTITIES = ("time", "position", "force")
 
 _NAMES = {
     "time": ("time", "t", "timestamp", "stamp", "clock"),
-    "position": ("position", "pos", "x", "q", "displacement", "y"),
-    "force": ("force", "f", "u", "command", "commanded_force", "force_command", "effort"),
+    "position": ("position", "pos", "x", "q", "displacement", "y", "angle", "theta", "phi"),
+    "force": ("force", "f", "u", "command", "commanded_force", "force_command", "effort", "torque", "tau", "moment"),
 }
+_ALSO = {"angle": "position", "torque": "force"}
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "position": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
     "force": {"n": 1.0, "mn": 1e-3, "kn": 1e3},
 }
-_OF_A_TURN = {"rad", "mrad", "urad", "deg", "nm", "n.m", "n*m", "mnm"}
-_SPELT = {"sec": "s", "seconds": "s", "micros": "us", "millis": "ms", "µs": "us", "µm": "um", "newton": "n"}
+TURNED: Mapping[str, Mapping[str, float]] = {
+    "time": {},
+    "position": {"rad": 1.0, "deg": math.pi / 180, "mrad": 1e-3, "urad": 1e-6},
+    "force": {"n.m": 1.0, "mn.m": 1e-3, "kn.m": 1e3, "nm": 1.0, "mnm": 1e-3, "unm": 1e-6},
+}
+"""Units of a device that turns; no unit of a quantity is one of both kinds of motion."""
+_SPELT = {"sec": "s", "seconds": "s", "micros": "us", "millis": "ms", "µs": "us", "µm": "um", "newton": "n"} | {
+    "degrees": "deg",
+    "degree": "deg",
+    "°": "deg",
+    "radians": "rad",
+    "µrad": "urad",
+    "n*m": "n.m",
+    "n·m": "n.m",
+    "mn*m": "mn.m",
+}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of a quantity.
+
+    Attributes:
+        size: in SI units.
+        motion: of the device that has it; None of a time.
+    """
+
+    size: float
+    motion: MotionKind | None = None
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a quantity stands, and in what unit."""
+
+    index: int
+    unit: Unit
 
 
 @dataclass(frozen=True)
@@ -41,7 +79,7 @@ class Layout:
 
 
 def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault]]:
-    """Read ``time=1,position=2`` as the columns and units of an option.
+    """Read ``time=1,position=2`` as the columns and units of an option; an angle is a position, a torque a force.
 
     Args:
         texts: of the option, each with one or more pairs.
@@ -51,6 +89,7 @@ def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault
     faults = []
     for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):
         name, _, value = part.partition("=")
+        name = _ALSO.get(name, name)
         if name not in QUANTITIES or not value:
             allowed = ", ".join(f"{one}=..." for one in QUANTITIES)
             faults.append(Fault("", None, key, f"{part!r} is no pair; allowed: {allowed}"))
@@ -59,15 +98,23 @@ def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault
     return found, faults
 
 
-def named_unit(quantity: str, unit: str) -> float | None:
-    """Return the size of a unit in SI, or None."""
+def named_unit(quantity: str, unit: str) -> Unit | None:
+    """Return a unit by its name, or None."""
     plainly = unit.strip().lower()
-    return UNITS[quantity].get(_SPELT.get(plainly, plainly))
+    plainly = _SPELT.get(plainly, plainly)
+    if plainly in UNITS[quantity]:
+        return Unit(UNITS[quantity][plainly], None if quantity == "time" else "linear")
+    return Unit(TURNED[quantity][plainly], "rotary") if plainly in TURNED[quantity] else None
+
+
+def motion_of(chosen: Mapping[str, Column]) -> MotionKind:
+    """Return the motion of the device of a log."""
+    return "rotary" if any(one.unit.motion == "rotary" for one in chosen.values()) else "linear"
 
 
 def chosen_columns(
     headers: Sequence[str] | None, width: int, layout: Layout, file: str, line: int | None
-) -> tuple[dict[str, tuple[int, float]], list[Fault]]:
+) -> tuple[dict[str, Column], list[Fault]]:
     """Return the index and unit of each quantity, and every fault.
 
     Args:
@@ -77,7 +124,7 @@ def chosen_columns(
         file: for the faults.
         line: of the headers.
     """
-    chosen: dict[str, tuple[int, float]] = {}
+    chosen: dict[str, Column] = {}
     faults: list[Fault] = []
     parsed = [_split(header) for header in headers or ()]
     for quantity in QUANTITIES:
@@ -88,27 +135,41 @@ def chosen_columns(
             faults.append(Fault(file, line, quantity, index))
             continue
         stated = layout.units.get(quantity, parsed[index][1] if parsed else "")
-        size = named_unit(quantity, stated) if stated else None
-        if size is None:
+        unit = named_unit(quantity, stated) if stated else None
+        if unit is None:
             what = f"has the unit {stated!r}" if stated else "has no unit"
-            if stated.lower() in _OF_A_TURN:
-                what += ", of a device that turns; give what its handle does, x = r theta and F = tau/r"
-            units = ", ".join("N" if unit == "n" else unit for unit in UNITS[quantity] if unit not in {"mn", "kn"})
+            example = {"time": "time_s", "position": "position_m or angle_rad", "force": "force_n or torque_nm"}
             faults.append(
                 Fault(
                     file,
                     line,
                     quantity,
-                    f"{what}; allowed: {units}, in the header as {quantity}_{'n' if quantity == 'force' else units[0]} "
-                    f"or with --units {quantity}=UNIT",
+                    f"{what}; allowed: {_allowed(quantity)}, in the header as {example[quantity]} or with --units "
+                    f"{quantity}=UNIT",
                 )
             )
         else:
-            chosen[quantity] = (index, size)
-    taken = [index for index, _ in chosen.values()]
+            chosen[quantity] = Column(index, unit)
+    taken = [one.index for one in chosen.values()]
     if len(set(taken)) < len(taken):
         faults.append(Fault(file, line, "", "one column is named for two quantities; allowed: one column each"))
+    motions = {one.unit.motion for one in chosen.values()} - {None}
+    if len(motions) > 1:
+        turns, goes = ("position", "force") if chosen["position"].unit.motion == "rotary" else ("force", "position")
+        message = (
+            f"turns and {goes} goes in a line, by their units; allowed: both of a device that turns (rad or deg, N.m), "
+            "or both of one that does not (m, N)"
+        )
+        faults.append(Fault(file, line, turns, message))
     return chosen, faults
+
+
+def _allowed(quantity: str) -> str:
+    """Return the units of a quantity, those that people write."""
+    if quantity == "force":
+        return "N, or N.m of a device that turns"
+    units = ", ".join(UNITS[quantity])
+    return units if quantity == "time" else f"{units}, or {', '.join(TURNED[quantity])} of a device that turns"
 
 
 def _split(header: str) -> tuple[str, str]:
@@ -118,7 +179,7 @@ def _split(header: str) -> tuple[str, str]:
     if bracket:
         return bracket[1].strip().lower(), bracket[2]
     stem, _, last = text.rpartition("_")
-    known = {*_SPELT, *(unit for units in UNITS.values() for unit in units)}
+    known = {*_SPELT, *(unit for kind in (UNITS, TURNED) for units in kind.values() for unit in units)}
     if stem and last.lower() in known:
         return stem.lower(), last
     return text.lower(), ""
@@ -154,9 +215,7 @@ def _column(
         why = f"has {len(found)} columns among {', '.join(map(repr, headers[:20]))}"
     elif unknown:
         why = f"has a unit that is not known in {', '.join(map(repr, unknown))}"
-        if any(header.rpartition("_")[2].lower() in _OF_A_TURN for header in unknown):
-            why += ", that of a device that turns"
-        allowed = f"{', '.join(UNITS[quantity])}, or --columns {quantity}=HEADER --units {quantity}=UNIT"
+        allowed = f"{_allowed(quantity)}, or --columns {quantity}=HEADER --units {quantity}=UNIT"
     return f"{why}; allowed: {allowed}"
 
 

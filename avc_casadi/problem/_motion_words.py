@@ -23,7 +23,7 @@ COUNTS = "encoder_counts_per_turn"
 CAPSTAN = "capstan_radius_m"
 """Key of a device that turns and moves a handle in a line: metres for each radian."""
 # Powers of the radius by which a value of the turn becomes one of the handle.
-_AT_HANDLE = {"_ns_per_m": -2, "_n_per_m": -2, "_kg": -2, "_n": -1, "_m": 1}
+_AT_HANDLE = {"_ns_per_m": -2, "_n_per_m": -2, "_m_per_s": 1, "_n_per_s": -1, "_kg": -2, "_n": -1, "_m": 1}
 
 
 @dataclass(frozen=True)

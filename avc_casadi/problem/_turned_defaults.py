@@ -46,6 +46,16 @@ def with_turned_defaults(tables: Mapping[str, Any]) -> Mapping[str, Any]:
     return found
 
 
+def turned_hands(radius_m: float) -> dict[str, tuple[float, float]]:
+    """Return the ranges of the usual hands that turn something, by key.
+
+    Args:
+        radius_m: at which they hold it.
+    """
+    found: dict[str, tuple[float, float]] = _filled({}, _HANDS, radius_m)
+    return found
+
+
 def turned_motion(motion: Any, radius_m: float) -> Any:
     """Return the motion of a hand that turns something, filled in.
 

@@ -85,6 +85,7 @@ _TOKEN = re.compile(
     r"(?P<key>(?<![\w/\\])(?<!--)(?:[A-Za-z_]\w*(?:\[\w+\])?\.)*[A-Za-z]\w*?(?:"
     + "|".join(_ENDINGS)
     + r")\b(?!\.(?:toml|json|csv|html|png|svg|pdf|txt|c|h)\b|[/-]))"
+    + r"|(?P<option>(?<![\w-])--[a-z]+(?:-[a-z]+)*-(?:m|n|kg|m-per-s)\b(?!-))"
     + r"|(?P<stem>(?<![\w/\\.-])[A-Za-z_]\w*(?:\.[a-z_]\w*)*\.(?:mass|force)_ratio\b|\bmass_ratio\b)"
     + r"|(?P<unit>(?<![\w/.·\\])(?:"
     + "|".join(re.escape(unit) for unit in _UNITS if len(unit) > 2 or unit in {"kN", "mN", "kg", "mm", "um"})
@@ -213,6 +214,8 @@ class Units:
 
     def _token(self, found: re.Match[str]) -> str:
         word = found[0]
+        if found["option"]:
+            return "--" + self.key(word[2:].replace("-", "_")).replace("_", "-")
         if found["key"] or found["stem"]:
             return ".".join(self.key(part) for part in word.split("."))
         if found["noun"]:

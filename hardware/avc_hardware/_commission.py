@@ -40,11 +40,11 @@ HANDS_OFF = "3. hands off: in {wait:g} s a pulse of {force:g} N for {time:.0f} m
 _RATE_HZ, _STILL_S, _PATIENCE_S, _WAIT_S = 100.0, 0.5, 30.0, 2.0
 # Still: within this share of the way that was asked for.
 _STILL = 0.05
-# The pulse's limits of speed and travel.
-_SPEED_M_PER_S, _TRAVEL_M = 0.3, 0.01
+# The pulse's limits of speed and travel at the hand, and what the firmware takes as one of speed in the device's unit.
+_SPEED_M_PER_S, _TRAVEL_M, _MOST_RATE = 0.3, 0.01, 10.0
 _FIRST_TOUCH = 0.1
-# The way of a hand: counts that make stillness seen, and what is still a way on a desk.
-_LEAST_WAY_COUNTS, _LONGEST_WAY_M = 20, 0.1
+# The way of a hand: counts that make stillness seen, what is usual, and what is still a way on a desk.
+_LEAST_WAY_COUNTS, _USUAL_WAY_M, _LONGEST_WAY_M = 20, 5e-3, 0.1
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def commission(
     *,
     force_n: float | None = None,
     first_touch_n: float | None = None,
-    by_hand_m: float = 5e-3,
+    by_hand_m: float | None = None,
     on_bench: Wiring = Wiring.RIGHT,
     baud: int = DEFAULT_BAUD,
     on_step: Callable[[str], None] = lambda _: None,
@@ -101,7 +101,8 @@ def commission(
         force_n: of the pulse, 1.25 times the dry friction or more, and what the damping leaves a way that is seen;
             default three times the friction, at least a tenth of the device's force.
         first_touch_n: force limit at the end; default a tenth of the device's force.
-        by_hand_m: least way of the hand into the wall, 20 counts of the encoder to 0.1 m.
+        by_hand_m: least way of the hand into the wall, 20 counts of the encoder to 0.1 m at the hand; default 5 mm
+            there.
         on_bench: wiring of the emulated board, whose hand does what is asked.
         baud: rate of a serial port.
         on_step: takes what the person at the device is to do next.
@@ -113,6 +114,7 @@ def commission(
         MissingExtraError: ``emulator`` without its extra.
     """
     moved_by = Moved.of(declared)
+    by_hand_m = _USUAL_WAY_M / moved_by.reach_m if by_hand_m is None else by_hand_m
     _check_asked(force_n, moved_by, by_hand_m)
     if port == EMULATOR:
         link: ByteLink = WiredBench(declared, on_bench, way_m=2 * by_hand_m).board()
@@ -170,12 +172,13 @@ def commission(
 def _check_asked(force_n: float | None, moved_by: Moved, by_hand_m: float) -> None:
     """Refuse what no device could do, before a port is opened."""
     faults = []
+    longest_m = _LONGEST_WAY_M / moved_by.reach_m
     if force_n is not None and not force_n >= moved_by.least_n(0.0):
         faults.append(_weak(force_n, moved_by, 0.0))
-    if not 0 < by_hand_m <= _LONGEST_WAY_M:
+    if not 0 < by_hand_m <= longest_m:
         message = (
-            f"{by_hand_m:g} m; allowed: {_LEAST_WAY_COUNTS} counts of the encoder to {_LONGEST_WAY_M:g} m: a hand "
-            "pushes the device so far and holds it still; 0.005 tells the sign as well"
+            f"{by_hand_m:g} m; allowed: {_LEAST_WAY_COUNTS} counts of the encoder to {longest_m:g} m: a hand "
+            f"pushes the device so far and holds it still; {_USUAL_WAY_M / moved_by.reach_m:g} m tells the sign as well"
         )
         faults.append(Fault("", None, "by_hand_m", message))
     if faults:
@@ -205,9 +208,10 @@ def _check_of_device(device: Device, pulse_n: float, touch_n: float, moved_by: M
     ]
     if pulse_n <= most and pulse_n < moved_by.least_n(step_m):
         faults.append(_weak(pulse_n, moved_by, step_m))
+    longest_m = _LONGEST_WAY_M / moved_by.reach_m
     if by_hand_m < _LEAST_WAY_COUNTS * step_m:
         message = (
-            f"{by_hand_m:g} m; allowed: {_LEAST_WAY_COUNTS * step_m:g} to {_LONGEST_WAY_M:g} m: one count of this "
+            f"{by_hand_m:g} m; allowed: {_LEAST_WAY_COUNTS * step_m:g} to {longest_m:g} m: one count of this "
             f"encoder is {step_m:g} m, and {_LEAST_WAY_COUNTS} of them tell a hand that holds still from one that moves"
         )
         faults.append(Fault("", None, "by_hand_m", message))
@@ -248,6 +252,7 @@ def _by_hand(connection: Connection, far: Callable[[float], bool], asked_m: floa
 
 def _pulse(moved_by: Moved, device: Device, force_n: float) -> Plan:
     """Plan one period of a sine: a free mass goes one way and stands still at its end."""
+    speed_m_per_s = min(_SPEED_M_PER_S / moved_by.reach_m, _MOST_RATE)
     seconds = moved_by.seconds(force_n, device.metres_per_count)
     ticks = max(round(seconds / device.sample_time_s), 8)
     return Plan(
@@ -257,11 +262,11 @@ def _pulse(moved_by: Moved, device: Device, force_n: float) -> Plan:
         ticks=ticks,
         ramp_ticks=1,
         max_force_n=force_n,
-        max_speed_m_per_s=_SPEED_M_PER_S,
-        max_travel_m=_TRAVEL_M,
+        max_speed_m_per_s=speed_m_per_s,
+        max_travel_m=_TRAVEL_M / moved_by.reach_m,
         spring_n_per_m=0.0,
         damper_ns_per_m=0.0,
-        window=speed_window(device.metres_per_count, device.sample_time_s, _SPEED_M_PER_S),
+        window=speed_window(device.metres_per_count, device.sample_time_s, speed_m_per_s),
         signal=Signal(step=(round(2**32 / ticks),), phase=(0,), amplitude=(FULL,)),
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from avc_casadi import InputError, LinkError
 from avc_casadi.excitation import FULL, Plan
-from avc_casadi.support import SILENT, FloatArray, IndexArray, Progress, uninterrupted
+from avc_casadi.support import SILENT, FloatArray, IndexArray, Progress, uninterrupted, units_for
 from avc_hardware import _messages as m
 from avc_hardware._bench_plant import BenchDevice
 from avc_hardware._connection import DEFAULT_BAUD, EMULATOR, Connection, open_link
@@ -93,15 +93,17 @@ class ExcitationLog:
     def csv(self) -> str:
         """Return the log as `avc identify` reads it: tick, time, position, force; '#' before what is said of it."""
         plan = self.plan
+        units = units_for(plan.motion)
+        columns = "position_um,force_N" if units.linear else "angle_urad,torque_Nm"
         time_ms = 1e3 * plan.sample_time_s * self.index
         head = (
             f"# avc excite: {plan.kind}, {plan.band_hz[0]:.4g} to {plan.band_hz[1]:.4g} Hz; {self.end}\n"
-            f"# force_N is all that was commanded along +position, with the centring: a spring of "
+            f"# the force is all that was commanded along +position, with the centring: a spring of "
             f"{plan.spring_n_per_m:.4g} N/m and a damper of {plan.damper_ns_per_m:.4g} N.s/m to where it began\n"
-            "tick,time_ms,position_um,force_N\n"
+            f"tick,time_ms,{columns}\n"
         )
         rows = zip(self.start_tick + self.index, time_ms, 1e6 * self.position_m, self.force_n, strict=True)
-        return head + "".join(
+        return units.text(head) + "".join(
             f"{tick},{time:.10g},{position:.10g},{force:.9g}\n" for tick, time, position, force in rows
         )
 

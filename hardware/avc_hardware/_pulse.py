@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LEAST_COUNTS", "Moved"]
 
-# The way that a pulse shall make, and the counts of the encoder above which a device has moved.
+# The way that a pulse shall make at the hand, and the counts of the encoder above which a device has moved.
 _WAY_M, LEAST_COUNTS = 1e-3, 5
 # A pulse is planned for so many times these counts; one that makes fewer than that however long it lasts is too weak.
 _PLANNED, _ACCEPTED = 4, 2
@@ -43,11 +43,13 @@ class Moved:
         mass_kg: what the hand moves.
         damping_ns_per_m: viscous.
         friction_n: dry.
+        reach_m: how far the hand moves for a unit of the position: 1, or the radius of the handle of what turns.
     """
 
     mass_kg: float
     damping_ns_per_m: float
     friction_n: float
+    reach_m: float = 1.0
 
     @classmethod
     def of(cls, declared: DeclaredDevice) -> Moved:
@@ -57,6 +59,7 @@ class Moved:
             _most(declared.mass_kg, ends.mass_kg),
             _most(declared.damping_ns_per_m, ends.damping_ns_per_m),
             _most(declared.coulomb_friction_n, ends.coulomb_friction_n),
+            declared.metres_per_unit,
         )
 
     def way_m(self, force_n: float, seconds: float) -> float:
@@ -76,7 +79,7 @@ class Moved:
 
     def seconds(self, force_n: float, metres_per_count: float) -> float:
         """Return how long a pulse lasts that makes the way, or the longest one."""
-        wanted_m = max(_WAY_M, _PLANNED * LEAST_COUNTS * metres_per_count)
+        wanted_m = max(_WAY_M / self.reach_m, _PLANNED * LEAST_COUNTS * metres_per_count)
         low, high = _SHORTEST_S, _LONGEST_S
         for _ in range(_HALVINGS):
             middle = math.sqrt(low * high)

@@ -184,7 +184,7 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     if device.lowered_force_n < min(device.max_force_n, force or device.max_force_n) * (1 - 1e-6):
         notes.append(
             f"the device's force is limited to {device.lowered_force_n:g} N at run time; raise it when the first touch "
-            "was good: avc limits --force-n N"
+            "was good: avc limits --force-n F"
         )
     if step and step < device.metres_per_count * (1 - 1e-6):
         notes.append(

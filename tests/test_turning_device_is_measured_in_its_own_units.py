@@ -1,0 +1,162 @@
+"""A knob is excited, identified and diagnosed in rad, N.m and kg.m2: the same device as the linear one at its rim."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from buzzing_cases import declared_of
+from buzzing_device import Buzzing, logged
+from hardware_bench import require
+from measured_device import Truth, measured, multisine
+from test_turning_device_is_told_in_its_own_units import linear_words
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_casadi.diagnosis import diagnose, diagnosis_text
+from avc_casadi.excitation import plan_excitation
+from avc_casadi.identification import Columns, Layout, Record, device_text, identify, read_logs
+from avc_casadi.problem import Device, parse_device
+from avc_casadi.support import ROTARY
+from avc_hardware._tried import tried_in_the_loop
+
+RADIUS = 0.02
+KNOB = """
+[device]
+motion = "rotary"
+handle_radius_m = 0.02
+inertia_kgm2 = {inertia}
+damping_nms_per_rad = {damping}
+delay_samples = 1
+coulomb_friction_nm = {friction}
+encoder_counts_per_turn = 16384
+max_torque_nm = 0.2
+"""
+GUESS = KNOB.format(inertia=3e-5, damping=2e-4, friction=0.002) + (
+    "[device.range]\ninertia_kgm2 = [2e-5, 6e-5]\ncoulomb_friction_nm = [0.0, 0.005]\n"
+)
+HIDDEN = {"mass_kg": 4.2e-5, "damping_ns_per_m": 1.5e-4, "coulomb_friction_n": 0.003}
+
+
+def document(capsys, *arguments):
+    """Return the JSON answer of a command, of which nothing is told in a linear unit."""
+    assert main([*arguments, "--json"]) == 0
+    text = capsys.readouterr().out
+    assert linear_words(text) == []
+    return json.loads(text)
+
+
+def test_a_hidden_knob_is_found_and_its_wall_rests_on_it(tmp_path, monkeypatch, capsys):
+    require("unicorn")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "guess.toml").write_text(GUESS)
+    (tmp_path / "hidden.toml").write_text(KNOB.format(inertia=4.2e-5, damping=1.5e-4, friction=0.003))
+    asked = ["--on-bench", "hidden.toml", "--seconds", "3", "--out", "log.csv"]
+    played = document(capsys, "excite", "guess.toml", *asked)
+    assert played["log"]["peak_torque_nm"] <= played["plan"]["limits"]["torque_nm"]
+    assert "tick,time_ms,angle_urad,torque_Nm" in (tmp_path / "log.csv").read_text()
+    page = ["--report", "page.html", "--out", "mine.toml"]
+    found = document(capsys, "identify", "log.csv", "--device", "guess.toml", *page)
+    for key, truth in HIDDEN.items():
+        one = found["estimates"][ROTARY.key(key)]
+        assert one["low"] <= truth <= one["high"], (key, one)
+    assert linear_words((tmp_path / "mine.toml").read_text()) == []
+    (tmp_path / "end.toml").write_text(
+        'device = "mine.toml"\n[environment]\nstiffness_nm_per_rad = 0.5\ndamping_nms_per_rad = 0.0\n'
+    )
+    assert main(["recommend", "end.toml", "--out", "c.json"]) == 0
+    assert linear_words(capsys.readouterr().out) == []
+    hidden = avc.load_device(tmp_path / "hidden.toml").device
+    tried = tried_in_the_loop(avc.read_coupling(tmp_path / "c.json"), seconds=1.5, device=hidden)
+    assert tried.at_rest
+
+
+def test_what_is_found_of_a_turn_is_what_is_found_at_its_rim():
+    random = np.random.default_rng(3)
+    truth = Truth(coulomb=0.3, delay=1.2, encoder=2e-5)
+    _, position, force = measured(truth, multisine(random, 3.0, truth.period, 0.5, 200.0, 2.0), random)
+    at_rim = identify([Record("rim", truth.period, position, force)])
+    turned = Record("turn", truth.period, position / RADIUS, force * RADIUS, motion="rotary")
+    found = identify([turned], handle_radius_m=RADIUS)
+    powers = {"mass_kg": 2, "damping_ns_per_m": 2, "coulomb_friction_n": 1, "encoder_resolution_m": -1}
+    for key, one in at_rim.estimates.items():
+        scale = RADIUS ** powers.get(key, 0)
+        its = found.estimates[key]
+        if key in powers or key == "delay_samples":
+            assert (its.low, its.value, its.high) == pytest.approx(
+                tuple(scale * x for x in (one.low, one.value, one.high)), rel=1e-6
+            )
+    text = device_text(found.device)
+    assert linear_words(text) == []
+    assert parse_device(text).device == found.device.device
+    assert found.device.device.handle_radius_m == RADIUS
+
+
+def test_degrees_and_newton_metres_are_read_and_mixed_kinds_refused(tmp_path):
+    time = np.arange(400) * 1e-3
+    angle, torque = np.sin(20 * time), 0.1 * np.cos(20 * time)
+    rows = zip(time, np.degrees(angle), 1e3 * torque, strict=True)
+    log = tmp_path / "log.csv"
+    log.write_text("time_s,angle_deg,torque_mNm\n" + "".join("{:.9g},{:.12g},{:.12g}\n".format(*row) for row in rows))
+    (record,), _ = read_logs([log])
+    assert record.motion == "rotary"
+    np.testing.assert_allclose(record.position_m, angle, atol=1e-10)
+    np.testing.assert_allclose(record.force_n, torque, atol=1e-10)
+    with pytest.raises(avc.InputError, match="turns and force goes in a line"):
+        read_logs([log], Layout(units={"force": "N"}))
+    with pytest.raises(avc.InputError, match="nothing says where the hand holds it"):
+        identify([log])
+    far = tmp_path / "far.csv"
+    rows = zip(time, 1e4 * angle, torque, strict=True)
+    far.write_text("time_s,angle_rad,torque_Nm\n" + "".join("{:.9g},{:.9g},{:.9g}\n".format(*row) for row in rows))
+    with pytest.raises(avc.InputError, match=r"spans 2e\+04 rad; allowed: 1e-05 to 1000 rad; is the unit right"):
+        read_logs([far])
+
+
+def test_the_diagnosis_of_a_turn_is_that_of_its_rim():
+    meant = Buzzing(encoder=5e-6, stiffness=3000.0, damper=12.0)
+    time, position, force = logged(replace(meant, stiffness=20000.0), 1500 * meant.period)
+    linear = declared_of(meant)
+    turned = Device.model_validate(
+        {
+            **linear.model_dump(exclude_none=True),
+            "motion": "rotary",
+            "handle_radius_m": RADIUS,
+            "mass_kg": linear.mass_kg * RADIUS**2,
+            "damping_ns_per_m": linear.damping_ns_per_m * RADIUS**2,
+            "coulomb_friction_n": linear.coulomb_friction_n * RADIUS,
+            "encoder_resolution_m": linear.encoder_resolution_m / RADIUS,
+        }
+        | ({} if linear.max_force_n is None else {"max_force_n": linear.max_force_n * RADIUS})
+    )
+    at_rim = diagnose(Columns("log", time, position, force), device=linear)
+    found = diagnose(Columns("log", time, position / RADIUS, force * RADIUS, motion="rotary"), device=turned)
+    assert (found.verdict, found.cause) == (at_rim.verdict, at_rim.cause) == ("named", "stiffness")
+    assert found.law.stiffness_n_per_m == pytest.approx(at_rim.law.stiffness_n_per_m * RADIUS**2, rel=1e-6)
+    own = next(cure for cure in found.cures if cure.key == "stiffness_n_per_m")
+    its = next(cure for cure in at_rim.cures if cure.key == "stiffness_n_per_m")
+    assert own.value == pytest.approx(its.value * RADIUS**2, rel=0.05)
+    assert linear_words(ROTARY.text(diagnosis_text(found))) == []
+    with pytest.raises(avc.InputError, match="nothing says where the hand holds it"):
+        diagnose(Columns("log", time, position, force, motion="rotary"))
+
+
+def test_limits_of_an_excitation_are_those_of_the_rim_and_its_options_of_the_turn(tmp_path, capsys):
+    device = parse_device(KNOB.format(inertia=3e-5, damping=2e-4, friction=0.002)).device
+    plan = plan_excitation(device, "chirp", seconds=2.0).plan
+    assert (plan.max_speed_m_per_s, plan.max_travel_m) == (10.0, 1.0)
+    assert plan.motion == "rotary"
+    path = tmp_path / "knob.toml"
+    path.write_text(GUESS)
+    assert main(["excite", str(path), "--plan-only", "--force-n", "1"]) == 2
+    assert "allowed of a device that turns: --torque-nm" in capsys.readouterr().err
+
+
+def test_commissioning_speaks_of_angles(tmp_path, monkeypatch, capsys):
+    require("unicorn")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "knob.toml").write_text(GUESS)
+    assert main(["commission", "knob.toml", "--port", "emulator"]) == 0
+    told = capsys.readouterr().out
+    assert linear_words(told) == []
+    assert "250 mrad" in told
