@@ -22,7 +22,7 @@ _COLOURS = ("#d1600a", "#5a5a00", "#08306b")
 def draw_traces(
     runs: Mapping[str, Run], axes: GivenAxes = None, *, from_s: float = 0.0, deepest_mm: float = 1.6
 ) -> Figure:
-    """Draw penetration and force of each run, with its verdict and its stiffness.
+    """Draw penetration and force of each run, with its verdict, and its stiffness or the force that leaves the axis.
 
     Args:
         runs: at most three runs by name.
@@ -67,5 +67,5 @@ def draw_traces(
 
 def _verdict(run: Run) -> str:
     if not run.stable:
-        return "unstable"
+        return f"unstable, up to {np.abs(run.force_n).max():.3g} N"
     return f"stable, {run.apparent_stiffness_n_per_m / 1e3:.1f} kN/m"
