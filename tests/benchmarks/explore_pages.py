@@ -227,7 +227,7 @@ Processor time of the server for one change, ms.
 
 ## Memory
 
-`{memory["command"]}` (version {memory["version"]})
+`{memory["command"]}` (version {memory["version"]}; load of the machine {memory["load"][0]:.0f} at its end)
 
 A script moved sliders of wall, device and hands {memory["changes"]} times in {memory["minutes"]:g} minutes: ten times
 within a second, then five seconds of rest in which certificate, verdict, touch and region follow. The server is its
