@@ -100,6 +100,15 @@ def test_a_saved_coupling_is_one():
     assert document["certificate"]["deployable"]["pass"] is True
 
 
+def test_a_contact_damper_that_was_typed_is_not_lost_in_the_command():
+    gains = {"stiffness_n_per_m": 900.0, "contact_damping_ns_per_m": 5.0}
+    question = asked(method="constant", gains=gains)
+    explorer = Explorer(BASE, "figure5")
+    text = answer(explorer, PARTS["file"], question | {"kind": "command"})["text"]
+    saved = answer(explorer, PARTS["file"], question | {"kind": "coupling"})["name"]
+    assert text.startswith(f"avc certify {saved} ")
+
+
 def test_gains_that_are_none_are_told_with_their_fields():
     found = told("now", method="constant", gains={"stiffness_n_per_m": -1, "damping_ns_per_m": "much"})
     assert {fault["key"] for fault in found["errors"]} == {"gains.stiffness_n_per_m", "gains.damping_ns_per_m"}

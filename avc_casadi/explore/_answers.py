@@ -263,6 +263,8 @@ def _command(explorer: Explorer, settings: Settings, problem: Problem, name: str
     which = name if changed else shlex.quote(explorer.source)
     if settings.method == "recommend":
         lines.append(f"avc recommend {which} --out coupling.json")
+    elif settings.method == "constant" and settings.gains.get(GAINS[2]):
+        return f"avc certify {name.removesuffix('.toml')}-coupling.json  # the file of Save coupling\n"
     elif settings.method == "constant":
         given = [f"{settings.gains.get(key, 0.0):g}" for key in (_K, _B)]
         lines.append(f"avc compare {which} --mine {','.join(given)}")
