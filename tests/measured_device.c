@@ -36,16 +36,54 @@ static void forces(const device_t *d, const state_t *s, double actual, double pu
     *motor = d->scale * actual + push - d->damping * s->v + joint + (d->resonance > 0 ? 0.0 : held);
 }
 
+/* The force commanded for a step, counted from the start. */
+static double asked(const double *force, long substep)
+{
+    return substep < 0 ? force[0] : force[substep / SUBSTEPS];
+}
+
+/* One step of Heun's rule in which the motor does not turn; returns its velocity at the end. */
+static double stepped(const device_t *d, const state_t *s, double h, double applied, double push, state_t *after)
+{
+    double share = d->resonance > 0 ? d->share : 0.0, motor = d->mass * (1 - share), handle = d->mass * share;
+    double m1, h1, m2, h2, dry;
+    forces(d, s, applied, push, &m1, &h1);
+    dry = friction(d, s->v, m1);
+    state_t trial = {s->x + h * s->v, s->v + h * (m1 - dry) / motor, s->xh + h * s->vh,
+                     share > 0 ? s->vh + h * h1 / handle : 0.0};
+    forces(d, &trial, applied, push, &m2, &h2);
+    after->v = s->v + h * ((m1 + m2) / 2 - dry) / motor;
+    if (s->v == 0 && dry == m1) after->v = 0; /* held */
+    after->x = s->x + h * (s->v + after->v) / 2;
+    after->vh = share > 0 ? s->vh + h * (h1 + h2) / 2 / handle : after->v;
+    after->xh = share > 0 ? s->xh + h * (s->vh + after->vh) / 2 : after->x;
+    return after->v;
+}
+
+/* One step, in two where the motor turns: what it does from rest on is decided when it rests, not at the next step. */
+static void advance(const device_t *d, state_t *s, double h, double applied, double push)
+{
+    state_t after;
+    double v = stepped(d, s, h, applied, push, &after);
+    if (s->v * v < 0) {
+        double until = h * s->v / (s->v - v);
+        stepped(d, s, until, applied, push, &after);
+        after.v = 0;
+        if (!(d->resonance > 0)) after.vh = 0;
+        *s = after;
+        stepped(d, s, h - until, applied, push, &after);
+    }
+    *s = after;
+}
+
 /* Arrays have `samples` entries; noise and tremble are given. Writes position as measured and force as commanded. */
 void measured_device(const device_t *d, int samples, const double *wanted, const double *noise, const double *tremble,
                      double *position, double *force)
 {
     state_t s = {0, 0, 0, 0};
     double h = d->period / SUBSTEPS, actual = 0, before = 0;
-    double share = d->resonance > 0 ? d->share : 0.0, motor = d->mass * (1 - share), handle = d->mass * share;
     double keep = d->bandwidth > 0 ? exp(-2 * 3.14159265358979323846 * d->bandwidth * h) : 0.0;
     double mean = d->bandwidth > 0 ? (1 - keep) / (2 * 3.14159265358979323846 * d->bandwidth * h) : 0.0;
-    long late = lround(d->delay * SUBSTEPS);
     for (int k = 0; k < samples; k++) {
         double seen = (d->at_handle > 0 && d->resonance > 0 ? s.xh : s.x) + noise[k];
         double y = d->encoder > 0 ? d->encoder * floor(seen / d->encoder + 0.5) : seen;
@@ -53,31 +91,14 @@ void measured_device(const device_t *d, int samples, const double *wanted, const
         force[k] = wanted[k] - d->spring * y - (k ? d->damper * (y - before) / d->period : 0.0);
         before = y;
         for (int i = 0; i < SUBSTEPS; i++) {
-            long substep = (long)k * SUBSTEPS + i - late;
-            double asked = substep < 0 ? force[0] : force[substep / SUBSTEPS];
+            /* A force that changes within the step acts with its mean. */
+            double from = (double)k * SUBSTEPS + i - d->delay * SUBSTEPS, part = from - floor(from);
+            double older = asked(force, (long)floor(from)), newer = part > 0 ? asked(force, (long)floor(from) + 1) : 0.0;
+            double now = older + part * (newer - older);
             double push = d->offset + d->drift * k * d->period + tremble[k];
-            double applied = asked + (actual - asked) * mean; /* the mean of the lag over the step */
-            double m1, h1, m2, h2, dry;
-            if (!(d->bandwidth > 0)) applied = asked;
-            actual = asked + (actual - asked) * keep;
-            forces(d, &s, applied, push, &m1, &h1);
-            dry = friction(d, s.v, m1);
-            state_t trial = {s.x + h * s.v, s.v + h * (m1 - dry) / motor, s.xh + h * s.vh,
-                             share > 0 ? s.vh + h * h1 / handle : 0.0};
-            forces(d, &trial, applied, push, &m2, &h2);
-            double v = s.v + h * ((m1 + m2) / 2 - dry) / motor;
-            if (s.v == 0 && fabs(dry) == fabs(m1)) v = 0;       /* held */
-            else if (s.v * v < 0) v = 0;                        /* stopped within the step */
-            s.x += h * (s.v + v) / 2;
-            s.v = v;
-            if (share > 0) {
-                double vh = s.vh + h * (h1 + h2) / 2 / handle;
-                s.xh += h * (s.vh + vh) / 2;
-                s.vh = vh;
-            } else {
-                s.xh = s.x;
-                s.vh = s.v;
-            }
+            double applied = d->bandwidth > 0 ? now + (actual - now) * mean : now; /* the mean of the lag over the step */
+            actual = now + (actual - now) * keep;
+            advance(d, &s, h, applied, push);
         }
     }
 }

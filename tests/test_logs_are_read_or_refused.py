@@ -174,3 +174,10 @@ def test_logs_that_tell_nothing_are_refused_with_what_would():
     mass = np.cumsum(np.cumsum(random.standard_normal(3000))) * 1e-7
     with pytest.raises(avc.InputError, match="--flip-force"):
         identify([Record("flipped", 1e-3, mass, -np.gradient(np.gradient(mass)) * 1e6)])
+
+
+def test_a_device_that_stuck_is_told_which_log_would_move_it(tmp_path):
+    (one,) = faults(csv(tmp_path / "stuck.csv", scale=(1, 0, 1)))
+    assert one.key == "position"
+    assert "never changes" in one.message
+    assert "several times the force" in one.message

@@ -123,8 +123,9 @@ def _widened(found: Identification, device: dict[str, Any], ranges: dict[str, An
 
 
 def _rounded(one: Estimate) -> tuple[float, tuple[float, float]]:
-    """Return a value and its ends to a few digits, the value between them; what is next to nothing is nothing."""
-    value, low, high = (float(f"{each:.{_DIGITS}g}") for each in (one.value, one.low, one.high))
+    """Return a value and its ends to as many digits as the interval asks for; what is next to nothing is nothing."""
+    digits = one.digits(3, _DIGITS)
+    value, low, high = (float(f"{each:.{digits}g}") for each in (one.value, one.low, one.high))
     value, low, high = (0.0 if abs(each) < 1e-9 else each for each in (value, low, high))
     if one.key == "delay_samples":
         value, low, high = (0.0 if each < 1e-3 else each for each in (value, low, high))

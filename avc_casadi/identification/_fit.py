@@ -52,6 +52,8 @@ class Fit:
         blocks: stretches of the records.
         unit_m: what the blocks' errors are counted in.
         noise_share: share of the variance of the error that is noise of the measurement.
+        turning: share of samples in which the model's motion turns.
+        sample_time_s: T.
     """
 
     structure: Structure
@@ -61,6 +63,8 @@ class Fit:
     blocks: tuple[Block, ...]
     unit_m: float
     noise_share: float
+    turning: float
+    sample_time_s: float
 
     @property
     def values(self) -> dict[str, float]:
@@ -175,7 +179,14 @@ def judged(predictor: Predictor, structure: Structure, search: FloatArray, obser
     values = structure.values(search)
     step = linear_step(values, structure, predictor.sample_time_s, taps_of(values))
     _, share = observer.gain(step, values["mass_kg"], predictor.sample_time_s)
-    return Fit(structure, search, observer, errors, tuple(blocks), unit, share)
+    turning = _turning([record.position_m[window.skip :] for record in predictor.records], errors)
+    return Fit(structure, search, observer, errors, tuple(blocks), unit, share, turning, predictor.sample_time_s)
+
+
+def _turning(positions: Sequence[FloatArray], errors: Sequence[FloatArray]) -> float:
+    """Return the share of samples in which what a model predicts of the position turns."""
+    steps = [np.diff(position - error) for position, error in zip(positions, errors, strict=True)]
+    return float(np.mean(np.concatenate([one[1:] * one[:-1] < 0 for one in steps])))
 
 
 def best_observer(predictor: Predictor, found: Fit, window: Window) -> Observer:

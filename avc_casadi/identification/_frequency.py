@@ -17,6 +17,7 @@ from avc_casadi.support import BoolArray, ComplexArray, FloatArray
 _WINDOW_S = 1.0
 _COHERENT = 0.6
 _DRIVEN = 1e-4
+_BELOW_STRUCTURE_HZ = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +93,27 @@ def model_response(
     identity = np.eye(step.matrix.shape[0])
     states = np.linalg.solve(z[:, None, None] * identity - step.matrix, forces.T[..., None])[..., 0]
     return np.asarray(states[:, step.measured] * (1 - 1 / z) / sample_time_s)
+
+
+def held_guess(response: Response, delay_s: float) -> dict[str, float] | None:
+    """Return mass, damping and spring of a device that is held, from its response below its structure, or None.
+
+    Args:
+        response: of the log.
+        delay_s: of the force.
+    """
+    use = (response.coherence > _COHERENT) & response.driven & (response.frequency_hz < _BELOW_STRUCTURE_HZ)
+    if use.sum() < 5:
+        return None
+    omega = 2 * np.pi * response.frequency_hz[use]
+    answer = response.velocity_per_force[use] * np.exp(1j * omega * delay_s)
+    # Relative to each answer: Y (b + j omega m + k/(j omega)) = 1.
+    sides = answer[:, None] * np.stack([1j * omega, np.ones_like(omega), 1 / (1j * omega)], axis=1)
+    columns, ones = np.concatenate([sides.real, sides.imag]), np.concatenate([np.ones_like(omega), 0 * omega])
+    mass, damping, stiffness = (float(one) for one in np.linalg.lstsq(columns, ones, rcond=None)[0])
+    if mass <= 0 or stiffness <= 0:
+        return None
+    return {"mass_kg": mass, "damping_ns_per_m": max(damping, 0.0), "stiffness_n_per_m": stiffness}
 
 
 def likely_resonances(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -31,6 +32,18 @@ class Estimate:
     high: float
     level: float
     how: str
+
+    def digits(self, of_half_width: int, least: int) -> int:
+        """Return how many significant digits show an interval.
+
+        Args:
+            of_half_width: digits of the half width that are to be seen.
+            least: digits at least.
+        """
+        half, size = (self.high - self.low) / 2, max(abs(self.low), abs(self.high))
+        if not 0 < half < math.inf or not size > 0:
+            return least
+        return min(max(least, of_half_width + math.ceil(math.log10(size / half))), 15)
 
 
 @dataclass(frozen=True)

@@ -245,6 +245,8 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
             what = "never changes" if key == "position" and size == 0 else "is 0 throughout" if size == 0 else ""
             message = what or f"{verb} {number(size)} {unit}"
             question = "" if size == 0 else "; is the unit right?"
+            if key == "position" and size == 0:
+                question = "; log a multisine with several times the force, more than dry friction holds"
             faults.append(Fault(columns.file, None, key, f"{message}; allowed: {low:g} to {high:g} {unit}{question}"))
     return faults
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi.identification._evidence import Trial, compared
 from avc_casadi.identification._fit import Fit, Window, best_observer, fit, judged, slowest_observer
-from avc_casadi.identification._frequency import Response, likely_resonances
+from avc_casadi.identification._frequency import Response, held_guess, likely_resonances
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._share import shared
 from avc_casadi.identification._terms import TERMS, Structure
@@ -17,13 +17,13 @@ from avc_casadi.identification._uncertainty import sensitivity
 from avc_casadi.support import SILENT, Progress
 
 # Those that stand together look alike: the better one is taken first.
-_ORDER = (("coulomb",), ("resonance", "amplifier"), ("stiffness",), ("asymmetry",), ("stribeck",), ("drift",))
+_ORDER = (("coulomb",), ("resonance", "amplifier", "stiffness"), ("asymmetry",), ("stribeck",), ("drift",))
 # A term that a Gauss-Newton step from its absence does not speak for by so many standard errors is not fitted.
 _HOPEFUL = 1.5
 _COLLINEAR = 100.0
 _FIRST_RATE_PER_S = 60.0
 # Terms that may change everything.
-_STRONG = {"coulomb", "resonance", "amplifier"}
+_STRONG = {"coulomb", "resonance", "amplifier", "stiffness"}
 _MOST_STARTS = 2
 # Terms whose number is 0 where they are absent: below this share of what matters they are.
 _VANISHING = {"stribeck": "breakaway_excess_n", "stiffness": "stiffness_n_per_m", "coulomb": "coulomb_friction_n"}
@@ -184,7 +184,8 @@ def _tried(
     for structure, start in _starts(
         simple, _richer(simple.structure, term), term, guess, response, predictor, window, sides
     ):
-        if term not in {"coulomb", "resonance"}:
+        from_afar = term in {"coulomb", "resonance"} or (term == "stiffness" and start["stiffness_n_per_m"] > 0)
+        if not from_afar:
             at_start = judged(predictor, structure, structure.start(start), simple.observer, window)
             hope = compared(simple, at_start, term)
             chosen.trials[term] = replace(hope, taken=False)
@@ -278,4 +279,8 @@ def _starts(
                 found.append((left, with_side, {**values, **one}))
         found.sort(key=lambda one: one[0])
         return [(with_side, start) for left, with_side, start in found[:_MOST_STARTS] if left < 3 * found[0][0]]
-    return [(richer, {**values, **{one.name: 0.0 for one in TERMS[term].parameters}})]
+    absent = {**values, **{one.name: 0.0 for one in TERMS[term].parameters}}
+    if term == "stiffness" and (held := held_guess(response, values["delay_samples"] * period)) is not None:
+        # A free mass in place of a held one is far off: the way from it may end elsewhere.
+        return [(richer, absent), (richer, {**values, "delay_samples": guess["delay_samples"], **held})]
+    return [(richer, absent)]

@@ -89,7 +89,12 @@ def identification_text(found: Identification) -> str:
         text_table(
             ("what", "value", "from", "to", "unit", "how"),
             [
-                (one.key, *(number(each) for each in (one.value, one.low, one.high)), one.unit or "-", one.how)
+                (
+                    one.key,
+                    *(number(each, one.digits(2, 4)) for each in (one.value, one.low, one.high)),
+                    one.unit or "-",
+                    one.how,
+                )
                 for one in found.estimates.values()
             ],
             left=(0, 4, 5),

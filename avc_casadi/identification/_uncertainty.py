@@ -16,18 +16,17 @@ _DRAWS = 500
 _SEED = 20
 # Fewer records than this say little of how records differ.
 _ENOUGH_RECORDS = 3
-# What the model itself leaves out inside a sample, in the coordinates of the search: held friction, a force that is
-# switched; compared with a simulation in steps of 1/200 sample.
-_FLOOR = {
-    "mass_kg": 3e-4,
-    "delay_samples": 5e-3,
+# The mean over a sample of what bends and of what changes evenly differ by the bend over this, as Simpson's rule tells.
+_BENT = 12.0
+# The least that the model leaves out where what rings inside a sample tells a number, or an amplifier's lag does: what
+# errors against a simulation in steps of 1/200 sample ask for.
+_LEAST = {
     "resonance.frequency_hz": 1e-3,
     "resonance.damping_ratio": 3e-2,
     "resonance.mass_ratio": 4e-2,
     "amplifier_bandwidth_hz": 1e-2,
 }
-_FLOOR_SHARE = 2e-3
-_SHARED_FLOOR = ("damping_ns_per_m", "coulomb_friction_n", "stiffness_n_per_m")
+_IN_PROPORTION = ("damping_ns_per_m", "coulomb_friction_n", "stiffness_n_per_m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +54,9 @@ def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
     """Return the uncertainty of a fit.
 
     Blocks are drawn anew with replacement, and each draw moves the estimate by a Gauss-Newton step; from three records
-    on,
-    the spread between records is taken where it is larger. What other observers would have found is added where it is
-    more
-    than chance: there the disturbance, or the model, is not what it is taken for.
+    on, the spread between records is taken where it is larger. What other observers would have found is added where it
+    is more than chance: there the disturbance, or the model, is not what it is taken for. So is what the model leaves
+    out inside a sample.
 
     Args:
         fit: at its best.
@@ -92,16 +90,40 @@ def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
             source = f"differences between {len(records)} records"
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     bias = np.max([_beyond_chance(fit, other) for other in others], axis=0) if others else np.zeros(free)
-    floor = np.array(
-        [
-            _FLOOR_SHARE * abs(q) if one.name in _SHARED_FLOOR else _FLOOR.get(one.name, 0.0)
-            for one, q in zip(fit.structure.free, fit.search, strict=True)
-        ]
-    )
     half = stats.t.ppf(0.5 + LEVEL / 2, degrees) * deviation
     outer = np.outer(deviation, deviation)
     correlation = np.divide(covariance, outer, out=np.eye(free), where=outer > 0)
-    return Spread(covariance, half + bias + floor, correlation, degrees, source, np.zeros((2, free)))
+    return Spread(covariance, half + bias + _inside_a_sample(fit), correlation, degrees, source, np.zeros((2, free)))
+
+
+def _inside_a_sample(fit: Fit) -> FloatArray:
+    """Return how far the model's own samples may move each coordinate, shape (free,).
+
+    The linear part is exact. Dry friction takes the velocity to change evenly over a sample: that matters in samples in
+    which the motor turns, where the velocity bends, by damping or by a resonance, and as friction weighs beside the
+    force. Without friction, and as the sample time falls, nothing is left of it.
+    """
+    values, period = fit.values, fit.sample_time_s
+    dry = (values["coulomb_friction_n"] + values["breakaway_excess_n"]) / fit.structure.units["coulomb_friction_n"]
+    angle = 0.0
+    if fit.structure.present("resonance.frequency_hz"):
+        angle = 2 * np.pi * values["resonance.frequency_hz"] * period
+    bend = values["damping_ns_per_m"] / values["mass_kg"] * period + angle**2
+    share = fit.turning * dry * bend / _BENT
+    # A pole and a zero move by this share of their distance from the origin.
+    moved = {
+        "mass_kg": share,
+        "delay_samples": share / angle if angle else share,
+        "resonance.frequency_hz": share,
+        "resonance.damping_ratio": share / values["resonance.damping_ratio"],
+        "resonance.mass_ratio": 4 * share / values["resonance.mass_ratio"],
+    }
+    return np.array(
+        [
+            share * abs(q) if one.name in _IN_PROPORTION else max(moved.get(one.name, 0.0), _LEAST.get(one.name, 0.0))
+            for one, q in zip(fit.structure.free, fit.search, strict=True)
+        ]
+    )
 
 
 def _beyond_chance(fit: Fit, other: Fit) -> FloatArray:
