@@ -211,7 +211,8 @@ BODIES = """<mujoco><compiler inertiafromgeom="false"/><worldbody>
 <inertial pos="0.1 0 0.02" quat="0.9 0.1 0.2 0" mass="0.3" diaginertia="1e-3 2e-3 1.5e-3"/>
 <body name="c" pos="0 0.2 0.1"><joint name="jc" type="hinge" axis="0 0 1"{extra}/>
 {inertial}</body></body></body></worldbody></mujoco>"""
-INERTIAL = '<inertial pos="0.05 0 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>'
+INERTIAL = """<inertial pos="0.05 0 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>
+<body name="tip" pos="0.05 0.03 0"><inertial pos="0 0 0" mass="0.02" diaginertia="1e-5 1e-5 1e-5"/></body>"""
 
 
 def written(folder, text, tip, ending):
@@ -223,7 +224,7 @@ def written(folder, text, tip, ending):
 def test_mjcf_moves_as_in_mujoco(tmp_path):
     mujoco = pytest.importorskip("mujoco")
     text = BODIES.format(extra="", inertial=INERTIAL)
-    made = arm(written(tmp_path, text, "c", "xml"))
+    made = arm(written(tmp_path, text, "tip", "xml"))
     model = mujoco.MjModel.from_xml_string(text)
     data, random = mujoco.MjData(model), np.random.default_rng(1)
     for _ in range(5):
@@ -232,10 +233,10 @@ def test_mjcf_moves_as_in_mujoco(tmp_path):
         model.opt.gravity[:] = 0.0
         mujoco.mj_forward(model, data)
         there = evaluated(made.tip, q[None])[0, :, 0]
-        np.testing.assert_allclose(there, data.body("c").xpos, atol=1e-10)
+        np.testing.assert_allclose(there, data.body("tip").xpos, atol=1e-10)
         np.testing.assert_allclose(evaluated(made.inertia, q[None])[0] @ data.qacc, push, atol=1e-10)
         moved = np.zeros((3, 3))
-        mujoco.mj_jacBody(model, data, moved, None, model.body("c").id)
+        mujoco.mj_jacBody(model, data, moved, None, model.body("tip").id)
         np.testing.assert_allclose(evaluated(made.jacobian, q[None])[0], moved, atol=1e-10)
 
 

@@ -69,6 +69,12 @@ def add_worded(parser: argparse.ArgumentParser, linear: str, rotary: str, metava
     parser.add_argument(linear, rotary, action=_Worded, type=positive, metavar=metavar, help=text)
 
 
+def named(option: argparse.Action) -> tuple[str, str]:
+    """Return the name by which a fault tells of an option: of a linear device, and of one that turns."""
+    strings = option.option_strings
+    return (strings[0], strings[-1]) if isinstance(option, _Worded) else (strings[-1], strings[-1])
+
+
 def check_worded(args: argparse.Namespace, units: Units) -> None:
     """Refuse options of the other kind of motion.
 

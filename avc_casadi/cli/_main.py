@@ -24,6 +24,7 @@ from avc_casadi import (
     __version__,
     fault_document,
 )
+from avc_casadi.cli._arguments import named
 from avc_casadi.cli._console import INTERRUPTED, Answer, Console
 from avc_casadi.cli._verbs import VERBS
 
@@ -79,7 +80,7 @@ def build_parser() -> argparse.ArgumentParser:
         module.add_arguments(verb)
         verb.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
         # A positional argument has no option to be named by.
-        options = {action.dest: action.option_strings[-1] for action in verb._actions if action.option_strings}  # noqa: SLF001
+        options = {action.dest: named(action) for action in verb._actions if action.option_strings}  # noqa: SLF001
         verb.set_defaults(run=module.run, options=options)
     return parser
 
@@ -157,9 +158,13 @@ def _refused(console: Console, error: AvcError | OSError) -> int:
     return NO if said_no else BAD_INPUT
 
 
-def _as_options(error: InputError, options: Mapping[str, str]) -> InputError:
-    """Name the option, as it is typed, where an argument of a call is at fault that came from one."""
-    return InputError([replace(fault, key=options.get(fault.key, fault.key)) for fault in error.faults])
+def _as_options(error: InputError, options: Mapping[str, tuple[str, str]]) -> InputError:
+    """Name the option, as it is typed for a device of this motion, where an argument of a call is at fault."""
+    from avc_casadi.support import spoken
+
+    turns = not spoken().linear
+    named = {key: both[turns] for key, both in options.items()}
+    return InputError([replace(fault, key=named.get(fault.key, fault.key)) for fault in error.faults])
 
 
 def _document(message: str, key: str = "") -> dict[str, Any]:
