@@ -132,7 +132,7 @@ def _by_method(problem: avc.Problem, method: MethodName, console: Console) -> di
 
 def _drawn(task: tuple[Comparison, Units]) -> dict[str, tuple[bytes, Picture]]:
     """Return each figure as PNG, and for the page, in the words of the device."""
-    from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, figure_png
+    from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived
     from avc_casadi.report import Picture, picture_words
     from avc_casadi.support import speaking
 
@@ -140,10 +140,7 @@ def _drawn(task: tuple[Comparison, Units]) -> dict[str, tuple[bytes, Picture]]:
     words = picture_words(comparison)
     draws = {"boundaries": draw_boundaries, "perceived": draw_perceived, "comparison": draw_comparison}
     with speaking(units):
-        return {
-            name: (figure_png(draw(comparison)), Picture.of(draw, comparison, _CAPTIONS[name], words[name]))
-            for name, draw in draws.items()
-        }
+        return {name: Picture.with_png(draw, comparison, _CAPTIONS[name], words[name]) for name, draw in draws.items()}
 
 
 def _written(drawn: dict[str, tuple[bytes, Picture]], folder: Path) -> list[Picture]:

@@ -17,7 +17,7 @@ from avc_casadi.figures._identification import draw_correlations as draw_correla
 from avc_casadi.figures._identification import draw_identification as draw_identification
 from avc_casadi.figures._pareto import draw_pareto as draw_pareto
 from avc_casadi.figures._perceived import draw_perceived as draw_perceived
-from avc_casadi.figures._save import figure_png as figure_png
+from avc_casadi.figures._save import figure_png_svg as figure_png_svg
 from avc_casadi.figures._save import figure_svg as figure_svg
 from avc_casadi.figures._save import save_figure as save_figure
 from avc_casadi.figures._scene import draw_scene as draw_scene

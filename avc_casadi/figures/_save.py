@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -36,24 +37,44 @@ def _in_words(figure: Figure) -> Iterator[None]:
             one.set_text(text)
 
 
+@contextmanager
+def _laid_out(figure: Figure) -> Iterator[None]:
+    """Lay a figure out once for all that is written of it; Matplotlib would draw all of it once more to do so."""
+    engine = figure.get_layout_engine()
+    if engine is None:
+        yield
+        return
+    engine.execute(figure)
+    with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+        figure.set_layout_engine(None)
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
+
+
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure; the ending of ``path`` chooses PNG, SVG or PDF."""
     ending = path.suffix.lower()
-    with in_style(), _in_words(figure):
+    with in_style(), _in_words(figure), _laid_out(figure):
         figure.savefig(path, format=ending[1:], metadata=_METADATA[ending])
 
 
-def figure_png(figure: Figure) -> bytes:
-    """Return a figure as the content of a PNG file."""
+def figure_png_svg(figure: Figure) -> tuple[bytes, str]:
+    """Return a figure as the content of a PNG file and as `figure_svg` does, laid out once."""
     content = io.BytesIO()
-    with in_style(), _in_words(figure):
+    with in_style(), _in_words(figure), _laid_out(figure):
         figure.savefig(content, format="png", metadata=_METADATA[".png"])
-    return content.getvalue()
+        return content.getvalue(), _svg(figure)
 
 
 def figure_svg(figure: Figure) -> str:
     """Return a figure as an SVG element that can stand inside an HTML page."""
+    with in_style(), _in_words(figure), _laid_out(figure):
+        return _svg(figure)
+
+
+def _svg(figure: Figure) -> str:
     text = io.StringIO()
-    with in_style(), _in_words(figure):
-        figure.savefig(text, format="svg", metadata=_METADATA[".svg"])
+    figure.savefig(text, format="svg", metadata=_METADATA[".svg"])
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), count=1, flags=re.DOTALL)

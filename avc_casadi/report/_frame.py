@@ -10,7 +10,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.figures import figure_svg, stacked
+from avc_casadi.figures import figure_png_svg, figure_svg, stacked
 from avc_casadi.support import Table, spoken
 
 if TYPE_CHECKING:
@@ -63,6 +63,12 @@ class Picture:
     def of(cls, draw: Callable[..., Figure], result: Any, caption: str, words: str) -> Picture:
         """Draw a result both ways."""
         return cls(caption, words, figure_svg(draw(result)), figure_svg(stacked(draw, result)))
+
+    @classmethod
+    def with_png(cls, draw: Callable[..., Figure], result: Any, caption: str, words: str) -> tuple[bytes, Picture]:
+        """Draw a result both ways, and return the wide one as the content of a PNG file too."""
+        png, wide = figure_png_svg(draw(result))
+        return png, cls(caption, words, wide, figure_svg(stacked(draw, result)))
 
     def html(self) -> str:
         """Return the figure with its pictures inside."""
