@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 
@@ -103,9 +104,13 @@ def state_feedback_step(settings: StateFeedback) -> Step:
         position_m, force_n (asked for in the tick before, positive against +x; what is asked is what the actuator can
         give) -> position_m that the wall sees. The first tick takes the position as it is, the device at rest.
     """
+    return _step_of(settings.states, tuple(settings.positions), settings.measures)
+
+
+@lru_cache(maxsize=64)
+def _step_of(n: int, positions: tuple[int, ...], measures: int) -> Step:
     import casadi as ca  # noqa: PLC0415
 
-    n = settings.states
     builder = StepBuilder()
     measured, asked = builder.input("position_m"), builder.input("force_n")
     started = builder.state("started")
@@ -118,11 +123,11 @@ def state_feedback_step(settings: StateFeedback) -> Step:
         ca.if_else(
             started,
             b[row] * asked + sum((a[row][column] * before[column] for column in range(n)), ca.SX(0)),
-            seen if row in settings.positions else 0,
+            seen if row in positions else 0,
         )
         for row in range(n)
     ]
-    error = seen - predicted[settings.measures]
+    error = seen - predicted[measures]
     error = error - ca.fmin(ca.fmax(error, -half), half)
     corrected = [value + gain[row] * error for row, value in enumerate(predicted)]
     builder.follow("started", 1)

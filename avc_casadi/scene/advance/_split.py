@@ -41,4 +41,4 @@ def column(*symbols: Expr) -> Expr:
     """Stack symbols, in the order in which CasADi stores their entries."""
     import casadi as ca  # noqa: PLC0415
 
-    return ca.vertcat(*(ca.vec(symbol) for symbol in symbols)) if symbols else ca.SX(0, 1)
+    return ca.veccat(*symbols) if symbols else ca.SX(0, 1)
