@@ -29,7 +29,7 @@ def few(name):
     """The problem at every twentieth of its frequencies or so."""
     problem = load_problem(name)
     if problem.frequency.values_hz is None:
-        return problem.changed(frequency={"points": min(5, problem.frequency.points)})
+        return problem.changed(frequency={"points": min(3, problem.frequency.points)})
     return problem
 
 

@@ -346,7 +346,7 @@ def test_the_page_moves_the_device_as_the_scene_does(page, gains):
         },
         environment={"stiffness_n_per_m": 4e3, "damping_ns_per_m": 1.0},
         boundaries={"upper": {"stiffness_n_per_m": 4e3}, "lower": {"stiffness_n_per_m": 4e3}},
-        scene={"duration_s": 0.6, "integrator": "projected", "substeps": 4},
+        scene={"duration_s": 0.4, "integrator": "projected", "substeps": 4},
     )
     coupling = None if gains is None else avc.Coupling.constant(problem, coupling_gains(gains), "typed")
     run = simulate(problem, coupling_gains(gains) if coupling is None else coupling)
@@ -370,7 +370,7 @@ def test_the_page_feeds_back_the_believed_state_as_the_scene_does(page):
 
 def test_the_page_turns_a_knob_through_its_detents_as_the_scene_does(page):
     problem = avc.load_problem("knob").changed(
-        scene={"duration_s": 0.6, "integrator": "projected", "substeps": 4},
+        scene={"duration_s": 0.4, "integrator": "projected", "substeps": 4},
         detent={"width": 0.6, "damping_ns_per_m": 2e-4},
     )
     coupling = avc.Coupling.constant(problem, Gains(0.0, 20.0, 2e-3), "typed")

@@ -30,7 +30,7 @@ def hands():
 
 
 PROBLEMS = {
-    **dict.fromkeys(("figure5", "damped", "soft", "hard/pinned-box", "hard/near-rigid", "hard/resonance")),
+    **dict.fromkeys(("figure5", "damped", "hard/pinned-box", "hard/near-rigid")),
     **dict.fromkeys(("hard/infeasible-box", "hard/free-space")),
     "single-frequency": single_frequency,
     "uneven": uneven_frequencies,

@@ -31,7 +31,7 @@ TICKS = 1200
 # Counts: before the wall.
 OUTSIDE = -400
 FEEDBACKS = [
-    *(believer(seed) for seed in range(6)),
+    *(believer(seed) for seed in range(3)),
     *(dense_believer(states) for states in range(1, 9)),
 ]
 

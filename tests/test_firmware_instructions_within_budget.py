@@ -19,7 +19,7 @@ from avc_hardware._qemu import LockStepBoard
 from avc_hardware.firmware_build import build_image
 
 MADE = coupling(200, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
-TICKS = 60
+TICKS = 40
 STEADY = coupling(1, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
 # Constant gains with a guard, and an observer of three states before them; gains that follow the frequency, with
 # everything but the estimator: typical, and where the look-up jumps through the table; then everything. Some 70 of each

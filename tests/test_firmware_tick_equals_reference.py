@@ -168,7 +168,8 @@ def library(board: str, estimator: str = "fused", cc: str = "gcc") -> Path:
     ("board", "estimator", "cc"),
     [
         *itertools.product(["1 ms"], ["fused", "zero-crossing", "adaptive-notch", "spectral-peak"], ["gcc", "clang"]),
-        *itertools.product(["0.25 ms", "2 ms"], ["fused", "zero-crossing"], ["gcc"]),
+        ("0.25 ms", "fused", "gcc"),
+        ("2 ms", "zero-crossing", "gcc"),
     ],
 )
 def test_compiled_tick_gives_the_bits_of_the_expressions(board: str, estimator: str, cc: str) -> None:
@@ -200,7 +201,7 @@ def send_all(link: EmulatedBoard | LockStepBoard, board: str = "1 ms") -> tuple[
 
 @pytest.mark.parametrize(
     ("board", "motion"),
-    [*((board, motion) for board in BOARDS for motion in range(3)), *(("1 ms", m) for m in range(3, 8))],
+    [*(("1 ms", motion) for motion in range(8)), ("0.25 ms", 0), ("2 ms", 1)],
 )
 def test_packaged_image_gives_the_same_bits(board: str, motion: int) -> None:
     """The image was built for 1 ms; for the other boards its numbers are changed, not its code."""

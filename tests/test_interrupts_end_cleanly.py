@@ -61,8 +61,7 @@ def output(process):
 
 
 # Wherever in the command these times fall: the end must be the same.
-@pytest.mark.parametrize("after_s", [0.3, 1.5])
-@pytest.mark.parametrize("verb", LONG)
+@pytest.mark.parametrize(("verb", "after_s"), [*zip(LONG, (0.3, 1.5, 0.3, 1.5), strict=True)])
 def test_interrupt_ends_the_command(verb, after_s, tmp_path):
     (tmp_path / "slow.toml").write_text(SLOW)
     process = started(verb, tmp_path, after_s, "--json")

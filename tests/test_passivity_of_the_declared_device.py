@@ -83,12 +83,12 @@ def test_the_worst_frequency_is_not_missed(seed):
 def test_a_device_that_is_almost_ideal_has_the_margin_of_the_ideal_one(delay, nearly):
     rng = np.random.default_rng(delay)
     wall, time = (3.0, 4e3), 1e-3
-    b, k, contact = 10 ** rng.uniform([-1, 2, -2], [1, 4, 0.5], (30, 3)).T
+    b, k, contact = 10 ** rng.uniform([-1, 2, -2], [1, 4, 0.5], (12, 3)).T
     device = {"mass_kg": 0.1, "damping_ns_per_m": 3.0, "sample_time_s": time, "delay_samples": delay}
     slack = RenderingSlack(fractions(SampledLoop(0.0, *wall, time, 0, "sampled-data"), b, k), contact)
     closed = worst_margin(SampledLoop(3.0, *wall, time, delay, "sampled-data"), b, k, contact)
     for more, tolerance in (({}, 1e-6), (nearly, 0.03)):
-        found = port_worst([Device(**device, **more)], slack, 30)
+        found = port_worst([Device(**device, **more)], slack, 12)
         scale = 1 + np.abs(closed.margin_ns_per_m)
         assert (np.abs(found.margin_ns_per_m - closed.margin_ns_per_m) <= tolerance * scale).all()
 
@@ -130,7 +130,7 @@ def test_what_l3_passes_every_passive_hand_holds_still(device):
 
     for b in (0.3, 3.0):
         low, high = 0.0, 4e4
-        for _ in range(12):
+        for _ in range(9):
             middle = (low + high) / 2
             low, high = (middle, high) if passive(b, middle) else (low, middle)
         assert 0 < low < high < 4e4

@@ -36,16 +36,6 @@ def test_the_reason_stands_once(arguments, capsys):
     assert text.count(REASON) == 1
 
 
-def test_the_main_job_tells_it_once_too(capsys):
-    problem = avc.load_problem("figure5").changed(frequency={"points": 10})
-    with open("few.toml", "w", encoding="utf-8") as file:  # noqa: PTH123
-        file.write(avc.dump_problem(problem))
-    code, text = said(capsys, "run", "few.toml", "--method", "direct")
-    assert code == 1
-    assert text.count(REASON) == 1
-    assert "push refused" in text
-
-
 @pytest.mark.parametrize(
     ("runtime", "words"),
     [

@@ -17,7 +17,7 @@ from avc_casadi.study.pareto import pareto, variants
 
 @pytest.fixture(scope="module")
 def study():
-    return pareto(figure5(points=20))
+    return pareto(figure5(points=12))
 
 
 def test_every_design_is_certified_for_what_it_asks(study):
@@ -29,13 +29,13 @@ def test_every_design_is_certified_for_what_it_asks(study):
 
 
 def test_more_freedom_never_costs():
-    for variant in variants(figure5(points=20)):
+    for variant in variants(figure5(points=12)):
         if variant.study == "scope" and not variant.constant:
             adaptive, constant = (cost(solve_schedule(variant.problem, constant=c)) for c in (False, True))
             assert adaptive <= constant * (1 + 1e-6), variant.label
     rising = [
         cost(solve_schedule(variant.problem, constant=variant.constant))
-        for variant in variants(figure5(points=20))
+        for variant in variants(figure5(points=12))
         if variant.study == "slope"
     ]
     assert rising == sorted(rising, reverse=True)
