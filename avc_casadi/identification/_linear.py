@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from avc_casadi.identification._terms import LINEAR, Structure
-from avc_casadi.loop import GROUND, Plant, device_plant, sampled_plant, transition
+from avc_casadi.loop import GROUND, Plant, SampledPlant, device_plant, sampled_plant, transitions
 from avc_casadi.problem import Device, Resonance
 from avc_casadi.support import FloatArray
 
@@ -97,33 +97,56 @@ def linear_step(
         sample_time_s: T.
         taps: delays to give columns of.
     """
-    device = device_of(values, structure, sample_time_s)
-    held = _Spring(values["stiffness_n_per_m"]) if structure.present("stiffness_n_per_m") else None
-    sampled = sampled_plant(device, held)
-    plant = device_plant(device, held).linear()
-    # Both forces are positive against +x in the loop.
-    motor = -transition(replace(plant, force=plant.friction), sample_time_s).force.reshape(-1)
-    whole = int(sampled.whole_delay[0])
-    columns = {whole: -sampled.new[0, 0], whole + 1: -sampled.old[0, 0]}
-    none = np.zeros(plant.states)
-    late = (device.delay_samples - whole) * sample_time_s
-    force = np.stack([columns.get(tap, none) for tap in taps], axis=1) * values["force_scale"]
-    early = np.zeros(plant.states + len(taps) + 1)
-    early[1] = 1.0
-    if late > 0:
-        first = transition(plant, late)
-        early[: plant.states] = first.matrix.reshape(plant.states, -1)[1]
-        early[plant.states + taps.index(whole + 1)] = -first.force.reshape(-1)[1] * values["force_scale"]
-        early[-1] = -transition(replace(plant, force=plant.friction), late).force.reshape(-1)[1]
-    return LinearStep(
-        matrix=sampled.matrix[0, 0],
-        force=force,
-        motor=motor,
-        early=early,
-        taps=taps,
-        measured=int(np.argmax(sampled.measured)),
-        names=plant.names,
+    return linear_steps([values], structure, sample_time_s, taps)[0]
+
+
+def linear_steps(
+    several: Sequence[Mapping[str, float]], structure: Structure, sample_time_s: float, taps: tuple[int, ...]
+) -> list[LinearStep]:
+    """Do the same for several values in one go."""
+    devices = [device_of(values, structure, sample_time_s) for values in several]
+    springs = [values["stiffness_n_per_m"] if structure.present("stiffness_n_per_m") else None for values in several]
+    sampled: dict[int, tuple[SampledPlant, int]] = {}
+    for spring in dict.fromkeys(springs):
+        mine = [place for place, one in enumerate(springs) if one == spring]
+        made = sampled_plant([devices[place] for place in mine], None if spring is None else _Spring(spring))
+        sampled |= {place: (made, row) for row, place in enumerate(mine)}
+    plants = [
+        device_plant(device, None if spring is None else _Spring(spring)).linear()
+        for device, spring in zip(devices, springs, strict=True)
+    ]
+    rubbed = [replace(plant, force=plant.friction) for plant in plants]
+    late_s = [(device.delay_samples - int(device.delay_samples)) * sample_time_s for device in devices]
+    # Forces are positive against +x in the loop.
+    motor = transitions([(plant, sample_time_s) for plant in rubbed])
+    first, first_rubbed = (
+        transitions([(plant, late or sample_time_s) for plant, late in zip(some, late_s, strict=True)])
+        for some in (plants, rubbed)
     )
+    found = []
+    for place, (values, plant) in enumerate(zip(several, plants, strict=True)):
+        made, row = sampled[place]
+        whole = int(made.whole_delay[row])
+        columns = {whole: -made.new[row, 0], whole + 1: -made.old[row, 0]}
+        force = np.stack([columns.get(tap, np.zeros(plant.states)) for tap in taps], axis=1) * values["force_scale"]
+        early = np.zeros(plant.states + len(taps) + 1)
+        early[1] = 1.0
+        if late_s[place] > 0:
+            early[: plant.states] = first[place].matrix.reshape(plant.states, -1)[1]
+            early[-1] = -first_rubbed[place].force.reshape(-1)[1]
+            early[plant.states + taps.index(whole + 1)] = -first[place].force.reshape(-1)[1] * values["force_scale"]
+        found.append(
+            LinearStep(
+                matrix=made.matrix[row, 0],
+                force=force,
+                motor=-motor[place].force.reshape(-1),
+                early=early,
+                taps=taps,
+                measured=int(np.argmax(made.measured)),
+                names=plant.names,
+            )
+        )
+    return found
 
 
 def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:
@@ -140,7 +163,10 @@ def linear_derivatives(
     Returns:
         Shape (entries, parameters), in the order of `structure.free` without those of friction.
     """
-    columns = []
+    cases: list[Mapping[str, float]] = []
+    weights: list[tuple[float, ...]] = []
+    places: tuple[float, ...]
+    weighed: tuple[float, ...]
     for one in structure.free:
         if one.name not in LINEAR:
             continue
@@ -148,15 +174,13 @@ def linear_derivatives(
         if one.name == "delay_samples":
             # Inside its whole sample, where every entry is smooth.
             step = _DELAY_STEP if value - int(value) < 0.5 else -_DELAY_STEP
-            weights: tuple[tuple[float, float], ...] = ((value, -1.5), (value + step, 2.0), (value + 2 * step, -0.5))
+            places, weighed = (value, value + step, value + 2 * step), (-1.5, 2.0, -0.5)
         else:
             step = _STEP * max(abs(value), structure.units.get(one.name, 0.0))
             low = max(value - step, one.lowest) if one.kind == "linear" else value - step
             step = value + step - low
-            weights = ((low, -1.0), (low + step, 1.0))
-        entries = [
-            weight * linear_step({**values, one.name: at}, structure, sample_time_s, taps).flat()
-            for at, weight in weights
-        ]
-        columns.append(np.sum(entries, axis=0) / step)
-    return np.stack(columns, axis=1)
+            places, weighed = (low, low + step), (-1.0, 1.0)
+        cases += [{**values, one.name: at} for at in places]
+        weights.append(tuple(weight / step for weight in weighed))
+    entries = iter([made.flat() for made in linear_steps(cases, structure, sample_time_s, taps)])
+    return np.stack([sum(weight * next(entries) for weight in some) for some in weights], axis=1)

@@ -58,6 +58,7 @@ from avc_casadi.loop._plant import Plant as Plant
 from avc_casadi.loop._propagation import Transition as Transition
 from avc_casadi.loop._propagation import time_scale as time_scale
 from avc_casadi.loop._propagation import transition as transition
+from avc_casadi.loop._propagation import transitions as transitions
 from avc_casadi.loop._realism import RealismResult as RealismResult
 from avc_casadi.loop._realism import bound_magnitudes as bound_magnitudes
 from avc_casadi.loop._realism import judge_realism as judge_realism

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,14 +41,30 @@ def transition(plant: LinearPlant, step_s: float) -> Transition:
         plant: the linear plant.
         step_s: length of the step.
     """
+    return transitions([(plant, step_s)])[0]
+
+
+def transitions(cases: Sequence[tuple[LinearPlant, float]]) -> list[Transition]:
+    """Do the same for many plants of one shape, each with its step, in one go.
+
+    Args:
+        cases: plants and lengths of steps.
+    """
+    augmented, scales = (np.stack(parts) for parts in zip(*(_augmented(*case) for case in cases), strict=True))
+    scale = scales.reshape(len(cases), *(1,) * (augmented.ndim - 3), -1)
+    wholes = expm(augmented * scale[..., None] / scale[..., None, :]) / scale[..., None] * scale[..., None, :]
+    n = wholes.shape[-1] - 3
+    return [Transition(one[..., :n, :n], one[..., :n, n], one[..., :n, n + 1 :]) for one in wholes]
+
+
+def _augmented(plant: LinearPlant, step_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return the matrix whose exponential is sought, shape (..., n + 3, n + 3), and the scale that balances it."""
     n = plant.states
     # The unit of force is chosen so that its column does not dominate the norm.
     unit = float(max(1.0, np.abs(plant.force).max() * step_s**2))
-    scale = np.concatenate([time_scale(plant, step_s), [unit, 1.0, step_s]])
     augmented = np.zeros((*plant.matrix.shape[:-2], n + 3, n + 3))
     augmented[..., :n, :n] = plant.matrix * step_s
     augmented[..., :n, n] = plant.force * step_s
     augmented[..., :n, n + 1 :] = plant.target * step_s
     augmented[..., n + 1, n + 2] = step_s
-    whole = expm(augmented * scale[:, None] / scale) / scale[:, None] * scale
-    return Transition(whole[..., :n, :n], whole[..., :n, n], whole[..., :n, n + 1 :])
+    return augmented, np.concatenate([time_scale(plant, step_s), [unit, 1.0, step_s]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop._plant import DEVICE, GROUND, HANDLE, LinearPlant, Mechanics, Plant
-from avc_casadi.loop._propagation import Transition, transition
+from avc_casadi.loop._plant import DEVICE, GROUND, HANDLE, Mechanics, Plant
+from avc_casadi.loop._propagation import Transition, transitions
 from avc_casadi.support import FloatArray, IndexArray
 
 if TYPE_CHECKING:
@@ -132,9 +133,14 @@ def sampled_plant(
     first = some[0]
     plants = [device_plant(device, hand, damping_shift_ns_per_m, mode) for device in some]
     grip = plants[0].grip
-    parts = [_sampled(plant.linear(), device) for plant, device in zip(plants, some, strict=True)]
-    names = parts[0][0]
-    matrix, new, old = (np.stack([part[index] for part in parts]) for index in (1, 2, 3))
+    linear = [plant.linear() for plant in plants]
+    names = linear[0].names
+    moves = transitions(
+        [(plant, step) for plant, device in zip(linear, some, strict=True) for step in _steps_s(device)]
+    )
+    places = np.cumsum([0, *(len(_steps_s(device)) for device in some)])
+    parts = [_sampled(moves[first:stop]) for first, stop in itertools.pairwise(places)]
+    matrix, new, old = (np.stack(part) for part in zip(*parts, strict=True))
     sensed = HANDLE if first.encoder_at == "handle" and first.resonance is not None else DEVICE
     return SampledPlant(
         names=names,
@@ -148,18 +154,20 @@ def sampled_plant(
     )
 
 
-def _sampled(plant: LinearPlant, device: Device) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
-    """Return the names and A, B_new, B_old of one device with all hands."""
-    period = device.sample_time_s
-    late = device.delay_samples - int(device.delay_samples)
-    whole = transition(plant, period)
-    if late == 0:
-        new, old = whole.force, np.zeros_like(whole.force)
-    else:
-        before, after = transition(plant, late * period), transition(plant, (1 - late) * period)
+def _steps_s(device: Device) -> tuple[float, ...]:
+    """Return the sample, and where the delay is not whole, the parts before and after a new force arrives."""
+    period, late = device.sample_time_s, device.delay_samples - int(device.delay_samples)
+    return (period, late * period, (1 - late) * period) if late else (period,)
+
+
+def _sampled(moves: Sequence[Transition]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return A, B_new, B_old of one device with all hands, of its transitions over `_steps_s`."""
+    whole, n = moves[0], moves[0].force.shape[-1]
+    new, old = whole.force, np.zeros_like(whole.force)
+    if len(moves) > 1:
+        _, before, after = moves
         new, old = after.force, _moved(after, before.force)
-    n = plant.states
-    return plant.names, whole.matrix.reshape(-1, n, n), new.reshape(-1, n), old.reshape(-1, n)
+    return whole.matrix.reshape(-1, n, n), new.reshape(-1, n), old.reshape(-1, n)
 
 
 def _moved(step: Transition, state: FloatArray) -> FloatArray:
