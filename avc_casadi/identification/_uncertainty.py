@@ -16,8 +16,8 @@ _DRAWS = 500
 _SEED = 20
 # Fewer records than this say little of how records differ.
 _ENOUGH_RECORDS = 3
-# The mean over a sample of what bends and of what changes evenly differ by a twelfth of the bend, as Simpson's rule tells;
-# friction changes by twice its level where the motor turns.
+# The mean over a sample of what bends and of what changes evenly differ by a twelfth of the bend, as Simpson's rule
+# tells; friction changes by twice its level where the motor turns.
 _BENT = 6.0
 # The least that the model leaves out where what rings inside a sample tells a number, or an amplifier's lag does: what
 # errors against a simulation in steps of 1/200 sample ask for.
