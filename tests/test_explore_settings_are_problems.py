@@ -100,6 +100,19 @@ def test_a_saved_coupling_is_one():
     assert document["certificate"]["deployable"]["pass"] is True
 
 
+def test_the_copied_command_asks_for_the_very_numbers_of_the_page():
+    values = {"device.mass_kg": 0.123456789012, "environment.stiffness_n_per_m": 12345.6789}
+    gains = {"stiffness_n_per_m": 1234567.875, "damping_ns_per_m": 3.14159265}
+    explorer = Explorer(BASE, "figure5")
+    question = asked(method="constant", values=values, gains=gains) | {"kind": "command"}
+    text = answer(explorer, PARTS["file"], question)["text"]
+    problem = avc.parse_problem(text.partition("'AVC_PROBLEM'\n")[2].partition("AVC_PROBLEM\n")[0])
+    assert problem.device.mass_kg == values["device.mass_kg"]
+    assert problem.environment.stiffness_n_per_m == values["environment.stiffness_n_per_m"]
+    k, b = (float(number) for number in text.split("--mine ")[1].split(","))
+    assert (k, b) == (gains["stiffness_n_per_m"], gains["damping_ns_per_m"])
+
+
 def test_a_contact_damper_that_was_typed_is_not_lost_in_the_command():
     gains = {"stiffness_n_per_m": 900.0, "contact_damping_ns_per_m": 5.0}
     question = asked(method="constant", gains=gains)

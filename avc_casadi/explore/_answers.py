@@ -266,7 +266,7 @@ def _command(explorer: Explorer, settings: Settings, problem: Problem, name: str
     elif settings.method == "constant" and settings.gains.get(GAINS[2]):
         return f"avc certify {name.removesuffix('.toml')}-coupling.json  # the file of Save coupling\n"
     elif settings.method == "constant":
-        given = [f"{settings.gains.get(key, 0.0):g}" for key in (_K, _B)]
+        given = [f"{settings.gains.get(key, 0.0):.15g}" for key in (_K, _B)]
         lines.append(f"avc compare {which} --mine {','.join(given)}")
     else:
         lines.append(f"avc solve {which} --method {settings.method} --out coupling.json")
