@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
+from weakref import WeakKeyDictionary
 
 from avc_casadi.certificate import promises_rest, proved_wall_n_per_m, quick_rest_level, quickly_proved
 from avc_casadi.support import SILENT, Progress, plain
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from avc_casadi.recommendation._choice import Judged
 
 Word = Literal["proved", "refuted", "open", "simulated"]
+# What was found of couplings that are still in use.
+_PROMISED: WeakKeyDictionary[Coupling, bool] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -65,4 +68,11 @@ def with_rest(coupling: Coupling, felt_n_per_m: float, progress: Progress = SILE
 
 def proved_first(judged: list[Judged]) -> list[Judged]:
     """Leave those of which a proof of rest is likely, where there are any; one alone is not asked."""
-    return ([one for one in judged if promises_rest(one.coupling)] or judged) if len(judged) > 1 else judged
+    return ([one for one in judged if _promises(one.coupling)] or judged) if len(judged) > 1 else judged
+
+
+def _promises(coupling: Coupling) -> bool:
+    """Ask once for each coupling: the same ones are compared again whenever one more is tried."""
+    if coupling not in _PROMISED:
+        _PROMISED[coupling] = promises_rest(coupling)
+    return _PROMISED[coupling]
