@@ -1,4 +1,5 @@
 import os
+import random
 
 # Threads of the linear algebra spin while they wait for a processor that the other worker has; commands inherit this.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything loads NumPy
@@ -20,3 +21,16 @@ def pytest_xdist_make_scheduler(config, log):
 
     config.option.loadscopereorder = False
     return LoadFileScheduling(config, log)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Leave some cases of what says the same of many for `pytest -m thorough`."""
+    seen = {}
+    for item in items:
+        marker = item.get_closest_marker("one_of")
+        if marker is not None:
+            place = seen[item.parent, item.function] = seen.get((item.parent, item.function), -1) + 1
+            # Drawn, as cases may repeat with any period; the first always runs.
+            if place and random.Random(place).random() * marker.args[0] >= 1:  # noqa: S311
+                item.add_marker("thorough")

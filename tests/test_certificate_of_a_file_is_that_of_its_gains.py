@@ -40,6 +40,7 @@ def assert_same_certificates(problem, gains):
     return back
 
 
+@pytest.mark.one_of(4)
 @pytest.mark.parametrize("method", POINTWISE)
 @pytest.mark.parametrize("name", NAMES)
 def test_over_the_whole_catalogue(name, method):
@@ -48,6 +49,7 @@ def test_over_the_whole_catalogue(name, method):
     assert assert_same_certificates(problem, gains) == gains
 
 
+@pytest.mark.one_of(3)
 @pytest.mark.parametrize("method", [method for method in METHODS if method not in POINTWISE])
 @pytest.mark.parametrize("name", ["figure5", "soft", "hard/rigid"])
 def test_of_the_methods_that_search_longer(name, method):

@@ -51,6 +51,7 @@ FOUND = {
 }
 
 
+@pytest.mark.one_of(3)
 @pytest.mark.parametrize("wiring", Wiring)
 @pytest.mark.parametrize("declared", [DECLARED, SLOW], ids=["light", "slow"])
 def test_each_wiring_is_named_and_latched(wiring: Wiring, declared: Device) -> None:

@@ -52,6 +52,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("key", CHANGES)
 @pytest.mark.parametrize("arguments", EVERY_VERB, ids=" ".join)
 def test_a_changed_file_is_refused_by_file_and_key(arguments, key, folder, capsys):

@@ -24,6 +24,7 @@ from avc_casadi.problem import load_problem
 from avc_casadi.stability import scope_slack
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("number", [4, 6, 13, 53])
 def test_rows_that_hold_every_hand(number):
     rng = np.random.default_rng((0, number))

@@ -37,17 +37,20 @@ def check_bits(seed: int, compiler: tuple[str, ...], precision: str) -> None:
         assert device.forces(way).tobytes() == forces.tobytes()
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_compiled_coupling_gives_the_bits_of_the_expressions(seed: int) -> None:
     for compiler in (C99, (CPP11, CLANG, CLANG_CPP17)[seed % 3]):
         check_bits(seed, compiler, "single")
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("seed", SEEDS[1::4])
 def test_double_precision_gives_the_bits_of_the_expressions(seed: int) -> None:
     check_bits(seed, (C99, CPP11, CLANG, CLANG_CPP17)[seed // 4 % 4], "double")
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_force_is_a_number_within_its_limit_and_pushes(seed: int) -> None:
     made, forces = drawn(seed), reference(seed, "single")
@@ -102,6 +105,7 @@ RUNTIMES = {
 AGREES = {"single": (5e-2, 2e-3), "double": (1e-9, 1e-10)}
 
 
+@pytest.mark.one_of(3)
 @pytest.mark.parametrize(("delay", "contact"), [(0, "gated"), (2, "gated"), (0, "clip-last"), (2, "clip-last")])
 @pytest.mark.parametrize("varies", [False, True], ids=["constant", "table"])
 @pytest.mark.parametrize("name", RUNTIMES)

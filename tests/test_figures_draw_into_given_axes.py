@@ -143,6 +143,7 @@ def look(axes):
     )
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("name", CALLS)
 @pytest.mark.parametrize("part", [False, True], ids=["figure", "part of a figure"])
 def test_the_same_curves_appear_and_nothing_else_changes(name, part):

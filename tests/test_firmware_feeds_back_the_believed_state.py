@@ -94,6 +94,7 @@ def exported(coupling: Coupling, ways: Counts) -> Forces:
     return np.stack([devices.step(column) for column in (ways.astype(np.float32) * np.float32(STEP_M)).T], axis=1)
 
 
+@pytest.mark.one_of(3)
 @pytest.mark.parametrize("feedback", FEEDBACKS, ids=lambda found: f"{found.states} states")
 @pytest.mark.parametrize(
     ("guard", "contact"), [(None, "gated"), (None, "clip-last"), ("passivity-controller", "gated")]

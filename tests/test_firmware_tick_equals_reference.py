@@ -199,6 +199,7 @@ def send_all(link: EmulatedBoard | LockStepBoard, board: str = "1 ms") -> tuple[
     return tuple(swaps)
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("board", "motion"),
     [*(("1 ms", motion) for motion in range(8)), ("0.25 ms", 0), ("2 ms", 1)],

@@ -71,6 +71,7 @@ def test_the_worst_frequency_is_not_missed(seed):
     assert (own <= least + 1e-6 * (1 + np.abs(least))).all()
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("delay", [0, 1, 3])
 @pytest.mark.parametrize(
     "nearly",
@@ -116,6 +117,7 @@ DECLARED = {
 }
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("device", DECLARED.values(), ids=DECLARED)
 def test_what_l3_passes_every_passive_hand_holds_still(device):
     """Hands far outside any range, and the edge of passivity is an edge."""

@@ -32,6 +32,7 @@ def safety(trial):
     return 2
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("stiffness", "device"),
     [

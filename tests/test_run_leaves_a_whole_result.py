@@ -122,6 +122,7 @@ def test_gain_files_hold_the_direct_gains(results):
     assert set(document["certificate"]["levels"]) >= {"L0", "L1", "L2", "L3", "L4", "L5"}
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("scope", ["hands", "all"])
 def test_the_gains_of_the_problems_own_scope_are_those_drawn_and_told(scope, tmp_path):
     problem = load_problem("figure5")

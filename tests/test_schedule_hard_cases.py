@@ -61,6 +61,7 @@ def test_frequencies_out_of_order_are_refused_by_the_problem():
         parse_problem(text + "[frequency]\nvalues_hz=[1.0, 3.0, 2.0]\n")
 
 
+@pytest.mark.one_of(3)
 @pytest.mark.parametrize("scope", ["pointwise", "band", "all", "hands"])
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 def test_restart_after_the_environment_changed(scope, model):
@@ -94,6 +95,7 @@ def test_restart_after_an_infeasible_problem():
     assert solver.solve(problem).usable.all()
 
 
+@pytest.mark.one_of(3)
 @pytest.mark.parametrize("objective", ["magnitude", "complex", "perceptual"])
 @pytest.mark.parametrize("penalty", [0.0, 1e-9, 1e-3, 10.0])
 def test_any_objective_with_any_smoothness(objective, penalty):

@@ -21,6 +21,7 @@ def steepest(problem, gains):
     return float(np.abs(np.diff(sigma, axis=1) / np.diff(np.log(gains.frequency_hz))).max())
 
 
+@pytest.mark.one_of(3)
 @pytest.mark.parametrize("delay", [0, 1, 3])
 @pytest.mark.parametrize("band_factor", [2.0, 4.0])
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])

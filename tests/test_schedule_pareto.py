@@ -77,6 +77,7 @@ def test_document_is_json_and_figure_is_drawn(study, tmp_path):
     assert "<svg" in drawn
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("name", ["hard/infeasible-box", "hard/free-space"])
 def test_nothing_to_draw_or_nothing_to_gain(name, tmp_path):
     found = pareto(changed(load_problem(name), frequency={"points": 3}))

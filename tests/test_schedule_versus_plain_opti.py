@@ -39,6 +39,7 @@ def staged(cost):
     return lambda nodes: lambda stage: cost(nodes, stage)
 
 
+@pytest.mark.one_of(3)
 @pytest.mark.parametrize("penalty", [0.05, 0.005])
 @pytest.mark.parametrize("limit", [np.inf, 3.0])
 @pytest.mark.parametrize("seed", range(4))

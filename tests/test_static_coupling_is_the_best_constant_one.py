@@ -32,6 +32,7 @@ def cost(case, b, k):
     return np.sqrt(np.mean(errors**2, axis=1))
 
 
+@pytest.mark.one_of(3)
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 @pytest.mark.parametrize("condition", ["llewellyn", "all"])
 @pytest.mark.parametrize(("delay", "objective"), [(0, "magnitude"), (1, "magnitude"), (0, "complex")])

@@ -58,6 +58,7 @@ def worst_growth(case, hands, damping, stiffness):
     )
 
 
+@pytest.mark.one_of(3)
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("key", ["stable-hands", "stable-released"])
 def test_the_edge_of_the_stable_walls_is_that_of_the_worst_corner(name, key):
