@@ -112,6 +112,7 @@ def test_constant_gains_where_several_frequencies_decide_together():
     assert found.margin_ns_per_m >= 0
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("number", [1, 2, 3])
 @pytest.mark.parametrize("condition", ["llewellyn", "all"])
 def test_constant_gains_against_drawn_ones(condition, number):

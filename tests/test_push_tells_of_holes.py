@@ -7,6 +7,7 @@ import pytest
 from avc_casadi.cli import main
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("without", "hole"),
     [((), None), ((0, 1), None), ((2, 4, 5), [40.0, 70.0]), ((6,), None), ((1, 3, 4), [30.0, 60.0])],

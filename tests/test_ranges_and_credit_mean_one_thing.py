@@ -83,6 +83,7 @@ def test_row_that_no_device_of_the_range_can_keep_says_by_how_much():
         assert bool(solve(moved).usable[row]) is usable
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("scope", ["pointwise", "band", "hands"])
 @pytest.mark.parametrize("require", ["none", "jnd"])
 def test_direct_does_not_credit_the_hand_and_says_so(require, scope):

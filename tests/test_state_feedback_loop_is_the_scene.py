@@ -93,6 +93,7 @@ def test_its_eigenvalues_are_those_of_the_jacobian(seed):
         assert distance.min(axis=1).max() < 1e-6
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("seed", range(12))
 def test_force_over_position_is_that_of_the_step_in_time(seed):
     law = believer(seed)
