@@ -180,7 +180,8 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--write", action="store_true", help="overwrite results/identification.json and the page")
     args = parser.parse_args()
-    made = about(f"python tests/benchmarks/identification.py --count {args.count} --write", args.seed)
+    seed = f" --seed {args.seed}" if args.seed != SEED else ""
+    made = about(f"python tests/benchmarks/identification.py --count {args.count}{seed} --write", args.seed)
     made["seconds"], made["first"] = args.seconds, args.first
     rows = kept_rows(OUT, made) if args.write else []
     for index in range(args.first + len(rows), args.first + args.count):
