@@ -1,5 +1,4 @@
 import os
-import random
 
 # Threads of the linear algebra spin while they wait for a processor that the other worker has; commands inherit this.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything loads NumPy
@@ -31,6 +30,6 @@ def pytest_collection_modifyitems(items):
         marker = item.get_closest_marker("one_of")
         if marker is not None:
             place = seen[item.parent, item.function] = seen.get((item.parent, item.function), -1) + 1
-            # Drawn, as cases may repeat with any period; the first always runs.
-            if place and random.Random(place).random() * marker.args[0] >= 1:  # noqa: S311
+            # Spread by the golden ratio, as cases may repeat with any period; the first always runs.
+            if place * 0.6180339887 % 1 * marker.args[0] >= 1:
                 item.add_marker("thorough")

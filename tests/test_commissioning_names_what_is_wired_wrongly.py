@@ -51,9 +51,8 @@ FOUND = {
 }
 
 
-@pytest.mark.one_of(3)
 @pytest.mark.parametrize("wiring", Wiring)
-@pytest.mark.parametrize("declared", [DECLARED, SLOW], ids=["light", "slow"])
+@pytest.mark.parametrize("declared", [DECLARED, pytest.param(SLOW, marks=pytest.mark.thorough)], ids=["light", "slow"])
 def test_each_wiring_is_named_and_latched(wiring: Wiring, declared: Device) -> None:
     link = bench(wiring, declared)
     steps: list[str] = []

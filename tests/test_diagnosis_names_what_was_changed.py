@@ -54,6 +54,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("cause", CHANGES)
 def test_one_number_too_large_is_named_with_a_cure_that_rests(cause):
     meant = replace(HEALTHY, stiffness=9000.0) if cause == "rate" else HEALTHY

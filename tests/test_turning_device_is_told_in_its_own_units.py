@@ -78,6 +78,7 @@ VERBS = {
 SLOW = {"zwidth", "screen"}
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_answers_so(verb, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
