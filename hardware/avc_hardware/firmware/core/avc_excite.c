@@ -31,6 +31,9 @@ static bool allowed(float x, float most)
     return avc_is_finite(x) && x > 0.0f && x <= most;
 }
 
+/* N, or N.m: of a smaller limit no unit of force is left in single precision. */
+static const float least_force_n = 1e-6f;
+
 avc_reason_t avc_plan_check(const avc_plan_t *plan, const avc_limits_t *limits)
 {
     const float numbers[] = {plan->max_force_n,    plan->max_speed_m_per_s, plan->max_travel_m,
@@ -40,8 +43,9 @@ avc_reason_t avc_plan_check(const avc_plan_t *plan, const avc_limits_t *limits)
             return AVC_REFUSED_NOT_FINITE;
         }
     }
-    bool good = allowed(plan->max_force_n, limits->max_force_n) && allowed(plan->max_speed_m_per_s, 10.0f) &&
-                allowed(plan->max_travel_m, 10.0f) && plan->spring_n_per_m >= 0.0f && plan->damper_ns_per_m >= 0.0f &&
+    bool good = allowed(plan->max_force_n, limits->max_force_n) && plan->max_force_n >= least_force_n &&
+                allowed(plan->max_speed_m_per_s, 10.0f) && allowed(plan->max_travel_m, 10.0f) &&
+                plan->spring_n_per_m >= 0.0f && plan->damper_ns_per_m >= 0.0f &&
                 plan->spring_n_per_m <= limits->max_stiffness_n_per_m &&
                 plan->damper_ns_per_m <= limits->max_damping_ns_per_m;
     good = good && plan->number != 0u && plan->ramp_ticks >= 1u && plan->ramp_ticks <= 0xFFFFu &&
