@@ -163,8 +163,8 @@ def _as_options(error: InputError, options: Mapping[str, tuple[str, str]]) -> In
     from avc_casadi.support import spoken
 
     turns = not spoken().linear
-    named = {key: both[turns] for key, both in options.items()}
-    return InputError([replace(fault, key=named.get(fault.key, fault.key)) for fault in error.faults])
+    typed = {key: both[turns] for key, both in options.items()}
+    return InputError([replace(fault, key=typed.get(fault.key, fault.key)) for fault in error.faults])
 
 
 def _document(message: str, key: str = "") -> dict[str, Any]:

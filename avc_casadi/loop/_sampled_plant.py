@@ -133,13 +133,11 @@ def sampled_plant(
     first = some[0]
     plants = [device_plant(device, hand, damping_shift_ns_per_m, mode) for device in some]
     grip = plants[0].grip
-    linear = [plant.linear() for plant in plants]
+    linear, steps_s = [plant.linear() for plant in plants], [_steps_s(device) for device in some]
     names = linear[0].names
-    moves = transitions(
-        [(plant, step) for plant, device in zip(linear, some, strict=True) for step in _steps_s(device)]
-    )
-    places = np.cumsum([0, *(len(_steps_s(device)) for device in some)])
-    parts = [_sampled(moves[first:stop]) for first, stop in itertools.pairwise(places)]
+    moves = transitions([(plant, step) for plant, steps in zip(linear, steps_s, strict=True) for step in steps])
+    places = np.cumsum([0, *map(len, steps_s)])
+    parts = [_sampled(moves[begin:end]) for begin, end in itertools.pairwise(places)]
     matrix, new, old = (np.stack(part) for part in zip(*parts, strict=True))
     sensed = HANDLE if first.encoder_at == "handle" and first.resonance is not None else DEVICE
     return SampledPlant(
