@@ -1,10 +1,14 @@
-"""A model's prediction: the same compiled and evaluated by CasADi, its slopes those of finite differences."""
+"""A model's prediction: the same compiled and evaluated by CasADi, its slopes those of finite differences.
+
+A fit survives models that run away.
+"""
 
 import numpy as np
 import pytest
 from measured_device import Truth, measured, multisine
 
 from avc_casadi.identification import Record, _run
+from avc_casadi.identification._fit import Window, fit
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._terms import Structure
 
@@ -69,3 +73,27 @@ def test_slopes_are_those_of_differences(predictor, side):
         # A sample in which the motor stops or goes on at once has a corner; few do.
         apart = np.abs(by_difference - found.slopes[:, index]) / scale
         assert np.quantile(apart, 0.9) < 1e-3, one.name
+
+
+@pytest.mark.parametrize("size", [1e160, np.inf, np.nan])
+@pytest.mark.parametrize("where", ["error_m", "slopes"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_fit_survives_models_that_run_away(predictor, size, where, first):
+    """Their numbers are finite, but their squares are not; at the start of the search, or later."""
+    structure, window = Structure(MODELS["rigid"], {}, {}), Window.of([predictor.records[0].position_m.size], 1e-3)
+    asked = 0
+
+    class RunsAway(Predictor):
+        def predict(self, *args, **kwargs):
+            nonlocal asked
+            found = super().predict(*args, **kwargs)
+            asked += 1
+            if asked > first:
+                getattr(found[0], where)[200:] = size
+            return found
+
+    found = fit(RunsAway(predictor.records, 0.0), structure, VALUES, Observer(40.0), window)
+    assert asked > 1
+    assert np.isfinite(found.search).all()
+    assert np.isfinite(found.rms_m)
+    assert np.isfinite(found.blocks[0].curvature).all()

@@ -19,6 +19,8 @@ _MOST_STEPS = 30
 _START_S = 1.0
 _START_SHARE = 0.1
 _FORGOTTEN = 8.0
+# Errors and slopes beyond it are those of a model that has run away.
+_LOST = 1e100
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,18 +139,19 @@ def fit(
             found = predictor.predict(structure, search, observer)
             e = np.concatenate([one.error_m[window.skip :] for one in found])
             j = np.concatenate([one.slopes[window.skip :] for one in found if one.slopes is not None])
-            if not unit:
-                unit.append(float(np.sqrt(np.mean(e**2))) or 1.0)
-            sound = np.isfinite(e).all() and np.isfinite(j).all()
-            cache[key] = (e, j) if sound else (np.full_like(e, 1e3 * unit[0]), np.zeros_like(j))
+            if all(bool((np.abs(part) < _LOST).all()) for part in (e, j)):
+                if not unit:
+                    unit.append(float(np.sqrt(np.mean(e**2))) or 1.0)
+                cache[key] = e / unit[0], j / unit[0]
+            else:
+                cache[key] = np.full_like(e, 1e3), np.zeros_like(j)
         return cache[key]
 
     def error(search: FloatArray) -> FloatArray:
-        found = both(search)[0]
-        return found / unit[0]
+        return both(search)[0]
 
     def slopes(search: FloatArray) -> FloatArray:
-        return both(search)[1] / unit[0]
+        return both(search)[1]
 
     solved = least_squares(
         error,
@@ -167,12 +170,12 @@ def fit(
 def judged(predictor: Predictor, structure: Structure, search: FloatArray, observer: Observer, window: Window) -> Fit:
     """Return a structure at a point with what each block says there."""
     found = predictor.predict(structure, search, observer)
-    errors = tuple(one.error_m[window.skip :] for one in found)
+    errors = tuple(_bounded(one.error_m[window.skip :]) for one in found)
     unit = float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) or 1.0
     blocks = []
     for index, one in enumerate(found):
         assert one.slopes is not None  # noqa: S101 - they were asked for
-        error, slopes = one.error_m[window.skip :] / unit, one.slopes[window.skip :] / unit
+        error, slopes = errors[index] / unit, _bounded(one.slopes[window.skip :]) / unit
         count = max(1, error.size // window.block)
         for e, j in zip(np.array_split(error, count), np.array_split(slopes, count), strict=True):
             blocks.append(Block(index, e.size, float(e @ e), j.T @ e, j.T @ j))
@@ -181,6 +184,11 @@ def judged(predictor: Predictor, structure: Structure, search: FloatArray, obser
     _, share = observer.gain(step, values["mass_kg"], predictor.sample_time_s)
     turning = _turning([record.position_m[window.skip :] for record in predictor.records], errors)
     return Fit(structure, search, observer, errors, tuple(blocks), unit, share, turning, predictor.sample_time_s)
+
+
+def _bounded(numbers: FloatArray) -> FloatArray:
+    """Keep what a model says that runs away within numbers that can be squared."""
+    return np.nan_to_num(np.clip(numbers, -_LOST, _LOST), nan=_LOST)
 
 
 def _turning(positions: Sequence[FloatArray], errors: Sequence[FloatArray]) -> float:
