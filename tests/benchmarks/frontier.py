@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from script_arguments import PRINTED, script_arguments
+from studied import about
 
 import avc_casadi as avc
 from avc_casadi.coupling import gains_at
@@ -138,17 +139,14 @@ def _number(value):
 def main(people, out, figure):
     problem = avc.load_problem(WALL)
     subjects = draw_subjects("A", people, SEED)
-    about = {
-        "command": f"python tests/benchmarks/frontier.py {people}",
+    made = about(f"python tests/benchmarks/frontier.py {people}", SEED) | {
         "wall": WALL,
-        "seed": SEED,
         "frequency_hz": list(FREQUENCIES_HZ),
-        "avc_casadi": avc.__version__,
     }
     cells = dict(
         (*bounds(problem), *untuned(problem, subjects), *swept(problem, subjects), *ablated(problem, subjects))
     )
-    document = run_campaign(cells, out, about, PRINTED)
+    document = run_campaign(cells, out, made, PRINTED)
     save_figure(draw_frontier(document), figure)
 
 

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from script_arguments import PRINTED, script_arguments
+from studied import about
 
 import avc_casadi as avc
 from avc_casadi.design.constant import tuned_margin
@@ -71,13 +72,8 @@ def _cell(problem, scheduled, margin, population, people, conditions):
 
 
 def main(people, out):
-    about = {
-        "command": f"python tests/benchmarks/reach.py {people}",
-        "wall": WALL,
-        "seed": SEED,
-        "avc_casadi": avc.__version__,
-    }
-    document = run_campaign(dict(cells(people)), out, about, PRINTED)
+    made = about(f"python tests/benchmarks/reach.py {people}", SEED) | {"wall": WALL}
+    document = run_campaign(dict(cells(people)), out, made, PRINTED)
     for name, cell in document["cells"].items():
         low = cell["stable_low"]
         print(f"{name}: {cell['stable']} of {cell['people']} (at least {100 * low:.2f} %)", cell["stiffness_share"])

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from script_arguments import PRINTED, script_arguments
+from studied import about
 
 import avc_casadi as avc
 from avc_casadi.problem import ObserverEffect
@@ -121,14 +122,9 @@ def main(count, out):
     problem = avc.load_problem(WALL)
     people = draw_subjects("A", count, SEED)
     designs = {name: design(problem, name) for name in COUPLINGS}
-    about = {
-        "command": f"python tests/benchmarks/sensitivity.py {count}",
-        "wall": WALL,
-        "seed": SEED,
-        "avc_casadi": avc.__version__,
-    }
+    made = about(f"python tests/benchmarks/sensitivity.py {count}", SEED) | {"wall": WALL}
     cells = dict((*adversary(problem, designs), *grid(problem, designs, people), *least_friction(people)))
-    run_campaign(cells, out, about, PRINTED)
+    run_campaign(cells, out, made, PRINTED)
 
 
 if __name__ == "__main__":
