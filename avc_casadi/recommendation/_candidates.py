@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -11,14 +11,14 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import NEAR_RIGID_N_PER_M, Coupling, Gains, Runtime, spring_before
 from avc_casadi.design.constant import tuned_margin
-from avc_casadi.design.robust import NEXT, robust_afresh, robust_at, robust_ladder, softer_robust
+from avc_casadi.design.robust import NEXT, ladder_n_per_m, refined, robust_at, softer_n_per_m
 from avc_casadi.loop import with_let_go
 from avc_casadi.recommendation._reach import tuned
 from avc_casadi.stability import DampingRange, damping_range
 from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
-    from avc_casadi.design.robust import Rung
+    from avc_casadi.design.robust import Rung, Unrest
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
 
@@ -96,15 +96,19 @@ class RobustCandidates:
     """Walls behind an observer with state feedback; none for a device without a law.
 
     Attributes:
-        stiff: the wanted wall, then others of rising stiffness, each with laws that cost nearly the same.
-        soft: walls softer than these, to be asked for after them.
+        ladder_n_per_m: walls in the order in which to ask for them: the wanted one first, if it is near, then others of
+            rising stiffness, and it again.
+        softer_n_per_m: walls softer than these.
     """
 
-    def __init__(self, problem: Problem, stiffest: DampingRange, progress: Progress = SILENT) -> None:
-        self._problem = problem
+    def __init__(self, problem: Problem, stiffest: DampingRange, ends: Callable[[Coupling], Unrest]) -> None:
+        self._problem, self._ends = problem, ends
         self._rungs: list[Rung] = []
-        self.stiff = self._coupled(problem, robust_ladder(problem, progress, stiffest))
-        self.soft = self._coupled(problem, self._softer(problem, stiffest, progress))
+        self.ladder_n_per_m: list[float] = []
+        self.softer_n_per_m: list[float] = []
+        with suppress(UnsupportedError):
+            self.ladder_n_per_m = ladder_n_per_m(problem, stiffest)
+            self.softer_n_per_m = softer_n_per_m(problem, stiffest)
 
     @property
     def walls_n_per_m(self) -> list[float]:
@@ -112,35 +116,27 @@ class RobustCandidates:
         return [rung.stiffness_n_per_m for rung in self._rungs]
 
     def at(self, felt_n_per_m: float) -> Iterator[Alternatives]:
-        """Yield laws for a wall between those that were looked at; none where there is none.
+        """Yield laws for a wall, those of walls near it before what a search finds; none where there is none.
+
+        After either come laws near them with which more people rest, for whom they were not enough.
 
         Args:
             felt_n_per_m: stiffness at rest, the wanted wall's at most.
         """
-        yield from self._coupled(self._problem, robust_at(self._problem, felt_n_per_m, tuple(self._rungs)))
+        if not self.ladder_n_per_m:
+            return
+        for rung in robust_at(self._problem, felt_n_per_m, tuple(self._rungs)):
+            self._rungs.append(rung)
+            alternatives = self._with(rung)
+            yield alternatives
+            better = refined(self._problem, rung, self._ends(alternatives[0]))
+            if better is not None:
+                self._rungs.append(better)
+                yield self._with(better)
 
-    def afresh(self, felt_n_per_m: float) -> Iterator[Alternatives]:
-        """Yield laws for a wall that owe nothing to those of others; none where there is none.
-
-        Args:
-            felt_n_per_m: stiffness at rest, the wanted wall's at most.
-        """
-        yield from self._coupled(self._problem, robust_afresh(self._problem, felt_n_per_m))
-
-    def _softer(self, problem: Problem, stiffest: DampingRange, progress: Progress) -> Iterator[Rung]:
-        softest = min(self._rungs, key=_stiffness, default=None)
-        yield from softer_robust(problem, softest, progress, stiffest)
-
-    def _coupled(self, problem: Problem, rungs: Iterator[Rung]) -> Iterator[Alternatives]:
-        with suppress(UnsupportedError):
-            for rung in rungs:
-                self._rungs.append(rung)
-                laws = (rung.found.law, *(one.law for one in rung.found.others))
-                yield [Coupling.constant(problem, rung.gains, "robust", Runtime(state_feedback=law)) for law in laws]
-
-
-def _stiffness(rung: Rung) -> float:
-    return rung.stiffness_n_per_m
+    def _with(self, rung: Rung) -> Alternatives:
+        laws = (rung.found.law, *(one.law for one in rung.found.others))
+        return [Coupling.constant(self._problem, rung.gains, "robust", Runtime(state_feedback=law)) for law in laws]
 
 
 def tuned_candidates(problem: Problem, progress: Progress = SILENT) -> Iterator[Alternatives]:

@@ -13,7 +13,7 @@ from avc_casadi.recommendation._candidates import Alternatives, felt_at_rest_n_p
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._rest import proved_first
 from avc_casadi.support import SILENT, Progress
-from avc_casadi.trial import CouplingTrial, all_at_rest, try_coupling, try_on_devices
+from avc_casadi.trial import CouplingTrial, try_coupling, try_on_devices, unrest
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 AS_STIFF = 0.01
 # Share of the hands for whom a quiet coupling is quiet: a stiff wall is not given up for the last of the light ones.
 QUIET_SHARE = 0.9
-# So many hands, the corners among them, try a coupling before the others do; only what these can use is for all.
-_FIRST = 16
+FIRST = 16
+"""So many hands, the corners among them, try a coupling before the others do; only what these can use is for all."""
 # Of equally stiff ones no more are tried.
-_MOST_TRIED = 2
+_MOST_TRIED = 3
 # Devices of the declared ranges among which those who confirm it are divided.
 _DEVICES = 16
 ERROR_HZ = (1.0, 10.0, 50.0)
@@ -120,8 +120,8 @@ def tried(
                 break
             if known is not None or not deployable(one).passed:
                 continue
-            found = Judged(one, try_coupling(one, people.pick(slice(_FIRST)), seed, executor=executor), order)
-            if found.safety <= int(lean_on_friction) and len(people) > _FIRST:
+            found = Judged(one, try_coupling(one, people.pick(slice(FIRST)), seed, executor=executor), order)
+            if found.safety <= int(lean_on_friction) and len(people) > FIRST:
                 found = replace(found, trial=try_coupling(one, people, seed, executor=executor))
             judged.append(found)
             if found.complete(lean_on_friction=lean_on_friction):
@@ -130,19 +130,25 @@ def tried(
     return judged
 
 
-def likeliest(alternatives: Alternatives, people: Hand, *, lean_on_friction: bool) -> Alternatives:
-    """Take those with which everybody comes to rest, or the one with which most do.
+def likeliest(
+    alternatives: Alternatives, groups: Iterable[Hand | StylusHand], *, lean_on_friction: bool
+) -> tuple[Alternatives, bool]:
+    """Take those with which everybody comes to rest, or the one with which most do; say whether everybody does.
+
+    A single one is taken as it is.
 
     Args:
         alternatives: equally stiff ones.
-        people: who press, tap and hold.
+        groups: who press, tap and hold: who follows only tries what all before came to rest with.
         lean_on_friction: whether the declared dry friction may help.
     """
-    if len(alternatives) <= 1:
-        return alternatives
-    restless = [int((~all_at_rest(one, people, friction=lean_on_friction)).sum()) for one in alternatives]
-    order = sorted(range(len(alternatives)), key=lambda place: restless[place])
-    return [alternatives[place] for place in order[: _MOST_TRIED if restless[order[0]] == 0 else 1]]
+    left = alternatives
+    for people in groups if len(left) > 1 else ():
+        restless = (~(unrest(left, people, friction=lean_on_friction) < 1)).sum(axis=1)
+        if restless.min() > 0:
+            return [left[int(restless.argmin())]], False
+        left = [one for one, moving in zip(left, restless, strict=True) if not moving]
+    return left[:_MOST_TRIED], True
 
 
 def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:

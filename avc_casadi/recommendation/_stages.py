@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from itertools import islice
 from typing import TYPE_CHECKING
 
-from avc_casadi.design.robust import MOST_SOFTER, SOFTER
-from avc_casadi.loop import hand_corners
+import numpy as np
+
+from avc_casadi.loop import Hand, hand_corners
 from avc_casadi.recommendation._candidates import (
     SAFER,
     Alternatives,
@@ -18,29 +18,30 @@ from avc_casadi.recommendation._candidates import (
     stiffer_rung_n_per_m,
     tuned_candidates,
 )
-from avc_casadi.recommendation._choice import AS_STIFF, Judged, confirmed, likeliest, tried
-from avc_casadi.trial import draw_hands, loose_hands
+from avc_casadi.recommendation._choice import AS_STIFF, FIRST, Judged, confirmed, likeliest, tried
+from avc_casadi.trial import draw_hands, ends_of, loose_hands
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from concurrent.futures import Executor
 
-    from avc_casadi.loop import Hand, StylusHand
+    from avc_casadi.coupling import Coupling
     from avc_casadi.problem import Problem
     from avc_casadi.stability import DampingRange
     from avc_casadi.support import Progress
+    from avc_casadi.trial import Ends
 
 # The way from the stiffest that is held to the next stiffer wall is halved until it is so short, or so often.
-_CLOSE, _MOST_HALVED = 1.03, 3
+_CLOSE, _MOST_HALVED = 1.03, 4
 # Robust walls in a row that are too stiff, beyond which none is looked at: one of them may owe it to its law.
-_TOO_STIFF = 3
+_TOO_STIFF = 2
 # Searches, as they are told.
 _PLAIN, _BETWEEN = "springs and dampers", "halfway to the next stiffer wall"
 
 
 def judged_candidates(
     problem: Problem,
-    people: Hand | StylusHand,
+    people: Hand,
     seed: int,
     limit: DampingRange,
     progress: Progress,
@@ -51,31 +52,27 @@ def judged_candidates(
     """Try the likeliest couplings first, and the others only where none is the wall itself; say how many there were."""
     wall = problem.environment.stiffness_n_per_m
     jury = _Jury(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
-    robust = RobustCandidates(problem, limit, progress)
+    robust = RobustCandidates(problem, limit, jury.ends)
     plainly = min(wall, limit.stiffness_n_per_m)
     corners = hand_corners(problem.hands)
     plain = plain_candidates(problem, corners, limit)
     # A wall beyond what spring and damper hold is robust from the start; one that nothing holds is softened until
     # everybody rests quietly. Tuned gains come last: what holds spring and damper back holds them back too.
     held_plainly = wall <= limit.stiffness_n_per_m
-    first = (islice(robust.stiff, 1), "the wall behind an observer")
-    for more, search in ((plain, _PLAIN), first) if held_plainly else (first,):
-        if not jury.holds(wall):
-            jury.ask(more, search)
+    if held_plainly:
+        jury.ask(plain, _PLAIN)
     if not jury.holds(wall):
         _climb(jury, robust, wall)
     if not (held_plainly or jury.holds(limit.stiffness_n_per_m)):
         jury.ask(plain, _PLAIN)
-    for more, ceiling, search in (
-        *((softened_to(problem, corners, share * plainly), 0.0, "softer springs") for share in SAFER),
-        *(
-            (islice(robust.soft, 1), SOFTER ** (1 + step) * plainly, "softer walls behind an observer")
-            for step in range(MOST_SOFTER)
-        ),
-        (tuned_candidates(problem, progress), 0.0, "tuned gains"),
-    ):
-        if not jury.holds(ceiling):
-            jury.ask(more, search)
+    for share in SAFER:
+        if not jury.holds(0.0):
+            jury.ask(softened_to(problem, corners, share * plainly), "softer springs")
+    for softer in robust.softer_n_per_m:
+        if not jury.holds(min(softer, plainly)):
+            jury.finds(robust.at(softer), softer, f"softer walls behind an observer, {softer:.4g} N/m")
+    if not jury.holds(0.0):
+        jury.ask(tuned_candidates(problem, progress), "tuned gains")
     if jury.judged:
         _closer(problem, jury, limit, robust)
         jury.holds(0.0)
@@ -93,7 +90,7 @@ class _Jury:
     def __init__(
         self,
         problem: Problem,
-        people: Hand | StylusHand,
+        people: Hand,
         seed: int,
         progress: Progress,
         *,
@@ -105,17 +102,31 @@ class _Jury:
         self._people, self._seed, self._progress, self._lean = people, seed, progress, lean_on_friction
         self._executor = executor
         self._others = draw_hands(problem.hands, 2 * len(people), seed, "training")
-        self._loose = loose_hands(problem.hands, len(people), seed)
+        self._groups = (people.pick(slice(FIRST)), loose_hands(problem.hands, len(people), seed))
         self._candidates: list[Alternatives] = []
         self._search = ""
 
-    def ask(self, more: Iterable[Alternatives], search: str) -> None:
-        """Try more candidates, of a search that is told."""
-        self._search = search
+    def ask(self, more: Iterable[Alternatives], search: str) -> bool:
+        """Try more candidates, of a search that is told; say whether all who try first come to rest with the last."""
+        self._search, everybody = search, False
         for alternatives in more:
             self.considered += len(alternatives)
-            self._candidates.append(likeliest(alternatives, self._loose, lean_on_friction=self._lean))
+            likely, everybody = likeliest(alternatives, self._groups, lean_on_friction=self._lean)
+            self._candidates.append(likely)
         self._try()
+        return everybody
+
+    def ends(self, coupling: Coupling) -> Ends:
+        """Prepare to ask how fast those end who try a coupling first."""
+        both = (np.append(*(getattr(group, name) for group in self._groups)) for name in vars(self._groups[0]))
+        return ends_of(coupling, Hand(*both), friction=self._lean)
+
+    def finds(self, more: Iterable[Alternatives], stiffness_n_per_m: float, search: str) -> bool:
+        """Try more candidates until something so stiff is safe and quiet, as far as is known; say whether there is."""
+        for alternatives in more:
+            if self.ask([alternatives], search) and self.reaches(stiffness_n_per_m):
+                return True
+        return self.reaches(stiffness_n_per_m)
 
     def reaches(self, stiffness_n_per_m: float) -> bool:
         """Whether something so stiff is safe and quiet, as far as is known."""
@@ -161,36 +172,38 @@ class _Jury:
 def _climb(jury: _Jury, robust: RobustCandidates, wall_n_per_m: float) -> None:
     """Try the robust walls from the softest on, until a few in a row are too stiff."""
     too_stiff = 0
-    for alternatives in robust.stiff:
-        jury.ask([alternatives], "walls of rising stiffness behind an observer")
-        if jury.reaches(wall_n_per_m):
+    for place, felt in enumerate(robust.ladder_n_per_m):
+        found = jury.finds(robust.at(felt), felt, f"walls behind an observer, {felt:.4g} N/m")
+        if found and felt == wall_n_per_m and jury.holds(felt):
             return
-        too_stiff = 0 if jury.reaches(felt_at_rest_n_per_m(alternatives[0])) else too_stiff + 1
+        # The wanted wall comes first, out of turn.
+        too_stiff = 0 if found else too_stiff + (place > 0 or felt != wall_n_per_m)
         if too_stiff == _TOO_STIFF:
             return
 
 
 def _closer(problem: Problem, jury: _Jury, limit: DampingRange, robust: RobustCandidates) -> None:
-    """Look afresh for laws of the next stiffer wall, then halve the way to it, a few times.
+    """Halve the way to the next stiffer wall, a few times; where that leads up to it, try it once more and go on.
 
     So that what is felt hardly depends on where the walls stand that were looked at, and thus on the one wanted.
     """
     corners = hand_corners(problem.hands)
     low = jury.reached_n_per_m()
     high = None if low < 0 else stiffer_rung_n_per_m(problem, limit, robust, low)
-    if high is not None and robust.walls_n_per_m:
-        jury.ask(robust.afresh(high), "the next stiffer wall afresh")
-        if jury.holds(high):
-            low, high = high, stiffer_rung_n_per_m(problem, limit, robust, high)
-    for _ in range(_MOST_HALVED if high is not None else 0):
-        if (high or low) < _CLOSE * low:
-            break
-        middle = math.sqrt(low * (high or low))
-        jury.ask(softened_to(problem, corners, middle), _BETWEEN)
-        held = jury.holds(middle)
-        for more in () if held else robust.at(middle):
+    nearer = False
+    for _ in range(_MOST_HALVED):
+        if high is None or (high < _CLOSE * low and not nearer):
+            return
+        again = nearer and high < _CLOSE**3 * low
+        felt = high if again else math.sqrt(low * high)
+        jury.ask(softened_to(problem, corners, felt), _BETWEEN)
+        held = jury.holds(felt)
+        for more in () if held else robust.at(felt):
             jury.ask([more], _BETWEEN)
-            held = jury.holds(middle)
+            held = jury.holds(felt)
             if held:
                 break
-        low, high = (middle, high) if held else (low, middle)
+        nearer = held and not again
+        low = felt if held else low
+        if held == again:
+            high = stiffer_rung_n_per_m(problem, limit, robust, low) if held else felt

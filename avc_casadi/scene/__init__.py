@@ -6,7 +6,7 @@ from avc_casadi.scene._compile import CompiledScene as CompiledScene
 from avc_casadi.scene._compile import compile_scene as compile_scene
 from avc_casadi.scene._execute import Engine as Engine
 from avc_casadi.scene._execute import execute as execute
-from avc_casadi.scene._execute import execute_to_rest as execute_to_rest
+from avc_casadi.scene._execute import execute_to_speed as execute_to_speed
 from avc_casadi.scene._explain import Explanation as Explanation
 from avc_casadi.scene._explain import explain as explain
 from avc_casadi.scene._explain import ns_per_step as ns_per_step

@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 
 from avc_casadi.scene._compile import CompiledScene
-from avc_casadi.scene._judge import LOST_M, at_rest, judge, judged_samples
+from avc_casadi.scene._judge import AT_REST_M_PER_S, LOST_M, judged_samples
 from avc_casadi.scene._lanes import LANES, SideBySide
 from avc_casadi.scene._native import NativeScene, compiler
-from avc_casadi.support import BoolArray, FloatArray, HeldInterrupt
+from avc_casadi.support import FloatArray, HeldInterrupt
 
 Engine = Literal["auto", "casadi", "native"]
 
@@ -46,10 +46,10 @@ def execute(
     return {name: traces[:, :, index] for index, name in enumerate(scene.traces)}
 
 
-def execute_to_rest(
+def execute_to_speed(
     scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto"
-) -> BoolArray:
-    """Run a scene once for every row of the parameters, and only say which runs come to rest, as `judge` does.
+) -> FloatArray:
+    """Run a scene once for every row of the parameters, and only say how fast each run ends.
 
     Side by side no trace is kept, and one thread is used: who asks for so many runs has other work for the others.
 
@@ -60,20 +60,26 @@ def execute_to_rest(
         engine: as for `execute`.
 
     Returns:
-        Shape (runs,).
+        The largest speed of the end that is judged over that at which a run is no longer at rest, shape (runs,):
+        below 1 is at rest as `judge` says; infinite for a run that left the workspace.
     """
     native = _compiled(scene, len(parameters), engine)
     if isinstance(native, SideBySide):
         first = scene.samples - judged_samples(scene.samples, scene.sample_time_s)
-        peaks = native.peaks(scene.initial, inputs.T, parameters, 1, first)
-        return at_rest(peaks[:, 0] < LOST_M / scene.metres_per_unit, peaks[:, 1], scene.metres_per_unit)
-    rest = [np.zeros(0, dtype=bool)]
+        far, fast = native.peaks(scene.initial, inputs.T, parameters, 1, first).T
+        return _over_rest(scene, far, fast)
+    found = [np.zeros(0)]
     for begin in range(0, len(parameters), _TRACES):
-        found = execute(scene, parameters[begin : begin + _TRACES], inputs, engine=engine)
-        position, velocity = found["position_m"], found["velocity_m_per_s"]
-        force = found.get("force_n", np.zeros_like(position))
-        rest.append(judge(position, velocity, force, scene.sample_time_s, scene.metres_per_unit).stable)
-    return np.concatenate(rest)
+        run = execute(scene, parameters[begin : begin + _TRACES], inputs, engine=engine)
+        last = slice(-judged_samples(scene.samples, scene.sample_time_s), None)
+        far, fast = np.abs(run["position_m"]).max(axis=-1), np.abs(run["velocity_m_per_s"][:, last]).max(axis=-1)
+        found.append(_over_rest(scene, far, fast))
+    return np.concatenate(found)
+
+
+def _over_rest(scene: CompiledScene, far_m: FloatArray, fast_m_per_s: FloatArray) -> FloatArray:
+    here = far_m < LOST_M / scene.metres_per_unit
+    return np.where(here, fast_m_per_s / (AT_REST_M_PER_S / scene.metres_per_unit), np.inf)
 
 
 def _compiled(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | SideBySide | None:

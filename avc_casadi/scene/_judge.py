@@ -95,7 +95,7 @@ def judge(
         apparent = np.where(touching, force / depth, np.nan)
         buzzing = diverged | (ripple > BUZZ_SHARE * np.abs(force))
     return Judgement(
-        stable=at_rest(here, peak, metres_per_unit),
+        stable=here & (peak < AT_REST_M_PER_S / metres_per_unit),
         diverged=diverged,
         buzzing=buzzing,
         peak_velocity_m_per_s=peak,
@@ -111,12 +111,6 @@ def judge(
 def judged_samples(samples: int, sample_time_s: float) -> int:
     """Return how many samples at the end of a run are judged."""
     return min(samples, max(1, round(JUDGED_S / sample_time_s)))
-
-
-def at_rest(here: BoolArray, peak_velocity_m_per_s: FloatArray, metres_per_unit: float = 1.0) -> BoolArray:
-    """Whether runs that never left the workspace end at rest; the handle moves so far for a unit of the position."""
-    rest: BoolArray = here & (peak_velocity_m_per_s < AT_REST_M_PER_S / metres_per_unit)
-    return rest
 
 
 def _ripple(force: FloatArray, sample_time_s: float) -> FloatArray:

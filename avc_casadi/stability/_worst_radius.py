@@ -7,7 +7,7 @@ import numpy as np
 from avc_casadi.support import FloatArray
 
 # A loop is raised to the power 4, so often; from the first of these on those drop out that another exceeds.
-_FIRST, _ROUNDS = 5, 8
+_FIRST, _ROUNDS = 5, 11
 # Eigenvalues of smaller ones are as quick.
 _LARGE = 10
 # What powers of loops may lose of the logarithm of the radius; a trace that is smaller beside the largest number of a

@@ -1,8 +1,9 @@
 """Trials with many simulated people: who they are, what they do, and whether their hands come to rest."""
 
 from avc_casadi.trial._at_rest import HandsAtRest as HandsAtRest
-from avc_casadi.trial._at_rest import all_at_rest as all_at_rest
+from avc_casadi.trial._at_rest import ends_of as ends_of
 from avc_casadi.trial._at_rest import hands_at_rest as hands_at_rest
+from avc_casadi.trial._at_rest import unrest as unrest
 from avc_casadi.trial._binomial import CONFIDENCE as CONFIDENCE
 from avc_casadi.trial._binomial import exact_interval as exact_interval
 from avc_casadi.trial._coupling_trial import TRIAL_S as TRIAL_S
@@ -23,6 +24,7 @@ from avc_casadi.trial._subjects import people_of as people_of
 from avc_casadi.trial._trial import MOTIONS as MOTIONS
 from avc_casadi.trial._trial import PEOPLE_AT_ONCE as PEOPLE_AT_ONCE
 from avc_casadi.trial._trial import Conditions as Conditions
+from avc_casadi.trial._trial import Ends as Ends
 from avc_casadi.trial._trial import Traces as Traces
 from avc_casadi.trial._trial import all_motions as all_motions
 from avc_casadi.trial._trial import judged as judged

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi.coupling import coupling_document
-from avc_casadi.support import BoolArray, Chunked, json_text
+from avc_casadi.support import BoolArray, Chunked, FloatArray, json_text
 from avc_casadi.trial._binomial import CONFIDENCE, exact_interval
 from avc_casadi.trial._coupling_trial import TRIAL_S
 from avc_casadi.trial._subjects import BLOCK, draw_hands
-from avc_casadi.trial._trial import MOTIONS, Conditions, motions_at, resting
+from avc_casadi.trial._trial import MOTIONS, Conditions, Ends, motions_at, resting
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.loop import Hand
+    from avc_casadi.loop import Hand, StylusHand
 
 SCHEMA = "avc-trial/1"
 # Of those who do not come to rest, so many are named.
@@ -119,17 +121,40 @@ def hands_at_rest(
     )
 
 
-def all_at_rest(coupling: Coupling, people: Hand, *, friction: bool = True) -> BoolArray:
-    """Whether each of many people comes to rest in every motion.
+def unrest(couplings: Sequence[Coupling], people: Hand | StylusHand, *, friction: bool = True) -> FloatArray:
+    """Return how fast each of many ends the motion that ends fastest, with constant gains.
+
+    Couplings in a row that differ in the numbers of their state feedback alone are one scene, run once.
 
     Args:
-        coupling: what runs.
+        couplings: what runs.
         people: who press, tap and hold.
         friction: False leaves the declared dry friction out.
+
+    Returns:
+        Largest speed over that at which a hand is no longer at rest, shape (couplings, people).
     """
+    found = [np.zeros((0, len(people)))]
+    for _, group in groupby(couplings, _but_for_numbers):
+        alike = list(group)
+        ends = ends_of(alike[0], people, friction=friction)
+        found.append(ends([one.runtime.state_feedback for one in alike]))
+    return np.concatenate(found)
+
+
+def ends_of(coupling: Coupling, people: Hand | StylusHand, *, friction: bool = True) -> Ends:
+    """Prepare to ask that of couplings that differ from one in nothing but the numbers of their state feedback."""
     conditions = Conditions.of(coupling)
-    found = _by_motion(coupling, conditions if friction else conditions.without_friction(), people)
-    return np.asarray(np.all(list(found.values()), axis=0))
+    device, gains = coupling.problem.device, coupling.table.at_rest
+    whole = conditions if friction else conditions.without_friction()
+    return Ends(coupling.problem, gains, people, motions_at(device).values(), whole, TRIAL_S)
+
+
+def _but_for_numbers(coupling: Coupling) -> tuple[Any, ...]:
+    """Return what tells couplings apart whose scenes are others."""
+    law = coupling.runtime.state_feedback
+    structure = None if law is None else (law.states, law.positions, law.measures)
+    return id(coupling.problem), coupling.table.at_rest, replace(coupling.runtime, state_feedback=None), structure
 
 
 def _by_motion(coupling: Coupling, conditions: Conditions, people: Hand) -> dict[str, BoolArray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -38,7 +38,7 @@ from avc_casadi.scene import (
     compile_for,
     compiler,
     execute,
-    execute_to_rest,
+    execute_to_speed,
     held_by,
     judge,
     settled,
@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Device, Problem
     from avc_casadi.runtime import StateFeedback
+    from avc_casadi.scene.effects import SceneEffect
 
 
 # A tap leaves the wall and strikes it again twice a second, and ends in contact: where it ended in free space, every
@@ -245,7 +246,48 @@ def resting(
 ) -> BoolArray:
     """Whether each of many comes to rest, on one thread and without traces; arguments as for `simulations`."""
     compiled, parameters, inputs = _prepared(problem, gains, subjects, motion, conditions, duration_s)
-    return execute_to_rest(compiled, parameters, inputs, engine=_engine(len(parameters)))
+    return execute_to_speed(compiled, parameters, inputs, engine=_engine(len(parameters))) < 1
+
+
+class Ends:
+    """How fast each of many ends the motion that ends fastest, with any state feedback of one structure.
+
+    Args:
+        problem: as for `simulations`.
+        gains: constant gains.
+        subjects: as for `simulations`.
+        motions: of their hands' target.
+        conditions: what of the device is simulated, with some state feedback of the structure, or none.
+        duration_s: as for `simulations`.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        gains: Gains,
+        subjects: Hand | StylusHand,
+        motions: Iterable[Motion],
+        conditions: Conditions,
+        duration_s: float = DURATION_S,
+    ) -> None:
+        self._gains, self._people = gains, len(subjects)
+        self._scenes = [_prepared(problem, gains, subjects, motion, conditions, duration_s) for motion in motions]
+
+    def __call__(self, laws: Sequence[StateFeedback | None]) -> FloatArray:
+        """Return the largest speed as of `execute_to_speed`, shape (laws, people)."""
+        found = np.zeros((len(laws), self._people))
+        for compiled, _, inputs in self._scenes:
+            each = [replace(compiled, effects=_with_law(compiled.effects, law)) for law in laws]
+            parameters = np.concatenate([one.parameter_values(self._gains) for one in each])
+            speed = execute_to_speed(compiled, parameters, inputs, engine=_engine(len(parameters)))
+            found = np.maximum(found, np.reshape(speed, found.shape))
+        return found
+
+
+def _with_law(effects: tuple[SceneEffect, ...], law: StateFeedback | None) -> tuple[SceneEffect, ...]:
+    """Put the numbers of another state feedback in place of the one there is."""
+    settings = {} if law is None else {"settings": law}
+    return tuple(replace(one, **settings) if one.kind == "state-feedback" else one for one in effects)
 
 
 def _prepared(

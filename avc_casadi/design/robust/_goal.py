@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from avc_casadi.design.robust._loops import Loops
     from avc_casadi.runtime import StateFeedback
     from avc_casadi.stability import Rendering
+    from avc_casadi.support import ComplexArray, FloatArray
 
-# Share of the innovation that passes -> decay, 1/s, that oscillations above `_SLOW_HZ` must have.
-_DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.6, 0.025: 3.4, 0.01: 0.0}
+DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.6, 0.025: 3.4, 0.01: 0.0}
+"""Share of the innovation that passes -> decay, 1/s, that oscillations above `_SLOW_HZ` must have."""
 _SLOW_HZ = 2.0
 # The same of slower ones, times the share.
 _SLOW_DECAY_PER_S = 5.0
@@ -166,10 +167,9 @@ def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
     if len(rows) == 0:
         return found
     some = laws.pick(rows)
-    every = poles(state_feedback_loops(loops.nominal, some, rendering, tuple(_DECAY_PER_S)))
+    every = poles(state_feedback_loops(loops.nominal, some, rendering, tuple(DECAY_PER_S)))
     beside = [largest_radius(state_feedback_loops(part, some, rendering)).max(axis=(1, 2)) for part in loops.beside]
-    size, quick = np.abs(every), np.abs(np.angle(every)) > 2 * math.pi * _SLOW_HZ * t
-    largest = [np.where(part, size, 0.0).max(axis=(2, 3)) for part in (quick, ~quick)]
+    largest = [part.max(axis=-1) for part in largest_by_speed(every, t)]
     for place, row in enumerate(rows.tolist()):
         cost = sum(
             _PER_DECAY * _missing(one, decay, t)
@@ -177,11 +177,23 @@ def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
         )
         cost += _PER_DECAY * _missing(float(free[row]), _FREE_DECAY_PER_S, t)
         cost += _PER_DECAY * _missing(max(float(part[place]) for part in beside), _BESIDE_DECAY_PER_S, t)
-        for index, (passed, decay) in enumerate(_DECAY_PER_S.items()):
+        for index, (passed, decay) in enumerate(DECAY_PER_S.items()):
             cost += _PER_DECAY * _missing(float(largest[0][place, index]), decay, t)
             cost += _PER_DECAY * _missing(float(largest[1][place, index]), _SLOW_DECAY_PER_S * passed, t)
-        found[row] = _Damped(cost, float(radius[row]), float(size[place].max()))
+        found[row] = _Damped(cost, float(radius[row]), float(largest[0][place].max(initial=largest[1][place].max())))
     return found
+
+
+def largest_by_speed(poles: ComplexArray, sample_time_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return the size of the largest quick and the largest slow pole of each loop, 0 where there is none.
+
+    Args:
+        poles: of the loops, shape (..., s).
+        sample_time_s: T.
+    """
+    size, quick = np.abs(poles), np.abs(np.angle(poles)) > 2 * math.pi * _SLOW_HZ * sample_time_s
+    fast, slow = (np.where(part, size, 0.0).max(axis=-1) for part in (quick, ~quick))
+    return fast, slow
 
 
 def _missing(radius: float, decay_per_s: float, sample_time_s: float) -> float:

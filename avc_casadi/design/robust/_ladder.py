@@ -38,11 +38,9 @@ NEXT = 1.4
 _AT_ONCE = 4.0
 _MOST_RUNGS = 8
 # Of so many near walls the laws are tried as they are.
-_NEIGHBOURS = 2
-# From the softest of these down, where it is not enough.
-SOFTER = 0.6
-MOST_SOFTER = 4
-"""Walls that are tried below the softest of the ladder."""
+_NEIGHBOURS = 3
+# From the softest of these down, where it is not enough, and how often.
+SOFTER, MOST_SOFTER = 0.6, 4
 # The stiffest wall is climbed to, from below or from that of a like device: so much at a time, so many times. A wall
 # that is out of reach, over what spring and damper hold.
 _STEP, _MOST_STEPS, _FAR = 1.4, 16, 1e3
@@ -63,114 +61,67 @@ class Rung:
     found: Found
 
 
-def robust_ladder(problem: Problem, progress: Progress = SILENT, limit: DampingRange | None = None) -> Iterator[Rung]:
-    """Yield walls with laws whose loops are all damped: the wanted one, then others of rising stiffness.
+def ladder_n_per_m(problem: Problem, limit: DampingRange | None = None) -> list[float]:
+    """Return the walls for which to look for a law, in this order.
 
     The wanted one comes first, if it is not far beyond what spring and damper hold; whom its law suits need not ask
-    for more. Each law of the others is searched for from that of the wall before. A wall beyond what the device can
-    give gets a spring before it, so that both together are what is felt. The walls do not depend on the one that is
-    wanted, but for the last, whose laws are those of the walls below and above or begin there.
+    for more. Then come walls of rising stiffness, which do not depend on it, and it again, the last.
 
     Args:
         problem: device with what is known of it, hands and wall.
-        progress: told of the walls.
         limit: `stiffest_wall` of the device with these hands and let go; None works it out.
 
     Raises:
         UnsupportedError: no mass, no stiffness to be felt, or too long a delay.
     """
     _check(problem)
-    wanted = problem.environment.stiffness_n_per_m
-    device, hands = problem.device, problem.hands
-    plain = _plain_n_per_m(problem, limit)
-    space, loops = Space(device, hands), Loops.of(device, hands)
-    if wanted <= _AT_ONCE * plain:
-        progress.advance(0, 1, f"search of a law for the wall, {wanted:.4g} N/m")
-        at_once = _searched(problem, space, loops, wanted)
-        if at_once is not None:
-            yield at_once
-        if wanted <= _FIRST * plain:
-            return
-    below: Rung | None = None
-    for rung in range(_MOST_RUNGS):
-        stiffness = _FIRST * plain * NEXT**rung
-        progress.advance(rung, rung + 2, f"walls of rising stiffness, search of a law for {stiffness:.4g} N/m")
-        found = _searched(problem, space, loops, stiffness, below)
-        if stiffness >= wanted:
-            known = [one for one in (below, found) if one is not None]
-            if known:
-                yield from robust_at(problem, wanted, known)
-            return
-        if found is None:
-            return
-        yield found
-        below = found
+    wanted, plain = problem.environment.stiffness_n_per_m, _plain_n_per_m(problem, limit)
+    if wanted <= _FIRST * plain:
+        return [wanted]
+    rising = [_FIRST * plain * NEXT**rung for rung in range(_MOST_RUNGS)]
+    at_once = [wanted] if wanted <= _AT_ONCE * plain else []
+    return [*at_once, *(wall for wall in rising if wall < wanted), *([wanted] if wanted <= NEXT * rising[-1] else [])]
 
 
-def robust_afresh(problem: Problem, stiffness_n_per_m: float) -> Iterator[Rung]:
-    """Yield the laws that a search finds for one wall from its usual start; none where it does not damp all loops.
-
-    Args:
-        problem: as for `robust_ladder`.
-        stiffness_n_per_m: that is felt at rest, the wanted wall's at most.
-    """
-    space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
-    found = _searched(problem, space, loops, stiffness_n_per_m)
-    if found is not None:
-        yield found
-
-
-def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung]) -> Iterator[Rung]:
-    """Yield laws for one wall: those of the nearest two as they are, then what a search finds from there.
-
-    Args:
-        problem: as for `robust_ladder`.
-        stiffness_n_per_m: that is felt at rest, the wanted wall's at most.
-        known: walls and their laws; nothing begins without any.
-    """
-    space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
-    near = sorted(known, key=lambda rung: abs(math.log(rung.stiffness_n_per_m / stiffness_n_per_m)))[:_NEIGHBOURS]
-    if not near:
-        return
-    laws = [one for rung in near for one in (rung.found, *rung.found.others)]
-    tried = [_as_it_is(problem, space, loops, stiffness_n_per_m, law) for law in laws]
-    same = [one for one in tried if one is not None]
-    if same:
-        yield replace(same[0], found=replace(same[0].found, others=tuple(one.found for one in same[1:])))
-    start = min(same or near, key=lambda rung: rung.found.cost.total)
-    searched = _searched(problem, space, loops, stiffness_n_per_m, start)
-    if searched is not None:
-        yield searched
-
-
-def softer_robust(
-    problem: Problem, near: Rung | None, progress: Progress = SILENT, limit: DampingRange | None = None
-) -> Iterator[Rung]:
-    """Yield walls of falling stiffness with laws whose loops are all damped.
+def softer_n_per_m(problem: Problem, limit: DampingRange | None = None) -> list[float]:
+    """Return walls below the softest of the ladder.
 
     A wall that is softer leaves more for the vibration at rest and for the hands that a law for a stiffer one loses.
 
     Args:
-        problem: as for `robust_ladder`.
-        near: the softest wall of the ladder, from which to go down; None where it found none.
-        progress: told of the walls.
-        limit: as for `robust_ladder`.
+        problem: as for `ladder_n_per_m`.
+        limit: as for `ladder_n_per_m`.
 
     Raises:
-        UnsupportedError: as `robust_ladder`.
+        UnsupportedError: as `ladder_n_per_m`.
     """
-    _check(problem)
+    softest = min(ladder_n_per_m(problem, limit))
+    return [softest * SOFTER ** (1 + step) for step in range(MOST_SOFTER)]
+
+
+def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung] = ()) -> Iterator[Rung]:
+    """Yield laws for one wall whose loops are all damped: those of the nearest as they are, then what a search finds.
+
+    A wall beyond what the device can give gets a spring before it, so that both together are what is felt. The search
+    begins with the cheapest of the former; where there is none, with the nearest; from afar where nothing is known.
+
+    Args:
+        problem: as for `ladder_n_per_m`.
+        stiffness_n_per_m: that is felt at rest, the wanted wall's at most.
+        known: walls and their laws.
+    """
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
-    stiffness = min(_FIRST * _plain_n_per_m(problem, limit), problem.environment.stiffness_n_per_m)
-    if near is not None:
-        stiffness = near.stiffness_n_per_m
-    for done in range(MOST_SOFTER):
-        stiffness *= SOFTER
-        progress.advance(done, MOST_SOFTER, f"softer walls, search of a law for {stiffness:.4g} N/m")
-        found = _searched(problem, space, loops, stiffness, near)
-        if found is not None:
-            near = found
-            yield found
+    near = sorted(known, key=lambda rung: abs(math.log(rung.stiffness_n_per_m / stiffness_n_per_m)))[:_NEIGHBOURS]
+    others = [rung for rung in near if rung.stiffness_n_per_m != stiffness_n_per_m]
+    laws = {one.logarithms.tobytes(): one for rung in others for one in (rung.found, *rung.found.others)}
+    tried = [_as_it_is(problem, space, loops, stiffness_n_per_m, law) for law in laws.values()]
+    same = sorted((one for one in tried if one is not None), key=lambda rung: rung.found.cost.total)
+    if same:
+        yield replace(same[0], found=same[0].found.beside(one.found for one in same[1:]))
+    start = next(iter(same or near), None)
+    searched = _searched(problem, space, loops, stiffness_n_per_m, start)
+    if searched is not None:
+        yield searched
 
 
 def stiffest_robust(problem: Problem, near: Rung | None = None, progress: Progress = SILENT) -> Rung | None:
@@ -182,7 +133,7 @@ def stiffest_robust(problem: Problem, near: Rung | None = None, progress: Progre
         progress: told of the walls.
 
     Raises:
-        UnsupportedError: as `robust_ladder`.
+        UnsupportedError: as `ladder_n_per_m`.
     """
     plain = _plain_n_per_m(problem)
     stated = problem.changed(environment={"stiffness_n_per_m": _FAR * plain, "damping_ns_per_m": 0.0})
@@ -225,7 +176,7 @@ def _plain_n_per_m(problem: Problem, limit: DampingRange | None = None) -> float
 
 def _as_it_is(problem: Problem, space: Space, loops: Loops, stiffness_n_per_m: float, other: Found) -> Rung | None:
     """Take the numbers of one wall for another."""
-    gains, rendering = _softened(problem, stiffness_n_per_m)
+    gains, rendering = softened(problem, stiffness_n_per_m)
     with suppress(np.linalg.LinAlgError):
         law = space.law(other.logarithms, stiffness_at_rest(rendering))
         cost = cost_of(law, rendering, loops)
@@ -242,9 +193,8 @@ def _searched(
     near: Rung | None = None,
     effort: tuple[float, int] | None = None,
 ) -> Rung | None:
-    """Search for the law of a wall, which may be stiffer than the wanted one, from that of another."""
-    wall = max(stiffness_n_per_m, problem.environment.stiffness_n_per_m)
-    gains, rendering = _softened(problem.changed(environment={"stiffness_n_per_m": wall}), stiffness_n_per_m)
+    """Search for the law of a wall from that of another."""
+    gains, rendering = softened(problem, stiffness_n_per_m)
     with suppress(np.linalg.LinAlgError):
         found = search(space, loops, rendering, None if near is None else near.found.logarithms, effort)
         if found.cost.holds:
@@ -252,7 +202,7 @@ def _searched(
     return None
 
 
-def _softened(problem: Problem, stiffness_n_per_m: float) -> tuple[Gains, Rendering]:
+def softened(problem: Problem, stiffness_n_per_m: float) -> tuple[Gains, Rendering]:
     """Return the spring with which the wall feels so stiff, and both as they are rendered."""
     gains = Gains(0.0, spring_before(problem.environment.stiffness_n_per_m, stiffness_n_per_m))
     return gains, frozen_rendering(problem, 0.0, gains.stiffness_n_per_m)

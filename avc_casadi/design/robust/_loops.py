@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.design.robust._goal import VARIED_DECAY_PER_S
+from avc_casadi.design.robust._goal import DECAY_PER_S, VARIED_DECAY_PER_S, largest_by_speed
 from avc_casadi.loop import (
     FINGERTIP,
     LINEAR_KEYS,
@@ -21,7 +21,7 @@ from avc_casadi.loop import (
     stylus_corners,
 )
 from avc_casadi.problem import Hands
-from avc_casadi.stability import largest_radius, plants_with_forces, state_feedback_loop
+from avc_casadi.stability import largest_radius, plants_with_forces, poles, state_feedback_loop
 from avc_casadi.support import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ Plants = tuple[FloatArray, FloatArray, FloatArray]
 _MASS, _RESONANCE, _DELAY_SAMPLES = (0.9, 1.1), (0.9, 1.1), 0.25
 # So many loops at other devices are kept, those that are worst with the law that the search starts from.
 _KEPT = 28
-# The same of each kind of other hands.
-_KEPT_BESIDE = 4
+# The same of each kind of other hands, and at each share of the innovation of those at the nominal device.
+_KEPT_BESIDE, _KEPT_NOMINAL = 4, 2
 # Devices within the declared ranges, beside their corners.
 _DRAWS = 24
 # From what a hand feels as stiffness to the end of the band.
@@ -95,10 +95,11 @@ class Loops:
         return cls(nominal, beside, varied, free, frequency, seen, t, device.metres_per_unit)
 
     def hardest(self, law: StateFeedback, rendering: Rendering) -> Loops:
-        """Keep the loops beside the nominal ones that miss most of their decay with a law."""
+        """Keep the loops that miss most of their decay with a law; with laws like it they are the same ones."""
         t = self.sample_time_s
         beside = tuple(_worst(plants, law, rendering, {1.0: 0.0}, t, _KEPT_BESIDE) for plants in self.beside)
-        return replace(self, varied=_worst(self.varied, law, rendering, VARIED_DECAY_PER_S, t, _KEPT), beside=beside)
+        varied = _worst(self.varied, law, rendering, VARIED_DECAY_PER_S, t, _KEPT)
+        return replace(self, nominal=_slowest(self.nominal, law, rendering, t), varied=varied, beside=beside)
 
 
 def _worst(
@@ -111,6 +112,16 @@ def _worst(
     missing = (np.log(radius) / t + np.array(list(decay_per_s.values()))[:, None]).max(axis=0)
     worst = np.sort(np.argsort(-missing, kind="stable")[:kept])
     return matrix[worst], push[worst], measured
+
+
+def _slowest(plants: Plants, law: StateFeedback, rendering: Rendering, t: float) -> Plants:
+    """Take the plants whose quick or slow poles decay most slowly, for some share of the innovation."""
+    matrix, push, measured = plants
+    every = poles(state_feedback_loop(plants, law, rendering, tuple(DECAY_PER_S)))
+    kept = np.zeros(len(matrix), dtype=np.bool_)
+    for largest in largest_by_speed(every, t):
+        kept[np.argsort(-largest, axis=-1, kind="stable")[:, :_KEPT_NOMINAL]] = True
+    return matrix[kept], push[kept], measured
 
 
 def other_devices(device: Device) -> list[Device]:

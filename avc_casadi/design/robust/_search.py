@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from importlib.abc import MetaPathFinder
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _FAILED = 1e4
 _POPULATION = 10
-FROM_AFAR, FROM_NEAR, QUICKLY = (0.35, 100), (0.35, 50), (0.2, 30)
+FROM_AFAR, FROM_NEAR, QUICKLY = (0.35, 100), (0.3, 60), (0.2, 30)
 """Spread of the first generation and laws for each knob: from the usual start, from the law of a near wall, and from
 there where many walls are asked for."""
 
@@ -52,6 +52,10 @@ class Found:
     logarithms: FloatArray
     cost: Cost
     others: tuple[Found, ...] = ()
+
+    def beside(self, others: Iterable[Found]) -> Found:
+        """Return it with others."""
+        return replace(self, others=tuple(others))
 
 
 def search(
@@ -90,12 +94,17 @@ def search(
             costs = costs_of(laws.pick(first), rendering, hardest) + other.result()
             return np.minimum([cost.total for cost in costs], _FAILED)
 
-        seen = _evolve(weigh, begin, space.bounds, spread, for_each_knob * len(space.knobs))
-    best, *others = (_found(space, loops, rendering, point) for point in _apart(seen))
-    return replace(best, others=tuple(one for one in others if one.cost.holds))
+        seen = evolve(weigh, begin, space.bounds, spread, for_each_knob * len(space.knobs))
+    best, *others = (found_at(space, loops, rendering, point) for point in _apart(seen))
+    return best.beside([one for one in others if one.cost.holds])
 
 
-def _found(space: Space, loops: Loops, rendering: Rendering, logarithms: FloatArray) -> Found:
+def found_at(space: Space, loops: Loops, rendering: Rendering, logarithms: FloatArray) -> Found:
+    """Weigh the law of one point before all loops; arguments as for `search`.
+
+    Raises:
+        numpy.linalg.LinAlgError: the point has no law.
+    """
     law = space.law(logarithms, stiffness_at_rest(rendering))
     return Found(law, logarithms, cost_of(law, rendering, loops))
 
@@ -137,14 +146,24 @@ def _cma() -> Any:
     return cma
 
 
-def _evolve(
+def evolve(
     function: Callable[[FloatArray], FloatArray],
     start: FloatArray,
     bounds: tuple[FloatArray, FloatArray],
     spread: float,
     evaluations: int,
+    enough: Callable[[], bool] = lambda: False,
 ) -> list[tuple[float, FloatArray]]:
-    """Minimise by covariance matrix adaptation (Hansen 2016); return what was seen."""
+    """Minimise by covariance matrix adaptation (Hansen 2016); return what was seen.
+
+    Args:
+        function: points, shape (n, knobs), to values.
+        start: where to begin.
+        bounds: lower and upper.
+        spread: of the first points.
+        evaluations: at most.
+        enough: asked after every generation.
+    """
     cma = _cma()
     # Its own generator would seed numpy's, which belongs to the caller.
     draw: Any = np.random.default_rng(0).standard_normal
@@ -159,7 +178,7 @@ def _evolve(
     }
     evolution = cma.CMAEvolutionStrategy(np.clip(start, *bounds), spread, options)
     seen = [(float(function(start[None])[0]), start)]
-    while not evolution.stop():
+    while not (evolution.stop() or enough()):
         points = evolution.ask()
         values = function(np.array(points)).tolist()
         evolution.tell(points, values)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.coupling import GainSchedule, Status, gain_schedule
-from avc_casadi.design.robust._ladder import Rung, robust_at, robust_ladder
+from avc_casadi.design.robust._ladder import Rung, ladder_n_per_m, robust_at
 from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
@@ -33,13 +33,19 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
         UnsupportedError: no mass, no stiffness to be felt, or too long a delay.
     """
     started, wanted = time.perf_counter(), problem.environment.stiffness_n_per_m
-    best: Rung | None = None
-    for rung in robust_ladder(problem, progress):
-        best = rung
-        if rung.stiffness_n_per_m == wanted:
+    known: list[Rung] = []
+    walls = ladder_n_per_m(problem)
+    for done, wall in enumerate(walls):
+        progress.advance(done, len(walls), f"walls, search of a law for {wall:.4g} N/m")
+        found = _cheapest(problem, wall, known)
+        known += [] if found is None else [found]
+        if wall == wanted and found is not None:
             break
+        if found is None and not (done == 0 and wall == wanted):
+            break
+    best = known[-1] if known else None
     if best is not None and best.stiffness_n_per_m * _BETWEEN < wanted:
-        best = next(robust_at(problem, best.stiffness_n_per_m * _BETWEEN, (best,)), best)
+        best = _cheapest(problem, best.stiffness_n_per_m * _BETWEEN, known) or best
     n = len(problem.frequencies_hz())
     values = (np.nan,) * 3 if best is None else tuple(vars(best.gains).values())
     reason = "no law is found that holds every hand; soften the wall, or narrow [hands] or [device.range]"
@@ -54,6 +60,11 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
         notes=() if best is None else (told(best),),
         state_feedback=None if best is None else best.found.law,
     )
+
+
+def _cheapest(problem: Problem, stiffness_n_per_m: float, known: list[Rung]) -> Rung | None:
+    found = robust_at(problem, stiffness_n_per_m, known)
+    return min(found, key=lambda rung: rung.found.cost.total, default=None)
 
 
 def told(rung: Rung) -> str:

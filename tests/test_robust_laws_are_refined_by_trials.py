@@ -1,0 +1,90 @@
+"""Laws near one are chosen by who rests with them in a simulation of the whole device."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.coupling import Coupling, Gains, Runtime
+from avc_casadi.design.robust import _search, refined, robust_at
+from avc_casadi.trial import ends_of, people_of, try_coupling, unrest
+
+HANDS = 20
+PROBLEM = avc.load_problem("reference-r1")
+
+
+@pytest.fixture(scope="module")
+def rung():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_search, "FROM_AFAR", (0.35, 12))
+        return next(robust_at(PROBLEM, 3000.0))
+
+
+def laws(rung):
+    return [rung.found.law, *(one.law for one in rung.found.others)]
+
+
+def coupling(rung, law):
+    return Coupling.constant(PROBLEM, rung.gains, "robust", Runtime(state_feedback=law))
+
+
+def one_hand_moves(speed):
+    """Everybody rests but for one hand, whose speed depends on the law."""
+
+    def ends(asked):
+        found = np.full((len(asked), HANDS), 0.1)
+        found[:, 0] = [speed(law) for law in asked]
+        return found
+
+    return ends
+
+
+def test_laws_are_found_with_which_everybody_rests(rung):
+    before = min(law.feedback[0] for law in laws(rung))
+
+    def ends(asked):
+        return one_hand_moves(lambda law: law.feedback[0] / before)(asked)
+
+    better = refined(PROBLEM, rung, ends)
+    assert better is not None
+    assert better.stiffness_n_per_m == rung.stiffness_n_per_m
+    assert (ends(laws(better)) < 1).all()
+    assert all(one.cost.holds for one in (better.found, *better.found.others))
+
+
+def test_what_nothing_helps_is_left(rung):
+    assert refined(PROBLEM, rung, one_hand_moves(lambda _: 2.0)) is None
+
+
+def test_where_many_move_nothing_is_tried(rung):
+    asked = []
+
+    def ends(some):
+        asked.append(len(some))
+        return np.full((len(some), HANDS), 2.0)
+
+    assert refined(PROBLEM, rung, ends) is None
+    assert asked == [len(laws(rung))]
+
+
+def test_a_simulation_that_ends_in_no_number_is_no_rest(rung):
+    better = refined(PROBLEM, rung, one_hand_moves(lambda law: np.nan if law is rung.found.law else 0.2))
+    assert better is not None
+    assert rung.found.law not in laws(better)
+
+
+def test_laws_of_one_scene_end_as_each_alone(rung):
+    plain = Coupling.constant(PROBLEM, Gains(0.0, 2000.0, 2.0), "plain")
+    restless = dataclasses.replace(rung.found.law, feedback=tuple(4.0 * one for one in rung.found.law.feedback))
+    stiff = coupling(rung, restless)
+    several = [coupling(rung, law) for law in laws(rung)[:2]] + [stiff, plain]
+    people = people_of(PROBLEM.hands, HANDS)
+    for friction, rests in ((True, "stable"), (False, "stable_without_friction")):
+        speeds = unrest(several, people, friction=friction)
+        assert speeds.shape == (len(several), HANDS)
+        for one, speed in zip(several, speeds, strict=True):
+            np.testing.assert_array_equal(speed < 1, getattr(try_coupling(one, people), rests))
+            alone = ends_of(one, people, friction=friction)([one.runtime.state_feedback])
+            np.testing.assert_array_equal(alone[0], speed)
+    assert (speeds[2] > 1).any()
