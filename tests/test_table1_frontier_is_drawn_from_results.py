@@ -33,6 +33,8 @@ def test_panels_hold_the_numbers(document, tmp_path):
     curves = {line.get_label(): line for line in panels["(b)"].get_lines()}
     constant = curves["constant, contact damper"].get_ydata()
     assert constant == pytest.approx(100 * np.array(cells["static-tuned, damped, margin 6"]["physical_error"]))
+    low, high = panels["(b)"].get_ylim()
+    assert all(low < np.min(curve.get_ydata()) and np.max(curve.get_ydata()) < high for curve in curves.values())
     bars = [patch.get_width() for patch in panels["(d)"].patches]
     ablations = [cell for name, cell in cells.items() if name.startswith("ablation") and "stable" in cell]
     assert sorted(bars) == sorted(cell["error_within_hz"]["physical"] for cell in ablations)

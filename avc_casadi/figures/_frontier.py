@@ -142,7 +142,7 @@ def _errors(axes: Axes, cells: dict[str, Any], frequency_hz: list[float]) -> Non
     axes.axhline(100 * TOLERANCE, color="0.4", linewidth=0.9, linestyle=(0, (2, 1.5)))
     axes.text(frequency_hz[0], 100 * TOLERANCE * 1.06, "noticed above (Weber 0.10)", fontsize=6.6)
     axes.set_yscale("log")
-    axes.set_ylim(0.5, 200)
+    axes.margins(y=0.08)
     frequency_axis(axes, frequency_hz)
     axes.set_ylabel("error from the physical wall (%)")
 
@@ -181,6 +181,8 @@ def _prices(axes: Axes, cells: dict[str, Any]) -> None:
         axes.barh(row, reach_hz, color="#08306b" if share == 1 else "#d1600a", height=0.66)
         if share < 1:
             axes.text(reach_hz + 1, row, f"{100 * share:.4g} % at rest", va="center", fontsize=6.2)
+        elif reach_hz == 0:
+            axes.text(1, row, "above 10 % at every frequency", va="center", fontsize=6.2)
     axes.set_yticks(range(len(names)), [name.removeprefix("ablation, ") for name in reversed(names)], fontsize=6.4)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("error below 10 % up to (Hz)")
