@@ -12,69 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi import UnsupportedError
+from avc_hardware._float_operations import NEAREST, SELECT, TERMS, Value, operations
 from avc_hardware._precision import SINGLE, Precision
-
-Value = Any  # an array of the program's precision, or of truths
-
-
-@dataclass(frozen=True)
-class _Operation:
-    """How an operation is written in C and done in numpy; the compiler must neither fuse nor reorder.
-
-    Attributes:
-        c: with places for the arguments and the numbers zero and one.
-        numpy: the same.
-        truth: whether the result is a truth value.
-        of_truth: which arguments are truth values.
-    """
-
-    c: str
-    numpy: Callable[..., Value]
-    truth: bool = False
-    of_truth: tuple[bool, ...] = (False, False)
-
-
-_SELECT = -1  # condition ? a : b, which CasADi writes as a sum of two halves
-_NEAREST = -2  # the nearest whole number, as a sum too large to hold a fraction leaves it; none of those beyond it
-# Terms of the series of sin(2 pi u), u up to a quarter, by the bits of the precision.
-_TERMS = {24: 7, 53: 12}
-
-
-def _operations(ca: Any, precision: Precision) -> dict[int, _Operation]:
-    def arithmetic(c: str, numpy: Callable[..., Value]) -> _Operation:
-        return _Operation(c, numpy)
-
-    def comparison(c: str, numpy: Callable[..., Value]) -> _Operation:
-        return _Operation(c, numpy, truth=True)
-
-    zero = np.float32(0)
-    both = (True, True)
-    whole = precision.dtype(1.5 * 2.0 ** (precision.bits - 1))
-    text = precision.literal(float(whole))
-    return {
-        ca.OP_ASSIGN: arithmetic("{0}", lambda a: a),
-        ca.OP_ADD: arithmetic("{0} + {1}", lambda a, b: a + b),
-        ca.OP_SUB: arithmetic("{0} - {1}", lambda a, b: a - b),
-        ca.OP_MUL: arithmetic("{0} * {1}", lambda a, b: a * b),
-        ca.OP_DIV: arithmetic("{0} / {1}", lambda a, b: a / b),
-        ca.OP_NEG: arithmetic("-{0}", lambda a: -a),
-        ca.OP_INV: arithmetic("{one} / {0}", lambda a: np.float32(1) / a),
-        ca.OP_SQ: arithmetic("{0} * {0}", lambda a: a * a),
-        ca.OP_TWICE: arithmetic("{0} + {0}", lambda a: a + a),
-        ca.OP_FABS: arithmetic("{0} < {zero} ? -{0} : {0}", lambda a: np.where(a < 0, -a, a)),
-        ca.OP_FMAX: arithmetic("{0} > {1} ? {0} : {1}", lambda a, b: np.where(a > b, a, b)),
-        ca.OP_FMIN: arithmetic("{0} < {1} ? {0} : {1}", lambda a, b: np.where(a < b, a, b)),
-        ca.OP_LT: comparison("{0} < {1}", lambda a, b: a < b),
-        ca.OP_LE: comparison("{0} <= {1}", lambda a, b: a <= b),
-        ca.OP_EQ: comparison("{0} == {1}", lambda a, b: a == b),
-        ca.OP_NE: comparison("{0} != {1}", lambda a, b: a != b),
-        ca.OP_NOT: _Operation("!{0}", lambda a: ~a, truth=True, of_truth=both),
-        ca.OP_AND: _Operation("{0} && {1}", lambda a, b: a & b, truth=True, of_truth=both),
-        ca.OP_OR: _Operation("{0} || {1}", lambda a, b: a | b, truth=True, of_truth=both),
-        ca.OP_IF_ELSE_ZERO: _Operation("{0} ? {1} : {zero}", lambda a, b: np.where(a, b, zero), of_truth=(True, False)),
-        _NEAREST: arithmetic(f"({{0}} + {text}) - {text}", lambda a: (a + whole) - whole),
-        _SELECT: _Operation("{0} ? {1} : {2}", np.where, of_truth=(True, False, False)),
-    }
 
 
 @dataclass(frozen=True)
@@ -126,7 +65,7 @@ class FloatProgram:
 
         self._ca = ca
         self.precision = precision
-        self._operations = _operations(ca, precision)
+        self._operations = operations(ca, precision)
         self.inputs = tuple(function.name_in())
         self.outputs = tuple(function.name_out())
         self._nodes: list[_Node] = []
@@ -175,13 +114,13 @@ class FloatProgram:
             return self._place_of(_Node(ca.OP_CONST, constant=value))
 
         if operation == ca.OP_FLOOR:
-            nearest = of(_NEAREST, at)
+            nearest = of(NEAREST, at)
             above = of(ca.OP_LT, at, nearest)
             return of(ca.OP_SUB, nearest, of(ca.OP_IF_ELSE_ZERO, above, number(1.0)))
         turns = of(ca.OP_MUL, at, number(1 / (2 * math.pi)))
         if operation == ca.OP_COS:
             turns = of(ca.OP_ADD, turns, number(0.25))
-        rest = of(ca.OP_SUB, turns, of(_NEAREST, turns))
+        rest = of(ca.OP_SUB, turns, of(NEAREST, turns))
         size = of(ca.OP_FABS, rest)
         folded = of(ca.OP_FMIN, size, of(ca.OP_SUB, number(0.5), size))
         square = of(ca.OP_SQ, folded)
@@ -190,11 +129,11 @@ class FloatProgram:
         for term in reversed(terms[:-1]):
             series = of(ca.OP_ADD, of(ca.OP_MUL, series, square), number(term))
         found = of(ca.OP_MUL, folded, series)
-        return of(_SELECT, of(ca.OP_LT, rest, number(0.0)), of(ca.OP_NEG, found), found)
+        return of(SELECT, of(ca.OP_LT, rest, number(0.0)), of(ca.OP_NEG, found), found)
 
     @property
     def _terms(self) -> int:
-        return _TERMS[self.precision.bits]
+        return TERMS[self.precision.bits]
 
     def _joined(self, node: _Node) -> _Node:
         """Make (c ? a : 0) + (!c ? b : 0) one choice."""
@@ -206,9 +145,9 @@ class FloatProgram:
             return node
         (first, a), (second, b) = (half.arguments for half in halves)
         if self._nodes[second] == _Node(ca.OP_NOT, (first,)):
-            return _Node(_SELECT, (first, a, b))
+            return _Node(SELECT, (first, a, b))
         if self._nodes[first] == _Node(ca.OP_NOT, (second,)):
-            return _Node(_SELECT, (second, b, a))
+            return _Node(SELECT, (second, b, a))
         return node
 
     def _reachable(self, known: Container[int] = (), wanted: Iterable[int] | None = None) -> list[int]:
@@ -241,7 +180,7 @@ class FloatProgram:
             truth = known.get(node.arguments[0]) if node.arguments else None
             if truth is not None and node.operation == ca.OP_NOT:
                 known[at] = not truth
-            elif truth is not None and node.operation == _SELECT:
+            elif truth is not None and node.operation == SELECT:
                 stands_for[at] = node.arguments[1 if truth else 2]
             elif truth is not None and node.operation == ca.OP_IF_ELSE_ZERO:
                 if truth:

@@ -9,9 +9,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import documented_guide as guide
 import documented_hardware as hardware
 import numpy as np
-from studied import rounded, table
+from studied import percent, rounded, table
 
 from avc_casadi.trial import exact_interval
 
@@ -53,11 +54,6 @@ def made(source: str, about: Document) -> str:
     """One line that says what made a result."""
     where = f"avc-casadi {about.get('avc_casadi', about.get('version'))}, commit {about['commit']}"
     return f"*`results/{source}.json`: `{about['command']}`, seed {about['seed']}, {where}, {about['machine']}.*"
-
-
-def percent(share: float) -> str:
-    """A share, with as many digits as it has."""
-    return f"{100 * share:.3g}"
 
 
 def robust_goals(found: Document) -> str:
@@ -225,101 +221,6 @@ def table1_read(found: Document) -> str:
     )
 
 
-def closed_form(found: Document) -> str:
-    part = found["figure5"]
-    return (
-        f"On `figure5`, with b <= 10⁴ N.s/m, it is realisable at {part['closed_form_realisable']} of {part['rows']} "
-        "frequencies (`avc compare figure5` says where, and why)."
-    )
-
-
-def phase(found: Document) -> str:
-    part = found["figure5"]
-    return (
-        f"On `figure5` the complex error |Z_h_avc - Z_h_ds| of `direct` reaches "
-        f"{100 * part['direct_complex_error']:.0f} % of |Z_h_ds|: the two point up to "
-        f"{part['direct_phase_deg']:.0f} degrees apart."
-    )
-
-
-def targets_outside(found: Document) -> str:
-    part = found["figure5"]
-    count = part["targets_outside_their_bounds"]
-    return f"On `figure5` the goal leaves its own range at {count} of {part['rows']} frequencies."
-
-
-def realism(found: Document) -> str:
-    part = found["figure5"]
-    return (
-        f"`direct` on `figure5`: between the bounds at {percent(part['direct_inside_bounds'])} %, within the "
-        f"just-noticeable difference at {percent(part['direct_inside_jnd'])} % of the frequencies."
-    )
-
-
-def constant_couplings(found: Document) -> str:
-    names = {"llewellyn": "Llewellyn, any passive wall", "all": "passive with this wall"}
-
-    def told(one: Document) -> str:
-        gains = f"{one['stiffness_n_per_m']:.0f} N/m, {one['damping_ns_per_m']:.3g} N.s/m"
-        return f"{gains}: {percent(one['error'])} %"
-
-    rows = [
-        (name, *(told(found["constant"][f"{condition} | {model}"]) for model in ("paper", "sampled-data")))
-        for condition, name in names.items()
-    ]
-    return table(("condition", "paper's hold", "sampled-data hold"), rows)
-
-
-def certificate_levels(found: Document) -> str:
-    rows = [
-        (
-            level,
-            one["title"],
-            "pass" if one["pass"] else "fail",
-            f"{one['margin_ns_per_m']:.3g}",
-            f"{one['frequency_hz']:.3g}",
-            one["rows_failed"],
-        )
-        for level, one in found["closed_form"]["levels"].items()
-    ]
-    head = ("level", "claim", "result", "worst margin, N.s/m", "at, Hz", "rows that do not pass")
-    return f"Of the closed form on `figure5`, with the gains that it asks for:\n\n{table(head, rows)}"
-
-
-def diverging(found: Document) -> str:
-    part = found["diverging"]
-    levels, radius = part["levels"], part["radius_let_go"]
-    passed = [level for level, one in levels.items() if one["pass"]]
-    l3 = levels["L3"]
-    return (
-        f"{', '.join(passed)} pass with the paper's hold. The device let go has a spectral radius of {radius:.4f}: the "
-        f"oscillation at {levels['L5']['frequency_hz']:.0f} Hz grows by {100 * (radius - 1):.1f} % a millisecond. "
-        f"L3 ({l3['margin_ns_per_m']:.3g} N.s/m at {l3['frequency_hz']:.0f} Hz) and L5 say so."
-    )
-
-
-def thinned(found: Document) -> str:
-    part = found["thinned"]
-    return (
-        f"For figure 5 with band 2 in the paper's model, {part['rows']} of {found['figure5']['rows']} rows hold Z_h "
-        f"to 1 % and miss the band by {-part['slack_ns_per_m']:.1g} N.s/m at worst."
-    )
-
-
-def best_of_search(found: Document) -> str:
-    cases = found["cells"].values()
-    own = [cell["found"]["the design's search"] for cell in cases]
-    longer = [cell["found"]["3 longer searches, the best"] for cell in cases]
-    costs = " and ".join(f"{one['cost']:.1f}" for one in own)
-    best = [min(one["cost"] for one in cell["found"].values()) for cell in cases]
-    times = sorted({f"{one['laws'] / first['laws']:.0f}" for one, first in zip(longer, own, strict=True)})
-    return (
-        "The robust design is the best of a search. [On two small cases](RESULTS_robust_optimality.md) its cost is "
-        f"{costs} where {' and '.join(times)} times as many "
-        f"laws, or brute force, find {' and '.join(f'{one:.1f}' for one in best)}."
-    )
-
-
 def recorded(name: str) -> Callable[[Document], str]:
     """A finding that was measured once, with its own command and commit."""
 
@@ -420,15 +321,15 @@ BLOCKS: Mapping[str, ResultBlock] = {
     "recommend-time": ResultBlock("random_devices", recommend_time, quiet=True),
     "table1": ResultBlock("table1", table1),
     "table1-read": ResultBlock("table1", table1_read, quiet=True),
-    "closed-form": ResultBlock("guide_figures", closed_form, quiet=True),
-    "phase": ResultBlock("guide_figures", phase, quiet=True),
-    "targets-outside": ResultBlock("guide_figures", targets_outside, quiet=True),
-    "realism": ResultBlock("guide_figures", realism, quiet=True),
-    "constant-couplings": ResultBlock("guide_figures", constant_couplings),
-    "certificate-levels": ResultBlock("guide_figures", certificate_levels),
-    "diverging": ResultBlock("guide_figures", diverging, quiet=True),
-    "best-of-search": ResultBlock("robust_optimality", best_of_search),
-    "thinned": ResultBlock("guide_figures", thinned, quiet=True),
+    "closed-form": ResultBlock("guide_figures", guide.closed_form, quiet=True),
+    "phase": ResultBlock("guide_figures", guide.phase, quiet=True),
+    "targets-outside": ResultBlock("guide_figures", guide.targets_outside, quiet=True),
+    "realism": ResultBlock("guide_figures", guide.realism, quiet=True),
+    "constant-couplings": ResultBlock("guide_figures", guide.constant_couplings),
+    "certificate-levels": ResultBlock("guide_figures", guide.certificate_levels),
+    "diverging": ResultBlock("guide_figures", guide.diverging, quiet=True),
+    "best-of-search": ResultBlock("robust_optimality", guide.best_of_search),
+    "thinned": ResultBlock("guide_figures", guide.thinned, quiet=True),
     "device-wire": ResultBlock("hardware", hardware.wire, quiet=True),
     "device-ticks": ResultBlock("hardware", hardware.ticks, quiet=True),
     "device-observers": ResultBlock("hardware", hardware.observers, quiet=True),

@@ -115,6 +115,11 @@ def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
     return "\n".join("| " + " | ".join(str(value) for value in line) + " |" for line in lines)
 
 
+def percent(share: float) -> str:
+    """A share, with as many digits as it has."""
+    return f"{100 * share:.3g}"
+
+
 def rounded(value: float | None, digits: int = 3) -> str:
     """Return a number with so many significant digits, without an exponent; a dash for none."""
     if value is None or not np.isfinite(value):
