@@ -36,7 +36,7 @@ def trial(stable: int, free: int, quiet: int) -> CouplingTrial:
         stable_without_friction=np.arange(HANDS) < free,
         by_motion={},
         vibration=np.where(np.arange(HANDS) < quiet, 0.0, 10.0),
-        stiffness_n_per_m=nothing,
+        stiffness_n_per_m=np.full(HANDS, np.nan),
         at_force_limit=nothing > 0,
         tap_force_n=nothing,
         tap_depth_m=nothing,
@@ -47,6 +47,18 @@ def trial(stable: int, free: int, quiet: int) -> CouplingTrial:
 def judged(order: int, share: float, stable: int, free: int, quiet: int) -> Judged:
     gains = Gains(0.0, spring_before(WALL, share * WALL))
     return Judged(Coupling.constant(PROBLEM, gains, "x"), trial(stable, free, min(quiet, stable)), order)
+
+
+def test_what_a_press_has_not_reached_yet_is_not_counted():
+    """A slow observer creeps towards the stiffness at rest for longer than a press lasts."""
+    quick, slow = (judged(order, share, HANDS, HANDS, HANDS) for order, share in enumerate((0.5, 0.8)))
+    assert best_of([quick, slow]) is slow
+    pressed = replace(slow.trial, stiffness_n_per_m=np.full(HANDS, 0.4 * WALL))
+    slow = replace(slow, trial=pressed)
+    assert slow.felt_n_per_m == pytest.approx(0.4 * WALL)
+    assert best_of([quick, slow]) is quick
+    at_the_limit = replace(slow, trial=replace(pressed, stiffness_n_per_m=np.full(HANDS, np.nan)))
+    assert at_the_limit.felt_n_per_m == pytest.approx(0.8 * WALL)
 
 
 COUNTS = st.sampled_from([0, 5, 8, 9, 10])

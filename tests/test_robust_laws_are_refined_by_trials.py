@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.design.robust import _search, refined, robust_at
+from avc_casadi.coupling import NEAR_RIGID_N_PER_M, Coupling, Gains, Runtime
+from avc_casadi.design.robust import Loops, Space, _search, refined, robust_at, search
+from avc_casadi.stability import frozen_rendering
 from avc_casadi.trial import ends_of, people_of, try_coupling, unrest
 
 HANDS = 20
@@ -88,3 +89,30 @@ def test_laws_of_one_scene_end_as_each_alone(rung):
             alone = ends_of(one, people, friction=friction)([one.runtime.state_feedback])
             np.testing.assert_array_equal(alone[0], speed)
     assert (speeds[2] > 1).any()
+
+
+def test_a_search_that_finds_a_growing_loop_looks_for_one_that_is_damped():
+    """At the edge of what can be held the cheapest law lets some loop grow."""
+    problem = PROBLEM.changed(
+        device={
+            "mass_kg": 0.0948,
+            "damping_ns_per_m": 0.33,
+            "sample_time_s": 1.3e-3,
+            "delay_samples": 2.07,
+            "coulomb_friction_n": 0.12,
+            "encoder_resolution_m": 4.38e-6,
+            "amplifier_bandwidth_hz": 866.0,
+            "resonance": {"frequency_hz": 112.0, "damping_ratio": 0.0314, "mass_ratio": 0.336},
+        },
+        environment={"stiffness_n_per_m": 4e3, "damping_ns_per_m": 0.0},
+        frequency={"stop_hz": 300.0},
+    )
+    space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+    rendering = frozen_rendering(problem, 0.0, NEAR_RIGID_N_PER_M)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_search, "_PER_GROWTH", 0.0)
+        cheapest = search(space, loops, rendering)
+    found = search(space, loops, rendering)
+    assert cheapest.cost.growth_per_s > 0
+    assert found.cost.growth_per_s == 0
+    assert found.cost.holds

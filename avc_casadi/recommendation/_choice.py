@@ -25,12 +25,14 @@ if TYPE_CHECKING:
 
 # Stiffnesses closer than this share are equal: the coupling nearer to the wall in motion wins.
 AS_STIFF = 0.01
+# What a press feels of the stiffness at rest, below which it is what counts.
+_SLOW = 0.95
 # Share of the hands for whom a quiet coupling is quiet: a stiff wall is not given up for the last of the light ones.
 QUIET_SHARE = 0.9
 FIRST = 16
 """So many hands, the corners among them, try a coupling before the others do; only what these can use is for all."""
 # Of equally stiff ones no more are tried.
-_MOST_TRIED = 3
+_MOST_TRIED = 2
 # Devices of the declared ranges among which those who confirm it are divided.
 _DEVICES = 16
 ERROR_HZ = (1.0, 10.0, 50.0)
@@ -75,6 +77,12 @@ class Judged:
         """Whether next to nobody feels a vibration at rest."""
         return float(self.trial.quiet.mean()) >= QUIET_SHARE
 
+    @property
+    def felt_n_per_m(self) -> float:
+        """Stiffness at rest, or that at the end of a press where a slow observer is still far from it."""
+        at_rest, pressed = felt_at_rest_n_per_m(self.coupling), self.trial.stiffness
+        return pressed if pressed < _SLOW * at_rest else at_rest
+
     def complete(self, *, lean_on_friction: bool) -> bool:
         """Whether it is as safe as is asked for, and quiet."""
         return self.safety <= int(lean_on_friction) and self.quiet
@@ -111,7 +119,7 @@ def tried(
     for done, (order, alternatives) in enumerate(ranked, start=1):
         enough = [found for found in judged if found.complete(lean_on_friction=lean_on_friction)]
         if enough and felt_at_rest_n_per_m(alternatives[0]) < (1 - 2 * AS_STIFF) * max(
-            felt_at_rest_n_per_m(found.coupling) for found in enough
+            found.felt_n_per_m for found in enough
         ):
             break
         for one in alternatives:
@@ -170,7 +178,7 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
     left = [one for one in left if one.quiet] or left
     if judged[0].coupling.wall.stiffness_n_per_m == 0:  # nothing is stiff: what is felt is noise
         return min(left, key=lambda one: (round(_error(one.coupling), 3), one.order))
-    stiffness = [felt_at_rest_n_per_m(one.coupling) for one in left]
+    stiffness = [one.felt_n_per_m for one in left]
     as_stiff = [one for one, felt in zip(left, stiffness, strict=True) if felt >= (1 - AS_STIFF) * max(stiffness)]
     quiet = max(int(one.trial.quiet.sum()) for one in as_stiff)
     quietest = [one for one in as_stiff if int(one.trial.quiet.sum()) == quiet]

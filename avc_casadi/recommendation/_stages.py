@@ -12,7 +12,6 @@ from avc_casadi.recommendation._candidates import (
     SAFER,
     Alternatives,
     RobustCandidates,
-    felt_at_rest_n_per_m,
     plain_candidates,
     softened_to,
     stiffer_rung_n_per_m,
@@ -135,7 +134,7 @@ class _Jury:
     def reached_n_per_m(self) -> float:
         """Return the stiffest that is felt of what is safe and quiet; below 0 where nothing is."""
         enough = [one for one in self.judged if one.complete(lean_on_friction=self._lean)]
-        return max((felt_at_rest_n_per_m(one.coupling) for one in enough), default=-1.0)
+        return max((one.felt_n_per_m for one in enough), default=-1.0)
 
     def holds(self, stiffness_n_per_m: float) -> bool:
         """Whether something so stiff is safe and quiet, also with people who had no part in the choice."""

@@ -58,12 +58,14 @@ class Cost:
         total: to be minimised.
         radius: largest spectral radius with every hand at every device that was looked at; infinite if it was not.
         radius_any_share: the same of the nominal device over all shares of the innovation.
+        growth_per_s: how fast the loop grows that grows fastest; 0 where all are damped.
         facts: sensitivity, gain and softness.
     """
 
     total: float
     radius: float = math.inf
     radius_any_share: float = math.inf
+    growth_per_s: float = math.inf
     facts: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -97,7 +99,7 @@ def costs_of(laws: Laws, rendering: Rendering, loops: Loops) -> list[Cost]:
     rows = np.array([row for row, _ in left], dtype=np.intp)
     for (row, one), damped in zip(left, _damped(laws.pick(rows), rendering, loops), strict=True):
         total = 0.0 if damped.radius > _HOPELESS_RADIUS else _PER_SOFTNESS * one.over + _paid(one.facts)
-        costs[row] = Cost(total + damped.cost, damped.radius, damped.radius_any_share, one.facts)
+        costs[row] = Cost(total + damped.cost, damped.radius, damped.radius_any_share, damped.growth_per_s, one.facts)
     return costs
 
 
@@ -116,6 +118,7 @@ class _Damped:
     cost: float
     radius: float
     radius_any_share: float = math.inf
+    growth_per_s: float = math.inf
 
 
 def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
@@ -180,7 +183,9 @@ def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
         for index, (passed, decay) in enumerate(DECAY_PER_S.items()):
             cost += _PER_DECAY * _missing(float(largest[0][place, index]), decay, t)
             cost += _PER_DECAY * _missing(float(largest[1][place, index]), _SLOW_DECAY_PER_S * passed, t)
-        found[row] = _Damped(cost, float(radius[row]), float(largest[0][place].max(initial=largest[1][place].max())))
+        any_share = float(largest[0][place].max(initial=largest[1][place].max()))
+        growth = _missing(max(float(radius[row]), any_share), 0.0, t)
+        found[row] = _Damped(cost, float(radius[row]), any_share, growth)
     return found
 
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import Gains, spring_before
-from avc_casadi.design.robust._goal import cost_of
+from avc_casadi.design.robust._goal import costs_of
 from avc_casadi.design.robust._law import Space
 from avc_casadi.design.robust._loops import Loops
-from avc_casadi.design.robust._search import QUICKLY, Found, search
+from avc_casadi.design.robust._search import QUICKLY, Found, found_at, search
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
@@ -37,8 +37,8 @@ NEXT = 1.4
 # The wanted wall is tried at once if it is no more than so many times what spring and damper hold.
 _AT_ONCE = 4.0
 _MOST_RUNGS = 8
-# Of so many near walls the laws are tried as they are.
-_NEIGHBOURS = 3
+# Of so many near walls the laws are tried as they are, no more than so many before all loops.
+_NEIGHBOURS, _MOST_AS_THEY_ARE = 3, 12
 # From the softest of these down, where it is not enough, and how often.
 SOFTER, MOST_SOFTER = 0.6, 4
 # The stiffest wall is climbed to, from below or from that of a like device: so much at a time, so many times. A wall
@@ -114,8 +114,7 @@ def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung] 
     near = sorted(known, key=lambda rung: abs(math.log(rung.stiffness_n_per_m / stiffness_n_per_m)))[:_NEIGHBOURS]
     others = [rung for rung in near if rung.stiffness_n_per_m != stiffness_n_per_m]
     laws = {one.logarithms.tobytes(): one for rung in others for one in (rung.found, *rung.found.others)}
-    tried = [_as_it_is(problem, space, loops, stiffness_n_per_m, law) for law in laws.values()]
-    same = sorted((one for one in tried if one is not None), key=lambda rung: rung.found.cost.total)
+    same = _as_they_are(problem, space, loops, stiffness_n_per_m, list(laws.values()))
     if same:
         yield replace(same[0], found=same[0].found.beside(one.found for one in same[1:]))
     start = next(iter(same or near), None)
@@ -160,9 +159,8 @@ def _at_any_price(
 ) -> Rung | None:
     """Find a law for a wall: the near one as it is, or one that is like it, or any."""
     if near is not None:
-        found = _as_it_is(problem, space, loops, stiffness_n_per_m, near.found) or _searched(
-            problem, space, loops, stiffness_n_per_m, near, QUICKLY
-        )
+        found = next(iter(_as_they_are(problem, space, loops, stiffness_n_per_m, [near.found])), None)
+        found = found or _searched(problem, space, loops, stiffness_n_per_m, near, QUICKLY)
         if found is not None:
             return found
     return _searched(problem, space, loops, stiffness_n_per_m)
@@ -174,15 +172,23 @@ def _plain_n_per_m(problem: Problem, limit: DampingRange | None = None) -> float
     return float(limit.stiffness_n_per_m)
 
 
-def _as_it_is(problem: Problem, space: Space, loops: Loops, stiffness_n_per_m: float, other: Found) -> Rung | None:
-    """Take the numbers of one wall for another."""
+def _as_they_are(
+    problem: Problem, space: Space, loops: Loops, stiffness_n_per_m: float, others: Sequence[Found]
+) -> list[Rung]:
+    """Take the numbers of other walls for one; return those whose loops are all damped, the cheapest first."""
+    if not others:
+        return []
     gains, rendering = softened(problem, stiffness_n_per_m)
-    with suppress(np.linalg.LinAlgError):
-        law = space.law(other.logarithms, stiffness_at_rest(rendering))
-        cost = cost_of(law, rendering, loops)
-        if cost.holds:
-            return Rung(gains, stiffness_n_per_m, Found(law, other.logarithms, cost))
-    return None
+    stiffness = stiffness_at_rest(rendering)
+    hardest = loops.hardest(others[0].law, rendering)
+    costs = costs_of(space.laws(np.array([one.logarithms for one in others]), stiffness), rendering, hardest)
+    likely = sorted((cost.total, place) for place, cost in enumerate(costs) if cost.holds)[:_MOST_AS_THEY_ARE]
+    found = []
+    for _, place in likely:
+        with suppress(np.linalg.LinAlgError):
+            one = found_at(space, loops, rendering, others[place].logarithms)
+            found += [Rung(gains, stiffness_n_per_m, one)] if one.cost.holds else []
+    return sorted(found, key=lambda rung: rung.found.cost.total)
 
 
 def _searched(

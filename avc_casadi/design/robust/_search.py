@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.abc import MetaPathFinder
 from operator import itemgetter
 from threading import get_ident
@@ -31,6 +32,8 @@ FROM_AFAR, FROM_NEAR, QUICKLY = (0.35, 100), (0.3, 60), (0.2, 30)
 there where many walls are asked for."""
 
 
+# Cost of a loop that grows, for each 1/s, where without it the cheapest law has one.
+_PER_GROWTH = 10.0
 # Other laws that are kept: those whose cost is no more than so many times the least and that differ by so much in some
 # logarithm from each other.
 _AS_CHEAP, _APART, _MOST_OTHERS = 1.15, 0.15, 9
@@ -87,16 +90,25 @@ def search(
 
     with ThreadPoolExecutor(1) as beside:
 
-        def weigh(points: FloatArray) -> FloatArray:
+        def weigh(points: FloatArray, per_growth: float = 0.0) -> FloatArray:
             laws = space.laws(points, stiffness)
             first, second = np.array_split(np.arange(len(laws)), 2)
             other = beside.submit(costs_of, laws.pick(second), rendering, hardest)
             costs = costs_of(laws.pick(first), rendering, hardest) + other.result()
-            return np.minimum([cost.total for cost in costs], _FAILED)
+            paid = [cost.total + (per_growth * cost.growth_per_s if per_growth else 0.0) for cost in costs]
+            return np.minimum(paid, _FAILED)
 
-        seen = evolve(weigh, begin, space.bounds, spread, for_each_knob * len(space.knobs))
-    best, *others = (found_at(space, loops, rendering, point) for point in _apart(seen))
-    return best.beside([one for one in others if one.cost.holds])
+        def best_from(point: FloatArray, per_growth: float) -> Found:
+            seen = evolve(partial(weigh, per_growth=per_growth), point, space.bounds, spread, evaluations)
+            found = (found_at(space, loops, rendering, one) for one in _apart(seen))
+            best, *others = found
+            return best.beside(one for one in others if one.cost.holds)
+
+        evaluations = for_each_knob * len(space.knobs)
+        found = best_from(begin, 0.0)
+        # What some loops lose by growing others may gain: then none may grow.
+        again = not found.cost.holds and np.isfinite(found.cost.growth_per_s)
+        return best_from(found.logarithms, _PER_GROWTH) if again else found
 
 
 def found_at(space: Space, loops: Loops, rendering: Rendering, logarithms: FloatArray) -> Found:
