@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import warnings
 from collections.abc import Callable, Iterable
@@ -86,29 +87,29 @@ def search(
     spread, for_each_knob = effort or (FROM_AFAR if start is None else FROM_NEAR)
     begin = space.start if start is None else start
     stiffness = stiffness_at_rest(rendering)
-    hardest = loops.hardest(space.law(begin, stiffness), rendering)
-
+    evaluations = for_each_knob * len(space.knobs)
     with ThreadPoolExecutor(1) as beside:
 
-        def weigh(points: FloatArray, per_growth: float = 0.0) -> FloatArray:
+        def weigh(points: FloatArray, hardest: Loops, per_growth: float) -> FloatArray:
             laws = space.laws(points, stiffness)
             first, second = np.array_split(np.arange(len(laws)), 2)
             other = beside.submit(costs_of, laws.pick(second), rendering, hardest)
             costs = costs_of(laws.pick(first), rendering, hardest) + other.result()
-            paid = [cost.total + (per_growth * cost.growth_per_s if per_growth else 0.0) for cost in costs]
-            return np.minimum(paid, _FAILED)
+            growth = [cost.growth_per_s if math.isfinite(cost.growth_per_s) else 0.0 for cost in costs]
+            return np.minimum([cost.total for cost in costs] + per_growth * np.array(growth), _FAILED)
 
         def best_from(point: FloatArray, per_growth: float) -> Found:
-            seen = evolve(partial(weigh, per_growth=per_growth), point, space.bounds, spread, evaluations)
-            found = (found_at(space, loops, rendering, one) for one in _apart(seen))
-            best, *others = found
-            return best.beside(one for one in others if one.cost.holds)
+            hardest = loops.hardest(space.law(point, stiffness), rendering)
+            goal = partial(weigh, hardest=hardest, per_growth=per_growth)
+            seen = evolve(goal, point, space.bounds, spread, evaluations)
+            first, *others = (found_at(space, loops, rendering, one) for one in _apart(seen))
+            return first.beside(one for one in others if one.cost.holds)
 
-        evaluations = for_each_knob * len(space.knobs)
         found = best_from(begin, 0.0)
-        # What some loops lose by growing others may gain: then none may grow.
-        again = not found.cost.holds and np.isfinite(found.cost.growth_per_s)
-        return best_from(found.logarithms, _PER_GROWTH) if again else found
+        if found.cost.holds or not math.isfinite(found.cost.growth_per_s):
+            return found
+        # What some loops lose by growing others may gain: then none may grow. From afar that is a way of its own.
+        return best_from(begin if start is None else found.logarithms, _PER_GROWTH)
 
 
 def found_at(space: Space, loops: Loops, rendering: Rendering, logarithms: FloatArray) -> Found:
