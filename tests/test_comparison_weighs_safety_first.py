@@ -8,7 +8,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
-from avc_casadi.study.comparison import Safety, comparison_document, safer, safety_reason
+from avc_casadi.study.comparison import Safety, comparison_document, comparison_tables, safer, safety_reason
 
 PROBLEM = avc.load_problem("figure5")
 METHODS = ("closed-form", "direct")
@@ -44,10 +44,24 @@ def test_the_document_tells_what_each_method_is_safe_for(soft):
     assert not document["safety"]["direct"]["deployable"]
     for name, found in document["safety"].items():
         levels = soft.judged[name].certificate.levels
-        assert found["levels"] == {level: result.passed for level, result in levels.items()}
+        told = {level: None if result.refused else result.passed for level, result in levels.items()}
+        assert found["levels"] == told
         assert found["let_go"] == levels["L5"].detail["released_pass"]
         assert found["deployable"] == (levels["L5"].passed and found["let_go"])
     assert document["mine"]["safer"] == "mine"
+
+
+def test_a_level_that_is_refused_on_a_device_is_neither_passed_nor_failed():
+    problem = avc.load_problem("soft").changed(device={"amplifier_bandwidth_hz": 1000.0}, frequency={"points": 4})
+    document = comparison_document(avc.compare(problem))
+    for name, found in document["safety"].items():
+        certificate = document["methods"][name]["certificate"]["levels"]
+        told = {level for level, passed in found["levels"].items() if passed is None}
+        assert told == {level for level, one in certificate.items() if one["refused"]}
+        assert "L2" in told
+    rows = comparison_tables(document).safety.rows
+    column = comparison_tables(document).safety.header.index("L2")
+    assert {row[column] for row in rows} == {"refused"}
 
 
 def test_the_command_says_so_before_it_speaks_of_errors(capsys):

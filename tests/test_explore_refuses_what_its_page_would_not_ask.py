@@ -84,6 +84,8 @@ def test_the_page_and_a_question_are_answered(server):
         (405, "DELETE", "TOKEN/now", b"", {}),
         (411, "POST", "TOKEN/now", b"", JSON | {"Content-Length": "-1"}),
         (413, "POST", "TOKEN/now", b"", JSON | {"Content-Length": "99999999"}),
+        (413, "POST", "TOKEN/now", b"", JSON | {"Content-Length": "9" * 5000}),
+        (400, "POST", "TOKEN/now", b"", JSON | {"Content-Length": "0" * 5000}),
         (415, "POST", "TOKEN/now", QUESTION, {"Content-Type": "text/plain"}),
         (400, "POST", "TOKEN/now", b"{", JSON),
         (400, "POST", "TOKEN/now", b"[]", JSON),

@@ -185,6 +185,7 @@ def test_a_device_file_is_taken_whole():
         ("device.sample_time_s", -0.002, "is -2; allowed: 0.0001 to 10000 ms"),
         ("device.sample_time_s", 0.5, "takes too long to follow here; allowed on this page: 0.02 to 100 ms"),
         ("device.encoder_resolution_m", "fine", 'is "fine", not a number; allowed: 0 or 1e-6 to 1e6 µm'),
+        ("device.encoder_resolution_m", "38 um", 'is "38 um", not a number; allowed: 0 or 1e-6 to 1e6 µm'),
         ("environment.damping_ns_per_m", -1.0, "is -1.0; allowed: 0 or 1e-9 to 1e9 N·s/m"),
         ("hands.mass_kg.1", None, "is missing; allowed: 0 or 1e-9 to 1e6 kg"),
         ("frequency.stop_hz", 600.0, "at or above the Nyquist frequency 500 Hz of sample time = 1 ms"),

@@ -47,7 +47,10 @@ def _told(message: str, field: Field | None, fields: Mapping[str, Field]) -> str
     """Return a message with numbers in the page's unit, and fields by their names there."""
     refused = _REFUSED.fullmatch(message)
     if field is not None and field.factor != 1 and refused:
-        value, span = (re.sub(_NUMBER, lambda found: _in(field, found[0]), refused[part]) for part in ("value", "span"))
+        converted = partial(re.sub, _NUMBER, lambda found: _in(field, found[0]))
+        # What is no number stands as it was typed.
+        value = refused["value"] if refused["value"].startswith('"') else converted(refused["value"])
+        span = converted(refused["span"])
         message = f"is {value}; allowed: {span} {field.unit}"
     # A key without its table means the one field that ends so.
     ends = {key.rpartition(".")[2]: field for key, field in fields.items()}

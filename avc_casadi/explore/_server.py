@@ -137,10 +137,11 @@ class _Handler(BaseHTTPRequestHandler):
         told = self.headers.get("Content-Length", "")
         if not (told.isascii() and told.isdigit()):
             raise RequestError(411, "a question needs its Content-Length")
-        if int(told) > MOST_BYTES:
+        digits = told.lstrip("0") or "0"
+        if len(digits) > len(str(MOST_BYTES)) or int(digits) > MOST_BYTES:
             raise RequestError(413, f"a question has at most {MOST_BYTES} bytes")
         try:
-            found = json.loads(self.rfile.read(int(told)), parse_constant=_refuse)
+            found = json.loads(self.rfile.read(int(digits)), parse_constant=_refuse)
         except (ValueError, RecursionError) as error:
             raise RequestError(400, "the question is no JSON") from error
         if not isinstance(found, dict):

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Problem
     from avc_casadi.study.comparison import Comparison
 
+# What the summary tells of a level.
+_OF_A_LEVEL = ("pass", "title", "margin_ns_per_m", "frequency_hz", "model", "claim", "refused")
+
 
 def summarise(
     problem: Problem,
@@ -63,8 +66,7 @@ def summarise(
         "injected_damping_ns_per_m": injection.injected_damping_ns_per_m[worst],
         "virtual_mass_kg": injection.virtual_mass_kg[worst],
         "certificate": {
-            level: {key: found[key] for key in ("pass", "title", "margin_ns_per_m", "frequency_hz", "model", "claim")}
-            for level, found in certificate["levels"].items()
+            level: {key: found[key] for key in _OF_A_LEVEL} for level, found in certificate["levels"].items()
         },
         "push": dict(push),
     }
@@ -168,11 +170,14 @@ def _levels(levels: Mapping[str, Mapping[str, Any]]) -> str:
     failed = [
         level if found["margin_ns_per_m"] is None else f"{level} by {-found['margin_ns_per_m']:.2g} N.s/m"
         for level, found in levels.items()
-        if not found["pass"]
+        if not (found["pass"] or found["refused"])
     ]
+    refused = [level for level, found in levels.items() if found["refused"]]
     parts = ["passes " + ", ".join(passed) if passed else "passes no level"]
     if failed:
         parts.append("fails " + ", ".join(failed))
+    if refused:
+        parts.append("refused on this device, not judged: " + ", ".join(refused))
     return "; ".join(parts)
 
 

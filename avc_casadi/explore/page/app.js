@@ -1,7 +1,7 @@
 // The page: its settings stand in the address, every change is asked of the server, the last answer wins.
 
 import { Client, Follow } from "./client.js";
-import { Fields, made } from "./fields.js";
+import { Fields, made, number } from "./fields.js";
 import { drawImpedance, drawRegion, drawTouch, drawVerdict } from "./pictures.js";
 import { Toy } from "./toy.js";
 import { speak, turns, unit } from "./units.js";
@@ -137,7 +137,7 @@ function buildControls() {
   for (const [key, [name, what]] of Object.entries(GAINS)) {
     const input = made("input", { id: `g-${key}`, type: "text", inputmode: "decimal", "aria-describedby": `g-${key}-error` });
     input.addEventListener("input", () => change(() => {
-      const value = Number(input.value);
+      const value = number(input.value.trim());
       if (input.value.trim() === "") delete current().gains[key];
       else current().gains[key] = Number.isFinite(value) ? value : input.value;
     }, `gain ${key}`));

@@ -12,6 +12,8 @@ function made(name, attributes = {}, ...children) {
   return element;
 }
 
+// Decimal numbers alone: Number("0x10") is 16.
+export const number = (text) => (/^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(text) ? Number(text) : NaN);
 const plain = (value) => String(Number(value.toPrecision(6)));
 const toPage = (field, value) => (typeof value === "number" ? plain(value / field.factor) : value === null || value === undefined ? "" : String(value));
 
@@ -20,7 +22,7 @@ function fromPage(field, text) {
   if (/^[^.]*,\d{3}$/.test(text.trim())) return text.trim();
   const trimmed = text.trim().replace(",", ".");
   if (trimmed === "") return null;
-  const value = Number(trimmed);
+  const value = number(trimmed);
   if (!Number.isFinite(value)) return text.trim();
   return Number((value * field.factor).toPrecision(12));
 }

@@ -14,7 +14,7 @@ class Safety:
     """What a gain table is safe for, as its certificate says.
 
     Attributes:
-        levels: whether every row meets each level.
+        levels: whether every row meets each level; None where the level is refused on this device.
         hands: L5, linearly stable with every hand, at the rows and where the device interpolates between them.
         let_go: the same with the device let go.
         passive: L3, passive in the model of the loop that runs.
@@ -22,7 +22,7 @@ class Safety:
         rows: how many rows there are.
     """
 
-    levels: dict[str, bool]
+    levels: dict[str, bool | None]
     hands: bool
     let_go: bool
     passive: bool
@@ -35,7 +35,7 @@ class Safety:
         levels = certificate.levels
         claims = {} if verdict is None else {claim.name: claim.passed for claim in verdict.claims}
         return cls(
-            levels={level: found.passed for level, found in levels.items()},
+            levels={level: None if found.refused else found.passed for level, found in levels.items()},
             hands=levels["L5"].passed and claims.get("hands", False),
             let_go=bool(levels["L5"].detail.get("released_pass", False)) and claims.get("let-go", False),
             passive=levels["L3"].passed,

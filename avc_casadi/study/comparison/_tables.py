@@ -9,7 +9,7 @@ from avc_casadi.certificate import TITLES
 from avc_casadi.support import Cell, Table, counts_text, number, sample_rows
 
 _SHORT = {"closed-form": "closed form"}
-_MARK = {True: "pass", False: "fail"}
+_MARK = {True: "pass", False: "fail", None: "refused"}
 
 
 class ComparisonTables(NamedTuple):
