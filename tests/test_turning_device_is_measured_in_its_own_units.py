@@ -57,9 +57,13 @@ def test_a_hidden_knob_is_found_and_its_wall_rests_on_it(tmp_path, monkeypatch, 
     assert "tick,time_ms,angle_urad,torque_Nm" in (tmp_path / "log.csv").read_text()
     page = ["--report", "page.html", "--out", "mine.toml"]
     found = document(capsys, "identify", "log.csv", "--device", "guess.toml", *page)
+    units = {"mass_kg": "kg.m2", "damping_ns_per_m": "N.m.s/rad", "coulomb_friction_n": "N.m"}
     for key, truth in HIDDEN.items():
         one = found["estimates"][ROTARY.key(key)]
         assert one["low"] <= truth <= one["high"], (key, one)
+        assert one["unit"] == units[key]
+    assert found["estimates"]["encoder_resolution_rad"]["unit"] == "rad"
+    assert "newton" not in json.dumps(found)
     assert linear_words((tmp_path / "mine.toml").read_text()) == []
     (tmp_path / "end.toml").write_text(
         'device = "mine.toml"\n[environment]\nstiffness_nm_per_rad = 0.5\ndamping_nms_per_rad = 0.0\n'
@@ -69,6 +73,40 @@ def test_a_hidden_knob_is_found_and_its_wall_rests_on_it(tmp_path, monkeypatch, 
     hidden = avc.load_device(tmp_path / "hidden.toml").device
     tried = tried_in_the_loop(avc.read_coupling(tmp_path / "c.json"), seconds=1.5, device=hidden)
     assert tried.at_rest
+
+
+def test_what_is_watched_of_a_knob_is_read_as_that_of_a_knob(tmp_path, capsys):
+    require("unicorn")
+    asked = ["monitor", "--port", "emulator", "--seconds", "1.2", "--rate-hz", "200", "--out"]
+    for motion, columns, what, unit in (
+        ("rotary", ("angle_urad", "torque_Nm"), "torque", "N.m"),
+        ("linear", ("position_um", "force_N"), "force", "N"),
+    ):
+        log = tmp_path / f"{motion}.csv"
+        assert main([*asked, str(log), "--motion", motion]) == 0
+        comment, head = log.read_text(encoding="utf-8").splitlines()[:2]
+        assert tuple(head.split(",")[2:4]) == columns
+        assert f"{columns[1]} along +{columns[0].partition('_')[0]};" in comment
+        assert linear_words(log.read_text(encoding="utf-8")) == [] or motion == "linear"
+        with pytest.raises(
+            avc.InputError, match=f"{what}: is 0 throughout; allowed: .* {unit}$"
+        ):  # no coupling, no wall
+            read_logs([log], Layout())
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("kind", ["device", "problem"])
+def test_what_comes_after_an_excitation_is_a_command_that_works(kind, tmp_path, monkeypatch, capsys):
+    require("unicorn")
+    monkeypatch.chdir(tmp_path)
+    wall = "[environment]\nstiffness_nm_per_rad = 0.5\ndamping_nms_per_rad = 0.0\n" if kind == "problem" else ""
+    (tmp_path / "knob.toml").write_text(GUESS + wall)
+    assert main(["excite", "knob.toml", "--seconds", "2", "--out", "log.csv"]) == 0
+    command = capsys.readouterr().out.partition("next: avc ")[2].split()
+    assert ("--device" in command) == (kind == "device")
+    assert main(command) == 0
+    assert linear_words(capsys.readouterr().out) == []
+    assert avc.load_device(tmp_path / "mine.toml").device.motion == "rotary"
 
 
 def test_what_is_found_of_a_turn_is_what_is_found_at_its_rim():

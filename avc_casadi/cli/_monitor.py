@@ -50,7 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", metavar="FILE", help="log every record as it comes: .csv, or .mcap (extra 'mcap')")
     parser.add_argument(
-        "--motion", choices=("linear", "rotary"), default="linear", help="of the device: rotary shows rad and N.m"
+        "--motion",
+        choices=("linear", "rotary"),
+        default="linear",
+        help="of the device: rotary shows and logs rad and N.m",
     )
     parser.add_argument("--plot", action="store_true", help="draw the last 10 s in a window")
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
@@ -75,7 +78,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     def begun(device: Device) -> None:
         nonlocal log
         if out is not None and log is None:  # not before there is something to log
-            log = stack.enter_context(open_log(out))
+            log = stack.enter_context(open_log(out, args.motion))
         console.say(_device(device))
         head = ("ticks", "f Hz", "b N.s/m", "k N/m", "x mm", "force N", "energy J")
         console.say(_line(tuple(map(spoken().text, head)), "mode"))

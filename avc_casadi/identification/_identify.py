@@ -286,7 +286,7 @@ def _never_told(
         why = "its lag cannot be told from delay; the delay given holds both"
         found["amplifier_bandwidth_hz"] = Refusal("amplifier_bandwidth_hz", why, EXCITATION["amplifier_bandwidth_hz"])
     if "scale" not in fit.structure.terms:
-        why = "mass, damping and friction all scale with the force; the commanded newtons are taken as true"
+        why = "mass, damping and friction all scale with the force; the commanded force is taken as true"
         found["force_scale"] = Refusal("force_scale", why, EXCITATION["force_scale"])
     if "coulomb" in fit.structure.terms:
         why = "friction that differs between the directions is the same as a constant force (offset_n)"

@@ -25,7 +25,7 @@ EXCITATION = {
     "amplifier_bandwidth_hz": "a chirp to a third of the sample rate at a higher sample rate, or a log of the current",
     "stiffness_n_per_m": "slow strokes over the whole travel",
     "offset_drift_n_per_s": "a longer log",
-    "force_scale": "two logs, one with a known mass on the device (--added-mass 0,KG), or --known mass_kg=KG",
+    "force_scale": "two logs, one with a known mass on the device (--added-mass 0,VALUE), or --known mass_kg=VALUE",
     "position_noise_rms_m": "a log in motion; at rest the encoder's step hides it",
     "encoder_resolution_m": "the encoder's own counts, unfiltered",
     "backlash_m": "reversals under load, with the position measured at the handle",

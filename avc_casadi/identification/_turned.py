@@ -84,7 +84,8 @@ def of_the_turn(found: Identification, radius_m: float) -> Identification:
 
 def _estimate(one: Estimate, radius_m: float) -> Estimate:
     by = radius_m ** -power_at_handle(one.key)
-    return replace(one, value=one.value * by, low=one.low * by, high=one.high * by)
+    unit = units_for("rotary").unit(one.unit)
+    return replace(one, unit=unit, value=one.value * by, low=one.low * by, high=one.high * by)
 
 
 def _shown(one: Shown, radius_m: float) -> Shown:

@@ -1,7 +1,7 @@
 """Log: what `monitor` sees, written as it goes, so that a program that is killed leaves a readable file.
 
-Both formats count the force along +position, as logs of `avc excite` do and `avc identify` and `avc diagnose` expect;
-samples count it out of the wall, against +position.
+Both formats count the force along +position (of a device that turns: the torque along +angle), as logs of `avc excite`
+do and `avc identify` and `avc diagnose` expect; samples count it out of the wall, against +position.
 """
 
 from __future__ import annotations
@@ -9,10 +9,12 @@ from __future__ import annotations
 import importlib
 import json
 import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Protocol, Self, TextIO
 
 from avc_casadi import InputError, MissingExtraError
+from avc_casadi.support import MotionKind, units_for
 from avc_hardware._device_fault import DeviceFault
 from avc_hardware._telemetry import TelemetrySample
 
@@ -35,6 +37,8 @@ _COLUMNS = {
     "boot": "integer",
     "lost": "integer",
 }
+# As `avc excite` calls them for a device that turns.
+_ROTARY = {"position_um": "angle_urad", "force_N": "torque_Nm"}
 
 
 class TelemetryLog(Protocol):
@@ -53,11 +57,12 @@ class TelemetryLog(Protocol):
     def __exit__(self, *_: object) -> None: ...
 
 
-def open_log(path: Path) -> TelemetryLog:
+def open_log(path: Path, motion: MotionKind = "linear") -> TelemetryLog:
     """Begin a log: ``.csv``, or ``.mcap`` for Foxglove, PlotJuggler and the like (JSON messages on topic ``/avc``).
 
     Args:
         path: file to write; what it held is gone.
+        motion: of the device; a rotary one's columns are angles in urad, torques in N.m and so on.
 
     Raises:
         InputError: another ending, or the file cannot be written.
@@ -71,12 +76,21 @@ def open_log(path: Path) -> TelemetryLog:
     if path.suffix not in LOG_ENDINGS:
         raise InputError.of(f"allowed: a name that ends in {' or '.join(LOG_ENDINGS)}", file=str(path))
     try:
-        return _Csv(path) if path.suffix == ".csv" else _Mcap(path)
+        columns = _columns(motion)
+        return _Csv(path, columns) if path.suffix == ".csv" else _Mcap(path, columns)
     except OSError as error:
         raise InputError.of(f"cannot be written ({error.strerror})", file=str(path)) from error
 
 
-def _row(sample: TelemetrySample) -> dict[str, Any]:
+def _columns(motion: MotionKind) -> dict[str, str]:
+    """Return the columns as they are called for a motion, each with its kind of value."""
+    if motion == "linear":
+        return _COLUMNS
+    units = units_for(motion)
+    return {_ROTARY.get(name) or units.key(name): kind for name, kind in _COLUMNS.items()}
+
+
+def _row(sample: TelemetrySample, columns: Iterable[str]) -> dict[str, Any]:
     values = (
         sample.ticks,
         1e3 * sample.time_s,
@@ -94,20 +108,22 @@ def _row(sample: TelemetrySample) -> dict[str, Any]:
         sample.boot_id,
         sample.lost,
     )
-    return dict(zip(_COLUMNS, values, strict=True))
+    return dict(zip(columns, values, strict=True))
 
 
 class _Csv:
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
+        self._columns = tuple(columns)
         self._file: TextIO = path.open("w", encoding="utf-8", newline="")
+        position, force = self._columns[2:4]
         self._file.write(
-            "# avc monitor: at the device's own ticks; force_N along +position; a lost record is a gap in time\n"
-            f"{','.join(_COLUMNS)}\n"
+            f"# avc monitor: at the device's own ticks; {force} along +{position.partition('_')[0]}; a lost record is "
+            f"a gap in time\n{','.join(self._columns)}\n"
         )
         self._file.flush()
 
     def write(self, sample: TelemetrySample) -> None:
-        self._file.write(",".join(map(_cell, _row(sample).values())) + "\n")
+        self._file.write(",".join(map(_cell, _row(sample, self._columns).values())) + "\n")
         self._file.flush()
 
     def close(self) -> None:
@@ -127,7 +143,8 @@ def _cell(value: Any) -> str:
 
 
 class _Mcap:
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
+        self._columns = tuple(columns)
         try:
             writer: Any = importlib.import_module("mcap.writer")
         except ImportError as error:
@@ -138,7 +155,7 @@ class _Mcap:
         # Without chunks every message is in the file at once; readers then scan a file that was cut off.
         self._writer: Any = writer.Writer(self._file, use_chunking=False)
         self._writer.start(profile="", library="avc-casadi")
-        properties = {name: {"type": [kind, "null"]} for name, kind in _COLUMNS.items()}
+        properties = {name: {"type": [kind, "null"]} for name, kind in columns.items()}
         schema = json.dumps({"type": "object", "properties": properties})
         number = self._writer.register_schema("avc.Telemetry", "jsonschema", schema.encode())
         self._channel = self._writer.register_channel("/avc", "json", number)
@@ -147,7 +164,7 @@ class _Mcap:
     def write(self, sample: TelemetrySample) -> None:
         row = {
             name: None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in _row(sample).items()
+            for name, value in _row(sample, self._columns).items()
         }
         time_ns = round(1e9 * sample.time_s)
         data = json.dumps(row).encode()
