@@ -128,7 +128,7 @@ def _base(source: str, device: Device) -> str:
     """Return the options with which `identify` takes up what is known; of a problem it takes no more than a radius."""
     if is_device(source):
         return f" --device {source}"
-    return "" if device.units.linear else f" --handle-radius-m {device.handle_radius_m:g}"
+    return "" if device.units.linear else f" --handle-radius-m {device.handle_radius_m}"
 
 
 def _plan(made: Excitation) -> dict[str, Any]:

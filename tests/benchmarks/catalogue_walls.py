@@ -3,7 +3,7 @@
 nice -n 10 python tests/benchmarks/catalogue_walls.py
 
 Overwrites results/catalogue_walls.json and RESULTS_catalogue.md after every cell and goes on where it stopped. About
-15 minutes of processor time.
+half an hour of processor time or more.
 """
 
 from __future__ import annotations

@@ -65,7 +65,8 @@ def ladder_n_per_m(problem: Problem, limit: DampingRange | None = None) -> list[
     """Return the walls for which to look for a law, in this order.
 
     The wanted one comes first, if it is not far beyond what spring and damper hold; whom its law suits need not ask
-    for more. Then come walls of rising stiffness, which do not depend on it, and it again, the last.
+    for more. Then come walls of rising stiffness, which do not depend on it, and it again, the last, where they lead up
+    to it.
 
     Args:
         problem: device with what is known of it, hands and wall.
