@@ -38,6 +38,8 @@ def estimates_of(
         if one.name.partition(".")[0] in refused:
             continue
         q, half = float(fit.search[index]), float(spread.half_width[index])
+        if one.name != "delay_samples":  # told with the lag in it
+            half = max(half, _moved_by_lag(fit, rivals, one.name, q))
         down, up = (float(each) for each in half + spread.beyond[:, index])
         ends = [fit.structure.outward(one, end) for end in (q - down, q + up)]
         low, high = (min(max(end, one.lowest), one.highest) for end in ends)
@@ -62,6 +64,15 @@ def estimates_of(
     if noise is not None:
         found["position_noise_rms_m"] = noise
     return found
+
+
+def _moved_by_lag(fit: Fit, rivals: Mapping[str, Fit], name: str, coordinate: float) -> float:
+    """Return how far an amplifier moves a coordinate that the log does not bear out and does not exclude either."""
+    rival = rivals.get("amplifier")
+    if rival is None or rival.rms_m > fit.rms_m:
+        return 0.0
+    places = [one.name for one in rival.structure.free]
+    return abs(float(rival.search[places.index(name)]) - coordinate) if name in places else 0.0
 
 
 def _noise(fit: Fit, step_m: float) -> Estimate | None:

@@ -9,7 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi.identification._terms import LINEAR, Structure
-from avc_casadi.loop import GROUND, Plant, SampledPlant, device_plant, sampled_plant, transitions
+from avc_casadi.loop import (
+    GROUND,
+    LinearPlant,
+    Plant,
+    SampledPlant,
+    Transition,
+    device_plant,
+    sampled_plant,
+    transitions,
+)
 from avc_casadi.problem import Device, Resonance
 from avc_casadi.support import FloatArray
 
@@ -19,6 +28,8 @@ _DELAY_STEP = 2e-3
 
 # The force of a fractional delay comes from two samples; a derivative stays between the same two.
 TAPS = 2
+# Even parts of a sample in which dry friction looks at the velocity, where an amplifier bends it.
+_BENT = 12
 
 
 @dataclass(frozen=True)
@@ -39,8 +50,8 @@ class LinearStep:
         matrix: A, shape (n, n).
         force: B, shape (n, taps).
         motor: g, shape (n,).
-        early: the velocity of the motor when the newer force arrives, by x, by the forces and by f, shape (n + taps +
-        1,).
+        early: the velocity of the motor inside the sample, when the newer force arrives and wherever else dry friction
+            looks at it, by x, by the forces and by f, shape (cuts, n + taps + 1).
         taps: delays j in samples.
         measured: index of the measured position.
         names: of the states.
@@ -56,12 +67,14 @@ class LinearStep:
 
     def flat(self) -> FloatArray:
         """Return all entries in one vector, columns first."""
-        return np.concatenate([self.matrix.ravel(order="F"), self.force.ravel(order="F"), self.motor, self.early])
+        return np.concatenate(
+            [self.matrix.ravel(order="F"), self.force.ravel(order="F"), self.motor, self.early.ravel()]
+        )
 
 
-def entries_of(states: int) -> int:
+def entries_of(states: int, cuts: int) -> int:
     """Return the number of entries of a step of n states, as `LinearStep.flat` lists them."""
-    return states * (states + TAPS + 1) + states + TAPS + 1
+    return states * (states + TAPS + 1) + cuts * (states + TAPS + 1)
 
 
 def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: float) -> Device:
@@ -119,33 +132,75 @@ def linear_steps(
     late_s = [(device.delay_samples - int(device.delay_samples)) * sample_time_s for device in devices]
     # Forces are positive against +x in the loop.
     motor = transitions([(plant, sample_time_s) for plant in rubbed])
-    first, first_rubbed = (
-        transitions([(plant, late or sample_time_s) for plant, late in zip(some, late_s, strict=True)])
-        for some in (plants, rubbed)
-    )
+    early = _inside(plants, rubbed, late_s, sample_time_s, _BENT if structure.present("amplifier_bandwidth_hz") else 1)
     found = []
     for place, (values, plant) in enumerate(zip(several, plants, strict=True)):
         made, row = sampled[place]
         whole = int(made.whole_delay[row])
         columns = {whole: -made.new[row, 0], whole + 1: -made.old[row, 0]}
         force = np.stack([columns.get(tap, np.zeros(plant.states)) for tap in taps], axis=1) * values["force_scale"]
-        early = np.zeros(plant.states + len(taps) + 1)
-        early[1] = 1.0
-        if late_s[place] > 0:
-            early[: plant.states] = first[place].matrix.reshape(plant.states, -1)[1]
-            early[-1] = -first_rubbed[place].force.reshape(-1)[1]
-            early[plant.states + taps.index(whole + 1)] = -first[place].force.reshape(-1)[1] * values["force_scale"]
+        inside = np.zeros((len(early[place]), plant.states + len(taps) + 1))
+        inside[:, : plant.states] = early[place][:, : plant.states]
+        for tap, column in ((whole + 1, plant.states), (whole, plant.states + 1)):
+            if tap in taps:
+                inside[:, plant.states + taps.index(tap)] = -early[place][:, column] * values["force_scale"]
+        inside[:, -1] = -early[place][:, -1]
         found.append(
             LinearStep(
                 matrix=made.matrix[row, 0],
                 force=force,
                 motor=-motor[place].force.reshape(-1),
-                early=early,
+                early=inside,
                 taps=taps,
                 measured=int(np.argmax(made.measured)),
                 names=plant.names,
             )
         )
+    return found
+
+
+def _inside(
+    plants: Sequence[LinearPlant], rubbed: Sequence[LinearPlant], late_s: Sequence[float], period: float, parts: int
+) -> FloatArray:
+    """Return the velocity of the motor at the cuts of a sample, by x, the older and the newer force and by f.
+
+    Args:
+        plants: driven by the force.
+        rubbed: the same, driven by friction.
+        late_s: when the newer force arrives.
+        period: T.
+        parts: even ones into which the sample is cut; that moment is one more cut.
+
+    Returns:
+        Shape (plants, cuts, n + 3).
+    """
+    even = period * np.arange(1, parts) / parts
+    cuts = [np.sort(np.append(even, late)) for late in late_s]
+    size = plants[0].states
+
+    def after(some: Sequence[LinearPlant], times: Sequence[FloatArray]) -> list[Transition]:
+        # What takes no time is that of a sample, times nothing.
+        return transitions([(one, t or period) for one, mine in zip(some, times, strict=True) for t in mine.tolist()])
+
+    older = after(plants, [np.minimum(mine, late) for mine, late in zip(cuts, late_s, strict=True)])
+    newer = after(plants, [np.maximum(mine - late, 0.0) for mine, late in zip(cuts, late_s, strict=True)])
+    friction = after(rubbed, cuts)
+    found = np.zeros((len(plants), parts, size + 3))
+    for place, (mine, late) in enumerate(zip(cuts, late_s, strict=True)):
+        for row, time in enumerate(mine.tolist()):
+            at = place * len(mine) + row
+            first, second = older[at], newer[at]
+            matrix, force = np.eye(size), np.zeros(size)
+            if min(time, late) > 0:
+                matrix, force = first.matrix.reshape(size, size), first.force.reshape(-1)
+            line = np.concatenate([matrix[1], [force[1], 0.0, 0.0]])
+            if time > late:
+                on = second.matrix.reshape(size, size)[1]
+                line[: size + 1] = np.concatenate([on @ matrix, [on @ force]])
+                line[size + 1] = second.force.reshape(-1)[1]
+            if time > 0:
+                line[size + 2] = friction[at].force.reshape(-1)[1]
+            found[place, row] = line
     return found
 
 

@@ -142,7 +142,8 @@ class Predictor:
                 directions[linear, : len(by_linear)] = by_linear.T
                 directions[rough, [len(by_linear) + FRICTION.index(free[at].name) for at in rough]] = 1.0
             state, inputs = _begun(step, record, position, taps)
-            out = run(state, inputs, numbers, directions, stribeck=structure.present("breakaway_excess_n"))
+            stribeck = structure.present("breakaway_excess_n")
+            out = run(state, inputs, numbers, directions, cuts=len(step.early), stribeck=stribeck)
             by = out[:, 1:] * outward if slopes else None
             found.append(Prediction(out[:, 0].copy(), by))
         return found

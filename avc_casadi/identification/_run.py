@@ -15,7 +15,7 @@ from avc_casadi.support import FloatArray
 
 # Samples after which a function that runs on is compiled.
 _WORTH_COMPILING = 20_000
-_DONE: dict[tuple[int, bool], int] = {}
+_DONE: dict[tuple[int, int, bool], int] = {}
 
 _LOOP = """
 #include <string.h>
@@ -43,7 +43,7 @@ int avc_run(long long samples, long long columns, double* x, double* s, const do
 
 
 def run(
-    state: FloatArray, inputs: FloatArray, numbers: FloatArray, directions: FloatArray, *, stribeck: bool
+    state: FloatArray, inputs: FloatArray, numbers: FloatArray, directions: FloatArray, *, cuts: int, stribeck: bool
 ) -> FloatArray:
     """Return the prediction error of every sample and its derivatives, shape (samples, 1 + columns).
 
@@ -52,9 +52,10 @@ def run(
         inputs: forces of the taps, measured position and time, shape (samples, taps + 2).
         numbers: of the model, as `Sample` lists them.
         directions: derivative of the numbers by each parameter that is searched for, shape (columns, numbers).
+        cuts: how often the velocity is looked at inside a sample.
         stribeck: whether friction depends on the velocity.
     """
-    kind = (state.size, stribeck)
+    kind = (state.size, cuts, stribeck)
     _DONE[kind] = _DONE.get(kind, 0) + len(inputs)
     native = _DONE[kind] >= _WORTH_COMPILING and compiler() is not None
     x, inputs, numbers, directions = (
@@ -71,8 +72,8 @@ def run(
 
 
 @lru_cache(maxsize=16)
-def _native(states: int, stribeck: bool) -> Callable[..., int]:
-    one = sample(states, stribeck)
+def _native(states: int, cuts: int, stribeck: bool) -> Callable[..., int]:
+    one = sample(states, cuts, stribeck)
     loop = _LOOP.format(
         states=states,
         kept=one.seen.numel_out(1),

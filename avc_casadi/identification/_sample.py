@@ -47,14 +47,15 @@ class Sample:
 
 
 @lru_cache(maxsize=16)
-def sample(states: int, stribeck: bool) -> Sample:
+def sample(states: int, cuts: int, stribeck: bool) -> Sample:
     """Return the functions of a sample.
 
     Args:
         states: number n of states.
+        cuts: how often the velocity is looked at inside a sample.
         stribeck: whether friction depends on the velocity.
     """
-    count = entries_of(states)
+    count = entries_of(states, cuts)
     x, inputs = ca.SX.sym("x", states), ca.SX.sym("inputs", TAPS + 2)
     entries, parts = ca.SX.sym("entries", count), ca.SX.sym("friction", len(FRICTION))
     gain, measured = ca.SX.sym("gain", states), ca.SX.sym("measured", states)
@@ -71,16 +72,20 @@ def sample(states: int, stribeck: bool) -> Sample:
     speed = corrected[1]
     push = parts[_OFFSET] + parts[_DRIFT] * time - parts[_ASYMMETRY] * ca.fabs(speed)
     alone = matrix @ corrected + inward @ forces + motor * push
-    halfway = ca.dot(early[:states], corrected) + ca.dot(early[states : states + TAPS], forces)
-    ease = ca.fmax(early[states + TAPS], _TINY)
-    halfway += ease * push
-    moved = ca.vertcat(speed, halfway, alone[1], ease, motor[1], parts[_LEVEL], parts[_EXCESS], parts[_SPEED])
+    width = states + TAPS + 1
+    inside, eases = [], []
+    for cut in range(cuts):
+        row = early[cut * width : (cut + 1) * width]
+        ease = ca.fmax(row[-1], (1 + cut) * _TINY)
+        inside.append(ca.dot(row[:states], corrected) + ca.dot(row[states:-1], forces) + ease * push)
+        eases.append(ease)
+    moved = ca.vertcat(speed, *inside, alone[1], *eases, motor[1], parts[_LEVEL], parts[_EXCESS], parts[_SPEED])
     after = alone - motor * friction[0]
     # Early friction moves the position further than late friction of the same impulse.
     after[0] -= motor[0] * (friction[1] - friction[0])
 
     given = ca.SX.sym("moved", moved.numel())
-    through = ca.vertcat(*_friction_of(ca.vertsplit(given), stribeck=stribeck))
+    through = ca.vertcat(*_friction_of(ca.vertsplit(given), cuts, stribeck=stribeck))
     gradient = ca.Function("gradient", [given], [through, ca.densify(ca.jacobian(through, given))])
     value, by_moved = gradient(moved)
     held = ca.substitute(after, friction, value)
@@ -99,31 +104,30 @@ def sample(states: int, stribeck: bool) -> Sample:
     )
 
 
-def _friction_of(moved: Sequence[Any], *, stribeck: bool) -> tuple[Any, Any]:
+def _friction_of(moved: Sequence[Any], cuts: int, *, stribeck: bool) -> tuple[Any, Any]:
     """Return the mean of dry friction over a sample and its moment.
 
-    The sample has two parts, before and after the newer force arrives: within each the velocity changes evenly.
+    The sample has parts, cut where the newer force arrives and wherever else: in each the velocity changes evenly.
 
     Args:
-        moved: velocity at the start, and without friction when the newer force arrives and at the end; change of
-            velocity by 1 N of friction until then and over the sample; the numbers of friction.
+        moved: velocity at the start, and without friction at the cuts and at the end; change of velocity by 1 N of
+            friction until each cut and over the sample; the numbers of friction.
+        cuts: of the sample.
         stribeck: whether friction depends on the velocity.
     """
-    speed, halfway, end, ease, whole, level, excess, slow = moved
+    speeds, eases, (level, excess, slow) = moved[: cuts + 2], (0.0, *moved[cuts + 2 : -3]), moved[-3:]
     law = _Law(level, excess if stribeck else 0.0, slow if stribeck else None)
-    one = _part(speed, halfway, ease, law)
-    first = (1 - one[2]) * one[0] + one[2] * one[1]
-    turned = halfway - ease * first
-    two = _part(turned, turned + end - halfway, ca.fmax(whole - ease, _TINY), law)
-    second = (1 - two[2]) * two[0] + two[2] * two[1]
-    share = ease / whole
-    mean = share * first + (1 - share) * second
-    ends = (0.0, share * (1 - one[2]), share, share + (1 - share) * (1 - two[2]), 1.0)
-    forces_in = (one[0], one[1], two[0], two[1])
-    moment = sum(
-        force * ((stop - begin) * (2 - stop - begin))
-        for force, begin, stop in zip(forces_in, ends[:-1], ends[1:], strict=True)
-    )
+    whole = eases[-1]
+    now, mean, moment = speeds[0], 0.0, 0.0
+    for before, free, begun, done in zip(speeds[:-1], speeds[1:], eases[:-1], eases[1:], strict=True):
+        ease = ca.fmax(done - begun, _TINY)
+        change = free - before
+        moving, rested, rest = _part(now, now + change, ease, law)
+        stop = begun + (done - begun) * (1 - rest)
+        for force, one, other in ((moving, begun / whole, stop / whole), (rested, stop / whole, done / whole)):
+            mean += force * (other - one)
+            moment += force * ((other - one) * (2 - other - one))
+        now += change - ease * ((1 - rest) * moving + rest * rested)
     return mean, moment
 
 

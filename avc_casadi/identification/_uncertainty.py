@@ -102,7 +102,8 @@ def _inside_a_sample(fit: Fit) -> FloatArray:
 
     The linear part is exact. Dry friction takes the velocity to change evenly over a sample: that matters in samples in
     which the motor turns, where the velocity bends, by damping or by a resonance, and as friction weighs beside the
-    force. Without friction, and as the sample time falls, nothing is left of it.
+    force. Without friction, and as the sample time falls, nothing is left of it. What an amplifier's lag gains a delay
+    loses.
     """
     values, period = fit.values, fit.sample_time_s
     dry = (values["coulomb_friction_n"] + values["breakaway_excess_n"]) / fit.structure.units["coulomb_friction_n"]
@@ -119,6 +120,9 @@ def _inside_a_sample(fit: Fit) -> FloatArray:
         "resonance.damping_ratio": share / values["resonance.damping_ratio"],
         "resonance.mass_ratio": 4 * share / values["resonance.mass_ratio"],
     }
+    if fit.structure.present("amplifier_bandwidth_hz"):
+        lag = 1 / (2 * np.pi * values["amplifier_bandwidth_hz"] * period)
+        moved["delay_samples"] += _LEAST["amplifier_bandwidth_hz"] * lag
     return np.array(
         [
             share * abs(q) if one.name in _IN_PROPORTION else max(moved.get(one.name, 0.0), _LEAST.get(one.name, 0.0))

@@ -1,11 +1,13 @@
 """Identification of devices drawn at random: do the stated intervals hold the truth, and what is refused.
 
 nice -n 10 python tests/benchmarks/identification.py --count 1000 --write
+nice -n 10 python tests/benchmarks/identification.py --count 60 --amplifier --write
 
 Each device is simulated by `tests/measured_device.c`, which shares no code with the project: a multisine beside a weak
 controller, an encoder of 2 to 61 um, friction of 0 to 2 N, a delay of 0 to 3 samples, no resonance or one of 60 to 300
 Hz, noise and a drifting force. With --write it overwrites identification.json and RESULTS_identification.md after
-every device and goes on where it stopped; without it the results are printed only.
+every device and goes on where it stopped; without it the results are printed only. With --amplifier no device has a
+resonance and each an amplifier of 80 to 1000 Hz, and the results are identification_amplifier.json.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from measured_device import Truth, measured, multisine  # noqa: E402 - found bes
 from avc_casadi.identification import Record, identify  # noqa: E402
 
 OUT = HERE / "results" / "identification.json"
+WITH_AMPLIFIER = HERE / "results" / "identification_amplifier.json"
 PAGE = HERE / "RESULTS_identification.md"
 SEED = 15
 KEYS = {
@@ -37,6 +40,7 @@ KEYS = {
     "coulomb_friction_n": "coulomb",
     "encoder_resolution_m": "encoder",
     "position_noise_rms_m": "noise",
+    "amplifier_bandwidth_hz": "bandwidth",
     "resonance.frequency_hz": "resonance",
     "resonance.damping_ratio": "ratio",
     "resonance.mass_ratio": "share",
@@ -45,7 +49,7 @@ KEYS = {
 }
 
 
-def drawn(index: int, seed: int) -> tuple[dict[str, float], dict[str, float]]:
+def drawn(index: int, seed: int, *, amplifier: bool = False) -> tuple[dict[str, float], dict[str, float]]:
     """Draw a device and how it is excited; the same for an index whatever the count."""
     random = np.random.default_rng([seed, index])
 
@@ -68,16 +72,18 @@ def drawn(index: int, seed: int) -> tuple[dict[str, float], dict[str, float]]:
         "share": float(random.uniform(0.15, 0.6)),
         "at_handle": float(random.random() < 0.3),
     }
-    if random.random() < 0.5:
+    if random.random() < 0.5 and not amplifier:
         device |= mode
     noise = log(1e-6, 2e-5) if random.random() < 0.5 else 0.0
     excited = {"rms": max(1.0, float(random.uniform(1.2, 3.0)) * device["coulomb"]), "noise": noise}
+    if amplifier:
+        device["bandwidth"] = log(80.0, 1000.0)
     return device, excited
 
 
-def one(index: int, seed: int, seconds: float) -> dict[str, Any]:
+def one(index: int, seed: int, seconds: float, *, amplifier: bool = False) -> dict[str, Any]:
     """Simulate, identify and judge one device."""
-    device, excited = drawn(index, seed)
+    device, excited = drawn(index, seed, amplifier=amplifier)
     random = np.random.default_rng([seed, index, 1])
     truth = Truth(**device)
     wanted = multisine(random, seconds, truth.period, 0.5, 300.0, excited["rms"])
@@ -86,9 +92,14 @@ def one(index: int, seed: int, seconds: float) -> dict[str, Any]:
     found = identify([Record("drawn", truth.period, position, force)])
     row: dict[str, Any] = {"index": index, "cpu_s": _cpu() - before, "terms": list(found.terms), "keys": {}}
     true = {key: device.get(name, 0.0) for key, name in KEYS.items()}
+    if amplifier and "amplifier_bandwidth_hz" not in found.estimates:
+        # Its lag is then said to be part of the delay.
+        true["delay_samples"] += 1 / (2 * np.pi * device["bandwidth"] * truth.period)
     true["position_noise_rms_m"] = excited["noise"]
     if not device.get("resonance"):
         true = {key: value for key, value in true.items() if not key.startswith("resonance")}
+    if not amplifier:
+        del true["amplifier_bandwidth_hz"]
     row["mode"] = bool(device.get("resonance"))
     row["side_right"] = None
     if row["mode"] and "resonance" in found.terms:

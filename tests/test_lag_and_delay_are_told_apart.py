@@ -1,0 +1,36 @@
+"""Beside dry friction, which turns inside a sample, an amplifier's lag and a delay are each told as what they are."""
+
+import numpy as np
+import pytest
+from measured_device import Truth, measured, multisine
+
+from avc_casadi.identification import Record, identify
+
+
+def told(seed, **device):
+    truth = Truth(mass=0.1, damping=0.5, spring=30.0, **device)
+    random = np.random.default_rng(seed)
+    wanted = multisine(random, 10.0, truth.period, 0.5, 300.0, 1.0 + truth.coulomb)
+    _, position, force = measured(truth, wanted, random)
+    return truth, identify([Record("log", truth.period, position, force)])
+
+
+@pytest.mark.parametrize(
+    ("friction", "delay", "bandwidth", "encoder"),
+    [(0.3, 0.5, 300.0, 10e-6), (0.3, 1.0, 300.0, 40e-6), (0.1, 1.0, 400.0, 20e-6), (1.0, 2.0, 200.0, 20e-6)],
+)
+def test_both_intervals_hold_what_was_there(friction, delay, bandwidth, encoder):
+    _, found = told(3, coulomb=friction, delay=delay, bandwidth=bandwidth, encoder=encoder)
+    late, lag = (found.estimates[key] for key in ("delay_samples", "amplifier_bandwidth_hz"))
+    assert late.low <= delay <= late.high
+    assert lag.low <= bandwidth <= lag.high
+    # The velocity taken to change evenly over a sample misses the delay by 0.03 to 0.15 samples.
+    assert abs(late.value - delay) < 0.012
+
+
+def test_a_lag_that_hides_is_counted_as_delay_and_said_to_be():
+    truth, found = told(5, delay=1.7, bandwidth=750.0, encoder=20e-6)
+    assert "amplifier_bandwidth_hz" in {one.key for one in found.refused}
+    late = found.estimates["delay_samples"]
+    assert abs(late.value - (truth.delay + 1 / (2 * np.pi * truth.bandwidth * truth.period))) < 0.02
+    assert found.estimates["mass_kg"].value == pytest.approx(truth.mass, rel=1e-4)
