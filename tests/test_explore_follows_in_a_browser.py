@@ -4,6 +4,7 @@ import multiprocessing
 import re
 import threading
 import time
+from urllib.parse import quote
 
 import pytest
 from background_work import endless
@@ -122,6 +123,42 @@ def test_settings_survive_a_reload_and_stay_in_their_own_tab(page, server):
     assert float(by_id(page, WALL).get_attribute("value")) == 4000
     assert state(page)["a"]["values"] == {"environment.stiffness_n_per_m": 9000}
     assert [cell.text for cell in page.find_elements("css selector", "#verdict thead th")] == ["what", "A", "B"]
+
+
+def test_an_address_with_unknown_names_says_which_and_shows_the_rest(page, server):
+    odd = '{"a":{"values":{"environment.stiffness_n_per_m":8000,"environment.colour":3},"method":"magic","odd":1}}'
+    page.get("about:blank")
+    page.get(f"{server.url}#{quote(odd)}")
+    settled(page)
+    assert float(by_id(page, WALL).get_attribute("value")) == 8000
+    told = by_id(page, "address-says").text
+    assert all(name in told for name in ("environment.colour", 'method "magic"', "odd"))
+    page.get("about:blank")
+    page.get(f"{server.url}#%7Bnot")
+    settled(page)
+    assert "all of it" in by_id(page, "address-says").text
+
+
+def test_what_was_said_of_a_file_goes_with_the_settings_it_was_about(page):
+    page.find_element("css selector", "#method option[value='recommend']").click()
+    by_id(page, "save-coupling").click()
+    until(lambda: by_id(page, "file-says").text.startswith("Not saved"))
+    page.find_element("css selector", "#method option[value='direct']").click()
+    until(lambda: by_id(page, "file-says").text == "")
+
+
+def test_the_star_of_the_wanted_wall_stands_whole_inside_the_axes(page):
+    for wall in ("5e6", "10"):
+        typed(page, WALL, wall)
+        until(lambda wall=wall: state(page)["a"]["values"].get("environment.stiffness_n_per_m") == float(wall))
+        settled(page)
+        inside = page.execute_script(
+            "const box = (one) => one.getBBox(), frame = box(document.querySelector('#c-region clipPath rect')),"
+            " star = box(document.querySelector('#c-region g polygon'));"
+            "return star.y >= frame.y && star.y + star.height <= frame.y + frame.height"
+            " && star.x >= frame.x && star.x + star.width <= frame.x + frame.width"
+        )
+        assert inside, wall
 
 
 def test_a_slow_server_is_waited_for_and_the_last_setting_wins(page, server, monkeypatch):

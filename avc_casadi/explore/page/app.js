@@ -34,13 +34,38 @@ const columns = () => (state.b ? ["a", "b"] : ["a"]);
 // ---- state, undo, address
 
 function readAddress() {
+  const left = new Set();
+  let found = {};
   try {
-    const found = JSON.parse(decodeURIComponent(location.hash.slice(1)));
-    const whole = (one) => ({ ...copy(FRESH), ...one });
-    return { a: whole(found.a), b: found.b ? whole(found.b) : null, on: found.b && found.on === "b" ? "b" : "a" };
+    if (location.hash.length > 1) found = JSON.parse(decodeURIComponent(location.hash.slice(1)));
   } catch {
-    return { a: copy(FRESH), b: null, on: "a" };
+    left.add("all of it");
   }
+  const [a, b] = [known(found && found.a, left), found && found.b ? known(found.b, left) : null];
+  get("address-says").textContent = left.size ? `The address holds what this page does not know, and left out: ${[...left].join(", ")}.` : "";
+  return { a, b, on: b && found.on === "b" ? "b" : "a" };
+}
+
+/** What the page knows of the settings of an address; the names of the rest go to those left out. */
+function known(given, left) {
+  const kept = copy(FRESH);
+  const told = about.fields.map((one) => one.key);
+  const fits = {
+    device: (value) => value === null || (typeof value === "object" && !Array.isArray(value)) || about.devices.some((one) => one.name === value),
+    method: (value) => [...about.live, ...about.slow].includes(value),
+    motion: (value) => [...get("motion").options].some((one) => one.value === value),
+  };
+  for (const [key, value] of Object.entries(given && typeof given === "object" ? given : {})) {
+    if (key === "values" || key === "gains") {
+      const names = key === "values" ? told : Object.keys(GAINS);
+      for (const [name, one] of Object.entries(value && typeof value === "object" ? value : {})) {
+        if (names.includes(name) && (one === null || typeof one !== "object")) kept[key][name] = one;
+        else left.add(name);
+      }
+    } else if (key in fits && fits[key](value)) kept[key] = value;
+    else left.add(key in fits ? `${key} ${JSON.stringify(value)}` : key);
+  }
+  return kept;
 }
 
 let writing = null;
@@ -71,6 +96,8 @@ function travel(from, to) {
 }
 
 function restate() {
+  get("file-says").textContent = "";
+  get("command").hidden = true;
   writeAddress();
   showControls();
   for (const column of columns()) {
@@ -168,6 +195,7 @@ function buildControls() {
   }));
   for (const column of ["a", "b"]) get(`tab-${column}`).addEventListener("click", () => {
     state.on = column;
+    get("file-says").textContent = "";
     writeAddress();
     showControls();
   });
@@ -217,7 +245,7 @@ async function watchWork(begin = false) {
   const running = found.state === "running";
   const says = {
     "not-begun": "Not run for these settings yet.",
-    running: `${found.what || "starting"}: ${found.done} of ${found.total || "?"}, ${found.seconds} s`,
+    running: `${found.what || "starting"}: ${found.done} of ${found.total || "?"} in this step, ${found.seconds} s`,
     done: `Done in ${found.seconds} s.`,
     error: `Ended: ${found.error}`,
     refused: found.error,

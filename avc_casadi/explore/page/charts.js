@@ -20,22 +20,23 @@ export function number(value, digits = 3) {
   return String(Number(value.toPrecision(digits)));
 }
 
-/** A scale: place of a value from 0 to 1, and its ticks. */
-function scale(kind, values) {
+/** A scale: place of a value from 0 to 1, and its ticks; around a mark there is room. */
+function scale(kind, values, marked = false) {
   let known = finite(values);
   if (kind === "log") known = known.filter((value) => value > 0);
   let low = known.length ? known.reduce((a, b) => Math.min(a, b)) : 0.1;
   let high = known.length ? known.reduce((a, b) => Math.max(a, b)) : 1;
   if (kind === "log") {
     if (high <= low) [low, high] = [low / 2, high * 2];
-    const from = Math.log10(low), to = Math.log10(high);
+    const room = marked ? 0.06 * Math.log10(high / low) : 0;
+    const from = Math.log10(low) - room, to = Math.log10(high) + room;
     const every = Math.max(1, Math.ceil((to - from) / 6));
     const ticks = [];
     for (let power = Math.ceil(from / every) * every; power <= to; power += every) ticks.push(10 ** power);
     if (ticks.length < 2) for (const part of [1, 2, 5]) {
       for (let power = Math.floor(from); power <= to; power += 1) {
         const tick = part * 10 ** power;
-        if (tick >= low && tick <= high && !ticks.includes(tick)) ticks.push(tick);
+        if (Math.log10(tick) >= from && Math.log10(tick) <= to && !ticks.includes(tick)) ticks.push(tick);
       }
     }
     return { place: (value) => (value > 0 ? (Math.log10(value) - from) / (to - from) : NaN), ticks };
@@ -86,10 +87,10 @@ export function chart(host, spec) {
     host.replaceChildren(caption, nothing);
     return;
   }
-  const x = scale(spec.x.kind, spec.x.span || [...series, ...bands].flatMap((one) => one.x).concat(points.map((p) => p.x)));
+  const x = scale(spec.x.kind, spec.x.span || [...series, ...bands].flatMap((one) => one.x).concat(points.map((p) => p.x)), points.length > 0);
   const y = scale(spec.y.kind, spec.y.span || [
     ...series.flatMap((one) => one.y), ...bands.flatMap((one) => [...one.low, ...one.high]),
-    ...points.map((p) => p.y), ...lines.map((l) => l.y)]);
+    ...points.map((p) => p.y), ...lines.map((l) => l.y)], points.length > 0);
   const across = (value) => EDGE.left + inner.w * x.place(value);
   const up = (value) => EDGE.top + inner.h * (1 - y.place(value));
   const svg = element("svg", { viewBox: `0 0 ${width} ${HEIGHT}`, role: "img", "aria-label": `${spec.title}. ${spec.summary}` });

@@ -8,6 +8,9 @@ const get = (id) => document.getElementById(id);
 const HZ = { label: "interaction frequency, Hz", kind: "log" };
 const CLAIMS = { asymptotic: "✓ comes to rest", "held-by-friction": "✗ rests by dry friction only", unstable: "✗ does not come to rest" };
 
+// What answers the question that the paper asks.
+const PAPERS = ["direct", "closed-form", "exact", "schedule"];
+
 const named = (column, name) => `${column.toUpperCase()}: ${name}`;
 
 function span(values) {
@@ -105,12 +108,21 @@ export function drawRegion(shown, columns, state) {
 
 const yes = (passed, text) => made("span", { class: passed ? "pass" : "fail" }, `${passed ? "✓" : "✗"} ${text}`);
 
+/** Whether a run comes to rest, and what is left of it at the end. */
+function rested(run) {
+  const claim = CLAIMS[run.claim].slice(2);
+  if (!run.buzzing || run.claim === "unstable") return yes(run.claim === "asymptotic", claim);
+  return yes(false, `${claim}, but buzzes: the force ripples by ${number(run.ripple_n, 2)} ${unit.force} (rms)`);
+}
+
 /** What to do about a coupling that may not go into a device. */
 function nextStep({ now, judge }, method) {
   if (now && !now.gains && method === "recommend") return "Press Run: it looks for a coupling that may go into the device, and takes some seconds to a minute.";
   if (now && !now.gains) return "Press Run, under Method.";
   if (!judge || !judge.deployable || judge.deployable.pass) return "";
-  return method === "recommend" ? "" : "These gains answer the paper's question. For a coupling that may go into the device choose recommend, under Method.";
+  if (method === "recommend") return "";
+  const what = PAPERS.includes(method) ? "These gains answer the paper's question." : "These gains may not go into a device.";
+  return `${what} For a coupling that may choose recommend, under Method.`;
 }
 
 export function drawVerdict(shown, columns, state) {
@@ -120,7 +132,7 @@ export function drawVerdict(shown, columns, state) {
     ["may go into a device", ({ judge }) => judge && judge.deployable ? yes(judge.deployable.pass, judge.deployable.pass ? "deployable" : "not deployable") : "–"],
     ["certificate; L5 and let go decide", ({ judge }) => judge && judge.levels ? made("span", {}, ...judge.levels.flatMap((one) => [
       made("span", { title: one.title, class: `level ${one.pass ? "pass" : one.refused ? "" : "fail"}` }, `${one.level} ${one.pass ? "✓ pass" : one.refused ? "refused" : "✗ fail"}`), " "])) : "–"],
-    ["simulated touch", ({ touch }) => touch && touch.touch ? yes(touch.touch.claim === "asymptotic", CLAIMS[touch.touch.claim].slice(2)) : touch && touch.refused ? touch.refused : "–"],
+    ["simulated touch", ({ touch }) => touch && touch.touch ? rested(touch.touch) : touch && touch.refused ? touch.refused : "–"],
     [`stiffness felt, ${unit.stiffness}`, ({ touch }) => touch && touch.touch ? number(touch.touch.stiffness_n_per_m, 4) : "–"],
     [`peak ${unit.pushed.toLowerCase()}, ${unit.force}`, ({ touch }) => touch && touch.touch ? number(touch.touch.peak_force_n) : "–"],
     [`stiffest wall with a spring and damper, every hand and let go, ${unit.stiffness}`, ({ judge }) => judge && judge.stiffest ? number(judge.stiffest.stiffness_n_per_m, 4) : "–"],

@@ -193,6 +193,9 @@ export class Toy {
   }
 
   #trace(pen, column, top, tall, width, label, colour) {
+    // The words stand above what is drawn, not on it.
+    const words = top + 12;
+    [top, tall] = [top + 18, tall - 18];
     const factor = column ? 1 : 1000;
     const values = this.traces.map((row) => factor * row[column]);
     const [low, high] = this.#span(column, values);
@@ -209,7 +212,7 @@ export class Toy {
     pen.stroke();
     pen.fillStyle = colour("--soft");
     pen.font = "12px system-ui, sans-serif";
-    pen.fillText(`${label}, ${low < -0.2 * high ? number(low) : ""} up to ${number(high)}; last ${SHOWN_S} s`.replace(",  up", ", up"), 8, top + 14);
+    pen.fillText(`${label}, ${low < -0.2 * high ? number(low) : ""} up to ${number(high)}; last ${SHOWN_S} s`.replace(",  up", ", up"), 8, words);
   }
 
   /** What a trace reaches over; with detents it has two signs. */
