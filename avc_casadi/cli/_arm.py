@@ -38,7 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE", help="write the device along the normal as a device file (.toml)")
     parser.add_argument("--map", metavar="FILE", help="draw the stiffest wall over the workspace: .png, .svg or .pdf")
     parser.add_argument(
-        "--poses", type=positive_int, default=_POSES, metavar="N", help=f"of the map (default {_POSES})"
+        "--poses",
+        type=positive_int,
+        default=_POSES,
+        metavar="N",
+        help=f"of the map, at least, on an even grid (default {_POSES})",
     )
     parser.add_argument("--gains", metavar="DIR", help="design gains for every normal and write them into a folder")
     parser.add_argument("--regions", metavar="A,B,C", help="parts of the workspace along each axis (default 1 each)")

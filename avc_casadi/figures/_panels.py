@@ -76,15 +76,15 @@ class Panels:
             holder = holder.figure
         return cls(holder, found, own=False)
 
-    def legend(self, handles: Iterable[Any], labels: Iterable[str], columns: int) -> None:
+    def legend(self, handles: Iterable[Any], labels: Iterable[str], columns: int, title: str | None = None) -> None:
         """Put a legend below an own figure, or into the first of somebody else's axes."""
         if self.own:
             texts = list(labels)
             while columns > 1 and _legend_inches(texts, columns) > self.figure.get_figwidth():
                 columns -= 1
-            self.figure.legend(list(handles), texts, loc="outside lower center", ncols=columns)
+            self.figure.legend(list(handles), texts, loc="outside lower center", ncols=columns, title=title)
         else:
-            self.axes[0].legend(list(handles), list(labels))
+            self.axes[0].legend(list(handles), list(labels), title=title)
 
 
 def _legend_inches(labels: Sequence[str], columns: int) -> float:

@@ -102,7 +102,14 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
     bottom = min(0.3 * passive if passive > 0 else top, *lowest, top)
     bottom = max(bottom, 1e-4 * top, 0.5 * curves.min(initial=top))
     axes.set_ylim(0.7 * bottom, 2.5 * max(top, limit or 0.0))
-    axes.set_xlim(damping[0], max(damping[-1], 1.2 * region.wanted_damping_ns_per_m))
+    for line in axes.get_lines():
+        highest_drawn = np.max(np.nan_to_num(np.asarray(line.get_ydata(), dtype=np.float64)), initial=0.0)
+        if 0 < highest_drawn < 0.7 * bottom:
+            line.set_label(f"{line.get_label()}: below, at most {highest_drawn:.3g} N/m")
+    shown_to = [region.wanted_damping_ns_per_m, *(b[(b > 0) & (k > 0)].max(initial=0.0) for b, k in rendered.values())]
+    for curve in region.curves:
+        shown_to += [damping[np.nan_to_num(curve.stiffness_n_per_m[1:]) > 0].max(initial=0.0)]
+    axes.set_xlim(damping[0], 1.5 * max(shown_to, default=0.0) or damping[-1])
     axes.set_xlabel(f"wall damping B ({IMPEDANCE_UNIT})")
     axes.set_ylabel("wall stiffness K (N/m)")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
