@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ def arm(source: str | Path | ArmFile) -> Arm:
         UnsupportedError: a model without inertias, or with joints that are not taken.
     """
     file = source if isinstance(source, ArmFile) else load_arm(source)
+    told = (file.name or "arm") if isinstance(source, ArmFile) else str(source)
     if file.phantom is not None:
         made = phantom(file, file.phantom)
     elif file.five_bar is not None:
@@ -36,9 +38,11 @@ def arm(source: str | Path | ArmFile) -> Arm:
         from avc_casadi.arm._model_file import model_arm  # noqa: PLC0415 - adam takes seconds to load
 
         assert file.model is not None  # noqa: S101 - a rule of the file
-        made = model_arm(file, file.model)
+        try:
+            made = model_arm(file, file.model)
+        except InputError as error:
+            raise InputError([fault if fault.file else replace(fault, file=told) for fault in error.faults]) from error
     joints, axes = made.joints, len(made.axes)
-    told = (file.name or "arm") if isinstance(source, ArmFile) else str(source)
     if len(file.home) != joints:
         raise InputError.of(f"has {len(file.home)} values; allowed: {joints}, one of each joint", file=told, key="home")
     if len(file.workspace.low_m) != axes:

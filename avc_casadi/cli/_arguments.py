@@ -69,6 +69,13 @@ def add_worded(parser: argparse.ArgumentParser, linear: str, rotary: str, metava
     parser.add_argument(linear, rotary, action=_Worded, type=positive, metavar=metavar, help=text)
 
 
+def add_motion(parser: argparse.ArgumentParser) -> None:
+    """Declare --motion, for verbs to which only the device is known that answers."""
+    parser.add_argument(
+        "--motion", choices=("linear", "rotary"), default="linear", help="of the device: rotary has rad and N.m"
+    )
+
+
 def named(option: argparse.Action) -> tuple[str, str]:
     """Return the name by which a fault tells of an option: of a linear device, and of one that turns."""
     strings = option.option_strings

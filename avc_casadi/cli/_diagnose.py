@@ -15,7 +15,7 @@ import avc_casadi as avc
 from avc_casadi.cli._arguments import add_log_layout, log_layout, positive
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
-from avc_casadi.cli._subject import load_device, load_problem
+from avc_casadi.cli._subject import load_known, load_problem
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .npz or .mat (v5): one record each")
     add_log_layout(parser)
-    parser.add_argument("--device", metavar="NAME|FILE", help="device file or name: what it was declared to be")
+    parser.add_argument("--device", metavar="NAME|FILE", help="device or problem: what it was declared to be")
     parser.add_argument("--problem", metavar="P", help="problem: its device and its hands")
     parser.add_argument("--coupling", metavar="FILE", help="coupling.json that was meant to run")
     parser.add_argument(
@@ -85,7 +85,7 @@ def _declared(args: argparse.Namespace) -> tuple[Device | None, Hands | None]:
     if args.problem:
         problem = load_problem(args.problem)
         return problem.device, problem.hands
-    return (load_device(args.device).device if args.device else None), None
+    return (load_known(args.device).device if args.device else None), None
 
 
 def _coupling(file: str | None) -> Coupling | None:

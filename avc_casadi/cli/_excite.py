@@ -115,20 +115,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if out is not None:
         log.save(out)
         document["out"] = str(out)
-        lines.append(f"written: {out}; next: avc identify {out}{_base(args.device, device)} --out mine.toml")
+        lines.append(f"written: {out}; next: avc identify {out} --device {args.device} --out mine.toml")
     complaint = "" if log.whole else f"avc: {log.port}: {log.end}; {_advice(log)}"
     return Answer(document, "\n".join(lines), 0 if log.whole else 1, complaint)
 
 
 def _device(source: str) -> Device:
     return load_device(source).device if is_device(source) else load_problem(source).device
-
-
-def _base(source: str, device: Device) -> str:
-    """Return the options with which `identify` takes up what is known; of a problem it takes no more than a radius."""
-    if is_device(source):
-        return f" --device {source}"
-    return "" if device.units.linear else f" --handle-radius-m {device.handle_radius_m}"
 
 
 def _plan(made: Excitation) -> dict[str, Any]:

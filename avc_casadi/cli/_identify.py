@@ -15,7 +15,7 @@ import avc_casadi as avc
 from avc_casadi.cli._arguments import add_log_layout, log_layout, positive
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
-from avc_casadi.cli._subject import load_device
+from avc_casadi.cli._subject import load_known
 
 if TYPE_CHECKING:
     from avc_casadi.identification import Identification
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .npz or .mat (v5): one or more records")
     parser.add_argument("--out", metavar="FILE", help="write the device file (.toml)")
     parser.add_argument(
-        "--device", metavar="BASE", help="device file or name: what the logs do not tell is taken from it"
+        "--device", metavar="BASE", help="device or problem: what the logs do not tell is taken from it"
     )
     add_log_layout(parser)
     parser.add_argument(
@@ -35,7 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="known mass (kg.m2 on what turns) on the device, one of each log: tells the force's scale",
     )
     parser.add_argument(
-        "--known", action="append", default=[], metavar="KEY=VALUE", help="a value not to search for: mass_kg=0.1"
+        "--known",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="a value not to search for: mass_kg=0.1, or inertia_kgm2=1e-5",
     )
     parser.add_argument(
         "--handle-radius-m",
@@ -52,7 +56,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     out = output_file(args.out, "--out", (".toml",)) if args.out else None
     page = output_file(args.report, "--report", (".html",)) if args.report else None
     layout, masses, known = log_layout(args), _masses(args), _known(args)
-    base = load_device(args.device) if args.device else None
+    base = load_known(args.device) if args.device else None
     from avc_casadi.identification import device_text, identification_document, identification_text, identify
     from avc_casadi.support import speak, units_for
 
@@ -116,13 +120,11 @@ def _masses(args: argparse.Namespace) -> tuple[float, ...]:
 
 
 def _known(args: argparse.Namespace) -> dict[str, float]:
-    from avc_casadi.support import ROTARY
-
     known: dict[str, float] = {}
     for text in args.known:
         key, _, value = text.partition("=")
         try:
-            known[ROTARY.inner(key)] = float(value)
+            known[key] = float(value)
         except ValueError:
             raise avc.InputError.of(f"is {text!r}; allowed: KEY=VALUE, as mass_kg=0.1", key="--known") from None
     return known

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from avc_casadi.cli._arguments import add_port, add_worded, check_worded, positive, positive_int
+from avc_casadi.cli._arguments import add_motion, add_port, add_worded, check_worded, positive, positive_int
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._text import number, table
 
@@ -25,9 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--energy-j", type=positive, metavar="E", help="that a coupling may give out, a second, without having got it"
     )
     parser.add_argument("--built-in", action="store_true", help="those of the firmware, for all that is not given")
-    parser.add_argument(
-        "--motion", choices=("linear", "rotary"), default="linear", help="of the device: rotary has rad and N.m"
-    )
+    add_motion(parser)
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
 
 

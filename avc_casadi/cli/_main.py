@@ -159,12 +159,17 @@ def _refused(console: Console, error: AvcError | OSError) -> int:
 
 
 def _as_options(error: InputError, options: Mapping[str, tuple[str, str]]) -> InputError:
-    """Name the option, as it is typed for a device of this motion, where an argument of a call is at fault."""
+    """Name the option, as it is typed for a device of this motion, where an argument of a call is at fault.
+
+    A key of a file stays as it stands there.
+    """
     from avc_casadi.support import spoken
 
     turns = not spoken().linear
     typed = {key: both[turns] for key, both in options.items()}
-    return InputError([replace(fault, key=typed.get(fault.key, fault.key)) for fault in error.faults])
+    return InputError(
+        [fault if fault.file else replace(fault, key=typed.get(fault.key, fault.key)) for fault in error.faults]
+    )
 
 
 def _document(message: str, key: str = "") -> dict[str, Any]:

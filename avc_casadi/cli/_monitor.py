@@ -7,7 +7,7 @@ from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import add_port, positive, positive_int
+from avc_casadi.cli._arguments import add_motion, add_port, positive, positive_int
 from avc_casadi.cli._console import INTERRUPTED, Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._text import number
@@ -49,12 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"keep the device's heartbeat: the force falls when none comes for S seconds; default {_HEARTBEAT_S:g}",
     )
     parser.add_argument("--out", metavar="FILE", help="log every record as it comes: .csv, or .mcap (extra 'mcap')")
-    parser.add_argument(
-        "--motion",
-        choices=("linear", "rotary"),
-        default="linear",
-        help="of the device: rotary shows and logs rad and N.m",
-    )
+    add_motion(parser)
     parser.add_argument("--plot", action="store_true", help="draw the last 10 s in a window")
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
 

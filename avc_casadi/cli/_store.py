@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from avc_casadi.cli._arguments import add_port, positive_int
+from avc_casadi.cli._arguments import add_motion, add_port, positive_int
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._text import number
 
@@ -20,14 +20,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--acts", action="store_true", help="the coupling takes over after a reset by itself")
     parser.add_argument("--no-coupling", action="store_true", help="keep limits and name alone")
     parser.add_argument("--name", metavar="NAME", help="of the device, at most 16 bytes; default the one it has")
+    add_motion(parser)
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Store."""
-    from avc_casadi.support import plain
+    from avc_casadi.support import plain, speak, units_for
     from avc_hardware import store
 
+    speak(units_for(args.motion))
     with console.step(f"store on {args.port}"):
         kept = store(
             args.port,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -36,6 +37,27 @@ def load_device(source: str) -> DeviceFile:
     example = [] if file.sdk_example is None else [file.sdk_example.source]
     speak(file.device.units.beside(file.name, file.title, *sources, *example))
     return file
+
+
+def load_known(source: str) -> DeviceFile:
+    """Load a device file, or the device of a problem; from here on the command answers in its words."""
+    from avc_casadi.problem import DeviceFile
+
+    if not _has_wall(source):
+        return load_device(source)
+    problem = load_problem(source)
+    return DeviceFile(name=problem.name, title=problem.title, device=problem.device)
+
+
+def _has_wall(source: str) -> bool:
+    from avc_casadi.problem import catalogue_names, device_names
+
+    if not source.endswith(".toml"):
+        return source in catalogue_names() and source not in device_names()
+    try:
+        return "environment" in tomllib.loads(Path(source).read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError):  # told where it is loaded
+        return False
 
 
 def is_coupling(text: str) -> bool:

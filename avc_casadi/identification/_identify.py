@@ -59,7 +59,8 @@ def identify(
         logs: files, or records.
         layout: columns and units of the files.
         base: what is known of the device; what the logs do not tell is taken from it.
-        known: values that are not searched for, by key; of a device that turns in kg.m2 and N.m.s/rad.
+        known: values that are not searched for, by key of a device file; of a device that turns inertia_kgm2 and
+            damping_nms_per_rad.
         added_mass_kg: known mass on the device, one of each log.
         encoder_at: "motor" or "handle"; None takes that of the base, or what the log bears out.
         flip_force: whether the logs count the force against +position.
@@ -77,7 +78,7 @@ def identify(
         records = [replace(record, force_n=-record.force_n) for record in records]
     radius = radius_of(records, base, handle_radius_m)
     if radius is None:
-        found = _identified(records, notes, base, _checked(known or {}, 1.0), encoder_at, 1.0, most_samples, progress)
+        found = _identified(records, notes, base, _checked(known or {}), encoder_at, 1.0, most_samples, progress)
     else:
         with told_in(units_for("rotary")):
             at_handle = [record.at_handle(radius) for record in records]
@@ -235,16 +236,21 @@ def _records(
     return read_logs(paths, layout, added)
 
 
-def _checked(known: Mapping[str, float], radius_m: float) -> dict[str, float]:
-    base = [one.name for one in TERMS["base"].parameters]
+def _checked(known: Mapping[str, float], radius_m: float | None = None) -> dict[str, float]:
+    """Return the values by the keys used inside; a device that turns has a radius and keys of its own."""
+    units = units_for("linear" if radius_m is None else "rotary")
+    inner = {units.key(one.name): one.name for one in TERMS["base"].parameters}
+    if not set(known) <= set(inner):
+        # Not quoted: what is said of a device that turns would come out in its words.
+        raise InputError.of(
+            f"names what a device that moves like this has not; allowed: {', '.join(inner)}", key="known"
+        )
     for key, value in known.items():
-        if key not in base:
-            raise InputError.of(f"names {key!r}; allowed: {', '.join(base)}", key="known")
-        one, size = PARAMETERS[key], radius_m ** -power_at_handle(key)
+        one, size = PARAMETERS[inner[key]], (radius_m or 1.0) ** -power_at_handle(inner[key])
         low, high = one.lowest * size, one.highest * size
         if not low <= value <= high:
             raise InputError.of(f"has {key} = {value:g}; allowed: {low:g} to {high:g}", key="known")
-    return {key: float(value) for key, value in known.items()}
+    return {inner[key]: float(value) for key, value in known.items()}
 
 
 def _simplest(records: Sequence[Record], known: Mapping[str, float], force: float, travel: float) -> Structure:

@@ -75,7 +75,7 @@ def _known() -> frozenset[str]:
     return frozenset(key for key in every if ROTARY.key(key) != key)
 
 
-def inner_table(table: Any, units: Units, path: Path, findings: list[_Finding]) -> Any:
+def inner_table(table: Any, units: Units, path: Path, findings: list[_Finding], *, capstan: bool = False) -> Any:
     """Return a table of a file with the keys that are used inside; keys of the other motion are found.
 
     Args:
@@ -83,9 +83,10 @@ def inner_table(table: Any, units: Units, path: Path, findings: list[_Finding]) 
         units: of the file.
         path: where it stands.
         findings: to which what is found is added.
+        capstan: whether it is linear because it stands behind a capstan.
     """
     if isinstance(table, list):
-        return [inner_table(item, units, (*path, index), findings) for index, item in enumerate(table)]
+        return [inner_table(item, units, (*path, index), findings, capstan=capstan) for index, item in enumerate(table)]
     if not isinstance(table, Mapping):
         return table
     inner: dict[str, Any] = {}
@@ -94,13 +95,15 @@ def inner_table(table: Any, units: Units, path: Path, findings: list[_Finding]) 
         if units.linear and ROTARY.inner(key) != key and ROTARY.inner(key) in _known():
             name = ROTARY.inner(key)
             message = f'is a key of a device that turns; allowed: {name}, or device.motion = "rotary"'
+            if capstan:
+                message = f"is a key of what turns; allowed: {name}, as all but [device] is linear beside {CAPSTAN}"
             findings.append((place, message))
         elif not units.linear and key in _known():
             message = f'is a key of a linear device; allowed: {ROTARY.key(key)}, as device.motion is "rotary"'
             findings.append((place, message))
             if ROTARY.key(key) in table:
                 continue
-        inner[name] = inner_table(value, units, place, findings)
+        inner[name] = inner_table(value, units, place, findings, capstan=capstan)
     return inner
 
 
@@ -223,8 +226,11 @@ def problem_words(
     own, rest = words
     if not rest.linear and isinstance(tables.get("detent"), Mapping):
         tables = {**tables, "detent": _pitched(tables["detent"], findings)}
+    capstan = rest.linear and not own.linear
     inner = {
-        key: value if key == "device" else inner_table({key: value}, rest, (), findings)[_inner_key(key, rest)]
+        key: value
+        if key == "device"
+        else inner_table({key: value}, rest, (), findings, capstan=capstan)[_inner_key(key, rest)]
         for key, value in tables.items()
     }
     return Worded(inner | ({"device": device} if "device" in tables else {}), own, rest, findings)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from avc_hardware._bytes import ByteLink
 
+_UNITS = {"force_n": "N", "speed_m_per_s": "m/s", "energy_j": "J"}
 # Ticks until limits hold that need not wait.
 _TICKS = 5
 
@@ -114,7 +115,7 @@ def _wanted(device: Device, wanted: tuple[float | None, ...], *, built_in: bool)
     for (name, most), value, before in zip(boards.items(), wanted, now, strict=True):
         values.append((most if built_in else before) if value is None else value)
         if value is not None and not (math.isfinite(value) and 0 < value <= (most or math.inf)):
-            allowed = f"above 0, at most the board's {most:g}" if most else "above 0"
+            allowed = f"above 0, at most the board's {most:g} {_UNITS[name]}" if most else "above 0"
             faults.append(Fault("", None, name, f"is {value:g}; allowed: {allowed}"))
     if faults:
         raise InputError(faults)

@@ -1,0 +1,109 @@
+"""A fault names the file or the option that holds it, in the keys and units that were typed there."""
+
+import json
+
+import numpy as np
+import pytest
+
+from avc_casadi.cli import main
+
+LEVER = """
+title = "a lever"
+[device]
+motion = "rotary"
+capstan_radius_m = 0.05
+inertia_kgm2 = 2e-4
+damping_nms_per_rad = 5e-3
+sample_time_s = 0.001
+max_torque_nm = 0.3
+[environment]
+stiffness_{stiffness} = 2000
+damping_{damping} = 1
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lever.toml").write_text(LEVER.format(stiffness="n_per_m", damping="ns_per_m"))
+    time, random = np.arange(4000) * 1e-3, np.random.default_rng(0)
+    tones = np.geomspace(0.5, 100, 40)
+    torque = 0.01 * np.cos(2 * np.pi * tones[:, None] * time + random.uniform(0, 6, (40, 1))).sum(axis=0)
+    angle, speed = np.zeros_like(time), 0.0
+    for row in range(1, len(time)):
+        speed += (torque[row - 1] - 5e-3 * speed - 0.05 * angle[row - 1]) / 2e-4 * 1e-3
+        angle[row] = angle[row - 1] + 1e-3 * speed
+    rows = zip(time, angle, torque, strict=True)
+    (tmp_path / "turn.csv").write_text(
+        "time_s,angle_rad,torque_Nm\n" + "".join(f"{t:.3f},{x:.9g},{u:.9g}\n" for t, x, u in rows)
+    )
+    rows = zip(time, 0.05 * angle, torque / 0.05, strict=True)
+    (tmp_path / "line.csv").write_text(
+        "time_s,position_m,force_N\n" + "".join(f"{t:.3f},{x:.9g},{u:.9g}\n" for t, x, u in rows)
+    )
+    return tmp_path
+
+
+def told(capsys, *arguments):
+    assert main([*arguments]) == 2
+    return capsys.readouterr().err
+
+
+def test_a_wall_behind_a_capstan_is_linear_and_that_is_said(folder, capsys):
+    (folder / "turned.toml").write_text(LEVER.format(stiffness="nm_per_rad", damping="nms_per_rad"))
+    said = told(capsys, "check", "turned.toml")
+    assert said.count("is a key of what turns; allowed: ") == 2
+    assert 'device.motion = "rotary"' not in said
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+def test_a_problem_says_of_its_device_what_a_device_file_would(capsys, verb):
+    document = json.loads(run(capsys, verb, "line.csv", "--device", "lever.toml", "--json"))
+    assert document["schema"] == f"avc-{verb}/1"
+
+
+def run(capsys, *arguments):
+    main([*arguments])
+    return capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("log", "asked", "right"),
+    [
+        ("turn.csv", ["--handle-radius-m", "0.02", "--known", "mass_kg=2e-4"], "inertia_kgm2"),
+        ("turn.csv", ["--device", "smartknob", "--known", "mass_kg=2e-4"], "inertia_kgm2"),
+        ("line.csv", ["--known", "inertia_kgm2=2e-4"], "mass_kg"),
+    ],
+)
+def test_a_known_value_of_the_other_motion_is_refused(capsys, log, asked, right):
+    assert f"allowed: {right}, " in told(capsys, "identify", log, *asked)
+
+
+def test_a_limit_above_the_boards_is_refused_with_its_unit(capsys):
+    pytest.importorskip("unicorn")
+    assert " N\n" in told(capsys, "limits", "--port", "emulator", "--force-n", "1e4")
+    assert " N.m\n" in told(capsys, "limits", "--port", "emulator", "--torque-nm", "1e4", "--motion", "rotary")
+
+
+def test_a_key_of_a_file_is_not_told_as_an_option(folder, capsys):
+    (folder / "broken.toml").write_text("coupling = 3\n" + LEVER.format(stiffness="n_per_m", damping="ns_per_m"))
+    said = told(capsys, "diagnose", "line.csv", "--problem", "broken.toml")
+    assert "broken.toml:1: coupling: " in said
+    assert "--coupling" not in said
+
+
+def test_a_tip_that_the_model_has_not_is_a_fault_of_the_arm_file(folder, capsys):
+    pytest.importorskip("mujoco")
+    body = (
+        '<body><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/><joint name="{}" type="slide" axis="{}"/>{}</body>'
+    )
+    inner = body.format("z", "0 0 1", '<body name="tip" pos="0 0 1"/>')
+    model = body.format("x", "1 0 0", body.format("y", "0 1 0", inner))
+    (folder / "model.xml").write_text(f"<mujoco><worldbody>{model}</worldbody></mujoco>")
+    (folder / "arm.toml").write_text(
+        'title = "a"\nhome = [0, 0, 0]\n[device]\ndamping_ns_per_m = 2.0\n[workspace]\nlow_m = [-0.1, -0.1, -0.1]\n'
+        'high_m = [0.1, 0.1, 0.1]\n[model]\nfile = "model.xml"\ntip = "nose"\n'
+    )
+    assert "arm.toml: model.tip: " in told(capsys, "arm", "arm.toml")
