@@ -29,7 +29,7 @@ _DELAY_STEP = 2e-3
 # The force of a fractional delay comes from two samples; a derivative stays between the same two.
 TAPS = 2
 # Even parts of a sample in which dry friction looks at the velocity, where an amplifier bends it.
-_BENT = 12
+_BENT = 8
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,12 @@ def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: 
 
 
 def linear_step(
-    values: Mapping[str, float], structure: Structure, sample_time_s: float, taps: tuple[int, ...]
+    values: Mapping[str, float],
+    structure: Structure,
+    sample_time_s: float,
+    taps: tuple[int, ...],
+    *,
+    friction: bool = True,
 ) -> LinearStep:
     """Discretise exactly.
 
@@ -109,12 +114,18 @@ def linear_step(
         structure: which terms there are.
         sample_time_s: T.
         taps: delays to give columns of.
+        friction: whether dry friction looks inside the sample; without it there are no cuts.
     """
-    return linear_steps([values], structure, sample_time_s, taps)[0]
+    return linear_steps([values], structure, sample_time_s, taps, friction=friction)[0]
 
 
 def linear_steps(
-    several: Sequence[Mapping[str, float]], structure: Structure, sample_time_s: float, taps: tuple[int, ...]
+    several: Sequence[Mapping[str, float]],
+    structure: Structure,
+    sample_time_s: float,
+    taps: tuple[int, ...],
+    *,
+    friction: bool = True,
 ) -> list[LinearStep]:
     """Do the same for several values in one go."""
     devices = [device_of(values, structure, sample_time_s) for values in several]
@@ -128,11 +139,9 @@ def linear_steps(
         device_plant(device, None if spring is None else _Spring(spring)).linear()
         for device, spring in zip(devices, springs, strict=True)
     ]
-    rubbed = [replace(plant, force=plant.friction) for plant in plants]
     late_s = [(device.delay_samples - int(device.delay_samples)) * sample_time_s for device in devices]
-    # Forces are positive against +x in the loop.
-    motor = transitions([(plant, sample_time_s) for plant in rubbed])
-    early = _inside(plants, rubbed, late_s, sample_time_s, _BENT if structure.present("amplifier_bandwidth_hz") else 1)
+    parts = _BENT if structure.present("amplifier_bandwidth_hz") else 1
+    motor, early = _inside(plants, late_s, sample_time_s, parts if friction else 0)
     found = []
     for place, (values, plant) in enumerate(zip(several, plants, strict=True)):
         made, row = sampled[place]
@@ -141,6 +150,7 @@ def linear_steps(
         force = np.stack([columns.get(tap, np.zeros(plant.states)) for tap in taps], axis=1) * values["force_scale"]
         inside = np.zeros((len(early[place]), plant.states + len(taps) + 1))
         inside[:, : plant.states] = early[place][:, : plant.states]
+        # Forces are positive against +x in the loop.
         for tap, column in ((whole + 1, plant.states), (whole, plant.states + 1)):
             if tap in taps:
                 inside[:, plant.states + taps.index(tap)] = -early[place][:, column] * values["force_scale"]
@@ -149,7 +159,7 @@ def linear_steps(
             LinearStep(
                 matrix=made.matrix[row, 0],
                 force=force,
-                motor=-motor[place].force.reshape(-1),
+                motor=-motor[place],
                 early=inside,
                 taps=taps,
                 measured=int(np.argmax(made.measured)),
@@ -160,48 +170,53 @@ def linear_steps(
 
 
 def _inside(
-    plants: Sequence[LinearPlant], rubbed: Sequence[LinearPlant], late_s: Sequence[float], period: float, parts: int
-) -> FloatArray:
-    """Return the velocity of the motor at the cuts of a sample, by x, the older and the newer force and by f.
+    plants: Sequence[LinearPlant], late_s: Sequence[float], period: float, parts: int
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return what a force on the motor does over a sample, and the motor's velocity at the cuts of the sample.
 
     Args:
         plants: driven by the force.
-        rubbed: the same, driven by friction.
         late_s: when the newer force arrives.
         period: T.
-        parts: even ones into which the sample is cut; that moment is one more cut.
+        parts: even ones into which the sample is cut; that moment is one more cut. 0 is no cut at all.
 
     Returns:
-        Shape (plants, cuts, n + 3).
+        Of each plant (n,), and by x, the older and the newer force and by f (cuts, n + 3).
     """
-    even = period * np.arange(1, parts) / parts
-    cuts = [np.sort(np.append(even, late)) for late in late_s]
-    size = plants[0].states
-
-    def after(some: Sequence[LinearPlant], times: Sequence[FloatArray]) -> list[Transition]:
-        # What takes no time is that of a sample, times nothing.
-        return transitions([(one, t or period) for one, mine in zip(some, times, strict=True) for t in mine.tolist()])
-
-    older = after(plants, [np.minimum(mine, late) for mine, late in zip(cuts, late_s, strict=True)])
-    newer = after(plants, [np.maximum(mine - late, 0.0) for mine, late in zip(cuts, late_s, strict=True)])
-    friction = after(rubbed, cuts)
-    found = np.zeros((len(plants), parts, size + 3))
+    even = period * np.arange(1, parts) / max(parts, 1)
+    cuts = [np.sort(np.append(even, late)).tolist() if parts else [] for late in late_s]
+    asked = {(place, True, period): 0 for place in range(len(plants))}
     for place, (mine, late) in enumerate(zip(cuts, late_s, strict=True)):
-        for row, time in enumerate(mine.tolist()):
-            at = place * len(mine) + row
-            first, second = older[at], newer[at]
-            matrix, force = np.eye(size), np.zeros(size)
-            if min(time, late) > 0:
-                matrix, force = first.matrix.reshape(size, size), first.force.reshape(-1)
-            line = np.concatenate([matrix[1], [force[1], 0.0, 0.0]])
+        for time in mine:
+            wanted = ((True, time), (False, min(time, late)), (False, time - late))
+            asked |= {(place, rubs, t): 0 for rubs, t in wanted if t > 0}
+    rubbed = [replace(plant, force=plant.friction) for plant in plants]
+    every = transitions([((rubbed if rubs else plants)[place], time) for place, rubs, time in asked])
+    moves = dict(zip(asked, every, strict=True))
+    early = []
+    for place, (mine, late, plant) in enumerate(zip(cuts, late_s, plants, strict=True)):
+        size = plant.states
+        lines = np.zeros((len(mine), size + 3))
+        for line, time in zip(lines, mine, strict=True):
+            line[:size] = np.eye(size)[1]
+            first = moves.get((place, False, min(time, late)))
+            if first is not None:
+                line[: size + 1] = _row(first, size)
             if time > late:
-                on = second.matrix.reshape(size, size)[1]
-                line[: size + 1] = np.concatenate([on @ matrix, [on @ force]])
-                line[size + 1] = second.force.reshape(-1)[1]
+                second = _row(moves[place, False, time - late], size)
+                line[: size + 2] = [*second[:size], 0.0, second[size]]
+                if first is not None:
+                    line[:size] = second[:size] @ first.matrix.reshape(size, size)
+                    line[size] = second[:size] @ first.force.reshape(-1)
             if time > 0:
-                line[size + 2] = friction[at].force.reshape(-1)[1]
-            found[place, row] = line
-    return found
+                line[size + 2] = _row(moves[place, True, time], size)[size]
+        early.append(lines)
+    return [moves[place, True, period].force.reshape(-1) for place in range(len(plants))], early
+
+
+def _row(move: Transition, size: int) -> FloatArray:
+    """Return how the motor's velocity follows from the state and a force."""
+    return np.append(move.matrix.reshape(size, size)[1], move.force.reshape(-1)[1])
 
 
 def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:

@@ -71,6 +71,7 @@ STUDIES = (
     Study("proofs_of_rest.py", 18, ("proofs_of_rest_walls", "proofs_of_rest_designs", "proofs_of_rest_references")),
     Study("random_devices.py --count 200", 37, ("random_devices",)),
     Study("identification.py", None, ("identification",)),
+    Study("identification.py --amplifier --count 40 --write", None, ("identification_amplifier",)),
     Study("real_drive.py emps_pulses.csv --write", None, ("real_drive",)),
     Study("diagnosis.py", None, ("diagnosis",)),
     Study("round_trip.py", None, ("round_trip",)),
