@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.problem import Device
 
+_USUAL_BAUD = 115200
+# The divider of the packaged boards' ports has 16 bits at up to 84 MHz and takes 16 clocks a bit.
+_BAUDS = (2400, 2_000_000)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -40,7 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="run the coupling's exported C itself, whatever is beside its gains; no other can be pushed then",
     )
     parser.add_argument("--unsafe", action="store_true", help="build a coupling in that is not deployable")
-    parser.add_argument("--baud", type=positive_int, help="rate of its serial port; default 115200")
+    low, high = _BAUDS
+    parser.add_argument(
+        "--baud",
+        type=positive_int,
+        help=f"rate of its serial port, {low} to {high}; default {_USUAL_BAUD}; push, stream and monitor need the same",
+    )
     add_problem_of_gains(parser)
 
 
@@ -49,6 +58,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.support import plain
     from avc_hardware import build_firmware
 
+    low, high = _BAUDS
+    if args.baud is not None and not low <= args.baud <= high:
+        raise avc.InputError.of(f"is {args.baud}; allowed: {low} to {high}, what serial ports divide to", key="--baud")
     subject: Coupling | avc.Problem | Device
     if is_coupling(args.subject):
         subject = read_subject("firmware", args.subject, args.problem)
@@ -56,12 +68,14 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         subject = load_device(args.subject).device if is_device(args.subject) else load_problem(args.subject)
     with output_folder(args.out, "--out") as folder, console.step(f"firmware for {args.board}"):
         built = build_firmware(subject, args.board, folder, baud=args.baud, built_in=args.built_in, unsafe=args.unsafe)
+    baud = args.baud or _USUAL_BAUD
     limits, figures = built.limits, built.figures
     document: dict[str, Any] = plain(
         {
             "schema": "avc-firmware/1",
             "board": built.board,
             "build": built.build,
+            "baud": baud,
             "files": [str(Path(args.out) / path.name) for path in built.files],
             "address": built.address,
             "size_bytes": built.size,
@@ -70,18 +84,24 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             "commands": list(built.commands),
         }
     )
+    at = "" if baud == _USUAL_BAUD else f" --baud {baud}"
+    estimator = "" if args.built_in else f"; estimator {figures.estimator}"
     held = (
         f"coupling {getattr(subject, 'id', '')} built in: no other can be pushed"
         if args.built_in
-        else "gains are pushed: avc push"
+        else f"gains are pushed: avc push{at}"
     )
+    notes = []
+    if isinstance(subject, avc.Problem) and subject.detent is not None:
+        notes.append("  [detent] has no place in what is pushed: build a coupling in that has it (--built-in)")
     lines = [
         f"{built.board} ({built.title}), build {built.build}, {built.size} bytes from {built.address:#010x}:",
         (
             f"  made for T = {number(limits.sample_time_s)} s, encoder steps of {number(limits.metres_per_count)} m, "
-            f"at most {number(limits.max_force_n)} N; estimator {figures.estimator}"
+            f"at most {number(limits.max_force_n)} N{estimator}"
         ),
-        f"  {held}",
+        f"  {held}; serial line at {baud} baud",
+        *notes,
         *(f"  {path}" for path in document["files"]),
         f"flash it from within {args.out}, by any one of:",
         *(f"  {command}" for command in built.commands),

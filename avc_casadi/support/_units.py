@@ -23,6 +23,7 @@ _ENDINGS = {
     "_ns_per_m": "_nms_per_rad",
     "_m_per_s": "_rad_per_s",
     "_m_per_n": "_rad_per_nm",
+    "_m_per_s2": "_rad_per_s2",
     "_n_per_m": "_nm_per_rad",
     "_n_per_s": "_nm_per_s",
     "_kg": "_kgm2",
@@ -32,6 +33,8 @@ _ENDINGS = {
     "_m": "_rad",
 }
 _NOUNS = {"mass": "inertia", "masses": "inertias", "force": "torque", "forces": "torques"}
+# A word in the middle of a key that is a unit.
+_WORDS = {"metres_per_count": "radians_per_count"}
 # Lengths of a device that turns as well.
 _LENGTHS = ("handle_radius_m", "capstan_radius_m")
 # Keys whose value is a user's own word, or a file.
@@ -120,6 +123,8 @@ class Units:
         """Return what a key of a linear device is called: ``mass_kg`` as ``inertia_kgm2``."""
         if self.linear or key in _LENGTHS:
             return key
+        if key in _WORDS:
+            return _WORDS[key]
         parts = "_".join(_NOUNS.get(part, part) for part in key.split("_"))
         for ending, other in _ENDINGS.items():
             if parts.endswith(ending):
@@ -130,6 +135,8 @@ class Units:
         """Return what a key is called inside: the inverse of `key`."""
         if self.linear:
             return key
+        if key in _WORDS.values():
+            return next(inner for inner, outer in _WORDS.items() if outer == key)
         parts = "_".join(_SINGLE.get(part, part) for part in key.split("_"))
         for ending, other in _ENDINGS.items():
             if parts.endswith(other):

@@ -15,11 +15,11 @@ from avc_hardware._build_faults import MANIFEST
 from avc_hardware._elf import read_elf
 from avc_hardware._export import export_c
 from avc_hardware._figures import RuntimeFigures
-from avc_hardware._firmware import source_hash
 from avc_hardware._image_files import as_binary, as_intel_hex
 from avc_hardware._manifest import flashing, read_board
 from avc_hardware._precision import SINGLE
 from avc_hardware._runs_on import check_runs_on, figures_of
+from avc_hardware._table import wall_alone
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Device
@@ -98,7 +98,7 @@ def build_firmware(
         InputError: unknown board, all faults of its manifest, or nothing to build in.
         NotDeployableError: what is to be built in is not stable with every hand of ``[hands]`` and let go.
         FirmwareLacksError: the coupling needs what no firmware of this release has.
-        UnsupportedError: a sample time that no program is made for.
+        UnsupportedError: a sample time that no program is made for, or a coupling beside detents that is not built in.
         MissingExtraError: no cross compiler; says how to install it.
     """
     target = _target(board)
@@ -108,12 +108,13 @@ def build_firmware(
     generated = _coupling_sources(of, unsafe=unsafe) if built_in else {}
     if isinstance(of, Coupling) and not built_in:
         check_runs_on(of)
+        wall_alone(of)
         figures = figures_of(of)
         if of.table.constant:
             figures = replace(figures, estimator=target.estimator)
     # It builds expressions in CasADi, whose import is slow; and it is a program too.
     from avc_hardware._runtime_c import sources_for  # noqa: PLC0415
-    from avc_hardware.firmware_build import build_image  # noqa: PLC0415
+    from avc_hardware.firmware_build import build_image, build_name  # noqa: PLC0415
 
     generated |= sources_for(limits, figures)
     elf = build_image(board if target.root is None else target, out, baud=baud, generated=generated)
@@ -131,7 +132,8 @@ def build_firmware(
     name = elf.stem
     commands = tuple(flashing(command, name) for command in target.commands)
     files = (elf, binary, text)
-    return BuiltFirmware(name, target.title, source_hash(), files, address, len(data), limits, figures, commands)
+    build = build_name(target, generated)
+    return BuiltFirmware(name, target.title, build, files, address, len(data), limits, figures, commands)
 
 
 def _coupling_sources(of: Coupling | Problem | Device, *, unsafe: bool) -> dict[str, str]:
@@ -156,6 +158,8 @@ def _target(board: str) -> Target:
         return TARGETS[board]
     if Path(board).is_dir():
         return read_board(Path(board))
+    if Path(board).name == MANIFEST:
+        raise InputError.of(f"is {board!r}, a manifest; allowed: its folder, {str(Path(board).parent)!r}", key="board")
     raise InputError.of(
         f"is {board!r}; allowed: {', '.join(BOARDS)}, or the folder of a board of your own (hardware/PORTING.md)",
         key="board",

@@ -28,7 +28,7 @@ HEADER, SOURCE = "avc_coupling.h", "avc_coupling.c"
 _HEADER = """\
 /* A virtual coupling with its wall, made by avc-casadi; do not edit.
  *
- * Coupling {id} for {problem}: {title}
+ * Coupling {id} for {problem}{title}
  * method {method}, structure {structure}, {rows}
  * wall: {wall_damping:.9g} N.s/m and {wall_stiffness:.9g} N/m, on one side, at position 0; contact law {contact}
  * beside the gains: {beside}{detents}
@@ -267,7 +267,7 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
     return _HEADER.format(
         id=coupling.id,
         problem=_comment(problem.name or "a problem"),
-        title=_comment(problem.title),
+        title=_comment(f": {problem.title}") if problem.title else "",
         method=_comment(coupling.method),
         structure=coupling.structure,
         contact=coupling.contact,

@@ -17,6 +17,8 @@ from avc_hardware._figures import ESTIMATOR_NUMBERS
 # The format counts rows and records in 16 bits; a table with state feedback is as long as 27 rows.
 ROWS = (27, 4096)
 RECORDS = (128, 32768)
+# Bytes of the vectors that the packaged start of a Cortex-M has, to the next power of two.
+_VECTORS = 256
 
 
 @dataclass
@@ -27,12 +29,14 @@ class _Reader:
     keys: dict[str, Any]
     faults: list[Fault] = field(default_factory=list)
     place: str = ""
+    asked: list[str] = field(default_factory=list)
 
     def fault(self, key: str, message: str) -> None:
         self.faults.append(Fault(self.file, None, self.place + key, message))
 
     def take(self, key: str, default: Any, allowed: str, accepts: Callable[[Any], bool]) -> Any:
         """Return a key's value, or the default; None as default asks for the key."""
+        self.asked.append(key)
         if key not in self.keys:
             if default is None:
                 self.fault(key, f"is missing; give {allowed}")
@@ -44,6 +48,7 @@ class _Reader:
         return value
 
     def table(self, key: str) -> _Reader:
+        self.asked.append(key)
         value = self.keys.pop(key, {})
         if not isinstance(value, dict):
             self.fault(key, f"is {value!r}; allowed: a table")
@@ -52,7 +57,7 @@ class _Reader:
 
     def end(self) -> None:
         for key in self.keys:
-            self.fault(key, "is unknown; see hardware/PORTING.md")
+            self.fault(key, f"is unknown; allowed: {', '.join(self.asked)} (hardware/PORTING.md)")
 
 
 def _text(value: Any) -> bool:
@@ -67,14 +72,21 @@ def _whole(low: int, high: int = 2**32) -> Callable[[Any], bool]:
     return lambda value: isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
 
 
-def _region(reader: _Reader, key: str) -> tuple[int, int]:
+def _region(reader: _Reader, key: str, align: int) -> tuple[int, int] | None:
+    """Return first address and size, or None where one of them is at fault."""
     table = reader.table(key)
-    origin = table.take("origin", None, "the first address", _whole(0))
-    size = table.take("bytes", None, "the size in bytes", _whole(1))
+    whole = _whole(0)
+    told = "the first address" if align == 1 else f"the first address, a multiple of {align}"
+    origin = table.take("origin", None, told, lambda value: whole(value) and value % align == 0)
+    size = table.take(
+        "bytes", None, "the size in bytes, a multiple of 4", lambda value: _whole(4)(value) and value % 4 == 0
+    )
     table.end()
-    if (origin or 0) + (size or 0) > 2**32:
+    if origin is None or size is None:
+        return None
+    if origin + size > 2**32:
         table.fault("bytes", f"{size} from {origin:#x} on end beyond 32 bits; allowed: at most {2**32 - origin}")
-    return origin or 0, size or 0
+    return origin, size
 
 
 def _check_commands(reader: _Reader, commands: list[str]) -> None:
@@ -125,7 +137,9 @@ def read_board(folder: Path) -> Target:
     estimator = reader.take("estimator", "zero-crossing", estimators, ESTIMATOR_NUMBERS.__contains__)
     commands = reader.take("commands", [], "a list of commands that flash {name}.elf, {name}.bin or {name}.hex", _texts)
     _check_commands(reader, commands)
-    flash, memory = _region(reader, "flash"), _region(reader, "memory")
+    # The vectors of a Cortex-M stand at a multiple of their size, its stack at one of 8.
+    flash = _region(reader, "flash", _VECTORS if processor == "cortex-m" else 4)
+    memory = _region(reader, "memory", 8)
     capacity = reader.table("capacity")
     rows = capacity.take("rows", 256, "{} to {} rows of a table".format(*ROWS), _whole(*ROWS))
     records = capacity.take(
@@ -140,7 +154,7 @@ def read_board(folder: Path) -> Target:
         reader.fault("linker_script", "is missing; the packaged one is for cortex-m: give a file of the folder")
     if sources == []:
         reader.fault("sources", "names no file; allowed: at least the one with the board's functions (hal.h)")
-    (rom, rom_bytes), (ram, ram_bytes) = flash, memory
+    (rom, rom_bytes), (ram, ram_bytes) = flash or (0, 0), memory or (0, 0)
     if max(rom, ram) < min(rom + rom_bytes, ram + ram_bytes):
         message = f"0x{ram:x} to 0x{ram + ram_bytes:x} lies over flash, 0x{rom:x} to 0x{rom + rom_bytes:x}"
         reader.fault("memory", f"{message}; allowed: apart from each other")
@@ -154,8 +168,8 @@ def read_board(folder: Path) -> Target:
         title=title,
         folder=folder.resolve().name,
         cpu=tuple(flags),
-        flash=flash,
-        ram=memory,
+        flash=(rom, rom_bytes),
+        ram=(ram, ram_bytes),
         defines=(f"-DAVC_CAPACITY_ROWS={rows}", f"-DAVC_CAPACITY_RECORDS={records}"),
         estimator=estimator,
         commands=tuple(commands),

@@ -25,6 +25,8 @@ _FILES = {
     "haply": {"examples/haply.cpp": "haply.cpp", **_WALL},
 }
 PACKAGES = tuple(_FILES)
+# Of the sketch, where the device says nothing: the encoder's step and the force at full duty, at the handle.
+_USUAL_STEP_M, _USUAL_FORCE_N = 2e-5, 10.0
 _OF_A_LINE = ("chai3d", "openhaptics", "haply")
 
 
@@ -54,11 +56,14 @@ def packaged(files: dict[str, str], coupling: Coupling, packages: Iterable[str])
         raise InputError.of(message, key="packages")
     if not wanted:
         return files
+    device = coupling.problem.device
     made = {f"src/{name}": text for name, text in files.items()}
     known = {
         "@ID@": coupling.id,
         "@PERIOD_US@": f"{1e6 * coupling.sample_time_s:.7g}",
         "@VERSION@": avc_casadi.__version__,
+        "@PER_COUNT@": f"{device.encoder_resolution_m or _USUAL_STEP_M / device.metres_per_unit:.7g}",
+        "@FULL_DUTY@": f"{coupling.max_force_n or _USUAL_FORCE_N * device.metres_per_unit:.7g}",
     }
     for package in wanted:
         for place, template in _FILES[package].items():

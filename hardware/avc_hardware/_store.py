@@ -72,6 +72,8 @@ def store(
     """
     if acts and not coupling:
         raise InputError.of("a coupling acts after a reset that is kept; leave out one of the two", key="acts")
+    if name is not None and not name.isprintable():
+        raise InputError.of(f"is {name!r}; allowed: characters that print, in a line", key="name")
     if name is not None and len(name.encode()) > NAME_BYTES:
         raise InputError.of(f"{name!r} takes {len(name.encode())} bytes; allowed: {NAME_BYTES}", key="name")
     link = open_link(port, baud=baud) if isinstance(port, str) else port

@@ -149,7 +149,7 @@ def stream(
         before = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
         start = link.now_s()
         samples: list[StreamSample] = []
-        late = 0
+        refusals: list[Refusal] = []
         frequency = before.lookup_hz
         for number in range(max(1, round(seconds * rate_hz))):
             end = start + (number + 1) / rate_hz
@@ -159,7 +159,7 @@ def stream(
             elif isinstance(answer, Refusal):
                 if answer.reason not in _KEPT:
                     raise LinkError(f"{link.name}: the device refused streamed gains: {answer}")
-                late += answer.reason is Reason.STALE
+                refusals.append(answer)
             samples.append(sample)
             if on_sample is not None:
                 on_sample(sample)
@@ -176,10 +176,9 @@ def stream(
         device = connection.run(connection.session.hello())
     trips: FloatArray = np.array([s.round_trip_s for s in samples if math.isfinite(s.round_trip_s)])
     fell_back = middle.stream_expired - before.stream_expired
-    lost = len(samples) - len(trips) - late
-    faults = _faults_of_end(pushed, after, device)
-    if lost + late > _SHARE_LOST * len(samples):
-        faults.append(f"{lost} of {len(samples)} messages were lost, {late} late")
+    late = sum(one.reason is Reason.STALE for one in refusals)
+    lost = len(samples) - len(trips) - len(refusals)
+    faults = [*_faults_of_end(pushed, after, device), *_faults_on_the_way(len(samples), lost, late, refusals)]
     if fell_back > 0:
         faults.append(f"the device went back to its table in mid-stream, {fell_back} times")
     return StreamResult(
@@ -215,6 +214,17 @@ def _faults_of_end(pushed: PushResult, status: DeviceStatus, device: Device) -> 
         faults.append(f"the device has a fault: {DeviceFault(status.faults).word}")
     if status.mode != MODES[0]:
         faults.append(f"the device does not run its table (mode {status.mode})")
+    return faults
+
+
+def _faults_on_the_way(sent: int, lost: int, late: int, refusals: list[Refusal]) -> list[str]:
+    """Say where more messages than a few did not get through, or were not taken."""
+    faults = []
+    if lost + late > _SHARE_LOST * sent:
+        faults.append(f"{lost} of {sent} messages were lost, {late} late")
+    refused = [one for one in refusals if one.reason is not Reason.STALE]
+    if len(refused) > _SHARE_LOST * sent:
+        faults.append(f"{len(refused)} of {sent} messages were refused, the last: {refused[-1]}")
     return faults
 
 

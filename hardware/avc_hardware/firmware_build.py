@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from avc_casadi import InputError, MissingExtraError, UnsupportedError
 from avc_hardware._boards import TARGETS, Target
-from avc_hardware._build_faults import build_faults
+from avc_hardware._build_faults import MANIFEST, build_faults
 from avc_hardware._firmware import FIRMWARE, GENERATED, source_hash
 
 if TYPE_CHECKING:
@@ -72,6 +72,22 @@ def compiler(name: str, install: str) -> str:
     return path
 
 
+def _compiler_of(board: Target) -> str:
+    """Return the path of a board's compiler; that of a board of one's own is a value of its manifest.
+
+    Raises:
+        InputError: the manifest names a program that is not there.
+        MissingExtraError: the compiler of a packaged board is not installed.
+    """
+    if board.root is not None and shutil.which(board.compiler) is None:
+        raise InputError.of(
+            f"is {board.compiler!r}, which is no program on the path; correct the name, or install it: {board.install}",
+            file=str(board.root / MANIFEST),
+            key="compiler",
+        )
+    return compiler(board.compiler, board.install)
+
+
 def _run(command: list[str], board: Target | None = None) -> None:
     """Run a compiler; what is wrong with a board of one's own is told by the keys of its manifest."""
     spoken = {**os.environ, "LC_ALL": "C"}
@@ -111,6 +127,18 @@ def _core_sources(estimator: str, made: Path | None = None) -> list[Path]:
     return sources
 
 
+def build_name(board: Target, generated: Mapping[str, str] | None = None) -> str:
+    """Return the name of the sources of an image, as HELLO tells it.
+
+    Args:
+        board: with the sources of a board of one's own.
+        generated: as for `build_image`; a coupling that is built in counts.
+    """
+    own = [] if board.root is None else [(board.root / source).read_bytes() for source in board.sources]
+    own += [text.encode() for file, text in (generated or {}).items() if file in BUILT_IN]
+    return source_hash(FIRMWARE, *own)
+
+
 def build_image(
     target: str | Target,
     out: Path,
@@ -148,8 +176,6 @@ def build_image(
         "RAM_ORIGIN": board.ram[0],
         "RAM_SIZE": board.ram[1],
     }
-    own = [] if board.root is None else [path.read_bytes() for path in sources if path.is_relative_to(board.root)]
-    own += [text.encode() for file, text in (generated or {}).items() if file in BUILT_IN]
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder)
         _write({made / file: text for file, text in (generated or {}).items()})
@@ -157,9 +183,10 @@ def build_image(
         built_in = [made / file for file in BUILT_IN if (made / file).exists()]
         _run(
             [
-                compiler(board.compiler, board.install),
-                *_common(board.estimator, made, source_hash(FIRMWARE, *own)),
+                _compiler_of(board),
+                *_common(board.estimator, made, build_name(board, generated)),
                 *board.cpu,
+                *EXACT_FLOAT,  # whatever the flags of a board of one's own say
                 *board.defines,
                 *(["-DAVC_BUILT_IN"] if built_in else []),
                 *([f"-DBOARD_BAUD={baud}u"] if baud else []),

@@ -10,9 +10,9 @@
 
 static const int ENCODER_A = 2, ENCODER_B = 3, MOTOR_PWM = 9, MOTOR_DIRECTION = 8;
 /* Of the encoder along the handle's way; counts rise into the wall, 0 is its surface. */
-static const avc_coupling_real_t METRES_PER_COUNT = (avc_coupling_real_t)2e-5;
-/* What the handle feels at a duty cycle of 255; direction LOW pushes out of the wall. */
-static const avc_coupling_real_t NEWTONS_AT_FULL_DUTY = (avc_coupling_real_t)10;
+static const avc_coupling_real_t METRES_PER_COUNT = (avc_coupling_real_t)@PER_COUNT@;
+/* What the handle feels at a duty cycle of 255, measured on your own driver: at first the largest that is declared; direction LOW pushes out of the wall. */
+static const avc_coupling_real_t NEWTONS_AT_FULL_DUTY = (avc_coupling_real_t)@FULL_DUTY@;
 
 static const unsigned long PERIOD_US = (unsigned long)(AVC_COUPLING_SAMPLE_TIME_S * 1e6f + 0.5f);
 /* A missed sample costs this much, a good one pays back one. */

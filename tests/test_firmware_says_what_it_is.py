@@ -1,0 +1,127 @@
+"""A build tells the name that HELLO tells, keeps exact floats whatever a board asks for, refuses what cannot work."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from hardware_bench import coupling, require
+
+import avc_casadi as avc
+from avc_casadi import InputError, UnsupportedError
+from avc_casadi.cli import main
+from avc_casadi.coupling import Coupling, Gains, write_coupling
+from avc_hardware import build_firmware, export_c
+from avc_hardware._packages import packaged
+
+M0 = Path(__file__).parent / "boards" / "cortex-m0"
+
+
+def board(folder: Path, **changes: tuple[str, str]) -> Path:
+    """Copy a board, with texts of its manifest changed."""
+    shutil.copytree(M0, folder)
+    manifest = (folder / "board.toml").read_text()
+    for old, new in changes.values():
+        assert old in manifest
+        manifest = manifest.replace(old, new)
+    (folder / "board.toml").write_text(manifest)
+    return folder
+
+
+def test_the_build_that_is_told_stands_in_the_image(tmp_path: Path) -> None:
+    require("arm-none-eabi-gcc")
+    made = coupling(1)
+    own = board(tmp_path / "own")
+    (own / "board.c").write_text((own / "board.c").read_text() + "\n/* mine */\n")
+    names = set()
+    for at, (of, target, built_in) in enumerate(
+        [(made.problem, "stm32f405", False), (made, "stm32f405", True), (made.problem, str(own), False)]
+    ):
+        built = build_firmware(of, target, tmp_path / str(at), built_in=built_in, unsafe=True)
+        assert built.build.encode() in built.files[0].read_bytes()
+        names.add(built.build)
+    assert len(names) == 3
+
+
+def test_flags_of_a_board_do_not_undo_exact_floats(tmp_path: Path) -> None:
+    require("arm-none-eabi-gcc")
+    hard = (
+        '"-mcpu=cortex-m0", "-mthumb", "-mfloat-abi=soft", "-Os"',
+        '"-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"{}',
+    )
+    images = []
+    for name, more in (("plain", ""), ("fast", ', "-ffast-math", "-ffp-contract=fast"')):
+        target = board(tmp_path / name / "same", flags=(hard[0], hard[1].format(more)))
+        images.append(build_firmware(coupling(1).problem, str(target), tmp_path / name).files[1].read_bytes())
+    assert images[0] == images[1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('"arm-none-eabi-gcc"', '"arm-none-eabi-gccc"', r"compiler: is 'arm-none-eabi-gccc', which is no program"),
+        ("estimator =", "estimater =", r"estimater: is unknown; allowed: processor, title, .*estimator"),
+        ("origin = 0x00000000", "origin = 0x10", r"flash\.origin: .*multiple of 256"),
+        ("origin = 0x20000000", "origin = 0x20000002", r"memory\.origin: .*multiple of 8"),
+        ("bytes = 0x4000\n", "bytes = 0x4001\n", r"memory\.bytes: .*multiple of 4"),
+    ],
+)
+def test_a_manifest_that_cannot_work_is_refused_by_its_key(tmp_path: Path, old: str, new: str, told: str) -> None:
+    require("arm-none-eabi-gcc")
+    with pytest.raises(InputError, match=told) as caught:
+        build_firmware(coupling(1).problem, str(board(tmp_path / "b", one=(old, new))), tmp_path)
+    assert [fault.file for fault in caught.value.faults] == [str(tmp_path / "b" / "board.toml")]
+
+
+def test_a_manifest_in_place_of_its_folder_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="allowed: its folder"):
+        build_firmware(coupling(1).problem, str(M0 / "board.toml"), tmp_path)
+
+
+@pytest.mark.parametrize("baud", ["300", "115200000"])
+def test_a_rate_that_no_port_divides_to_is_refused(
+    tmp_path: Path, baud: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["firmware", "reference-r1", "--board", "stm32f405", "--out", str(tmp_path / "f"), "--baud", baud]
+    assert main(asked) == 2
+    assert "--baud: is " in capsys.readouterr().err
+
+
+def test_the_rate_of_the_line_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    require("arm-none-eabi-gcc")
+    asked = ["firmware", "reference-r1", "--board", "stm32f405", "--out", str(tmp_path / "f"), "--baud", "921600"]
+    assert main(asked) == 0
+    assert "avc push --baud 921600; serial line at 921600 baud" in capsys.readouterr().out
+
+
+def knob(**more: object) -> Coupling:
+    problem = avc.load_problem("knob").changed(**more)
+    return Coupling.constant(problem, Gains(0.0, 0.5), "static")
+
+
+def test_detents_are_built_in_or_refused(tmp_path: Path) -> None:
+    require("arm-none-eabi-gcc")
+    with pytest.raises(UnsupportedError, match="detent has no place in the table"):
+        build_firmware(knob(), "stm32f405", tmp_path)
+    assert build_firmware(knob(), "stm32f405", tmp_path, built_in=True, unsafe=True).size > 0
+
+
+def test_a_knobs_firmware_is_told_in_its_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    require("arm-none-eabi-gcc")
+    file = tmp_path / "knob.json"
+    write_coupling(knob(), file)
+    asked = ["firmware", str(file), "--board", "stm32f405", "--out", str(tmp_path / "f"), "--built-in", "--unsafe"]
+    assert main([*asked, "--json"]) == 0
+    text = capsys.readouterr().out
+    assert json.loads(text)["limits"]["radians_per_count"] == pytest.approx(2 * 3.14159265358979 / 16384)
+    assert not re.search(r"metres|_m_per_s", text)
+
+
+def test_a_sketch_begins_with_the_devices_own_numbers() -> None:
+    made = knob()
+    sketch = packaged(export_c(made, unsafe=True), made, ["arduino"])["examples/wall/wall.ino"]
+    step, full = re.findall(r"\(avc_coupling_real_t\)([\d.e-]+);", sketch)[:2]
+    assert float(step) == pytest.approx(made.problem.device.encoder_resolution_m, rel=1e-6)
+    assert float(full) == pytest.approx(made.max_force_n, rel=1e-6)
+    assert "@" not in sketch
