@@ -87,6 +87,11 @@ def test_a_limit_above_the_boards_is_refused_with_its_unit(capsys):
     assert " N.m\n" in told(capsys, "limits", "--port", "emulator", "--torque-nm", "1e4", "--motion", "rotary")
 
 
+def test_another_rate_than_the_emulated_boards_is_refused(capsys):
+    said = told(capsys, "limits", "--port", "emulator", "--baud", "9600")
+    assert "--baud: is 9600; the line of the emulated board runs at 115200" in said
+
+
 def test_a_key_of_a_file_is_not_told_as_an_option(folder, capsys):
     (folder / "broken.toml").write_text("coupling = 3\n" + LEVER.format(stiffness="n_per_m", damping="ns_per_m"))
     said = told(capsys, "diagnose", "line.csv", "--problem", "broken.toml")

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING, Self, TypeVar
 
-from avc_casadi import LinkError
+from avc_casadi import InputError, LinkError
 from avc_hardware._bytes import ByteLink, SerialLink
 from avc_hardware._device import Device
 from avc_hardware._emulator import EmulatedBoard
@@ -221,11 +221,14 @@ def open_link(port: str, *, baud: int = DEFAULT_BAUD, coupling: Coupling | None 
         coupling: for which the emulated board is made: its sample time, encoder, force limit and settings.
 
     Raises:
+        InputError: another rate than that of the emulated board.
         PortError: it is not there or cannot be opened.
         UnsupportedError: the emulated board cannot be made for this coupling.
         MissingExtraError: the emulator is asked for and not installed.
     """
     if port == EMULATOR:
+        if baud != DEFAULT_BAUD:
+            raise InputError.of(f"is {baud}; the line of the emulated board runs at {DEFAULT_BAUD}", key="baud")
         return EmulatedBoard() if coupling is None else emulated_board(coupling)
     number = port.removeprefix(USB)
     return SerialLink(find_port(number) if number != port else port, baud)
