@@ -56,6 +56,9 @@ class BuiltFirmware:
     commands: tuple[str, ...]
 
 
+# The divider of the packaged boards' ports has 16 bits at up to 84 MHz and takes 16 clocks a bit.
+_BAUDS = (2400, 2_000_000)
+
 _BUILT_IN = """\
 /* The coupling that is built in; do not edit. */
 #include "avc_built_in.h"
@@ -90,17 +93,20 @@ def build_firmware(
             a coupling, for its estimator, hold, slew, passive change and guard limit too.
         board: a key of `BOARDS`, or the folder of a board of your own with its ``board.toml`` (hardware/PORTING.md).
         out: folder for ``BOARD.elf``, ``BOARD.bin`` and ``BOARD.hex``.
-        baud: rate of the serial line; None is 115200.
+        baud: rate of the serial line, bits a second; None is 115200.
         built_in: whether the exported C of the coupling is what runs, any that can be exported; no other can be pushed.
         unsafe: whether a coupling that is not deployable is built in too.
 
     Raises:
-        InputError: unknown board, all faults of its manifest, or nothing to build in.
+        InputError: unknown board, a rate that no port divides to, all faults of its manifest, or nothing to build in.
         NotDeployableError: what is to be built in is not stable with every hand of ``[hands]`` and let go.
         FirmwareLacksError: the coupling needs what no firmware of this release has.
         UnsupportedError: a sample time that no program is made for, or a coupling beside detents that is not built in.
         MissingExtraError: no cross compiler; says how to install it.
     """
+    if baud is not None and not _BAUDS[0] <= baud <= _BAUDS[1]:
+        told = f"is {baud}; allowed: {_BAUDS[0]} to {_BAUDS[1]}, what serial ports divide to"
+        raise InputError.of(told, key="baud")
     target = _target(board)
     problem = of.problem if isinstance(of, Coupling) else of
     limits = board_limits(problem.device if isinstance(problem, Problem) else problem)

@@ -76,7 +76,7 @@ def _region(reader: _Reader, key: str, align: int) -> tuple[int, int] | None:
     """Return first address and size, or None where one of them is at fault."""
     table = reader.table(key)
     whole = _whole(0)
-    told = "the first address" if align == 1 else f"the first address, a multiple of {align}"
+    told = f"the first address, a multiple of {align}"
     origin = table.take("origin", None, told, lambda value: whole(value) and value % align == 0)
     size = table.take(
         "bytes", None, "the size in bytes, a multiple of 4", lambda value: _whole(4)(value) and value % 4 == 0
