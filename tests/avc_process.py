@@ -30,17 +30,22 @@ def wait_until_begun(process, library, *, workers=0):
         return
     while process.poll() is None:
         children = Path(f"/proc/{process.pid}/task").glob("*/children")  # of every thread
-        begun = [_has_loaded(library, pid) for path in children for pid in path.read_text().split()]
+        begun = [_has_loaded(library, pid) for path in children for pid in _text(path).split()]
         if _has_loaded(library, process.pid) and sum(begun) >= workers:
             return
         time.sleep(0.01)
 
 
 def _has_loaded(library, pid):
+    return library in _text(Path(f"/proc/{pid}/maps"))
+
+
+def _text(path):
+    """Return what a file of a process or of a thread says, nothing when that has just ended."""
     try:
-        return library in Path(f"/proc/{pid}/maps").read_text()
-    except OSError:  # it has just ended
-        return False
+        return path.read_text()
+    except OSError:
+        return ""
 
 
 def strict_json(data):

@@ -44,9 +44,13 @@ def started(verb, cwd, after_s, *options, workers=0):
         env=ENVIRONMENT,
         start_new_session=True,
     )
-    wait_until_begun(process, NEEDED[verb], workers=workers)
-    time.sleep(after_s)
-    assert process.poll() is None
+    try:
+        wait_until_begun(process, NEEDED[verb], workers=workers)
+        time.sleep(after_s)
+        assert process.poll() is None
+    except BaseException:
+        _ended(process)
+        raise
     return process
 
 
@@ -55,9 +59,13 @@ def output(process):
     try:
         return process.communicate(timeout=600)
     finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
+        _ended(process)
+
+
+def _ended(process):
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
 
 
 # Wherever in the command these times fall: the end must be the same.
