@@ -150,6 +150,8 @@ def test_unknown_methods_and_impossible_settings_are_refused():
         estimator_step("fft", T)
     with pytest.raises(ValueError, match="low_hz"):
         EstimatorSettings(low_hz=10.0, high_hz=5.0)
+    with pytest.raises(ValueError, match="fastest_m_per_s"):
+        EstimatorSettings(floor_m_per_s=6.0)
 
 
 def test_an_oscillator_that_finds_nothing_to_lock_to_gives_no_number():
@@ -185,3 +187,26 @@ def test_steps_of_a_coarse_encoder_at_rest_are_no_motion(method):
     assert not estimate(method, flicker, step)[1].any()
     assert estimate(method, flicker)[1].any()
     assert estimate(method, 5 * flicker, step)[1].any()
+
+
+@ALL
+def test_a_handle_that_turns_is_estimated_as_its_rim_that_moves(method):
+    """A knob of 20 mm turned at up to 60 rad/s, and one that rests but for a tenth of what a hand does."""
+    resolution = 1e-4
+    knob = estimator_step(method, T, EstimatorSettings.for_encoder(resolution, T, 0.02))
+    turned = 60.0 / (2 * np.pi * 4.0) * np.sin(2 * np.pi * 4.0 * clock(6.0))
+    frequency, valid = estimate(method, np.round(turned / resolution) * resolution, knob)
+    assert valid[3000:].all()
+    assert frequency[3000:] == pytest.approx(4.0, rel=0.03)
+    assert not estimate(method, 0.1 / (2 * np.pi * 4.0) * np.sin(2 * np.pi * 4.0 * clock(6.0)), knob)[1][3000:].any()
+
+
+@ALL
+@pytest.mark.parametrize("radius", [2.0**-6, 0.5])
+def test_the_unit_of_the_position_changes_no_estimate(method, radius):
+    """At a radius that is a power of two, not a bit."""
+    rim = np.cumsum(np.random.default_rng(4).normal(0, 2e-5, 3000)) + tone(7.0, 3.0)
+    turns = estimator_step(method, T, EstimatorSettings.for_encoder(2e-5 / radius, T, radius))
+    moves = estimator_step(method, T, EstimatorSettings.for_encoder(2e-5, T))
+    for one, other in zip(estimate(method, rim / radius, turns), estimate(method, rim, moves), strict=True):
+        assert np.array_equal(one, other)

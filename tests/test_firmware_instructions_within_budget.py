@@ -3,12 +3,14 @@
 import functools
 import math
 import statistics
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hardware_bench import coupling, dense_believer, require, scratch
 
-from avc_casadi.coupling import Runtime
+from avc_casadi.coupling import GainTable, Runtime
 from avc_hardware import Connection
 from avc_hardware._elf import read_elf
 from avc_hardware._host import BEFORE_WALL
@@ -88,6 +90,16 @@ def test_tick_keeps_its_budget() -> None:
     assert statistics.median(rest) <= TYPICAL_BUDGET
     assert max(rest) <= REST_BUDGET
     assert max(tick.total for tick in ticks) <= TICK_BUDGET
+
+
+def test_rows_that_are_not_evenly_spaced_keep_the_same_budget() -> None:
+    """Evenly in Hz, all over the range; only where rows crowd does a jump take more, by halving."""
+    require("unicorn")
+    rows = np.linspace(1.0, 450.0, 200)
+    made = replace(MADE, table=GainTable(np.column_stack([rows, MADE.table.rows[:, 1:]])))
+    ticks = tick_instructions(made, counts=motion, ticks=TICKS)
+    rest = [tick.total - tick.functions["avc_estimate_step"] for tick in ticks]
+    assert max(rest) <= REST_BUDGET
 
 
 def test_constant_gains_run_without_what_only_others_need() -> None:

@@ -1,6 +1,7 @@
 """The look-up on the board and in numpy: the same bits."""
 
 import ctypes
+from dataclasses import replace
 
 import mpmath
 import numpy as np
@@ -9,7 +10,7 @@ from hardware_bench import coupling, host_library
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avc_casadi.coupling import Coupling
+from avc_casadi.coupling import Coupling, GainTable
 from avc_casadi.support import Float32Array
 from avc_hardware import TableImage
 from avc_hardware._reference import ln, lookup
@@ -29,11 +30,11 @@ def device_ln(x: float) -> np.float32:
 
 
 def device_lookup(made: Coupling, frequency: Float32Array) -> Float32Array:
-    """Look up in the compiled core; its table has room for 256 rows behind a header of 32 bytes, and some more."""
+    """Look up in the compiled core; its table has room for 256 rows behind a header, and what it prepares."""
     library = ctypes.CDLL(str(host_library()))
     library.avc_host_lookup.restype = Gains
     library.avc_host_lookup.argtypes = [ctypes.c_void_p, ctypes.c_float, ctypes.POINTER(ctypes.c_uint32)]
-    table = ctypes.create_string_buffer(32 + 256 * 16 + 256 * 4 + 64)
+    table = ctypes.create_string_buffer(32 + 256 * 16 + 256 * 4 + 513 * 2 + 256)
     image = TableImage.of(made).image
     ctypes.memmove(table, image, len(image))
     library.avc_table_prepare(table)
@@ -67,6 +68,23 @@ def test_logarithm_is_the_same_on_both_sides_and_accurate(x: float) -> None:
 def test_lookup_is_the_same_bit_for_bit(rows: int, even: bool) -> None:
     made = coupling(rows, seed=rows, even=even)
     at = frequencies(made, 2000, rows)
+    device, host = device_lookup(made, at), lookup(made.table.single(), at)
+    assert device.tobytes() == host.tobytes()
+
+
+@given(
+    st.lists(st.floats(1.0, 450.0, width=32), min_size=1, max_size=40, unique=True),
+    st.floats(0.5, 600.0, width=32),
+    st.integers(1, 200),
+)
+def test_lookup_is_the_same_however_rows_lie_and_crowd(rows: list[float], crowd_hz: float, crowd: int) -> None:
+    """Rows anywhere, and many next to each other: neighbouring numbers of single precision."""
+    near = np.float32(crowd_hz).view(np.int32) + np.arange(crowd, dtype=np.int32) * np.int32(1 + crowd % 7)
+    frequency = np.unique(np.concatenate([np.array(rows, dtype=np.float32), near.view(np.float32)]))
+    gains = np.random.default_rng(crowd).uniform(0.0, 100.0, (len(frequency), 3))
+    template = coupling(1)
+    made = replace(template, table=GainTable(np.column_stack([frequency, gains])))
+    at = frequencies(made, 200, crowd)
     device, host = device_lookup(made, at), lookup(made.table.single(), at)
     assert device.tobytes() == host.tobytes()
 

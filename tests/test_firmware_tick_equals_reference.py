@@ -46,6 +46,7 @@ BOARDS = {
     "1 ms": (RuntimeFigures(), 50.0),
     "0.25 ms": (RuntimeFigures(0.25e-3, 2e-5), 8.0),
     "2 ms": (RuntimeFigures(2e-3, 5e-6, hold_s=0.1, slew_per_s=5.0, guard_damping_ns_per_m=0.7), 12.0),
+    "a knob": (RuntimeFigures(1e-3, 1e-4, metres_per_unit=0.02), 50.0),
 }
 
 
@@ -283,10 +284,11 @@ def test_one_program_serves_every_sample_time_encoder_and_setting(estimator: str
     times_s = (low, 1e-4, 2.5e-4, 5e-4, 1 / 1500, 1e-3, 2e-3, 3e-3, high)
     steps_m = (1e-7, 2e-6, 5.5e-5, 2e-4)
     settings = ((0.0, 3.0, 0.0), (0.2, 20.0, 2.0), (1.5, 70.0, 0.5))
-    for time_s, step_m, (hold_s, slew_per_s, damping) in zip(
-        times_s, itertools.cycle(steps_m), itertools.cycle(settings), strict=False
+    reaches = itertools.cycle((1.0, 0.02, 0.15, 2.0, 1.0))
+    for time_s, step_m, (hold_s, slew_per_s, damping), reach in zip(
+        times_s, itertools.cycle(steps_m), itertools.cycle(settings), reaches, strict=False
     ):
-        found = constants(RuntimeFigures(time_s, step_m, estimator, hold_s, slew_per_s, True, damping))
+        found = constants(RuntimeFigures(time_s, step_m, estimator, hold_s, slew_per_s, True, damping, reach))
         assert [len(numbers) for numbers in found.values()] == sizes
     with pytest.raises(UnsupportedError, match=r"allowed: 5e-05 to 0\.00333333 s"):
         constants(RuntimeFigures(1.01 * high, estimator=estimator))

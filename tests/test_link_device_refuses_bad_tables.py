@@ -93,6 +93,21 @@ def test_a_table_for_another_loop_is_refused_by_a_reason_of_its_own(
     assert told in str(refusal)
 
 
+@pytest.mark.parametrize("bit", [4, 5, 6, 7])
+def test_a_table_that_asks_for_what_the_firmware_does_not_know_is_refused(bit: int) -> None:
+    core = host_core()
+    connection = Connection(HostLink(core), session=1)
+    table = image(3).image
+    asks = table[:2] + struct.pack("<H", struct.unpack_from("<H", table, 2)[0] | 1 << bit) + table[4:]
+    crc32 = zlib.crc32(asks)
+    ask = connection.session.ask
+    connection.run(ask(Kind.BEGIN, m.begin(1, 5, crc32, 3), m.Acknowledged))
+    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, asks), m.Acknowledged))
+    with pytest.raises(RefusedError, match="asks for what the firmware does not know"):
+        connection.run(ask(Kind.COMMIT, m.commit(1, 5, crc32), m.Committed))
+    assert core.image() is None
+
+
 def test_header_that_names_other_rows_is_refused() -> None:
     core = host_core()
     connection = Connection(HostLink(core), session=1)

@@ -7,38 +7,47 @@ from dataclasses import dataclass
 
 from avc_casadi.runtime._step import Expr, StepBuilder
 
-# No hand is faster; what is comes from a fault, and must not leave the range of single precision.
+# Of the hand; where the device turns they are told at its handle.
+_FLOOR_M_PER_S = 3e-3
 _FASTEST_M_PER_S = 5.0
 
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """What an estimator takes for motion.
+    """What an estimator takes for motion, in the unit of the position: metres, or rad where the device turns.
 
     Attributes:
         low_hz: lowest interaction frequency; what is slower is drift, or rest.
         high_hz: highest interaction frequency; at most a fifth of the sampling rate is used.
         floor_m_per_s: amplitude of velocity below which the device is at rest, above the noise of the encoder.
+        fastest_m_per_s: no hand is faster; what is comes from a fault, and must not leave single precision's range.
     """
 
     low_hz: float = 1.0
     high_hz: float = 60.0
-    floor_m_per_s: float = 3e-3
+    floor_m_per_s: float = _FLOOR_M_PER_S
+    fastest_m_per_s: float = _FASTEST_M_PER_S
 
     def __post_init__(self) -> None:
-        if not 0 < self.low_hz < self.high_hz or not self.floor_m_per_s > 0:
-            raise ValueError(f"0 < low_hz < high_hz and floor_m_per_s > 0 are needed, got {self}")
+        if not 0 < self.low_hz < self.high_hz or not 0 < self.floor_m_per_s < self.fastest_m_per_s:
+            raise ValueError(f"0 < low_hz < high_hz and 0 < floor_m_per_s < fastest_m_per_s are needed, got {self}")
 
     def top_hz(self, sample_time_s: float) -> float:
         """Highest frequency at a sampling rate."""
         return max(min(self.high_hz, 0.2 / sample_time_s), 1.5 * self.low_hz)
 
     @classmethod
-    def for_encoder(cls, resolution_m: float, sample_time_s: float) -> EstimatorSettings:
-        """Raise the floor above what one step of the encoder looks like behind the low pass of the estimators."""
-        usual = cls()
-        corner = min(1.0, math.tau * usual.top_hz(sample_time_s) * sample_time_s)
-        return cls(floor_m_per_s=max(usual.floor_m_per_s, 0.5 * corner * resolution_m / sample_time_s))
+    def for_encoder(cls, resolution_m: float, sample_time_s: float, metres_per_unit: float = 1.0) -> EstimatorSettings:
+        """Raise the floor above what one step of the encoder looks like behind the low pass of the estimators.
+
+        Args:
+            resolution_m: step of the encoder; 0 for none.
+            sample_time_s: T.
+            metres_per_unit: how far the hand moves for a unit of the position: 1, or the radius of a handle that turns.
+        """
+        corner = min(1.0, math.tau * cls().top_hz(sample_time_s) * sample_time_s)
+        floor, fastest = _FLOOR_M_PER_S / metres_per_unit, _FASTEST_M_PER_S / metres_per_unit
+        return cls(floor_m_per_s=max(floor, 0.5 * corner * resolution_m / sample_time_s), fastest_m_per_s=fastest)
 
 
 def band_passed(builder: StepBuilder, velocity: Expr, settings: EstimatorSettings, sample_time_s: float) -> Expr:
@@ -47,7 +56,7 @@ def band_passed(builder: StepBuilder, velocity: Expr, settings: EstimatorSetting
 
     mean = builder.state("mean_m_per_s")
     slow = 1.0 - math.exp(-math.tau * 0.5 * settings.low_hz * sample_time_s)
-    seen = ca.fmin(ca.fmax(velocity, -_FASTEST_M_PER_S), _FASTEST_M_PER_S)
+    seen = ca.fmin(ca.fmax(velocity, -settings.fastest_m_per_s), settings.fastest_m_per_s)
     builder.follow("mean_m_per_s", mean + slow * (seen - mean))
     signal = seen - mean
     fast = 1.0 - math.exp(-math.tau * settings.top_hz(sample_time_s) * sample_time_s)

@@ -109,8 +109,9 @@ def build_firmware(
         raise InputError.of(told, key="baud")
     target = _target(board)
     problem = of.problem if isinstance(of, Coupling) else of
-    limits = board_limits(problem.device if isinstance(problem, Problem) else problem)
-    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, target.estimator)
+    device = problem.device if isinstance(problem, Problem) else problem
+    limits, reach = board_limits(device), device.metres_per_unit
+    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, target.estimator, metres_per_unit=reach)
     generated = _coupling_sources(of, unsafe=unsafe) if built_in else {}
     if isinstance(of, Coupling) and not built_in:
         check_runs_on(of)

@@ -11,7 +11,7 @@ from avc_hardware._figures import ESTIMATOR_NUMBERS, RuntimeFigures
 
 MODES = ("table", "ramp", "safe", "fault")
 _COUPLING_ID = 14  # place in STATUS
-_HELLO = struct.Struct("<HHHH8sII6fIIHH3fHHHHHHI8fI3f12s4I16s")
+_HELLO = struct.Struct("<HHHH8sII6fIIHH4fHHHHHHI8fI3f12s4I16s")
 _STATUS = struct.Struct("<II9fi18I8B3f")
 
 
@@ -116,24 +116,25 @@ class Device:
         values = _HELLO.unpack(payload)
         build = values[4].rstrip(b"\0").decode("ascii", "replace")
         meant = [_meant(value) for value in values[7:13]]
-        hold_s, slew_per_s, guard = map(_meant, values[17:20])
+        hold_s, slew_per_s, guard, reach = map(_meant, values[17:21])
         figures = RuntimeFigures(
             sample_time_s=meant[0],
             metres_per_count=meant[1],
-            estimator=ESTIMATOR_NUMBERS[values[20]],
+            estimator=ESTIMATOR_NUMBERS[values[21]],
             hold_s=hold_s,
             slew_per_s=slew_per_s or None,
-            passive=bool(values[21]),
+            passive=bool(values[22]),
             guard_damping_ns_per_m=guard,
+            metres_per_unit=reach,
         )
         running = (*values[13:16], bool(values[16]))
-        coupling = _coupling(values[26], bool(values[15]))
-        unique_id = values[39].hex() if any(values[39]) else ""
-        flash_bytes, number, flags, kept_coupling, name = values[40:45]
+        coupling = _coupling(values[27], bool(values[15]))
+        unique_id = values[40].hex() if any(values[40]) else ""
+        flash_bytes, number, flags, kept_coupling, name = values[41:46]
         kept = (flash_bytes, number, _coupling(kept_coupling, bool(flags & 1)), bool(flags & 2), _name(name))
-        wall, watched = map(_meant, values[27:30]), map(_meant, values[30:34])
-        head = [*values[:4], build, *values[5:7], *meant, *running, figures, *values[22:26], coupling, *wall]
-        return cls(*[*head, *watched, int(values[34]), values[35], *map(_meant, values[36:39]), unique_id, *kept])
+        wall, watched = map(_meant, values[28:31]), map(_meant, values[31:35])
+        head = [*values[:4], build, *values[5:7], *meant, *running, figures, *values[23:27], coupling, *wall]
+        return cls(*[*head, *watched, int(values[35]), values[36], *map(_meant, values[37:40]), unique_id, *kept])
 
 
 @dataclass(frozen=True)

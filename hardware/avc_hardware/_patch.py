@@ -12,7 +12,7 @@ from avc_hardware._host import BoardLimits
 if TYPE_CHECKING:
     from avc_hardware._elf import Image
 
-_FIGURES = struct.Struct("<3fHH")
+_FIGURES = struct.Struct("<4fHH")
 
 
 def image_for(image: Image, limits: BoardLimits, figures: RuntimeFigures) -> Image:
@@ -47,6 +47,7 @@ def _with_figures(image: Image, figures: RuntimeFigures) -> Image:
         figures.hold_s,
         figures.slew_per_s,
         figures.guard_damping_ns_per_m,
+        figures.metres_per_unit,
         ESTIMATOR_NUMBERS.index(figures.estimator),
         figures.passive,
     )

@@ -9,7 +9,7 @@ from enum import IntEnum
 from avc_hardware._device_fault import DeviceFault
 from avc_hardware._frames import PROTOCOL_VERSION
 
-INTERFACE_VERSION = 7  # of the messages' meaning
+INTERFACE_VERSION = 8  # of the messages' meaning
 _REFUSED = struct.Struct("<HHI")
 
 
@@ -44,6 +44,7 @@ class Reason(IntEnum):
     NO_FLASH = 26
     FLASH = 27
     BUILT_IN = 28
+    FLAGS = 29
 
 
 _SENTENCES = {
@@ -68,6 +69,7 @@ _SENTENCES = {
     Reason.NO_FLASH: "this board has no memory that lasts",
     Reason.FLASH: "the memory did not take it (a slot has {detail} bytes); what was kept before still is",
     Reason.BUILT_IN: "coupling {detail:08x} is built into the firmware, which takes no other; flash another",
+    Reason.FLAGS: "the table asks for what the firmware does not know; update the firmware",
     Reason.HOLD: "it would hold too long; allowed: at most {detail} ticks",
     Reason.STALE: "gains with a number not above {detail} came late",
     Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",

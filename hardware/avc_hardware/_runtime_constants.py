@@ -22,8 +22,11 @@ if TYPE_CHECKING:
 SAMPLE_TIMES_S = (5e-5, 1 / 300)
 """Sample times that one program serves: below, a tick has too few cycles; above, the estimator has fewer resonators."""
 
-# No two numbers of the tick are equal by chance at these: T, encoder step, hold, slew, guard.
-_GENERIC = ((1.03719e-3, 5.3713e-5, 0.21371, 19.3717, 2.17137), (0.71933e-3, 8.1371e-5, 0.17933, 23.1733, 3.31973))
+# No two numbers of the tick are equal by chance at these: T, encoder step, hold, slew, guard, reach of the handle.
+_GENERIC = (
+    (1.03719e-3, 5.3713e-5, 0.21371, 19.3717, 2.17137, 0.87731),
+    (0.71933e-3, 8.1371e-5, 0.17933, 23.1733, 3.31973, 1.13937),
+)
 
 
 @dataclass(frozen=True)
@@ -69,8 +72,8 @@ def _run(figures: RuntimeFigures) -> list[RuntimeProgram]:
 @functools.lru_cache(maxsize=8)
 def _templates(estimator: str, slews: bool, passive: bool) -> tuple[Template, ...]:
     parts = [
-        _run(RuntimeFigures(time, step, estimator, hold, slew if slews else None, passive, guard))
-        for time, step, hold, slew, guard in _GENERIC
+        _run(RuntimeFigures(time, step, estimator, hold, slew if slews else None, passive, guard, reach))
+        for time, step, hold, slew, guard, reach in _GENERIC
     ]
     made = []
     for one, other in zip(*parts, strict=True):

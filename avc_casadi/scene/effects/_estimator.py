@@ -34,7 +34,9 @@ class Estimator(SceneEffect):
         resolution = problem.device.encoder_resolution_m if encoders else 0.0
         if encoders and encoders[0].resolution_m is not None:
             resolution = encoders[0].resolution_m
-        return cls(table.method, EstimatorSettings.for_encoder(resolution or 0.0, problem.device.sample_time_s))
+        device = problem.device
+        seen = EstimatorSettings.for_encoder(resolution or 0.0, device.sample_time_s, device.metres_per_unit)
+        return cls(table.method, seen)
 
     def sample(self, tick: Tick) -> None:
         """Add the estimator's states and the estimate."""

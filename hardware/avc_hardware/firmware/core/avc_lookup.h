@@ -38,42 +38,42 @@ static inline bool avc_between(const avc_table_t *table, uint32_t row, uint32_t 
     return key > avc_bits(low->frequency_hz) && key < avc_bits(low[1].frequency_hz);
 }
 
-/* The row below a logarithm, if those of the rows are evenly spaced; some row where they are not. */
-static inline uint32_t avc_even_row(const avc_table_t *table, float ln)
+/* The last row that is not above a frequency, given by its bits, from a row on that is not; the last row is above it. */
+static inline uint32_t avc_row_from(const avc_table_t *table, uint32_t row, uint32_t key)
 {
-    const float place = (ln - table->ln_frequency[0]) * table->rows_per_ln;
-    return (uint32_t)(int32_t)(avc_bits(place) < avc_bits(table->intervals) ? place : 0.0f);
+    const avc_row_t *rows = table->image.row;
+    const avc_row_t *next = &rows[row];
+    do {
+        next++;
+    } while (key >= avc_bits(next->frequency_hz));
+    return (uint32_t)(next - rows) - 1u;
 }
 
-/* The last row that is not above a frequency between the first row and the last one, given by its bits. */
-uint32_t avc_row_below(const avc_table_t *table, uint32_t key);
+/* The same for a table with rows that crowd; the first and the last row beyond its ends, and for NaN the first. */
+uint32_t avc_row_in_crowd(const avc_table_t *table, float frequency_hz);
 
 /* Gains at a frequency; the first and last row beyond the table's ends.
  * near is the row that is tried first, and is set to the one found: a frequency that changes slowly is found at once.
- * Otherwise an evenly spaced table tells the row by the logarithm, any other is searched by halves. */
+ * Otherwise the cell of the frequency's bits tells it, but for a few steps. */
 static inline avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near)
 {
     const avc_row_t *rows = table->image.row;
     const uint32_t last = (uint32_t)table->image.header.rows - 1u;
     const uint32_t key = avc_bits(frequency_hz);
-    const float ln = avc_ln(frequency_hz);
     uint32_t low = *near;
     if (low >= last || !avc_between(table, low, key)) {
-        const bool even = avc_bits(table->rows_per_ln) != 0u;
-        if (even) {
-            low = avc_even_row(table, ln);
-        }
-        if (!even || !avc_between(table, low, key)) {
-            if (!(frequency_hz > rows[0].frequency_hz)) { /* also when the frequency is undefined (NaN) */
-                return avc_gains_of(&rows[0]);
+        const uint32_t beyond = key - table->first_key;
+        if (beyond < table->keys) {
+            low = avc_row_from(table, table->row_at[beyond >> table->shift], key);
+        } else {
+            low = avc_row_in_crowd(table, frequency_hz);
+            if (low == last || !(frequency_hz > rows[0].frequency_hz)) {
+                return avc_gains_of(&rows[low]);
             }
-            if (frequency_hz >= rows[last].frequency_hz) {
-                return avc_gains_of(&rows[last]);
-            }
-            low = avc_row_below(table, key);
         }
         *near = low;
     }
+    const float ln = avc_ln(frequency_hz);
     const avc_row_t *a = &rows[low];
     const avc_row_t *b = &rows[low + 1u];
     const float base = table->ln_frequency[low];

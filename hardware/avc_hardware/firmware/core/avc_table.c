@@ -73,6 +73,9 @@ static avc_reason_t header_check(const avc_table_header_t *header, const avc_lim
     if (!within(header->max_force_n, limits->max_force_n * 1.00001f)) {
         return AVC_REFUSED_FORCE; /* with less force than it was made for it is another coupling */
     }
+    if (((uint32_t)header->flags & ((1u << AVC_TABLE_STATES) - 1u) & ~(uint32_t)AVC_TABLE_FLAGS) != 0u) {
+        return AVC_REFUSED_FLAGS; /* it asks for what this firmware does not do */
+    }
     return header->coupling_id != 0u ? AVC_OK : AVC_REFUSED_COUPLING;
 }
 
@@ -149,21 +152,25 @@ void avc_table_prepare(avc_table_t *table)
     }
     const avc_table_header_t *header = &table->image.header;
     const avc_row_t *row = &table->image.row[0];
-    const uint32_t intervals = (uint32_t)header->rows - 1u;
-    const float span = table->ln_frequency[intervals] - table->ln_frequency[0];
-    table->intervals = (float)intervals;
-    table->rows_per_ln = span > 0.0f ? table->intervals / span : 0.0f;
-    for (uint32_t i = 0; i < intervals; i++) {
-        if (avc_even_row(table, 0.5f * (table->ln_frequency[i] + table->ln_frequency[i + 1u])) != i) {
-            table->rows_per_ln = 0.0f;
-            break;
+    const uint32_t last = (uint32_t)header->rows - 1u;
+    table->first_key = avc_bits(row[0].frequency_hz);
+    table->keys = avc_bits(row[last].frequency_hz) - table->first_key;
+    table->shift = 0u;
+    while (table->keys >> table->shift >= AVC_CELLS) {
+        table->shift++;
+    }
+    uint32_t low = 0u;
+    for (uint32_t cell = 0; cell <= AVC_CELLS; cell++) {
+        const uint32_t begins = table->first_key + (cell << table->shift); /* below 2^32: 1e6 Hz is 0x49742400 */
+        const uint32_t before = low;
+        while (low < last && avc_bits(row[low + 1u].frequency_hz) <= begins) {
+            low++;
+        }
+        table->row_at[cell] = (uint16_t)low;
+        if (low - before > AVC_IN_CELL_MAX) {
+            table->keys = 0u;
         }
     }
-    table->halvings = 0u;
-    while (intervals >> table->halvings > 1u) {
-        table->halvings++;
-    }
-    table->beyond = intervals != 0u ? intervals - (1u << table->halvings) : 0u;
     if ((header->flags & AVC_TABLE_CLIPS) != 0u) {
         const avc_steady_clips_in_t in = {.wanted_damping_ns_per_m = row->damping_ns_per_m,
                                           .wanted_stiffness_n_per_m = row->stiffness_n_per_m,
@@ -181,45 +188,27 @@ void avc_table_prepare(avc_table_t *table)
     }
 }
 
-/* The row sought is within twice as many rows as half has, from base on. */
-#define HALVE(half)                                                                                                   \
-    if ((half) < AVC_ROWS_MAX && key >= avc_bits(base[half].frequency_hz)) {                                          \
-        base += (half);                                                                                               \
-    }
-
-uint32_t avc_row_below(const avc_table_t *table, uint32_t key)
+uint32_t avc_row_in_crowd(const avc_table_t *table, float frequency_hz)
 {
     const avc_row_t *rows = table->image.row;
-    const avc_row_t *base = &rows[table->beyond];
-    if (key < avc_bits(base->frequency_hz)) {
-        base = rows;
+    const uint32_t last = (uint32_t)table->image.header.rows - 1u;
+    if (!(frequency_hz > rows[0].frequency_hz)) {
+        return 0u;
     }
-    switch (table->halvings) { /* without a loop: half of the instructions */
-    case 12:
-        HALVE(2048) /* fall through */
-    case 11:
-        HALVE(1024) /* fall through */
-    case 10:
-        HALVE(512) /* fall through */
-    case 9:
-        HALVE(256) /* fall through */
-    case 8:
-        HALVE(128) /* fall through */
-    case 7:
-        HALVE(64) /* fall through */
-    case 6:
-        HALVE(32) /* fall through */
-    case 5:
-        HALVE(16) /* fall through */
-    case 4:
-        HALVE(8) /* fall through */
-    case 3:
-        HALVE(4) /* fall through */
-    case 2:
-        HALVE(2) /* fall through */
-    case 1:
-        HALVE(1) /* fall through */
-    default:
-        return (uint32_t)(base - rows);
+    if (frequency_hz >= rows[last].frequency_hz) {
+        return last;
     }
+    const uint32_t key = avc_bits(frequency_hz);
+    const uint32_t cell = (key - table->first_key) >> table->shift;
+    uint32_t low = table->row_at[cell];
+    uint32_t high = table->row_at[cell + 1u];
+    while (high - low > AVC_IN_CELL_MAX) {
+        const uint32_t middle = (low + high) >> 1;
+        if (key >= avc_bits(rows[middle].frequency_hz)) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    return avc_row_from(table, low, key);
 }

@@ -16,6 +16,8 @@
 
 enum {
     AVC_ROWS_MAX = AVC_CAPACITY_ROWS,
+    AVC_CELLS = 2 * AVC_ROWS_MAX,
+    AVC_IN_CELL_MAX = 8,
     AVC_STATES_MAX = 8, /* of the observer whose state is fed back */
     AVC_FEEDBACK_MAX = AVC_STATES_MAX * (AVC_STATES_MAX + 3)
 };
@@ -25,6 +27,7 @@ enum {
     AVC_TABLE_VARIES = 2, /* the gains follow the frequency */
     AVC_TABLE_GUARD = 4,  /* the guard watches the energy */
     AVC_TABLE_CLIPS = 8,  /* the contact law: clip-last; otherwise gated */
+    AVC_TABLE_FLAGS = 15, /* all of these */
     AVC_TABLE_STATES = 8  /* the number of the observer's states begins at this bit; 0: no observer */
 };
 
@@ -78,10 +81,11 @@ typedef union {
 typedef struct {
     avc_image_t image;
     float ln_frequency[AVC_ROWS_MAX];
-    float intervals;   /* between the rows */
-    float rows_per_ln; /* where their logarithms are evenly spaced; otherwise 0 */
-    uint32_t halvings; /* that the largest power of 2 within the number of intervals has */
-    uint32_t beyond;   /* how many intervals there are beside that power */
+    /* The bits of a frequency grow like its logarithm: cut into even cells, they tell nearly the row. */
+    uint32_t first_key; /* bits of the lowest frequency */
+    uint32_t keys;      /* from there to the highest one; 0 where rows crowd in a cell */
+    uint32_t shift;     /* so that a cell has 2^shift keys */
+    uint16_t row_at[AVC_CELLS + 1]; /* the last row that is not above the beginning of a cell */
     avc_steady_t steady; /* of the only row, where the gains are constant */
     uint32_t id;
     uint32_t crc32;
@@ -138,7 +142,8 @@ typedef enum {
     AVC_REFUSED_FAULT = 25,
     AVC_REFUSED_NO_FLASH = 26,
     AVC_REFUSED_FLASH = 27,
-    AVC_REFUSED_BUILT_IN = 28
+    AVC_REFUSED_BUILT_IN = 28,
+    AVC_REFUSED_FLAGS = 29
 } avc_reason_t;
 
 /* What a refusal names in place of a row. */

@@ -1,6 +1,6 @@
 /* Generated from the scene's CasADi expressions, do not edit:
  * python -m avc_hardware.firmware_build generate */
-/* sample_time_s 0.001, metres_per_count 2e-06, estimator adaptive-notch, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0 */
+/* sample_time_s 0.001, metres_per_count 2e-06, estimator adaptive-notch, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0, metres_per_unit 1.0 */
 #include "avc_estimate.h"
 #include "avc_made_for.h"
 
@@ -8,10 +8,12 @@ _Static_assert(AVC_MADE_FOR_SAMPLE_TIME_NS == 1000000 &&
                    AVC_MADE_FOR_COUNT_PM == 2000000,
                "these numbers are made for another sample time or encoder");
 
-const float avc_estimate_constants[14] = {
+const float avc_estimate_constants[16] = {
     4.5e-06f,
     0.31407782f,
     0.001f,
+    (-5.0f),
+    5.0f,
     0.0015f,
     0.002f,
     2.25e-06f,

@@ -110,7 +110,7 @@ typedef struct {
 } avc_estimate_out_t;
 
 /* What depends on sample time, encoder and settings. */
-extern const float avc_estimate_constants[83];
+extern const float avc_estimate_constants[85];
 
 /* The state of a device that has always rested at a position. */
 void avc_estimate_start(avc_estimate_state_t *state, float position_m);

@@ -1,6 +1,6 @@
 /* Generated from the scene's CasADi expressions, do not edit:
  * python -m avc_hardware.firmware_build generate */
-/* sample_time_s 0.001, metres_per_count 2e-06, estimator fused, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0 */
+/* sample_time_s 0.001, metres_per_count 2e-06, estimator fused, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0, metres_per_unit 1.0 */
 #include "avc_estimate.h"
 #include "avc_made_for.h"
 
@@ -8,13 +8,15 @@ _Static_assert(AVC_MADE_FOR_SAMPLE_TIME_NS == 1000000 &&
                    AVC_MADE_FOR_COUNT_PM == 2000000,
                "these numbers are made for another sample time or encoder");
 
-const float avc_estimate_constants[83] = {
+const float avc_estimate_constants[85] = {
     444444.44f,
     0.9984107f,
     0.006273282f,
     0.0015695633f,
     0.31407782f,
     0.001f,
+    (-5.0f),
+    5.0f,
     0.99797153f,
     0.007978191f,
     0.0019965633f,

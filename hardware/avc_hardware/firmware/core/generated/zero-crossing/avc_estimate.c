@@ -19,15 +19,15 @@ void avc_estimate_start(avc_estimate_state_t *state, float position_m)
     state->estimator_earlier_half_ticks = 0.0f;
     state->estimator_earliest_half_ticks = 0.0f;
     state->hold_frequency_hz = 0.0f;
-    state->hold_age_s = avc_estimate_constants[8];
+    state->hold_age_s = avc_estimate_constants[10];
 }
 
 void avc_estimate_step(avc_estimate_state_t *state, const avc_estimate_in_t *in, avc_estimate_out_t *out)
 {
     const float v7 = in->position_m - state->estimator_position_m;
     const float v9 = v7 / avc_estimate_constants[2];
-    const float v11 = v9 > (-5.0f) ? v9 : (-5.0f);
-    const float v13 = v11 < 5.0f ? v11 : 5.0f;
+    const float v11 = v9 > avc_estimate_constants[3] ? v9 : avc_estimate_constants[3];
+    const float v13 = v11 < avc_estimate_constants[4] ? v11 : avc_estimate_constants[4];
     const float v15 = v13 - state->estimator_mean_m_per_s;
     const float v16 = v15 - state->estimator_smoothed_m_per_s;
     const float v17 = avc_estimate_constants[1] * v16;
@@ -36,7 +36,7 @@ void avc_estimate_step(avc_estimate_state_t *state, const avc_estimate_in_t *in,
     const float v20 = avc_estimate_constants[1] * v19;
     const float v21 = state->estimator_twice_smoothed_m_per_s + v20;
     const bool v22 = avc_estimate_constants[0] < v21;
-    const bool v27 = v21 < avc_estimate_constants[3];
+    const bool v27 = v21 < avc_estimate_constants[5];
     const float v29 = v27 ? (-1.0f) : 0.0f;
     const float v31 = v22 ? 1.0f : v29;
     const bool v33 = v31 != 0.0f;
@@ -49,7 +49,7 @@ void avc_estimate_step(avc_estimate_state_t *state, const avc_estimate_in_t *in,
     const float v44 = v36 ? v40 : state->estimator_halves;
     const bool v45 = 3.0f <= v44;
     const float v48 = state->estimator_age_ticks + 1.0f;
-    const bool v49 = avc_estimate_constants[4] < v48;
+    const bool v49 = avc_estimate_constants[6] < v48;
     const bool v50 = v42 && v49;
     const bool v51 = !v50;
     const bool v52 = v45 && v51;
@@ -75,15 +75,15 @@ void avc_estimate_step(avc_estimate_state_t *state, const avc_estimate_in_t *in,
     const float v89 = avc_estimate_constants[2] * v88;
     const float v90 = 1.0f / v89;
     const float v91 = v52 ? v90 : 0.0f;
-    const bool v95 = state->hold_age_s < avc_estimate_constants[5];
+    const bool v95 = state->hold_age_s < avc_estimate_constants[7];
     const bool v97 = 0.0f < state->hold_frequency_hz;
     const float v102 = v97 ? state->hold_frequency_hz : in->rest_hz;
     const float v106 = in->rest_hz - v102;
-    const float v107 = avc_estimate_constants[6] * v106;
+    const float v107 = avc_estimate_constants[8] * v106;
     const float v108 = v102 + v107;
     const float v110 = v95 ? v102 : v108;
     const float v112 = v52 ? v91 : v110;
-    const float v114 = avc_estimate_constants[7] * v15;
+    const float v114 = avc_estimate_constants[9] * v15;
     const float v115 = state->estimator_mean_m_per_s + v114;
     const float v118 = v36 ? v31 : state->estimator_side;
     const float v119 = v51 ? v118 : 0.0f;
@@ -94,7 +94,7 @@ void avc_estimate_step(avc_estimate_state_t *state, const avc_estimate_in_t *in,
     const float v124 = v123 ? v67 : 0.0f;
     const float v128 = v36 ? state->estimator_earlier_half_ticks : state->estimator_earliest_half_ticks;
     const float v129 = state->hold_age_s + avc_estimate_constants[2];
-    const float v130 = v129 < avc_estimate_constants[5] ? v129 : avc_estimate_constants[5];
+    const float v130 = v129 < avc_estimate_constants[7] ? v129 : avc_estimate_constants[7];
     const float v131 = v86 ? v130 : 0.0f;
     const float r3 = in->position_m;
     out->estimate_hz = v91;
