@@ -107,10 +107,10 @@ def test_the_emulated_board_knows_how_far_a_handle_is_that_turns() -> None:
     """On it the estimator follows a knob that is turned by up to 40 rad/s, eight times what 5 m/s would be."""
     made = coupling(60, seed=5, motion="rotary", handle_radius_m=0.02, encoder_resolution_m=1e-4)
     board = emulated_board(made, motion_m=lambda time: 40 / (2 * math.pi * 6) * math.sin(2 * math.pi * 6.0 * time) - 2)
-    assert push(made, board).device.figures.metres_per_unit == pytest.approx(0.02)
+    assert push(made, board).device.figures.hand_m_per_unit == pytest.approx(0.02)
     *_, status = monitor(board, seconds=2.0, rate_hz=20)
     assert status.frequency_hz == pytest.approx(6.0, rel=0.02)
-    with pytest.raises(FirmwareLacksError, match=r"its metres_per_unit is 1\.0, the coupling's 0\.02"):
+    with pytest.raises(FirmwareLacksError, match=r"its hand_m_per_unit is 1\.0, the coupling's 0\.02"):
         push(made, EmulatedBoard(limits=limits_of(made.problem)))
 
 

@@ -46,7 +46,7 @@ BOARDS = {
     "1 ms": (RuntimeFigures(), 50.0),
     "0.25 ms": (RuntimeFigures(0.25e-3, 2e-5), 8.0),
     "2 ms": (RuntimeFigures(2e-3, 5e-6, hold_s=0.1, slew_per_s=5.0, guard_damping_ns_per_m=0.7), 12.0),
-    "a knob": (RuntimeFigures(1e-3, 1e-4, metres_per_unit=0.02), 50.0),
+    "a knob": (RuntimeFigures(1e-3, 1e-4, hand_m_per_unit=0.02), 50.0),
 }
 
 

@@ -98,7 +98,7 @@ def _content(data: bytes) -> bytes:
     return content
 
 
-@pytest.mark.parametrize(("interface", "who"), [(5, "the firmware"), (8, "avc-casadi")])
+@pytest.mark.parametrize(("interface", "who"), [(5, "the firmware"), (INTERFACE_VERSION + 1, "avc-casadi")])
 def test_firmware_of_another_interface_is_refused_with_advice(interface: int, who: str) -> None:
     core = host_core()
     device = dataclasses.replace(Connection(HostLink(core)).device, interface_version=interface)

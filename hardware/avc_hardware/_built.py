@@ -111,7 +111,7 @@ def build_firmware(
     problem = of.problem if isinstance(of, Coupling) else of
     device = problem.device if isinstance(problem, Problem) else problem
     limits, reach = board_limits(device), device.metres_per_unit
-    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, target.estimator, metres_per_unit=reach)
+    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, target.estimator, hand_m_per_unit=reach)
     generated = _coupling_sources(of, unsafe=unsafe) if built_in else {}
     if isinstance(of, Coupling) and not built_in:
         check_runs_on(of)

@@ -125,7 +125,7 @@ class Device:
             slew_per_s=slew_per_s or None,
             passive=bool(values[22]),
             guard_damping_ns_per_m=guard,
-            metres_per_unit=reach,
+            hand_m_per_unit=reach,
         )
         running = (*values[13:16], bool(values[16]))
         coupling = _coupling(values[27], bool(values[15]))

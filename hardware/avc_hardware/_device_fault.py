@@ -55,7 +55,8 @@ _WORDS = {
 }
 _ADVICE = {
     DeviceFault.JUMP: "between two ticks it moved as nothing of this mass can; look at its wires, shield and supply",
-    DeviceFault.STUCK: "the force swung and no count came; look at its wires, or for something that blocks the device",
+    DeviceFault.STUCK: "no count came though the force swung, or a hand was to move it; look at its wires, or for what "
+    "blocks the device",
     DeviceFault.SPEED: "the device was faster than its limit; look for an unstable coupling, or a hand that let go",
     DeviceFault.ENERGY: "the coupling gave out more than it got; it does not hold this device (avc diagnose)",
     DeviceFault.NOT_FINITE: "the observer or the gains went beyond all bounds; push another coupling",

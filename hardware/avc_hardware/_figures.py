@@ -20,7 +20,7 @@ class RuntimeFigures:
         slew_per_s: largest relative change of a gain, a second; None for no limit.
         passive: whether gains change without creating energy, with anchor and tank.
         guard_damping_ns_per_m: most that the guard adds: the device's own damping.
-        metres_per_unit: how far the hand moves for a unit of the position: 1, or the radius of a handle that turns;
+        hand_m_per_unit: how far the hand moves for a unit of the position: 1, or the radius of a handle that turns;
             what the estimator takes for motion is told there.
     """
 
@@ -31,4 +31,4 @@ class RuntimeFigures:
     slew_per_s: float | None = 20.0
     passive: bool = True
     guard_damping_ns_per_m: float = 2.0
-    metres_per_unit: float = 1.0
+    hand_m_per_unit: float = 1.0

@@ -47,7 +47,7 @@ def _with_figures(image: Image, figures: RuntimeFigures) -> Image:
         figures.hold_s,
         figures.slew_per_s,
         figures.guard_damping_ns_per_m,
-        figures.metres_per_unit,
+        figures.hand_m_per_unit,
         ESTIMATOR_NUMBERS.index(figures.estimator),
         figures.passive,
     )

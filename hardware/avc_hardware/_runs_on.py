@@ -91,7 +91,7 @@ def _other_settings(coupling: Coupling, device: Device) -> list[str]:
     wanted, has = figures_of(coupling), device.figures
     asked = []
     if not coupling.table.constant:
-        asked += ["estimator", "hold_s", "slew_per_s", "passive", "metres_per_unit"]
+        asked += ["estimator", "hold_s", "slew_per_s", "passive", "hand_m_per_unit"]
     if coupling.runtime.guard is not None:
         asked.append("guard_damping_ns_per_m")
     return [
@@ -167,7 +167,7 @@ def figures_of(coupling: Coupling) -> RuntimeFigures:
     """Return the figures of a firmware for a coupling; where its device says nothing, those of the boards."""
     runtime, limits = coupling.runtime, limits_of(coupling.problem)
     reach = coupling.problem.device.metres_per_unit
-    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, metres_per_unit=reach)
+    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, hand_m_per_unit=reach)
     if runtime.guard is not None:
         figures = replace(figures, guard_damping_ns_per_m=coupling.problem.device.damping_ns_per_m)
     if coupling.table.constant:

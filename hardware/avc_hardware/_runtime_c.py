@@ -237,7 +237,7 @@ def constants_sources(figures: RuntimeFigures) -> dict[str, str]:
         f"    .hold_s = {SINGLE.literal(figures.hold_s)},",
         f"    .slew_per_s = {SINGLE.literal(figures.slew_per_s or 0.0)},",
         f"    .guard_damping_ns_per_m = {SINGLE.literal(figures.guard_damping_ns_per_m)},",
-        f"    .metres_per_unit = {SINGLE.literal(figures.metres_per_unit)},",
+        f"    .hand_m_per_unit = {SINGLE.literal(figures.hand_m_per_unit)},",
         f"    .estimator = {ESTIMATOR_NUMBERS.index(figures.estimator)}u,",
         f"    .passive = {int(figures.passive)}u,",
     ]

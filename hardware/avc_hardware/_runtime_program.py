@@ -143,7 +143,7 @@ def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
     rest = symbols("rest_stiffness_n_per_m")
     table: Any = AnyTable(seen["rest_hz"], rest["rest_stiffness_n_per_m"], list(wanted.values()))
     estimate.position = seen["position_m"]
-    settings = EstimatorSettings.for_encoder(figures.metres_per_count, time, figures.metres_per_unit)
+    settings = EstimatorSettings.for_encoder(figures.metres_per_count, time, figures.hand_m_per_unit)
     with estimate.owned_by("estimate"):
         Estimator(figures.estimator, settings).sample(estimate)
         changing = AdaptationSettings(figures.slew_per_s, figures.passive)

@@ -38,6 +38,7 @@ from avc_hardware._host import HostCore, State
 from avc_hardware._machine import CLOCK_HZ
 from avc_hardware._manifest import RECORDS, ROWS
 from avc_hardware._qemu import LockStepBoard
+from avc_hardware._refusal import INTERFACE_VERSION
 from avc_hardware._runtime_c import sources_for
 from avc_hardware.firmware_build import build_fuzzer, build_image
 
@@ -184,7 +185,7 @@ of 8 states over another. Wrong: at a look the device did not run the old table 
 """
 TEXT = """# Firmware, long
 
-{made_by} Firmware sources {build}, interface version 7.
+{made_by} Firmware sources {build}, interface version {interface}.
 
 ## Ticks that are equal in every bit
 
@@ -251,6 +252,7 @@ def write_page(document: dict[str, Any]) -> None:
     text = TEXT.format(
         made_by=made_by(document["about"]),
         build=document["about"]["firmware"],
+        interface=INTERFACE_VERSION,
         ticks=TICKS,
         equal=table(head, equal),
         faults=FAULTS + table(told, rows) if rows else "Not run.",

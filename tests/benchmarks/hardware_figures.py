@@ -14,14 +14,16 @@ import statistics
 import subprocess
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hardware_bench import coupling, dense_believer, push, run, stream
 from script_arguments import script_arguments
 from studied import about
 
-from avc_casadi.coupling import Runtime
+from avc_casadi.coupling import GainTable, Runtime
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableImage
 from avc_hardware._connection import DEFAULT_BAUD
 from avc_hardware._firmware import IMAGE
@@ -38,6 +40,11 @@ OBSERVER = "avc_feedback_step"
 STATES = (3, 4, 6, 8)
 # With a guard, in whole ticks; the guard brakes the observer of 6 made-up states into a fault.
 TOGETHER = (3, 8)
+# The same rows at other frequencies: evenly in Hz, and dozens of them within some per cent of 1 Hz.
+SPACED = {
+    "the same, spaced evenly in Hz": np.linspace(1.0, 450.0, 200),
+    "the same, crowded at 1 Hz": 450.0 ** np.linspace(0.0, 1.0, 200) ** 3,
+}
 # Functions of the image that are told of one by one.
 FUNCTION_BYTES = 160
 
@@ -97,9 +104,18 @@ def ticks() -> dict[str, Any]:
         counted = tick_instructions(made, counts=motion, ticks=800 if rows > 1 else 300)
         if runtime.state_feedback is not None and OBSERVER not in counted[-1].functions:
             raise ValueError(f"{title}: ended in a fault")
-        found[title] = told([tick.total - tick.functions.get(ESTIMATOR, 0) for tick in counted])
+        found[title] = told(without_estimator(counted))
+    for title, frequency_hz in SPACED.items():
+        spaced = GainTable(np.column_stack([frequency_hz, made.table.rows[:, 1:]]))
+        other = tick_instructions(replace(made, table=spaced), counts=motion, ticks=800)
+        found[title] = told(without_estimator(other))
     found["estimator fused, beside that"] = told([tick.functions[ESTIMATOR] for tick in counted])
     return {"ticks": found, "functions": functions(counted)}
+
+
+def without_estimator(counted: Sequence[TickCount]) -> list[int]:
+    """Instructions of each tick but those of the estimator."""
+    return [tick.total - tick.functions.get(ESTIMATOR, 0) for tick in counted]
 
 
 def told(totals: Sequence[int]) -> dict[str, float]:

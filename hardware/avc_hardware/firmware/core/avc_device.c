@@ -60,7 +60,7 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put_float(&a, avc_figures.hold_s);
     avc_put_float(&a, avc_figures.slew_per_s);
     avc_put_float(&a, avc_figures.guard_damping_ns_per_m);
-    avc_put_float(&a, avc_figures.metres_per_unit);
+    avc_put_float(&a, avc_figures.hand_m_per_unit);
     avc_put16(&a, avc_figures.estimator);
     avc_put16(&a, avc_figures.passive);
     avc_put16(&a, AVC_STATES_MAX);

@@ -118,9 +118,10 @@ static void upload(const uint8_t *data, size_t size)
     image.header.flags = (uint16_t)((size > 0u ? data[0] & 15u : 0u) | states << AVC_TABLE_STATES);
     image.header.wall_stiffness_n_per_m = 1e4f;
     image.header.coupling_id = 7u;
+    const float apart_hz = size > 5u && (data[5] & 1u) != 0u ? 1e-4f : 1.0f; /* rows that crowd, too */
     for (uint32_t i = 0; i < rows; i++) {
         const float value = size > 0u ? (float)data[i % size] : 1.0f;
-        image.row[i] = (avc_row_t){1.0f + (float)i, value, 1000.0f * value, value};
+        image.row[i] = (avc_row_t){1.0f + apart_hz * (float)i, value, 1000.0f * value, value};
     }
     if (states != 0u) {
         image.header.flags = (uint16_t)(image.header.flags & ~(uint32_t)AVC_TABLE_VARIES);

@@ -1,6 +1,6 @@
 /* Generated from the scene's CasADi expressions, do not edit:
  * python -m avc_hardware.firmware_build generate */
-/* sample_time_s 0.001, metres_per_count 2e-06, estimator any, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0, metres_per_unit 1.0 */
+/* sample_time_s 0.001, metres_per_count 2e-06, estimator any, hold_s 0.2, slew_per_s 20.0, passive True, guard_damping_ns_per_m 2.0, hand_m_per_unit 1.0 */
 #include "avc_steady_clips.h"
 #include "avc_made_for.h"
 
