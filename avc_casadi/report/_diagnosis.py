@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
-from avc_casadi.diagnosis import CAUSES
 from avc_casadi.figures import draw_diagnosis
 from avc_casadi.report._frame import Picture, filled, items_html, page_html, table_html
 from avc_casadi.support import Table, number
@@ -36,6 +35,8 @@ def diagnosis_html(found: Sequence[Diagnosis], versions: Mapping[str, str]) -> s
 
 
 def _body(found: Diagnosis) -> str:
+    from avc_casadi.diagnosis import CAUSES  # noqa: PLC0415 - SciPy's signals and statistics, which no other page needs
+
     cures = Table(
         ("change", "growth then\n1/s"), tuple((cure.change, cure.growth_per_s) for cure in found.cures), (0,), digits=3
     )

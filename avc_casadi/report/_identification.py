@@ -7,7 +7,6 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from avc_casadi.figures import draw_correlations, draw_identification
-from avc_casadi.identification import TERMS, device_text
 from avc_casadi.report._frame import Picture, filled, items_html, page_html, table_html
 from avc_casadi.support import Table, number
 
@@ -22,6 +21,8 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
         found: the identification.
         versions: versions by package.
     """
+    from avc_casadi.identification import TERMS, device_text  # noqa: PLC0415 - SciPy, which no other page needs
+
     estimates = Table(
         ("what", "value", "from", "to", "unit", "how"),
         tuple((one.key, one.value, one.low, one.high, one.unit or "-", one.how) for one in found.estimates.values()),
