@@ -11,7 +11,16 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.arm import arm, effective_masses, evaluated, mass_range, mobility, operational_inertia, reached
+from avc_casadi.arm import (
+    arm,
+    effective_masses,
+    evaluated,
+    mass_range,
+    mobility,
+    one_normal,
+    operational_inertia,
+    reached,
+)
 from avc_casadi.problem import arm_names, load_arm
 
 PREMIUM, PANTOGRAPH = arm("phantom-premium-1.5"), arm("pantograph")
@@ -291,3 +300,9 @@ def test_adam_is_loaded_for_models_alone():
     program = "import sys\nfrom avc_casadi.cli import main\nmain(['arm', 'pantograph', '--json'])\n"
     program += "assert not {'adam', 'mujoco'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)  # noqa: S603 - ours
+
+
+@pytest.mark.parametrize("size", [1e308, 1e200, 1.0, 1e-200, 1e-320])
+def test_a_normal_has_a_direction_whatever_its_size(size):
+    made = arm("phantom-premium-1.5")
+    assert one_normal(made, (0.0, 0.6 * size, 0.8 * size)) == pytest.approx(np.array([[0.0, 0.6, 0.8]]), rel=1e-3)

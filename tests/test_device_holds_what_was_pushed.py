@@ -105,7 +105,8 @@ def test_the_emulated_board_is_made_for_the_coupling() -> None:
 
 def test_the_emulated_board_knows_how_far_a_handle_is_that_turns() -> None:
     """On it the estimator follows a knob that is turned by up to 40 rad/s, eight times what 5 m/s would be."""
-    made = coupling(60, seed=5, motion="rotary", handle_radius_m=0.02, encoder_resolution_m=1e-4)
+    turns = {"motion": "rotary", "handle_radius_m": 0.02, "encoder_resolution_m": 1e-4}
+    made = coupling(60, seed=5, largest=(4.0, 4e3, 0.4), wall=(0.004, 40.0), **turns)
     board = emulated_board(made, motion_m=lambda time: 40 / (2 * math.pi * 6) * math.sin(2 * math.pi * 6.0 * time) - 2)
     assert push(made, board).device.figures.hand_m_per_unit == pytest.approx(0.02)
     *_, status = monitor(board, seconds=2.0, rate_hz=20)

@@ -154,3 +154,22 @@ def test_a_toggle_that_its_force_cannot_make_felt_is_nothing_wrong():
     assert found.verdict == "nothing wrong"
     strong = Columns("toggle", time, position, -3.0 - 3.0 * np.sign(np.sin(2 * np.pi * 130 * time)))
     assert diagnose(strong, device=device).verdict != "nothing wrong"
+
+
+def test_a_force_that_its_limit_cuts_does_not_jump_where_the_law_begins_at_the_wall():
+    """Fast strikes: what is left of the force below its limit is far from the edge of contact."""
+    loop = Buzzing(mass=0.12, damping=0.8, encoder=2e-5, limit=8.0, stiffness=4000.0, damper=12.0, delay=1.3)
+    loop = replace(loop, resonance=120.0, ratio=0.01, share=0.7, hand_mass=0.1, hand_damping=6.0, hand_stiffness=400.0)
+    assert jump_of(loop) is None
+    assert diagnose(columns(loop, seconds=3.0), device=declared_of(loop)).cause != "stiffness"
+
+
+def test_what_swings_on_over_coarse_steps_does_not_die_away():
+    """The force goes on from one end to the other, whatever becomes of its strongest line."""
+    loop = Buzzing(mass=0.12, damping=0.8, encoder=2e-4, limit=8.0, stiffness=3000.0, damper=15.0, delay=1.3)
+    loop = replace(loop, friction=0.02, hand_mass=0.1, hand_damping=6.0, hand_stiffness=400.0, end=0.01)
+    found = diagnose(columns(loop, seconds=8.0), device=declared_of(loop))
+    _, _, force = logged(loop, 8.0)
+    assert np.ptp(force[-1000:]) > 5.0
+    assert found.verdict != "nothing wrong", found.conclusion
+    assert "encoder" in (found.cause, *found.candidates)

@@ -102,5 +102,8 @@ def test_a_device_is_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     device.write_text("[device]\nmass_kg = 0.1\ndamping_ns_per_m = 1.0\nsample_time_s = 5e-4\nmax_force_n = 7.0\n")
     asked = ["firmware", str(device), "--board", "stm32f405", "--out", str(tmp_path / "fw"), "--json"]
     assert main(asked) == 0
-    limits = json.loads(capsys.readouterr().out)["limits"]
-    assert (limits["sample_time_s"], limits["max_force_n"]) == (5e-4, 7.0)
+    document = json.loads(capsys.readouterr().out)
+    assert (document["limits"]["sample_time_s"], document["limits"]["max_force_n"]) == (5e-4, 7.0)
+    # What the file does not say is the board's own, and told.
+    (note,) = document["notes"]
+    assert note.startswith("the file has no device.encoder_resolution_m: 2e-06 m is the board's own")

@@ -1,5 +1,7 @@
 """What does not fit the device is refused by the host before a byte of the table travels, and named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hardware_bench import coupling, host_core, host_library, image, push, refused, unwatched
@@ -111,3 +113,12 @@ def test_guard_limit_must_be_that_of_the_device_where_there_is_a_guard() -> None
     with pytest.raises(UnsupportedError, match=r"guard_damping_ns_per_m is 2\.0, the coupling's 1\.5"):
         push(coupling(5, runtime=guard, damping_ns_per_m=1.5), HostLink(host_core()))
     assert push(coupling(5, damping_ns_per_m=1.5), HostLink(host_core())).notes == ()
+
+
+def test_a_coupling_without_a_force_limit_is_told_where_its_trial_took_more() -> None:
+    free = coupling(1, max_force_n=None)
+    link = HostLink(HostCore(host_library(), replace(unwatched(), max_force_n=8.0)))
+    assert push(free.with_trial({"tap_force_n": 7.0}), link).notes == ()
+    (note,) = push(free.with_trial({"tap_force_n": 18.2}), link).notes
+    assert "limits the force at 8 N" in note
+    assert "a tap took 18.2 N" in note

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import NEAR_RIGID_N_PER_M, Coupling, Gains, Runtime
+from avc_casadi.coupling import Coupling, Gains, Runtime, near_rigid_n_per_m
 from avc_casadi.design.robust import Loops, Space, _search, refined, robust_at, search
 from avc_casadi.stability import frozen_rendering
 from avc_casadi.trial import ends_of, people_of, try_coupling, unrest
@@ -117,7 +117,7 @@ def test_a_search_that_ends_with_a_growing_loop_looks_for_a_damped_one(stiffness
 
     monkeypatch.setattr(_search, "evolve", noted)
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
-    found = search(space, loops, frozen_rendering(problem, 0.0, NEAR_RIGID_N_PER_M))
+    found = search(space, loops, frozen_rendering(problem, 0.0, near_rigid_n_per_m(problem.device)))
     assert len(made) == passes
     assert found.cost.growth_per_s == 0
     assert found.cost.holds

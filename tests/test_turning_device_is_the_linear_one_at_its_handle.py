@@ -13,7 +13,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains
+from avc_casadi.coupling import Coupling, Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.design.robust._goal import costs_of
 from avc_casadi.design.robust._law import Space
 from avc_casadi.design.robust._loops import Loops
@@ -21,6 +21,7 @@ from avc_casadi.loop import hand_corners
 from avc_casadi.problem import Problem
 from avc_casadi.stability import Rendering, stiffest_wall
 from avc_casadi.trial import motions_at
+from avc_hardware._bench_plant import board_limits
 
 FREQUENCY = {"values_hz": (1.0, 5.0, 30.0, 120.0)}
 # Powers of the radius with which a value of the handle becomes one of the turn.
@@ -166,3 +167,17 @@ def test_counts_of_a_turn_are_an_angle():
     text = '[device]\nmotion = "rotary"\nhandle_radius_m = 0.02\ninertia_kgm2 = 1e-5\ndamping_nms_per_rad = 1e-4\n'
     text += "encoder_counts_per_turn = 16384\n[environment]\nstiffness_nm_per_rad = 1\ndamping_nms_per_rad = 0\n"
     assert avc.parse_problem(text).device.encoder_resolution_m == pytest.approx(2 * math.pi / 16384)
+
+
+@pytest.mark.parametrize("radius", [0.5**6, 2.0])
+def test_a_spring_that_no_hand_tells_from_a_rigid_joint_is_one_at_the_rim(radius):
+    """Everywhere the same spring, also in series with a wall, and within what a board takes."""
+    linear, rotary = both(
+        {"mass_kg": 0.1, "damping_ns_per_m": 1.0}, {"stiffness_n_per_m": 3e4, "damping_ns_per_m": 0.0}, radius
+    )
+    for felt in (1000.0, linear.environment.stiffness_n_per_m):
+        same(spring_before(linear, felt), spring_before(rotary, felt * radius**2), 2, radius)
+    assert near_rigid_n_per_m(rotary.device) == near_rigid_n_per_m(linear.device) * radius**2
+    limits, at_rim = board_limits(rotary.device), board_limits(linear.device)
+    assert near_rigid_n_per_m(rotary.device) <= limits.max_stiffness_n_per_m == at_rim.max_stiffness_n_per_m * radius**2
+    assert limits.max_damping_ns_per_m == at_rim.max_damping_ns_per_m * radius**2

@@ -150,3 +150,32 @@ def test_a_linear_device_keeps_every_word():
     assert LINEAR.document({"mass_kg": 1}) == {"mass_kg": 1}
     assert "rotary" not in avc.dump_problem(problem)
     assert "motion" not in problem.device.model_dump()
+
+
+@pytest.mark.parametrize("title", ["e", "ad", "gated by N", "deflection"])
+def test_a_title_that_is_a_part_of_other_words_leaves_them_alone(title):
+    """Only where it stands alone is it the user's own word."""
+    own = ROTARY.beside(title)
+    told = "made by avc-casadi; force: 3 N; coupling_deflection_before_m, deflections in m/s"
+    assert own.text(told) == ROTARY.text(told)
+    assert own.text(f"{title}: 3 N") == f"{title}: 3 N.m"
+
+
+@pytest.mark.parametrize(
+    ("line", "faults"),
+    [
+        (
+            "handle_radius_mm = 20",
+            ["device.handle_radius_m: is missing", ":4: device.handle_radius_mm: is not a"],
+        ),
+        ("handle_radius_m = 1e-9", [":4: device.handle_radius_m: is 1e-09; allowed: 0.002 to 10 m"]),
+    ],
+)
+def test_a_fault_of_the_radius_is_told_as_it_stands_and_brings_no_others(line, faults, tmp_path):
+    file = tmp_path / "knob.toml"
+    file.write_text(KNOB.lstrip().replace("handle_radius_m = 0.02", line))
+    with pytest.raises(avc.InputError) as caught:
+        avc.load_problem(file)
+    assert len(caught.value.faults) == len(faults)
+    for fault in faults:
+        assert fault in str(caught.value)

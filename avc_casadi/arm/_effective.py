@@ -92,6 +92,8 @@ def effective_masses(mobility_per_kg: FloatArray, normals: FloatArray) -> FloatA
 
 def unit(normal: FloatArray) -> FloatArray:
     """Return vectors of length 1 along those of the last axis."""
+    # So that no square is out of range.
+    normal = normal / np.abs(normal).max(axis=-1, keepdims=True)
     return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
 

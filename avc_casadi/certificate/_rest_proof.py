@@ -120,11 +120,11 @@ def proved_wall_n_per_m(coupling: Coupling, progress: Progress = SILENT) -> floa
         coupling: what runs; one that `quick_rest_level` judges.
         progress: told of the search.
     """
-    law, wall = _law(coupling, coupling.table.rows[0].tolist()), coupling.wall.stiffness_n_per_m
+    law = _law(coupling, coupling.table.rows[0].tolist())
     felt = law.stiffness_at_rest_n_per_m
 
     def softer(stiffness: float) -> list[ContactLaw]:
-        spring = spring_before(wall, stiffness)
+        spring = spring_before(coupling.problem, stiffness)
         return [
             replace(law, stiffness_n_per_m=spring, contact_damping_ns_per_m=share * law.contact_damping_ns_per_m)
             for share in dict.fromkeys((1.0, stiffness / felt))

@@ -170,7 +170,9 @@ def _pose(made: Arm, at: tuple[float, ...], normals: Any) -> dict[str, Any]:
     from avc_casadi.arm import effective_masses, mobility, operational_inertia, reached
 
     if len(at) != len(made.axes):
-        raise avc.InputError.of(f"has {len(at)} numbers; allowed: {len(made.axes)}, {', '.join(made.axes)}", key="--at")
+        raise avc.InputError.of(
+            f"is of length {len(at)}; allowed: {len(made.axes)}, {', '.join(made.axes)}", key="--at"
+        )
     joints, there = reached(made, (made.home_tip_m + at)[None])
     if not there[0]:
         message = (

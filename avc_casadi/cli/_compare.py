@@ -22,7 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
     parser.add_argument(
-        "--mine", type=gain_pair, metavar="K,B", help="judge a constant pair too: N/m and N.s/m, for example 7000,10"
+        "--mine",
+        type=gain_pair,
+        metavar="K,B",
+        help="judge a constant pair too, for example 7000,10: N/m and N.s/m (of a knob N.m/rad and N.m.s/rad)",
     )
     parser.add_argument("--plot", metavar="FILE", help="draw the comparison: .png, .svg or .pdf")
 

@@ -16,7 +16,8 @@ from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import Device
+    from avc_casadi.problem import Device, Problem
+    from avc_hardware import BoardLimits
 
 _USUAL_BAUD = 115200
 
@@ -76,6 +77,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             "limits": vars(limits),
             "figures": vars(figures),
             "commands": list(built.commands),
+            "notes": _notes(subject, built.limits),
         }
     )
     at = "" if baud == _USUAL_BAUD else f" --baud {baud}"
@@ -85,9 +87,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         if args.built_in
         else f"gains are pushed: avc push{at}"
     )
-    notes = []
-    if isinstance(subject, avc.Problem) and subject.detent is not None:
-        notes.append("  [detent] has no place in what is pushed: build a coupling in that has it (--built-in)")
+    notes = _notes(subject, limits)
     lines = [
         f"{built.board} ({built.title}), build {built.build}, {built.size} bytes from {built.address:#010x}:",
         (
@@ -95,9 +95,25 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             f"at most {number(limits.max_force_n)} N{estimator}"
         ),
         f"  {held}; serial line at {baud} baud",
-        *notes,
+        *(f"  {note}" for note in notes),
         *(f"  {path}" for path in document["files"]),
         f"flash it from within {args.out}, by any one of:",
         *(f"  {command}" for command in built.commands),
     ]
     return Answer(document, "\n".join(lines))
+
+
+def _notes(subject: Coupling | Problem | Device, limits: BoardLimits) -> list[str]:
+    """Say what the image has that the file does not say, and what of the file it has not."""
+    problem = getattr(subject, "problem", subject)
+    device = getattr(problem, "device", problem)
+    notes = []
+    if getattr(subject, "detent", None) is not None:
+        notes.append("[detent] has no place in what is pushed: build a coupling in that has it (--built-in)")
+    for key, value, unit in (
+        ("max_force_n", limits.max_force_n, "N"),
+        ("encoder_resolution_m", limits.metres_per_count, "m"),
+    ):
+        if not getattr(device, key):
+            notes.append(f"the file has no device.{key}: {number(value)} {unit} is the board's own; give the device's")
+    return notes

@@ -74,7 +74,7 @@ def _file_text(document: dict[str, Any], coupling: Coupling | None) -> str:
 
 def methods_help() -> str:
     """Return the names of the methods for a help text."""
-    return "closed-form, direct, exact, schedule, static or static-tuned"
+    return "closed-form, direct, exact, schedule, static, static-tuned or robust"
 
 
 def solve_document(problem: avc.Problem, gains: GainSchedule, console: Console) -> dict[str, Any]:

@@ -20,10 +20,10 @@ from avc_casadi.coupling._gain_file import gain_csv as gain_csv
 from avc_casadi.coupling._gain_file import gain_document as gain_document
 from avc_casadi.coupling._gain_file import read_document as read_document
 from avc_casadi.coupling._gain_table import GainTable as GainTable
-from avc_casadi.coupling._gains import NEAR_RIGID_N_PER_M as NEAR_RIGID_N_PER_M
 from avc_casadi.coupling._gains import NO_COUPLING as NO_COUPLING
 from avc_casadi.coupling._gains import Gains as Gains
 from avc_casadi.coupling._gains import gains_at as gains_at
+from avc_casadi.coupling._gains import near_rigid_n_per_m as near_rigid_n_per_m
 from avc_casadi.coupling._gains import spring_before as spring_before
 from avc_casadi.coupling._gains import without_start as without_start
 from avc_casadi.coupling._interpolation import DeviceLn as DeviceLn

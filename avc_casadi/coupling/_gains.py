@@ -13,6 +13,7 @@ from avc_casadi.coupling._interpolation import interpolate
 
 if TYPE_CHECKING:
     from avc_casadi.coupling._schedule import GainSchedule
+    from avc_casadi.problem import Device, Problem
 
 
 @dataclass(frozen=True)
@@ -41,20 +42,25 @@ class Gains:
 
 
 NO_COUPLING = Gains(math.inf, math.inf)
-NEAR_RIGID_N_PER_M = 1e8
-"""A spring that no hand tells from a rigid joint, and that a device still holds in single precision."""
+_NEAR_RIGID_N_PER_M = 1e8
 
 
-def spring_before(wall_n_per_m: float, felt_n_per_m: float) -> float:
+def near_rigid_n_per_m(device: Device) -> float:
+    """Return a spring that no hand tells from a rigid joint, and that a device still holds in single precision."""
+    return _NEAR_RIGID_N_PER_M * device.metres_per_unit**2
+
+
+def spring_before(problem: Problem, felt_n_per_m: float) -> float:
     """Return the spring, N/m, with which a wall feels so stiff at rest; nearly rigid where it is no stiffer itself.
 
     Args:
-        wall_n_per_m: stiffness of the wall.
-        felt_n_per_m: of wall and spring in series.
+        problem: wall and device.
+        felt_n_per_m: stiffness of wall and spring in series.
     """
-    if felt_n_per_m >= wall_n_per_m:
-        return NEAR_RIGID_N_PER_M
-    return min(felt_n_per_m * wall_n_per_m / (wall_n_per_m - felt_n_per_m), NEAR_RIGID_N_PER_M)
+    wall, rigid = problem.environment.stiffness_n_per_m, near_rigid_n_per_m(problem.device)
+    if felt_n_per_m >= wall:
+        return rigid
+    return min(felt_n_per_m * wall / (wall - felt_n_per_m), rigid)
 
 
 def without_start(schedule: GainSchedule) -> str:

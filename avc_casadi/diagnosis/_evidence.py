@@ -59,7 +59,8 @@ def oscillation_sentence(found: Oscillation, reach_m: float) -> str:
     if not math.isfinite(found.frequency_hz):
         return f"no oscillation: above 4 Hz the position moves by {_um(found.at_rest_m)} rms"
     felt = thresholds(found, reach_m)
-    steps = f", {number(found.steps, 3)} encoder steps" if math.isfinite(found.steps) else ""
+    counted = number(found.steps, 3)
+    steps = f", {counted} encoder step{'' if counted == '1' else 's'}" if math.isfinite(found.steps) else ""
     grows = ""
     if math.isfinite(found.growth_per_s) and found.growth_error_per_s < 0.5 * abs(found.growth_per_s):
         what = "grew" if found.growth_per_s > 0 else "decays"

@@ -89,9 +89,12 @@ def find_jump(log: Log, swing: Swing, law: Law | None, limit_n: float | None) ->
         if left < _LEFT * float(np.sqrt(np.mean(force[rows] ** 2))):
             jump = Jump(float(told[0]), float(told[1]), float(told[2]), lag)
             carried = _columns(position, before[before > lag], lag, edge, period) @ told
-            switched = carried.size > 0 and float(np.median(carried)) > 0
+            switched = carried.size > 0 and float(np.median(carried)) > _LEFT * swings
             least = _SHARE * swings
-            return jump if switched and min(jump.force_n, _of_spring(law, edge, log.reach_m)) > least else None
+            # Contact begins where the force does, cut at the device's limit or not.
+            contact = np.flatnonzero(touching)
+            begins = float(position[contact[contact > lag] - lag].min())
+            return jump if switched and min(jump.force_n, _of_spring(law, begins, log.reach_m)) > least else None
     return None
 
 

@@ -150,13 +150,25 @@ def _swings(
 
 def _restless(log: Log, fast: FloatArray, part: slice) -> bool:
     """Whether position or force do not rest: steps of the encoder, or a share of the force as a scene calls buzzing."""
+    motion, ripple = _ripples(log, fast, part)
+    return motion > max(_RESTLESS_STEPS * log.encoder_m, _LEAST_M / log.reach_m) or ripple > max(
+        _RIPPLE * abs(float(log.force_n[part].mean())), _LEAST_N * log.reach_m
+    )
+
+
+def _ripples(log: Log, fast: FloatArray, part: slice) -> tuple[float, float]:
+    """Return how much position and force swing, root mean square."""
     force = log.force_n[part]
     filtered = signal.butter(2, _RESTLESS_HZ, "highpass", fs=1 / log.ticks.period_s, output="sos")
-    ripple = _rms(signal.sosfiltfilt(filtered, force - force.mean()))
-    motion = _rms(signal.sosfiltfilt(filtered, fast[part]))
-    return motion > max(_RESTLESS_STEPS * log.encoder_m, _LEAST_M / log.reach_m) or ripple > max(
-        _RIPPLE * abs(float(force.mean())), _LEAST_N * log.reach_m
-    )
+    motion, ripple = (signal.sosfiltfilt(filtered, one) for one in (fast[part], force - force.mean()))
+    return _rms(motion), _rms(ripple)
+
+
+def _falls(log: Log, fast: FloatArray, first: int, last: int) -> bool:
+    """Whether what has no one frequency dies away: at none, not at one of them, and in the force too."""
+    quarter = max((last - first) // 4, min(last - first, 32))
+    early, late = (_ripples(log, fast, part) for part in (slice(first, first + quarter), slice(last - quarter, last)))
+    return all(end < _FALLS * begin for begin, end in zip(early, late, strict=True))
 
 
 def _measured(
@@ -187,7 +199,11 @@ def _measured(
     if irregular is None and late < _FALLS * early and level is not None:
         begins = reached = level
         growth, error = math.nan, math.nan
-    elif (irregular is None or log.ran.all()) and late < _FALLS * early and decay < -3 * decay_error:
+    elif (
+        (irregular is None or (log.ran.all() and _falls(log, fast, first, last)))
+        and late < _FALLS * early
+        and decay < -3 * decay_error
+    ):
         kind, growth, error = "decaying", decay, decay_error
     elif irregular is None and (late > 1.6 * early or (last - reached) * period * hertz < 3):
         kind = "growing"

@@ -47,7 +47,7 @@ class Worded:
         found = [*self.findings]
         for path, message in findings:
             units = self.device if path[:1] in {("device",), ("sources",), ("gaps",)} else self.rest
-            own = tuple(units.key(part) if isinstance(part, str) else part for part in path)
+            own = tuple(units.key(part) if part in _known() else part for part in path)
             length = path[-1:] in {("handle_radius_m",), (CAPSTAN,)}
             found.append((own, message if length else units.text(message)))
         return found

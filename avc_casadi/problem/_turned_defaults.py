@@ -21,6 +21,8 @@ _GAINS = {"damping_ns_per_m": ((0.0, 1e4), 2), "stiffness_n_per_m": ((0.0, 1e7),
 _MOTION = {"start_m": (-0.01, -1), "end_m": (0.01, -1), "speed_m_per_s": (0.07, -1)}
 _SWINGS = {"amplitude_m": (0.005, -1)}
 _SWINGING = {"stroke", "free"}
+# Of a handle beyond these nothing is filled in: its radius is the fault to be told.
+_SHORTEST_M, _LONGEST_M = 2e-3, 10.0
 
 
 def with_turned_defaults(tables: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -33,7 +35,7 @@ def with_turned_defaults(tables: Mapping[str, Any]) -> Mapping[str, Any]:
     radius = _of(device, "handle_radius_m")
     if _of(device, "motion") != "rotary" or isinstance(radius, bool) or not isinstance(radius, int | float):
         return tables
-    if not radius > 0:
+    if not _SHORTEST_M <= radius <= _LONGEST_M:
         return tables
     scene = _given(tables.get("scene"))
     found = {

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.coupling import NEAR_RIGID_N_PER_M, Coupling, Gains, Runtime, spring_before
+from avc_casadi.coupling import Coupling, Gains, Runtime, near_rigid_n_per_m, spring_before
 from avc_casadi.design.constant import tuned_margin
 from avc_casadi.design.robust import NEXT, ladder_n_per_m, refined, robust_at, softer_n_per_m
 from avc_casadi.loop import with_let_go
@@ -161,10 +161,10 @@ def _tuned(problem: Problem, share: float, progress: Progress) -> object:
 
 
 def _rigid(problem: Problem, people: Hand | StylusHand) -> Iterator[tuple[Gains, str]]:
-    yield Gains(0.0, NEAR_RIGID_N_PER_M), "none"
-    wall = problem.environment
+    wall, rigid = problem.environment, near_rigid_n_per_m(problem.device)
+    yield Gains(0.0, rigid), "none"
     for total in _dampings(damping_range(problem.device, people, wall.stiffness_n_per_m)):
-        yield Gains(0.0, NEAR_RIGID_N_PER_M, max(0.0, total - wall.damping_ns_per_m)), "contact damper"
+        yield Gains(0.0, rigid, max(0.0, total - wall.damping_ns_per_m)), "contact damper"
 
 
 def _softened(problem: Problem, people: Hand | StylusHand, stiffness: list[float]) -> Iterator[tuple[Gains, str]]:
@@ -173,7 +173,7 @@ def _softened(problem: Problem, people: Hand | StylusHand, stiffness: list[float
     for felt in stiffness:
         if 0 < felt < wall:
             for total in _dampings(damping_range(problem.device, people, felt)):
-                yield Gains(0.0, spring_before(wall, felt), total), SOFTENED
+                yield Gains(0.0, spring_before(problem, felt), total), SOFTENED
 
 
 def _dampings(found: DampingRange) -> list[float]:

@@ -153,8 +153,9 @@ class Units:
             return text
         if not self.own:
             return "".join(map(self._line, text.splitlines(keepends=True))) if "   " in text else self._tokens(text)
-        parts = re.split("(" + "|".join(map(re.escape, sorted(self.own, key=len, reverse=True))) + ")", text)
-        return "".join(part if part in self.own else replace(self, own=()).text(part) for part in parts)
+        names = "|".join(map(re.escape, sorted(self.own, key=len, reverse=True)))
+        parts = re.split(rf"(?<!\w)({names})(?!\w)", text)
+        return "".join(part if place % 2 else replace(self, own=()).text(part) for place, part in enumerate(parts))
 
     def page(self, html: str) -> str:
         """Return an HTML page with its texts so; pictures, scripts and styles in it stay as they are."""

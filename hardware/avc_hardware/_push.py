@@ -176,6 +176,12 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
         word = DeviceFault(device.faults).word
         notes.append(f"the device gives no force until its faults are cleared (avc clear): {word}")
     force, step = coupling.max_force_n, coupling.problem.device.encoder_resolution_m
+    tapped = float((coupling.trial or {}).get("tap_force_n") or 0.0)
+    if force is None and tapped > device.max_force_n:
+        notes.append(
+            f"the device limits the force at {device.max_force_n:g} N, the coupling was made without a limit, and in "
+            f"its trial a tap took {tapped:.3g} N; give device.max_force_n and make it again"
+        )
     if force is not None and force > device.max_force_n * (1 + 1e-6):
         notes.append(
             f"the device limits the force at {device.max_force_n:g} N, the coupling was made for {force:g} N; its "

@@ -174,6 +174,11 @@ _MADE_FOR = """\
 #define AVC_MADE_FOR_COUNT_PM {count_pm}
 #define AVC_MADE_FOR_MAX_FORCE_N {force}
 
+/* Gains beyond these are refused. */
+#define AVC_MADE_FOR_MAX_DAMPING_NS_PER_M {damping}
+#define AVC_MADE_FOR_MAX_STIFFNESS_N_PER_M {stiffness}
+#define AVC_MADE_FOR_MAX_CONTACT_DAMPING_NS_PER_M {contact}
+
 /* What is no plausible motion of the device, nor a plausible tick; 0: not watched. */
 #define AVC_MADE_FOR_MAX_SPEED_M_PER_S {speed}
 #define AVC_MADE_FOR_MAX_ACCELERATION_M_PER_S2 {acceleration}
@@ -194,6 +199,9 @@ def made_for(limits: BoardLimits) -> str:
         count=SINGLE.literal(limits.metres_per_count),
         count_pm=_whole(limits.metres_per_count, 1e12),
         force=SINGLE.literal(limits.max_force_n),
+        damping=SINGLE.literal(limits.max_damping_ns_per_m),
+        stiffness=SINGLE.literal(limits.max_stiffness_n_per_m),
+        contact=SINGLE.literal(limits.max_contact_damping_ns_per_m),
         speed=SINGLE.literal(limits.max_speed_m_per_s),
         acceleration=SINGLE.literal(limits.max_acceleration_m_per_s2),
         energy=SINGLE.literal(limits.max_energy_j),

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from clip_last_simulator import Simulator, at_rest
 
 import avc_casadi as avc
-from avc_casadi.coupling import NEAR_RIGID_N_PER_M, Coupling, Gains
+from avc_casadi.coupling import Coupling, Gains, near_rigid_n_per_m
 from avc_casadi.loop import STYLUS_RANGES
 from avc_casadi.proof import HAND, ContactLaw, HeldDevice, rigid_with_damper, wall_gap
 from avc_casadi.recommendation import design
@@ -106,7 +106,7 @@ def design_cell(wall: str, name: str) -> dict[str, Any]:
     if found.schedule is None:
         gains = found.gains
         if gains.rigid:  # a coupling has finite gains: a spring that is nearly rigid
-            gains = Gains(0.0, NEAR_RIGID_N_PER_M, gains.contact_damping_ns_per_m)
+            gains = Gains(0.0, near_rigid_n_per_m(problem.device), gains.contact_damping_ns_per_m)
         return _known(Coupling.constant(problem, gains, name))
     return _known(Coupling.of(problem, found.schedule))
 

@@ -211,7 +211,7 @@ def _searched(
 
 def softened(problem: Problem, stiffness_n_per_m: float) -> tuple[Gains, Rendering]:
     """Return the spring with which the wall feels so stiff, and both as they are rendered."""
-    gains = Gains(0.0, spring_before(problem.environment.stiffness_n_per_m, stiffness_n_per_m))
+    gains = Gains(0.0, spring_before(problem, stiffness_n_per_m))
     return gains, frozen_rendering(problem, 0.0, gains.stiffness_n_per_m)
 
 

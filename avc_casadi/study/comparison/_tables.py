@@ -100,5 +100,9 @@ def _realism(document: Mapping[str, Any]) -> Table:
         (name, *(100 * gains["realism"][key] for key in ("share_inside_bounds", "share_inside_jnd")))
         for name, gains in _judged(document).items()
     )
-    head = ("realism", "between U and L\n% of frequencies", f"within {number(jnd, 3)} % of desired\n% of frequencies")
+    head = (
+        "realism",
+        "between U and L\n% of frequencies",
+        f"complex error within {number(jnd, 3)} %\n% of frequencies",
+    )
     return Table(head, rows, left=(0,), digits=3, title="how often each feels real")

@@ -10,6 +10,11 @@
 #define AVC_MADE_FOR_COUNT_PM 2000000
 #define AVC_MADE_FOR_MAX_FORCE_N 50.0f
 
+/* Gains beyond these are refused. */
+#define AVC_MADE_FOR_MAX_DAMPING_NS_PER_M 100000.0f
+#define AVC_MADE_FOR_MAX_STIFFNESS_N_PER_M 1.0e+08f
+#define AVC_MADE_FOR_MAX_CONTACT_DAMPING_NS_PER_M 10000.0f
+
 /* What is no plausible motion of the device, nor a plausible tick; 0: not watched. */
 #define AVC_MADE_FOR_MAX_SPEED_M_PER_S 3.0f
 #define AVC_MADE_FOR_MAX_ACCELERATION_M_PER_S2 1000.0f
