@@ -45,7 +45,7 @@ def trial(stable: int, free: int, quiet: int) -> CouplingTrial:
 
 
 def judged(order: int, share: float, stable: int, free: int, quiet: int) -> Judged:
-    gains = Gains(0.0, spring_before(WALL, share * WALL))
+    gains = Gains(0.0, spring_before(PROBLEM, share * WALL))
     return Judged(Coupling.constant(PROBLEM, gains, "x"), trial(stable, free, min(quiet, stable)), order)
 
 

@@ -56,7 +56,7 @@ def test_an_open_one_says_where_proof_ends_and_there_it_is_proved(lean):
     assert coupling.certificate["levels"]["L7"]["outcome"] == "open"
     felt = rest.proved_wall_n_per_m
     assert 0.3 * WALL < felt < WALL
-    softer = spring_before(WALL, felt)
+    softer = spring_before(coupling.problem, felt)
     levels = [
         quick_rest_level(coupling_of(Gains(0.0, softer, share * LEAN.contact_damping_ns_per_m)))
         for share in (1.0, felt / WALL)

@@ -171,7 +171,7 @@ def _couplings(problem: Problem, limit: float) -> Iterator[Coupling]:
         found = damping_range(device, people, stiffness)
         if np.isnan(found.lowest_ns_per_m):
             continue
-        spring = spring_before(wall, stiffness)
+        spring = spring_before(problem, stiffness)
         for share in DAMPER_SHARES:
             damper = found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m)
             gains = Gains(0.0, spring, damper)

@@ -53,7 +53,7 @@ def problem_of(catalogue: str | None, wall_n_per_m: float) -> avc.Problem:
 def measured(catalogue: str | None, wall_n_per_m: float, searches: int, force: int) -> dict[str, Any]:
     problem = problem_of(catalogue, wall_n_per_m)
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
-    gains = Gains(0.0, spring_before(wall_n_per_m, wall_n_per_m))
+    gains = Gains(0.0, spring_before(problem, wall_n_per_m))
     rendering = frozen_rendering(problem, 0.0, gains.stiffness_n_per_m)
     stiffness = stiffness_at_rest(rendering)
     people = people_of(problem.hands, 200, 4711)
