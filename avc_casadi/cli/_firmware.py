@@ -65,6 +65,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         built = build_firmware(subject, args.board, folder, baud=args.baud, built_in=args.built_in, unsafe=args.unsafe)
     baud = args.baud or _USUAL_BAUD
     limits, figures = built.limits, built.figures
+    notes = _notes(subject, limits)
     document: dict[str, Any] = plain(
         {
             "schema": "avc-firmware/1",
@@ -77,7 +78,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             "limits": vars(limits),
             "figures": vars(figures),
             "commands": list(built.commands),
-            "notes": _notes(subject, built.limits),
+            "notes": notes,
         }
     )
     at = "" if baud == _USUAL_BAUD else f" --baud {baud}"
@@ -87,7 +88,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         if args.built_in
         else f"gains are pushed: avc push{at}"
     )
-    notes = _notes(subject, limits)
     lines = [
         f"{built.board} ({built.title}), build {built.build}, {built.size} bytes from {built.address:#010x}:",
         (

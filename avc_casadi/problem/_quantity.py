@@ -151,6 +151,8 @@ LARGEST_DAMPING_NS_PER_M = 1e9
 """What a damper of a problem or of a coupling has at most."""
 LARGEST_STIFFNESS_N_PER_M = 1e12
 """What a spring of a problem or of a coupling has at most."""
+RADII_M = (2e-3, 10.0)
+"""Radii at which a hand may hold what turns."""
 FREQUENCIES_HZ = (1e-6, 1e7)
 """Lowest and highest frequency of a problem or of a gain table."""
 
@@ -163,7 +165,7 @@ Force = Annotated[float, BeforeValidator(Quantity("N", 1e-9, 1e6))]
 ForceLimit = Annotated[float, BeforeValidator(Quantity("N", 1e-6, 1e6, zero=False))]
 Length = Annotated[float, BeforeValidator(Quantity("m", 1e-12, 1))]
 Amplitude = Annotated[float, BeforeValidator(Quantity("m", 1e-12, 10))]
-Radius = Annotated[float, BeforeValidator(Quantity("m", 2e-3, 10, zero=False))]
+Radius = Annotated[float, BeforeValidator(Quantity("m", *RADII_M, zero=False))]
 Position = Annotated[float, BeforeValidator(Quantity("m", 1e-9, 10, signed=True))]
 Speed = Annotated[float, BeforeValidator(Quantity("m/s", 1e-6, 100, zero=False))]
 SampleTime = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 10, zero=False))]

@@ -11,6 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from avc_casadi.problem._quantity import RADII_M
+
 # Kinds of hand as in `Hands`, gains as in `GainBox`, motions as in `_Motion`: powers of the radius.
 _HANDS = {
     "mass_kg": ((0.05, 0.3), 2),
@@ -21,8 +23,6 @@ _GAINS = {"damping_ns_per_m": ((0.0, 1e4), 2), "stiffness_n_per_m": ((0.0, 1e7),
 _MOTION = {"start_m": (-0.01, -1), "end_m": (0.01, -1), "speed_m_per_s": (0.07, -1)}
 _SWINGS = {"amplitude_m": (0.005, -1)}
 _SWINGING = {"stroke", "free"}
-# Of a handle beyond these nothing is filled in: its radius is the fault to be told.
-_SHORTEST_M, _LONGEST_M = 2e-3, 10.0
 
 
 def with_turned_defaults(tables: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -35,8 +35,8 @@ def with_turned_defaults(tables: Mapping[str, Any]) -> Mapping[str, Any]:
     radius = _of(device, "handle_radius_m")
     if _of(device, "motion") != "rotary" or isinstance(radius, bool) or not isinstance(radius, int | float):
         return tables
-    if not _SHORTEST_M <= radius <= _LONGEST_M:
-        return tables
+    if not RADII_M[0] <= radius <= RADII_M[1]:
+        return tables  # the radius is the fault to be told, not what would follow from it
     scene = _given(tables.get("scene"))
     found = {
         **tables,
