@@ -181,3 +181,4 @@ def test_a_spring_that_no_hand_tells_from_a_rigid_joint_is_one_at_the_rim(radius
     limits, at_rim = board_limits(rotary.device), board_limits(linear.device)
     assert near_rigid_n_per_m(rotary.device) <= limits.max_stiffness_n_per_m == at_rim.max_stiffness_n_per_m * radius**2
     assert limits.max_damping_ns_per_m == at_rim.max_damping_ns_per_m * radius**2
+    assert limits.max_force_n == at_rim.max_force_n * radius

@@ -189,11 +189,11 @@ def force_of_code(code: int, limits: BoardLimits) -> float:
 def board_limits(device: Device) -> BoardLimits:
     """Return the limits of a board for a device; where it says nothing, those of the boards."""
     usual = BoardLimits()
-    force = device.max_force_n or usual.max_force_n
-    share = 0.0 if device.resonance is None else device.resonance.mass_ratio
-    lightest = device.mass_kg * (min(share, 1 - share) or 1.0)
     # What no handle does is told at the handle.
     reach = device.metres_per_unit
+    force = device.max_force_n or usual.max_force_n * reach
+    share = 0.0 if device.resonance is None else device.resonance.mass_ratio
+    lightest = device.mass_kg * (min(share, 1 - share) or 1.0)
     return replace(
         usual,
         sample_time_s=device.sample_time_s,
