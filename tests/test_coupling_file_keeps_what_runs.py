@@ -8,7 +8,17 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.coupling import THINNING, Coupling, Gains, GainTable, Runtime, gain_csv, gain_document
+from avc_casadi.coupling import (
+    THINNING,
+    Coupling,
+    Gains,
+    GainTable,
+    Runtime,
+    coupling_document,
+    gain_csv,
+    gain_document,
+)
+from avc_casadi.coupling._coupling_file import COUPLING_KEYS
 from avc_casadi.support import json_text
 
 NAMES = ("figure5", "damped", "ve3", "soft", "hard/long-delay", "hard/resonance")
@@ -140,7 +150,9 @@ def test_another_sample_time_is_refused_by_name(tmp_path):
         ({"table": {}}, "table.frequency_hz"),
         ({"runtime": {"estimator": "guess"}}, "runtime.estimator"),
         ({"runtime": {"slew_per_s": "fast"}}, "runtime.slew_per_s"),
-        ({"runtime": {"colour": 1}}, "runtime"),
+        ({"runtime": {"colour": 1}}, "runtime.colour"),
+        ({"max_force": 5.0}, "max_force"),
+        ({"table": {"flags": [1]}}, "table.flags"),
         ({"certificate": 3}, "certificate"),
         ({"sample_time_s": 2e-3}, "frequency_hz"),
     ],
@@ -153,6 +165,14 @@ def test_every_fault_of_a_file_is_named(change, key, tmp_path):
     with pytest.raises(InputError) as refused:
         avc.read_coupling(tmp_path / "c.json")
     assert key in {fault.key for fault in refused.value.faults}
+
+
+def test_every_key_that_is_written_is_known_and_a_mistyped_one_is_told(tmp_path):
+    document = coupling_document(coupling("ve3"))
+    assert sorted(document) == sorted(COUPLING_KEYS)
+    (tmp_path / "c.json").write_text(json.dumps(document | {"sertificate": {}}))
+    with pytest.raises(InputError, match=r"sertificate: is not a known key; did you mean 'certificate'\?"):
+        avc.read_coupling(tmp_path / "c.json")
 
 
 def test_all_faults_at_once(tmp_path):

@@ -123,3 +123,21 @@ def test_interrupt_is_seen_in_an_error_that_it_caused(words, cause, monkeypatch,
     monkeypatch.setattr(_main, "build_parser", lambda: parser)
     assert _main.main(["list"]) == 130
     assert capsys.readouterr() == ("", "avc: interrupted\n")
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_an_interrupted_stream_says_what_the_device_does_without_it(options, tmp_path):
+    process = started("stream", tmp_path, 0.0, *options)
+    first = b"" if options else process.stdout.readline()
+    if options:
+        time.sleep(5.0)
+    process.send_signal(signal.SIGINT)
+    out, err = output(process)
+    assert process.returncode == 130, err.decode()
+    if options:
+        document = strict_json(out)
+        assert document["errors"][0]["message"] == "interrupted"
+        assert document["sent"] > 0
+    else:
+        assert b"force" in first
+        assert b"the emulated board ends with this command" in out

@@ -103,7 +103,7 @@ def test_a_table_that_asks_for_what_the_firmware_does_not_know_is_refused(bit: i
     ask = connection.session.ask
     connection.run(ask(Kind.BEGIN, m.begin(1, 5, crc32, 3), m.Acknowledged))
     connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, asks), m.Acknowledged))
-    with pytest.raises(RefusedError, match="asks for what the firmware does not know"):
+    with pytest.raises(RefusedError, match="header has a flag that the firmware does not know"):
         connection.run(ask(Kind.COMMIT, m.commit(1, 5, crc32), m.Committed))
     assert core.image() is None
 

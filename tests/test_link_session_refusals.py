@@ -199,3 +199,14 @@ def test_a_busy_device_is_given_time() -> None:
     step = dialogue.send((begin.sequence, Refusal(Reason.BUSY, 2)))
     assert step.data == b""
     assert step.timeout_s > 0.5
+
+
+@pytest.mark.parametrize("reason", [Reason.FLAGS, Reason.BUILT_IN, Reason.NO_FLASH, Reason.STATES, 4711])
+def test_what_no_second_attempt_gets_over_is_refused_at_once(reason: int) -> None:
+    core = host_core()
+    connection = Connection(HostLink(core), session=1)
+    pushed = connection.session.push(image(3), connection.device)
+    exchange = pushed.send(None)
+    sequence = Decoder().feed(exchange.data)[0].sequence
+    with pytest.raises(RefusedError):
+        pushed.send((sequence, Refusal(reason, 0)))

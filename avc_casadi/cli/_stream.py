@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_port, positive, positive_int
-from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._console import INTERRUPTED, Answer, Console
 from avc_casadi.cli._subject import (
     add_problem_of_gains,
     add_unsafe,
@@ -30,7 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "subject", metavar="COUPLING", help="coupling file; or a problem, whose recommended coupling is streamed"
     )
     add_port(parser)
-    parser.add_argument("--rate-hz", type=positive, default=50.0, metavar="HZ", help="messages a second; default 50")
+    parser.add_argument(
+        "--rate-hz", type=positive, default=50.0, metavar="HZ", help="messages a second, 1 to 100; default 50"
+    )
     parser.add_argument("--seconds", type=positive, default=5.0, metavar="S", help="duration; default 5")
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
     add_problem_of_gains(parser)
@@ -45,10 +47,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     coupling = _coupling(args, console)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
-    shown = -1.0
+    shown, sent = -1.0, 0
 
     def show(sample: StreamSample) -> None:
-        nonlocal shown
+        nonlocal shown, sent
+        sent += 1
         if sample.time_s >= shown + 0.5:
             shown = sample.time_s
             console.say(
@@ -57,17 +60,22 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
                 f"force {number(sample.force_n):>8} N"
             )
 
-    with faults_of(args.subject, args):
-        result = stream(
-            coupling,
-            args.port,
-            rate_hz=args.rate_hz,
-            seconds=args.seconds,
-            baud=args.baud,
-            on_silence=console.notice,
-            on_sample=show,
-            unsafe=args.unsafe,
-        )
+    try:
+        with faults_of(args.subject, args):
+            result = stream(
+                coupling,
+                args.port,
+                rate_hz=args.rate_hz,
+                seconds=args.seconds,
+                baud=args.baud,
+                on_silence=console.notice,
+                on_sample=show,
+                unsafe=args.unsafe,
+            )
+    except KeyboardInterrupt:
+        if not sent:
+            raise
+        return _interrupted(coupling, args, sent)
     document: dict[str, Any] = plain(
         {"schema": "avc-stream/2", "problem": coupling.problem.name, "coupling": coupling.id}
         | {key: value for key, value in vars(result).items() if key not in {"samples", "push", "status"}}
@@ -84,6 +92,21 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
     text = "\n".join(filter(None, [unsafe_note(verdict), text]))
     return Answer(document, text, code=1 if result.faults else 0, complaint=complaint)
+
+
+def _interrupted(coupling: Coupling, args: argparse.Namespace, sent: int) -> Answer:
+    """Say what the device does now that no more gains come."""
+    from avc_hardware import HOLD_PERIODS
+
+    document = avc.fault_document(avc.InputError.of("interrupted")) | {
+        "schema": "avc-stream/2",
+        "problem": coupling.problem.name,
+        "coupling": coupling.id,
+        "sent": sent,
+    }
+    stays = f"{args.port} goes back to its table, coupling {coupling.id}, within {HOLD_PERIODS / args.rate_hz:.2g} s"
+    left = "the emulated board ends with this command" if args.port == "emulator" else stays
+    return Answer(document, f"interrupted after {sent} messages; {left}", code=INTERRUPTED)
 
 
 def _coupling(args: argparse.Namespace, console: Console) -> Coupling:

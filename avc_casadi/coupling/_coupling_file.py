@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +33,15 @@ GAINS_ALONE = (
     "and the certificate. Give the problem that it was made for beside it"
 )
 """What is missing in a gain file that no problem stands beside."""
+_WRITTEN = (
+    "schema id problem title problem_file method solver structure model contact constant sample_time_s max_force_n "
+    "frequency_hz damping_ns_per_m stiffness_n_per_m contact_damping_ns_per_m impedance_re impedance_im target_re "
+    "target_im magnitude_error complex_error real_part status reason requested_damping_ns_per_m "
+    "requested_stiffness_n_per_m requested_contact_damping_ns_per_m requested_rigid counts notes seconds table "
+    "runtime wall certificate trial versions lacks"
+)
+COUPLING_KEYS = tuple(_WRITTEN.split())
+"""Keys of a coupling file: those of `solve`, and its own."""
 _LACKS = (
     "what runs beside the gains: observer, estimator, adaptation, guard; those of a coupling that names none are taken",
     "its certificate on the loop as it is",
@@ -158,6 +168,7 @@ def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
     if document.get("schema") != COUPLING_SCHEMA:
         message = f"is {document.get('schema')!r}, but a problem stands in the file; allowed: {COUPLING_SCHEMA!r}"
         faults.append(Fault(str(path), None, "schema", message))
+    faults += _unknown(document, COUPLING_KEYS, path)
 
     def part(read: Any, *arguments: Any) -> Any:
         try:
@@ -217,6 +228,15 @@ def _check_whole(found: Coupling, document: Mapping[str, Any], path: Path) -> No
         raise InputError(faults)
 
 
+def _unknown(found: Mapping[str, Any], known: Sequence[str], path: Path, table: str = "") -> Iterator[Fault]:
+    """Yield a fault for each key that a table of the file does not have."""
+    for key in found:
+        if key not in known:
+            near = difflib.get_close_matches(key[:60], known, n=1)
+            allowed = f"did you mean {near[0]!r}?" if near else f"allowed: {', '.join(known)}"
+            yield Fault(str(path), None, f"{table}{key}", f"is not a known key; {allowed}")
+
+
 def _problem(document: Mapping[str, Any], path: Path) -> Problem:
     found = document.get("problem_file")
     if not isinstance(found, Mapping):
@@ -231,6 +251,9 @@ def _table(document: Mapping[str, Any], path: Path) -> GainTable:
     found = document.get("table")
     if not isinstance(found, Mapping):
         raise InputError.of(f"is missing; allowed: a table with {', '.join(_TABLE)}", file=str(path), key="table")
+    unknown = list(_unknown(found, _TABLE, path, "table."))
+    if unknown:
+        raise InputError(unknown)
     rows = {name: found.get(name) for name in _TABLE} | {"structure": "damped"}
     try:
         return GainTable.of(GainCheck(rows, path).schedule())
@@ -240,20 +263,24 @@ def _table(document: Mapping[str, Any], path: Path) -> GainTable:
 
 def _runtime(document: Mapping[str, Any], path: Path) -> Runtime:
     found = document.get("runtime")
-    known = {item.name for item in fields(Runtime)}
-    if not isinstance(found, Mapping) or set(found) - known:
-        raise InputError.of(f"must be a table with {', '.join(sorted(known))}", file=str(path), key="runtime")
+    known = sorted(item.name for item in fields(Runtime))
+    if not isinstance(found, Mapping):
+        raise InputError.of(f"must be a table with {', '.join(known)}", file=str(path), key="runtime")
     kinds: dict[str, tuple[type, ...]] = {
         "estimator": (str,),
         "guard": (str,),
         "passive": (bool,),
         "state_feedback": (Mapping,),
     }
-    wrong = [
+    wrong = [*_unknown(found, known, path, "runtime.")]
+    wrong += [
         Fault(str(path), None, f"runtime.{key}", f"is {value!r}, of the wrong type")
         for key, value in found.items()
-        if not (value is None or isinstance(value, kinds.get(key, (int, float))))
-        or (value is True and key != "passive")
+        if key in known
+        and (
+            not (value is None or isinstance(value, kinds.get(key, (int, float))))
+            or (value is True and key != "passive")
+        )
     ]
     if wrong:
         raise InputError(wrong)

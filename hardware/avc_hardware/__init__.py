@@ -53,6 +53,7 @@ from avc_hardware._session import NoAnswerError as NoAnswerError
 from avc_hardware._session import RefusedError as RefusedError
 from avc_hardware._store import Stored as Stored
 from avc_hardware._store import store as store
+from avc_hardware._stream import HOLD_PERIODS as HOLD_PERIODS
 from avc_hardware._stream import StreamResult as StreamResult
 from avc_hardware._stream import StreamSample as StreamSample
 from avc_hardware._stream import stream as stream

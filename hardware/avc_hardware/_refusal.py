@@ -69,7 +69,7 @@ _SENTENCES = {
     Reason.NO_FLASH: "this board has no memory that lasts",
     Reason.FLASH: "the memory did not take it (a slot has {detail} bytes); what was kept before still is",
     Reason.BUILT_IN: "coupling {detail:08x} is built into the firmware, which takes no other; flash another",
-    Reason.FLAGS: "the table asks for what the firmware does not know; update the firmware",
+    Reason.FLAGS: "{row} has a flag that the firmware does not know, which is older than this program; update it",
     Reason.HOLD: "it would hold too long; allowed: at most {detail} ticks",
     Reason.STALE: "gains with a number not above {detail} came late",
     Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",

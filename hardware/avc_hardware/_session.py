@@ -27,27 +27,8 @@ BUSY_WAIT_S = 0.7
 # A table takes over out of contact: how often to ask whether it has, and how many times before it is given up.
 CONTACT_WAIT_S = 0.25
 CONTACT_TRIALS = 40
-_FINAL = {
-    Reason.VERSION,
-    Reason.INTERFACE,
-    Reason.MESSAGE,
-    Reason.ROWS,
-    Reason.NOT_FINITE,
-    Reason.NOT_MONOTONIC,
-    Reason.LIMIT,
-    Reason.SAMPLE_TIME,
-    Reason.NO_TABLE,
-    Reason.STALE,
-    Reason.STATES,
-    Reason.EXCITED,
-    Reason.NO_EXCITATION,
-    Reason.WALL,
-    Reason.FORCE,
-    Reason.COUPLING,
-    Reason.MODE,
-    Reason.HOLD,
-    Reason.FAULT,
-}
+_ANEW = {Reason.SIZE, Reason.BUSY, Reason.NO_TRANSFER, Reason.OFFSET, Reason.CRC, Reason.NO_TABLE}
+"""What a transfer that is begun anew may get over."""
 
 
 class NoAnswerError(LinkError):
@@ -182,7 +163,7 @@ class Session:
                 committed = yield from self._transfer(table, device)
                 table_id, image = yield from self.read_table(len(table.image), device.chunk_bytes)
             except RefusedError as error:
-                if error.refusal.reason in _FINAL and error.refusal.reason is not Reason.NO_TABLE:
+                if error.refusal.reason not in _ANEW:
                     raise
                 failure = error
                 if error.refusal.reason is Reason.BUSY:
