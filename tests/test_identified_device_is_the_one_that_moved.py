@@ -9,6 +9,7 @@ from measured_device import Truth, measured, multisine
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.identification import Record, device_text, identify
+from avc_casadi.identification._record import Columns, records_of
 
 PERIOD = 1e-3
 
@@ -44,6 +45,22 @@ def test_resonance_friction_and_fractional_delay(flexible):
     assert flexible.estimates["mass_kg"].value == pytest.approx(0.1, rel=0.01)
     assert flexible.estimates["resonance.frequency_hz"].value == pytest.approx(140.0, rel=0.01)
     assert {"amplifier_bandwidth_hz", "force_scale", "friction_asymmetry_n", "max_force_n"} <= refused(flexible)
+
+
+@pytest.mark.parametrize("lost", [True, False])
+def test_what_drifts_goes_on_over_lost_samples_and_between_the_pieces_of_a_long_log(lost):
+    truth = Truth(coulomb=0.2, delay=1.0, offset=0.1, drift=0.05, encoder=1e-5)
+    random = np.random.default_rng(3)
+    time, position, force = measured(truth, multisine(random, 12.0, truth.period, 0.5, 300.0, 2.0), random)
+    if lost:
+        kept = random.random(position.size) > 0.002
+        records, _, told = records_of(Columns("log", time[kept], position[kept], force[kept]))
+        assert "28 gaps in time" in told[0]
+        found = identify(records)
+    else:
+        found = identify([Record("log", truth.period, position, force)], most_samples=4000)
+    holds(found, mass_kg=0.1, offset_n=0.1, offset_drift_n_per_s=0.05)
+    assert found.estimates["offset_drift_n_per_s"].value == pytest.approx(0.05, rel=0.01)
 
 
 def test_device_file_is_usable_at_once(flexible, tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from avc_casadi.identification._closed_loop import autocorrelation, coloured
+from avc_casadi.identification._evidence import SURE, compared
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._model import Estimate
 from avc_casadi.identification._uncertainty import LEVEL, Spread, spread_of
@@ -39,7 +40,7 @@ def estimates_of(
             continue
         q, half = float(fit.search[index]), float(spread.half_width[index])
         if one.name != "delay_samples":  # told with the lag in it
-            half = max(half, _moved_by_lag(fit, rivals, one.name, q))
+            half = _widened(fit, rivals, one.name, q, half)
         down, up = (float(each) for each in half + spread.beyond[:, index])
         ends = [fit.structure.outward(one, end) for end in (q - down, q + up)]
         low, high = (min(max(end, one.lowest), one.highest) for end in ends)
@@ -66,13 +67,24 @@ def estimates_of(
     return found
 
 
-def _moved_by_lag(fit: Fit, rivals: Mapping[str, Fit], name: str, coordinate: float) -> float:
-    """Return how far an amplifier moves a coordinate that the log does not bear out and does not exclude either."""
-    rival = rivals.get("amplifier")
-    if rival is None or rival.rms_m > fit.rms_m:
-        return 0.0
-    places = [one.name for one in rival.structure.free]
-    return abs(float(rival.search[places.index(name)]) - coordinate) if name in places else 0.0
+def _widened(fit: Fit, rivals: Mapping[str, Fit], name: str, coordinate: float, half: float) -> float:
+    """Return half an interval that also holds what richer models find that are not borne out and not excluded either.
+
+    An amplifier's lag trades with a delay; a drift that is sure, but too small to better the prediction, moves the
+    constant force to which it belongs, by more than that force is known to.
+    """
+    for term in ("amplifier", "drift"):
+        rival = rivals.get(term)
+        places = [] if rival is None else [one.name for one in rival.structure.free]
+        if rival is None or name not in places or rival.rms_m > fit.rms_m:
+            continue
+        place = places.index(name)
+        moved = abs(float(rival.search[place]) - coordinate)
+        if term == "drift":
+            sure = moved > half and compared(fit, rival, term).standard_errors > SURE
+            moved = moved + float(spread_of(rival, ()).half_width[place]) if sure else 0.0
+        half = max(half, moved)
+    return half
 
 
 def _noise(fit: Fit, step_m: float) -> Estimate | None:

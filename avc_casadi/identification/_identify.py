@@ -260,7 +260,7 @@ def _simplest(records: Sequence[Record], known: Mapping[str, float], force: floa
         / (max(1, int(0.01 / record.sample_time_s)) * record.sample_time_s)
         for record in records
     )
-    seconds = max(record.seconds for record in records)
+    seconds = max(record.begins_s + record.seconds for record in records)
     units = {
         "damping_ns_per_m": force / speed,
         "damping_asymmetry_ns_per_m": force / speed,

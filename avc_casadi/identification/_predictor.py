@@ -159,7 +159,7 @@ def _begun(
         inputs[:tap, at] = record.force_n[0]
         inputs[tap:, at] = record.force_n[: size - tap]
     inputs[:, -2] = position
-    inputs[:, -1] = np.arange(size) * period
+    inputs[:, -1] = record.begins_s + np.arange(size) * period
     few = min(size, 40)
     slope, start = np.polyfit(np.arange(few) * period, position[:few], 1)
     state = np.zeros(len(step.names))

@@ -33,6 +33,7 @@ class Record:
         force_n: commanded force along +position, held from this sample to the next, shape (samples,).
         added_mass_kg: known mass on the device during the record.
         motion: of the device.
+        begins_s: when it begins, from the first sample of its log on: what drifts goes on over a gap.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Record:
     force_n: FloatArray
     added_mass_kg: float = 0.0
     motion: MotionKind = "linear"
+    begins_s: float = 0.0
 
     def at_handle(self, radius_m: float) -> Record:
         """Return the record of a device that turns as that of a handle, which goes so far for each radian."""
@@ -139,6 +141,7 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
                 columns.force_n[a:b],
                 added_mass_kg,
                 columns.motion,
+                float(columns.time_s[a] - columns.time_s[0]),
             )
             for index, (a, b) in enumerate(pieces, start=1)
         ],
@@ -277,6 +280,7 @@ def shortened(records: Sequence[Record], most_samples: int) -> tuple[list[Record
                     name=f"{record.name}@{index + 1}",
                     position_m=record.position_m[part],
                     force_n=record.force_n[part],
+                    begins_s=record.begins_s + float(start) * record.sample_time_s,
                 )
             )
     used = sum(record.position_m.size for record in kept)
