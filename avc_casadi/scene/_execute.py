@@ -47,17 +47,18 @@ def execute(
 
 
 def execute_to_speed(
-    scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto"
+    scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto", workers: int = 1
 ) -> FloatArray:
     """Run a scene once for every row of the parameters, and only say how fast each run ends.
 
-    Side by side no trace is kept, and one thread is used: who asks for so many runs has other work for the others.
+    Side by side no trace is kept.
 
     Args:
         scene: the compiled scene.
         parameters: as for `execute`.
         inputs: as for `execute`.
         engine: as for `execute`.
+        workers: number of threads side by side; one where others have work for the other processors.
 
     Returns:
         The largest speed of the end that is judged over that at which a run is no longer at rest, shape (runs,):
@@ -66,7 +67,7 @@ def execute_to_speed(
     native = _compiled(scene, len(parameters), engine)
     if isinstance(native, SideBySide):
         first = scene.samples - judged_samples(scene.samples, scene.sample_time_s)
-        far, fast = native.peaks(scene.initial, inputs.T, parameters, 1, first).T
+        far, fast = native.peaks(scene.initial, inputs.T, parameters, workers, first).T
         return _over_rest(scene, far, fast)
     found = [np.zeros(0)]
     for begin in range(0, len(parameters), _TRACES):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -279,7 +280,8 @@ class Ends:
         for compiled, _, inputs in self._scenes:
             each = [replace(compiled, effects=_with_law(compiled.effects, law)) for law in laws]
             parameters = np.concatenate([one.parameter_values(self._gains) for one in each])
-            speed = execute_to_speed(compiled, parameters, inputs, engine=_engine(len(parameters)))
+            engine, workers = _engine(len(parameters)), os.cpu_count() or 1
+            speed = execute_to_speed(compiled, parameters, inputs, engine=engine, workers=workers)
             found = np.maximum(found, np.reshape(speed, found.shape))
         return found
 
