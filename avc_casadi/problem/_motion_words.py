@@ -161,7 +161,11 @@ def _pitched(detent: Mapping[str, Any], findings: list[_Finding]) -> dict[str, A
     found = dict(detent)
     count = found.pop("per_turn", None)
     if count is None:
-        return found
+        if "pitch_rad" not in found:
+            findings.append(
+                (("detent", "pitch_rad"), "is missing; allowed: 1e-6 to 10 rad, or per_turn, a whole number")
+            )
+        return {"pitch_rad": 1.0} | found
     if "pitch_rad" in found:
         findings.append((("detent", "per_turn"), "stands beside pitch_rad; allowed: one of the two"))
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= 100_000:

@@ -130,10 +130,9 @@ def _rate_hardness(velocity: FloatArray, force: FloatArray, sample_time_s: float
         return np.full(force.shape[:-1], np.nan)
     pushing = force > 0
     first = pushing.argmax(axis=-1)[..., None]
-    samples = np.arange(force.shape[-1])
-    window = (samples >= first) & (samples <= first + round(IMPACT_S / sample_time_s))
     speed = np.abs(np.take_along_axis(velocity, first, axis=-1)[..., 0])
+    window = np.minimum(first + np.arange(1 + round(IMPACT_S / sample_time_s)), force.shape[-1] - 1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        rate = np.diff(force, axis=-1, prepend=0.0) / sample_time_s
-        steepest = np.where(window, rate, -np.inf).max(axis=-1)
-        return np.where(pushing.any(axis=-1) & (speed > 0), steepest / speed, np.nan)
+        before = np.where(window > 0, np.take_along_axis(force, np.maximum(window - 1, 0), axis=-1), 0.0)
+        rate = (np.take_along_axis(force, window, axis=-1) - before) / sample_time_s
+        return np.where(pushing.any(axis=-1) & (speed > 0), rate.max(axis=-1) / speed, np.nan)
