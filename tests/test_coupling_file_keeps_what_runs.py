@@ -8,6 +8,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi import InputError
+from avc_casadi.cli import main
 from avc_casadi.coupling import (
     THINNING,
     Coupling,
@@ -17,6 +18,7 @@ from avc_casadi.coupling import (
     coupling_document,
     gain_csv,
     gain_document,
+    read_file,
 )
 from avc_casadi.coupling._coupling_file import COUPLING_KEYS
 from avc_casadi.support import json_text
@@ -173,6 +175,18 @@ def test_every_key_that_is_written_is_known_and_a_mistyped_one_is_told(tmp_path)
     (tmp_path / "c.json").write_text(json.dumps(document | {"sertificate": {}}))
     with pytest.raises(InputError, match=r"sertificate: is not a known key; did you mean 'certificate'\?"):
         avc.read_coupling(tmp_path / "c.json")
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [("recommend", "knob"), ("solve", "knob"), ("recommend", "soft"), ("solve", "figure5", "--method", "static-tuned")],
+    ids=" ".join,
+)
+def test_what_a_verb_writes_is_read_again(verb, tmp_path, capsys):
+    path = tmp_path / "c.json"
+    main([*verb, "--out", str(path)])
+    capsys.readouterr()
+    assert isinstance(read_file(path), Coupling)
 
 
 def test_all_faults_at_once(tmp_path):

@@ -42,6 +42,8 @@ _WRITTEN = (
 )
 COUPLING_KEYS = tuple(_WRITTEN.split())
 """Keys of a coupling file: those of `solve`, and its own."""
+# What `avc solve` writes beside them, and what says that a file is of a device that turns.
+_BESIDE = ("state_feedback", "deployable", "realism", "passive_limit_n_per_m", "motion", "units")
 _LACKS = (
     "what runs beside the gains: observer, estimator, adaptation, guard; those of a coupling that names none are taken",
     "its certificate on the loop as it is",
@@ -168,7 +170,7 @@ def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
     if document.get("schema") != COUPLING_SCHEMA:
         message = f"is {document.get('schema')!r}, but a problem stands in the file; allowed: {COUPLING_SCHEMA!r}"
         faults.append(Fault(str(path), None, "schema", message))
-    faults += _unknown(document, COUPLING_KEYS, path)
+    faults += _unknown(document, (*COUPLING_KEYS, *_BESIDE), path)
 
     def part(read: Any, *arguments: Any) -> Any:
         try:
