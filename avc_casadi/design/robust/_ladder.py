@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from threading import Event
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +15,7 @@ from avc_casadi.coupling import Gains, spring_before
 from avc_casadi.design.robust._goal import costs_of
 from avc_casadi.design.robust._law import Space
 from avc_casadi.design.robust._loops import Loops
-from avc_casadi.design.robust._search import QUICKLY, Found, cma_package, found_at, search
+from avc_casadi.design.robust._search import QUICKLY, Found, found_at, search
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
@@ -106,8 +104,7 @@ def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung] 
     """Yield laws for one wall whose loops are all damped: those of the nearest as they are, then what a search finds.
 
     A wall beyond what the device can give gets a spring before it, so that both together are what is felt. The search
-    begins with the cheapest of the former; where there is none, with the nearest; from afar where nothing is known. It
-    goes on beside whoever tries the former, and is given up where nobody asks for it.
+    begins with the cheapest of the former; where there is none, with the nearest; from afar where nothing is known.
 
     Args:
         problem: as for `ladder_n_per_m`.
@@ -119,16 +116,10 @@ def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung] 
     others = [rung for rung in near if rung.stiffness_n_per_m != stiffness_n_per_m]
     laws = {one.logarithms.tobytes(): one for rung in others for one in (rung.found, *rung.found.others)}
     same = _as_they_are(problem, space, loops, stiffness_n_per_m, list(laws.values()))
-    start, given_up = next(iter(same or near), None), Event()
-    cma_package()  # changes how the program warns while it is loaded: before others run
-    with ThreadPoolExecutor(1) as beside:
-        search = beside.submit(_searched, problem, space, loops, stiffness_n_per_m, start, given_up=given_up.is_set)
-        try:
-            if same:
-                yield replace(same[0], found=same[0].found.beside(one.found for one in same[1:]))
-            searched = search.result()
-        finally:
-            given_up.set()
+    if same:
+        yield replace(same[0], found=same[0].found.beside(one.found for one in same[1:]))
+    start = next(iter(same or near), None)
+    searched = _searched(problem, space, loops, stiffness_n_per_m, start)
     if searched is not None:
         yield searched
 
@@ -208,13 +199,11 @@ def _searched(
     stiffness_n_per_m: float,
     near: Rung | None = None,
     effort: tuple[float, int] | None = None,
-    given_up: Callable[[], bool] = lambda: False,
 ) -> Rung | None:
     """Search for the law of a wall from that of another."""
     gains, rendering = softened(problem, stiffness_n_per_m)
-    start = None if near is None else near.found.logarithms
     with suppress(np.linalg.LinAlgError):
-        found = search(space, loops, rendering, start, effort, given_up)
+        found = search(space, loops, rendering, None if near is None else near.found.logarithms, effort)
         if found.cost.holds:
             return Rung(gains, stiffness_n_per_m, found)
     return None

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from importlib.abc import MetaPathFinder
 from operator import itemgetter
 from threading import get_ident
@@ -68,7 +68,6 @@ def search(
     rendering: Rendering,
     start: FloatArray | None = None,
     effort: tuple[float, int] | None = None,
-    given_up: Callable[[], bool] = lambda: False,
 ) -> Found:
     """Find the cheapest law for a rendering.
 
@@ -81,7 +80,6 @@ def search(
         rendering: coupling and wall behind it.
         start: logarithms of a near law; None is the usual start.
         effort: spread of the first generation and laws for each knob; None is what suits the start.
-        given_up: whether nobody waits for it any more; what it finds then means nothing.
 
     Raises:
         numpy.linalg.LinAlgError: the start has no law.
@@ -103,12 +101,12 @@ def search(
         def best_from(point: FloatArray, per_growth: float) -> Found:
             hardest = loops.hardest(space.law(point, stiffness), rendering)
             goal = partial(weigh, hardest=hardest, per_growth=per_growth)
-            seen = evolve(goal, point, space.bounds, spread, evaluations, given_up)
+            seen = evolve(goal, point, space.bounds, spread, evaluations)
             first, *others = (found_at(space, loops, rendering, one) for one in _apart(seen))
             return first.beside(one for one in others if one.cost.holds)
 
         found = best_from(begin, 0.0)
-        if given_up() or found.cost.holds or not math.isfinite(found.cost.growth_per_s):
+        if found.cost.holds or not math.isfinite(found.cost.growth_per_s):
             return found
         # What some loops lose by growing others may gain: then none may grow. From afar that is a way of its own.
         return best_from(begin if start is None else found.logarithms, _PER_GROWTH)
@@ -148,8 +146,7 @@ class _Without(MetaPathFinder):
             raise ModuleNotFoundError(f"{fullname} is left out", name=fullname)
 
 
-@cache
-def cma_package() -> Any:
+def _cma() -> Any:
     """Import the package without what it can do without: plotting and statistics cost a second and are not used."""
     unused = _Without("matplotlib", "matplotlib.pyplot", "scipy.stats")
     with warnings.catch_warnings():
@@ -180,7 +177,7 @@ def evolve(
         evaluations: at most.
         enough: asked after every generation.
     """
-    cma = cma_package()
+    cma = _cma()
     # Its own generator would seed numpy's, which belongs to the caller.
     draw: Any = np.random.default_rng(0).standard_normal
     options = {
