@@ -6,7 +6,6 @@ import math
 import sys
 import warnings
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.abc import MetaPathFinder
@@ -88,28 +87,25 @@ def search(
     begin = space.start if start is None else start
     stiffness = stiffness_at_rest(rendering)
     evaluations = for_each_knob * len(space.knobs)
-    with ThreadPoolExecutor(1) as beside:
 
-        def weigh(points: FloatArray, hardest: Loops, per_growth: float) -> FloatArray:
-            laws = space.laws(points, stiffness)
-            first, second = np.array_split(np.arange(len(laws)), 2)
-            other = beside.submit(costs_of, laws.pick(second), rendering, hardest)
-            costs = costs_of(laws.pick(first), rendering, hardest) + other.result()
-            growth = [cost.growth_per_s if math.isfinite(cost.growth_per_s) else 0.0 for cost in costs]
-            return np.minimum([cost.total for cost in costs] + per_growth * np.array(growth), _FAILED)
+    def weigh(points: FloatArray, hardest: Loops, per_growth: float) -> FloatArray:
+        laws = space.laws(points, stiffness)
+        costs = costs_of(laws, rendering, hardest)
+        growth = [cost.growth_per_s if math.isfinite(cost.growth_per_s) else 0.0 for cost in costs]
+        return np.minimum([cost.total for cost in costs] + per_growth * np.array(growth), _FAILED)
 
-        def best_from(point: FloatArray, per_growth: float) -> Found:
-            hardest = loops.hardest(space.law(point, stiffness), rendering)
-            goal = partial(weigh, hardest=hardest, per_growth=per_growth)
-            seen = evolve(goal, point, space.bounds, spread, evaluations)
-            first, *others = (found_at(space, loops, rendering, one) for one in _apart(seen))
-            return first.beside(one for one in others if one.cost.holds)
+    def best_from(point: FloatArray, per_growth: float) -> Found:
+        hardest = loops.hardest(space.law(point, stiffness), rendering)
+        goal = partial(weigh, hardest=hardest, per_growth=per_growth)
+        seen = evolve(goal, point, space.bounds, spread, evaluations)
+        first, *others = (found_at(space, loops, rendering, one) for one in _apart(seen))
+        return first.beside(one for one in others if one.cost.holds)
 
-        found = best_from(begin, 0.0)
-        if found.cost.holds or not math.isfinite(found.cost.growth_per_s):
-            return found
-        # What some loops lose by growing others may gain: then none may grow. From afar that is a way of its own.
-        return best_from(begin if start is None else found.logarithms, _PER_GROWTH)
+    found = best_from(begin, 0.0)
+    if found.cost.holds or not math.isfinite(found.cost.growth_per_s):
+        return found
+    # What some loops lose by growing others may gain: then none may grow. From afar that is a way of its own.
+    return best_from(begin if start is None else found.logarithms, _PER_GROWTH)
 
 
 def found_at(space: Space, loops: Loops, rendering: Rendering, logarithms: FloatArray) -> Found:
