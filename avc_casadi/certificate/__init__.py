@@ -8,6 +8,7 @@ from avc_casadi.certificate._certify import certify as certify
 from avc_casadi.certificate._deployable import Deployable as Deployable
 from avc_casadi.certificate._deployable import DeployClaim as DeployClaim
 from avc_casadi.certificate._deployable import deployable as deployable
+from avc_casadi.certificate._detent_claim import detent_verdict as detent_verdict
 from avc_casadi.certificate._device_levels import ideal as ideal
 from avc_casadi.certificate._feedback_radius import feedback_radius as feedback_radius
 from avc_casadi.certificate._gate import certified as certified

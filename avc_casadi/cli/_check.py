@@ -20,6 +20,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Load the problem; its faults are raised."""
     from avc_casadi.passivity import passive_limit_n_per_m
     from avc_casadi.problem import declared, plausibility
+    from avc_casadi.recommendation import hopeless
     from avc_casadi.support import plain
 
     if is_device(args.problem):
@@ -27,6 +28,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     problem = load_problem(args.problem)
     frequency = problem.frequencies_hz()
     device, measured = problem.device, problem.boundaries.measured
+    warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)]
+    why_none = hopeless(problem)
+    if why_none:
+        warnings.append({"key": "avc recommend", "message": f"deploys nothing: {why_none}"})
     document = {
         "schema": "avc-check/1",
         "valid": True,
@@ -44,7 +49,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
         "bounds_measured_hz": None if measured is None else list(measured.range_hz),
         "passive_limit_n_per_m": plain(passive_limit_n_per_m(device)),
         "declared": list(declared(problem)),
-        "warnings": [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)],
+        "warnings": warnings,
     }
     return Answer(document, _text(document))
 

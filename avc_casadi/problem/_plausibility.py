@@ -95,3 +95,6 @@ def _idle(problem: Problem) -> Iterator[tuple[str, str]]:
         yield "device.encoder_at", 'is "handle", which says nothing without device.resonance: motor and handle are one'
     if device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None:
         yield "device.amplifier_order", "is 2, which says nothing without device.amplifier_bandwidth_hz"
+    limit, detent = device.max_force_n, problem.detent
+    if detent is not None and limit is not None and detent.force_n > limit:
+        yield "detent.force_n", f"is {plain(detent.force_n)}, more than device.max_force_n, {plain(limit)}"

@@ -9,6 +9,7 @@ from avc_casadi.recommendation._designs import tuning_problem as tuning_problem
 from avc_casadi.recommendation._error_curve import error_curve as error_curve
 from avc_casadi.recommendation._helps import Help as Help
 from avc_casadi.recommendation._helps import what_would_help as what_would_help
+from avc_casadi.recommendation._hopeless import hopeless as hopeless
 from avc_casadi.recommendation._reach import reach as reach
 from avc_casadi.recommendation._reach import tuned as tuned
 from avc_casadi.recommendation._reach import with_observer as with_observer

@@ -93,7 +93,7 @@ def softened_to(problem: Problem, subjects: Hand | StylusHand, felt_n_per_m: flo
 
 
 class RobustCandidates:
-    """Walls behind an observer with state feedback; none for a device without a law.
+    """Walls behind an observer with state feedback; none for a device without a law, nor beside detents.
 
     Attributes:
         ladder_n_per_m: walls in the order in which to ask for them: the wanted one first, if it is near, then others of
@@ -106,6 +106,8 @@ class RobustCandidates:
         self._rungs: list[Rung] = []
         self.ladder_n_per_m: list[float] = []
         self.softer_n_per_m: list[float] = []
+        if problem.detent is not None:
+            return  # whose slopes nobody judges behind an observer
         with suppress(UnsupportedError):
             self.ladder_n_per_m = ladder_n_per_m(problem, stiffest)
             self.softer_n_per_m = softer_n_per_m(problem, stiffest)

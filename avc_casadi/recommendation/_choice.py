@@ -231,8 +231,6 @@ def _devices(device: Device, seed: int) -> list[Device]:
 
 def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str:
     """Say why this one, or why none."""
-    if considered == 0:
-        return "the wall gives no force: there is nothing to couple to; give [environment] a stiffness or a damping"
     if best is None:
         return f"none of {considered} couplings is linearly stable with every hand of [hands] and let go"
     trial = best.trial

@@ -18,6 +18,7 @@ from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import ERROR_HZ, Judged, best_of, reason_of
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
+from avc_casadi.recommendation._hopeless import hopeless
 from avc_casadi.recommendation._rest import RestKnown, with_rest
 from avc_casadi.recommendation._stages import judged_candidates
 from avc_casadi.stability import stiffest_wall
@@ -217,9 +218,9 @@ def recommend(
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
     limit = stiffest_wall(problem.device, with_let_go(extreme))
-    wall, considered = problem.environment, 0
+    why_none, considered = hopeless(problem), 0
     judged: list[Judged] = []
-    if wall.stiffness_n_per_m or wall.damping_ns_per_m:
+    if not why_none:
         judged, considered = judged_candidates(
             problem, people, seed, limit, progress, lean_on_friction=lean_on_friction, executor=executor
         )
@@ -241,9 +242,9 @@ def recommend(
         stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *(felt_at_rest_n_per_m(one.coupling) for one in judged)]),
         plain_wall_n_per_m=limit.stiffness_n_per_m,
         with_friction_n_per_m=None if leaning is None else felt_at_rest_n_per_m(leaning.coupling),
-        helps=what_would_help(problem, extreme),
+        helps=() if why_none else what_would_help(problem, extreme),
         considered=considered,
-        reason=reason_of(best, judged, considered),
+        reason=why_none or reason_of(best, judged, considered),
         assumed=assumed(problem, None if best is None else best.coupling, confirmed=best is not None),
         not_used=not_used(problem),
     )

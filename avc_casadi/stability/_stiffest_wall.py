@@ -235,7 +235,9 @@ def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: fl
 
 
 def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
-    """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %."""
+    """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %; 0 where nothing has a mass."""
+    if device.mass_kg + float(np.min(subjects.mass_kg)) == 0:
+        return DampingRange(0.0, np.nan, np.nan)
     loops = _Loops.of(device, subjects)
     low, high = device.metres_per_unit**2, 4 * loops.most_damping_ns_per_m / device.sample_time_s
     while high > 1.0001 * low:

@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from avc_casadi._errors import InputError
 from avc_casadi.loop import FINGERTIP, STYLUS_RANGES, Hand, StylusHand, hand_corners, hand_ranges, stylus_corners
 from avc_casadi.problem import Hands
 from avc_casadi.support import FloatArray
@@ -72,6 +73,8 @@ def draw_hands(hands: Hands, count: int, seed: int, split: Split = "test", *, fi
 
 def _uniform(entropy: list[int], first: int, count: int, columns: int) -> FloatArray:
     """Draw some rows of an endless table, uniform in [0, 1)."""
+    if entropy[0] < 0:
+        raise InputError.of(f"is {entropy[0]}; allowed: 0 or more", key="seed")
     rows = [np.empty((0, columns))]
     for block in range(first // BLOCK, -(-(first + count) // BLOCK)):
         seed = np.random.SeedSequence(entropy, spawn_key=(block,) if block else ())
