@@ -5,6 +5,7 @@ from avc_casadi.passivity._handle_port import handle_port as handle_port
 from avc_casadi.passivity._handle_port import least_loss_ns_per_m as least_loss_ns_per_m
 from avc_casadi.passivity._llewellyn import largest_llewellyn_stiffness as largest_llewellyn_stiffness
 from avc_casadi.passivity._llewellyn import llewellyn_margin as llewellyn_margin
+from avc_casadi.passivity._perceived import impedance_at_handle as impedance_at_handle
 from avc_casadi.passivity._perceived import perceived_real as perceived_real
 from avc_casadi.passivity._perceived import perceived_worst as perceived_worst
 from avc_casadi.passivity._port_worst import CouplingSlack as CouplingSlack

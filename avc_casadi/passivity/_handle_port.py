@@ -117,6 +117,14 @@ class _Mechanics:
         tau, slip = (stiffness + damping * s) / whole, (b + mass * s) * s / whole
         return tau, s / whole, np.asarray(b * np.abs(tau) ** 2 + damping * np.abs(slip) ** 2)
 
+    def alone(self, s: ComplexArray) -> ComplexArray:
+        """Return the impedance of the device at its handle, without a force."""
+        mass, b = self.device.mass_kg, self.device.damping_ns_per_m
+        if self.rigid:
+            return mass * s + b
+        tau, (motor, _, _) = self.transmission(s)[0], self._motor
+        return np.asarray((mass - motor) * s + (motor * s + b) * tau)
+
 
 def least_loss_ns_per_m(device: Device) -> float:
     """Return R towards infinite frequency: no more damping can be taken from the handle of a passive loop."""
@@ -128,13 +136,15 @@ class Response:
     """What a hand meets at single frequencies, each of their shape.
 
     Attributes:
-        loss: R, N.s/m.
+        alone: impedance of the device alone, N.s/m.
+        loss: R, its real part.
         sent: tau, by which a force at the motor comes to the handle.
         seen: t, by which the handle's velocity is measured.
         admittance: Y, m/(N.s).
         force: A e, of amplifier and delay.
     """
 
+    alone: ComplexArray
     loss: FloatArray
     sent: ComplexArray
     seen: ComplexArray
@@ -149,7 +159,7 @@ def response(device: Device, frequency_hz: FloatArray) -> Response:
     tau, admittance, loss = mechanics.transmission(s)
     seen, admittance = (np.ones_like(tau), np.zeros_like(tau)) if mechanics.at_handle else (tau, admittance)
     force = mechanics.amplifier(s) * np.exp(-s * device.delay_samples * device.sample_time_s)
-    return Response(loss, tau, seen, admittance, force)
+    return Response(mechanics.alone(s), loss, tau, seen, admittance, force)
 
 
 def handle_port(device: Device, frequency_hz: FloatArray, taken_ns_per_m: FloatArray | float = 0.0) -> HandlePort:

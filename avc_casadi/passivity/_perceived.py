@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi.passivity._handle_port import response
 from avc_casadi.passivity._port_worst import PortWorst, wave
 from avc_casadi.passivity._roots import refine_minima
-from avc_casadi.support import FloatArray, IndexArray
+from avc_casadi.support import ComplexArray, FloatArray, IndexArray
 
 if TYPE_CHECKING:
     from avc_casadi.passivity._sampled import Fractions
@@ -43,6 +43,22 @@ def perceived_real(
     added = (port.sent * port.seen * w * closed.conj()).real
     real = port.loss + added / np.where(share > 0, share, np.finfo(np.float64).tiny)
     return np.asarray(real), np.asarray(port.loss * share + added), np.asarray(port.loss + np.abs(w))
+
+
+def impedance_at_handle(device: Device, rendered: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
+    """Z_h of the device as declared, at its handle, for a rendering of the model 'sampled-data', N.s/m.
+
+    The model's W counts the force and the velocity in samples; at the frequency itself, which the aliases leave out, it
+    is kappa = (sin(omega T/2)/(omega T/2))^2 times that.
+
+    Args:
+        device: known exactly.
+        rendered: W without the delay, N.s/m, shape (n,).
+        frequency_hz: above 0, shape (n,).
+    """
+    port = response(device, frequency_hz)
+    force = rendered * np.sinc(frequency_hz * device.sample_time_s) ** 2 * port.force
+    return np.asarray(port.alone + port.sent * port.seen * force / (1 + force * port.admittance))
 
 
 def perceived_worst(

@@ -9,6 +9,7 @@ import numpy as np
 
 from avc_casadi.coupling import Coupling, Gains, GainTable, felt_impedance
 from avc_casadi.loop import NUMPY, SampleAngle, environment_impedance, loop_at, perceived_impedance
+from avc_casadi.passivity import impedance_at_handle
 from avc_casadi.support import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ class ErrorCurve:
 
     Attributes:
         frequency_hz: interaction frequency.
-        sampled: |Z_h - Z_h_ds|/|Z_h_ds| with the sampled wall itself for the goal: counts its negative damping k_e T/2
-            as part of what should be felt.
+        sampled: |Z_h - Z_h_ds|/|Z_h_ds| with the sampled wall itself, on the same device, for the goal: counts its
+            negative damping k_e T/2 as part of what should be felt, and what the structure gives way.
         physical: the same with the wall that does not know of samples, m s + b_d + b_e + k_e/s at s = j omega.
     """
 
@@ -55,7 +56,9 @@ def error_curve(
     frequency_hz: FloatArray = GRID_HZ,
     wall: Impedance | None = None,
 ) -> ErrorCurve:
-    """Evaluate the complex error of gains before a wall, in the loop that runs on a device.
+    """Evaluate the complex error of gains before a wall, at the handle of the device as declared.
+
+    Delay, amplifier and structure are counted; of a motion at one frequency the force at that frequency.
 
     Args:
         problem: device and the wall that is rendered; its bounds do not matter.
@@ -67,7 +70,6 @@ def error_curve(
     loop, wall, device = loop_at(stated, frequency_hz), wall or problem.environment, problem.device
     law = gains.runtime.state_feedback if isinstance(gains, Coupling) else None
     rows = _rows(gains.table if isinstance(gains, Coupling) else gains, frequency_hz)
-    felt = felt_impedance(stated, frequency_hz, rows, law)
     angle = SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
     sampled = perceived_impedance(
         loop.device,
@@ -75,8 +77,13 @@ def error_curve(
         environment_impedance(angle, "sampled-data", wall.damping_ns_per_m, wall.stiffness_n_per_m),
     )
     s = 2j * np.pi * frequency_hz
+    on_time = np.exp(s * device.delay_samples * device.sample_time_s)
+    felt, goal = (
+        impedance_at_handle(device, (np.asarray(each) - loop.device) * on_time, frequency_hz)
+        for each in (felt_impedance(stated, frequency_hz, rows, law), sampled)
+    )
     physical = device.mass_kg * s + device.damping_ns_per_m + wall.damping_ns_per_m + wall.stiffness_n_per_m / s
-    return ErrorCurve(frequency_hz, _relative(felt, np.asarray(sampled)), _relative(felt, physical))
+    return ErrorCurve(frequency_hz, _relative(felt, goal), _relative(felt, physical))
 
 
 def _rows(

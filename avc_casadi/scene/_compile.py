@@ -168,6 +168,8 @@ def compile_scene(
     tick.position = _sensed(problem, effects, tick)
     tick.trace("position_m", tick.states[0].symbol)
     tick.trace("velocity_m_per_s", tick.states[1].symbol)
+    if tick.position is not tick.states[0].symbol:
+        tick.trace("measured_m", tick.position)
     damper = damped if table is None else bool(np.any(table.gains[2] > 0))
     _sample(tick, effects, environment, coupled=coupled or adapted, damped=damper)
     advance = _advance(problem, effects, plant, tick)

@@ -39,7 +39,7 @@ class Judgement(Tabular):
         peak_velocity_m_per_s: largest true velocity at the end.
         position_peak_to_peak_m: travel of the true position at the end, of a limit cycle for one.
         mean_force_n: mean force at the end.
-        mean_penetration_m: mean true position at the end.
+        mean_penetration_m: mean true position at the end, of the body that is measured.
         force_ripple_n: rms of the force between 20 and 500 Hz at the end.
         apparent_stiffness_n_per_m: mean force over mean penetration; not a number without contact.
         rate_hardness_n_per_m: largest rate of the force within 10 ms of the first contact, over the velocity at contact
@@ -73,6 +73,7 @@ def judge(
     force_n: FloatArray,
     sample_time_s: float,
     metres_per_unit: float = 1.0,
+    measured_m: FloatArray | None = None,
 ) -> Judgement:
     """Judge runs by the last half second (or the whole run, where it is shorter).
 
@@ -82,14 +83,16 @@ def judge(
         force_n: force of the actuator, positive against +x.
         sample_time_s: T.
         metres_per_unit: how far the hand moves for a unit of the position.
+        measured_m: true position of the body that is measured, where that is another; as position_m.
     """
     last = slice(-judged_samples(position_m.shape[-1], sample_time_s), None)
     here = np.all(np.abs(position_m) < LOST_M / metres_per_unit, axis=-1)
     diverged = ~here
+    measured = position_m if measured_m is None else measured_m
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         peak = np.abs(velocity_m_per_s[..., last]).max(axis=-1)
         travel = np.ptp(position_m[..., last], axis=-1)
-        force, depth = force_n[..., last].mean(axis=-1), position_m[..., last].mean(axis=-1)
+        force, depth = force_n[..., last].mean(axis=-1), measured[..., last].mean(axis=-1)
         ripple = _ripple(force_n[..., last], sample_time_s)
         touching = (force > TOUCH_N * metres_per_unit) & (depth > 0) & ~diverged
         apparent = np.where(touching, force / depth, np.nan)

@@ -182,6 +182,7 @@ def _judged(problem: Problem, scene: CompiledScene, traces: Mapping[str, FloatAr
         traces["force_n"],
         scene.sample_time_s,
         problem.device.metres_per_unit,
+        traces.get("measured_m"),
     )
 
 

@@ -219,7 +219,7 @@ def _tried(
             stiffness.append(np.where(limited[-1], np.nan, found.apparent_stiffness_n_per_m))
         if name == "tap":
             force.append(np.abs(part.force_n).max(axis=-1))
-            depth.append(part.position_m.max(axis=-1))
+            depth.append(part.depth_m.max(axis=-1))
         progress.advance(len(at_rest), len(MOTIONS), f"motions, {name} the last")
     by_motion = {name: np.concatenate(at_rest[name, True]) for name in MOTIONS}
     free = [np.concatenate(at_rest.get((name, False), at_rest[name, True])) for name in MOTIONS]

@@ -178,6 +178,7 @@ class Traces:
         force_n: force of the actuator, positive against +x.
         sample_time_s: T.
         metres_per_unit: how far the hand moves for a unit of the position.
+        measured_m: true position of the body that is measured; None where that is the one that moves.
     """
 
     position_m: FloatArray
@@ -185,10 +186,23 @@ class Traces:
     force_n: FloatArray
     sample_time_s: float
     metres_per_unit: float = 1.0
+    measured_m: FloatArray | None = None
+
+    @property
+    def depth_m(self) -> FloatArray:
+        """How deep the body is that is measured, shape (people, samples)."""
+        return self.position_m if self.measured_m is None else self.measured_m
 
     def judged(self) -> Judgement:
         """Judge every run."""
-        return judge(self.position_m, self.velocity_m_per_s, self.force_n, self.sample_time_s, self.metres_per_unit)
+        return judge(
+            self.position_m,
+            self.velocity_m_per_s,
+            self.force_n,
+            self.sample_time_s,
+            self.metres_per_unit,
+            self.measured_m,
+        )
 
 
 def traces(
@@ -227,10 +241,14 @@ def simulations(
 
     def of(some: FloatArray) -> Traces:
         found = execute(compiled, some, inputs, engine=engine)
-        force = found.get("force_n", np.zeros_like(found["position_m"]))
-        device = problem.device
+        position, device = found["position_m"], problem.device
         return Traces(
-            found["position_m"], found["velocity_m_per_s"], force, device.sample_time_s, device.metres_per_unit
+            position,
+            found["velocity_m_per_s"],
+            found.get("force_n", np.zeros_like(position)),
+            device.sample_time_s,
+            device.metres_per_unit,
+            found.get("measured_m"),
         )
 
     for first in range(0, len(parameters), PEOPLE_AT_ONCE):
