@@ -302,3 +302,15 @@ def test_solve_says_yes_where_gains_were_found_and_tells_whether_they_are_deploy
         strict_json(avc("solve", "weak.toml", "--as-printed", "--json", cwd=tmp_path).stdout)["notes"],
     ):
         assert any(f"scope {scope}" in note for note in notes) == bool(level)
+
+
+def test_what_a_command_reads_it_does_not_write_over(tmp_path, capsys):
+    gains = tmp_path / "c.json"
+    main(["solve", "soft", "--out", str(gains)])
+    before = gains.read_text()
+    for arguments in (["solve", str(gains), "--out", str(gains)], ["simulate", "soft", "--gains", str(gains)]):
+        extra = [] if "--out" in arguments else ["--trace", str(tmp_path / "c.npz")]
+        assert main([*arguments, *extra]) == 2
+        assert "is a file that this command was given; choose another name" in capsys.readouterr().err
+    assert gains.read_text() == before
+    assert not (tmp_path / "c.npz").exists()

@@ -63,6 +63,28 @@ def test_what_drifts_goes_on_over_lost_samples_and_between_the_pieces_of_a_long_
     assert found.estimates["offset_drift_n_per_s"].value == pytest.approx(0.05, rel=0.01)
 
 
+@pytest.mark.parametrize(("bandwidth", "delay"), [(400.0, 1.0), (60.0, None)])
+def test_the_lag_of_an_amplifier_that_is_known_already_counts_once(bandwidth, delay, tmp_path):
+    """Told with the delay by the log, it stays in the amplifier; one that lags more than the log tells is none."""
+    truth = Truth(coulomb=0.2, delay=1.0, bandwidth=400.0, encoder=1e-4)
+    device = f"mass_kg = 0.1\ndamping_ns_per_m = 2.0\namplifier_bandwidth_hz = {bandwidth}\n"
+    (tmp_path / "base.toml").write_text(f'title = "b"\n[device]\n{device}')
+    found = identify([record(truth, high=15.0)], base=avc.load_device(tmp_path / "base.toml"))
+    assert "amplifier_bandwidth_hz" in refused(found)
+    device = found.device.device
+    low, high = device.range.delay_samples
+    if delay is None:
+        assert device.amplifier_bandwidth_hz is None
+        assert "amplifier_bandwidth_hz" in found.device.gaps
+        assert device.delay_samples == pytest.approx(found.estimates["delay_samples"].value, rel=1e-3)
+    else:
+        assert device.amplifier_bandwidth_hz == bandwidth
+        assert low <= delay <= high
+        assert device.delay_samples == pytest.approx(delay, abs=0.05)
+        assert found.estimates["delay_samples"].value == pytest.approx(delay + 0.398, abs=0.05)
+        assert "less the lag of the amplifier, 0.398 samples" in device_text(found.device)
+
+
 def test_device_file_is_usable_at_once(flexible, tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(device_text(flexible.device))

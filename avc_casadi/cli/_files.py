@@ -5,14 +5,33 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
 from avc_casadi import AvcError, InputError
 
 # A folder called so is one that was meant to be a file.
 _FILE_ENDINGS = {".json", ".csv", ".toml", ".html", ".png", ".svg", ".c", ".h", ".txt"}
+
+
+_given: ContextVar[tuple[tuple[str, str], ...]] = ContextVar("given", default=())
+
+
+def remember_given(args: Mapping[str, object]) -> None:
+    """Remember the words of a command, by option: what it reads it is not to write over.
+
+    Args:
+        args: of the parser.
+    """
+    words = [
+        (f"--{key.replace('_', '-')}", one)
+        for key, value in args.items()
+        for one in (value if isinstance(value, list) else [value])
+        if isinstance(one, str) and "\0" not in one
+    ]
+    _given.set(tuple(words))
 
 
 def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
@@ -24,7 +43,7 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
         endings: allowed file endings, with the dot.
 
     Raises:
-        InputError: wrong ending, a folder, no such folder, or no permission.
+        InputError: wrong ending, a folder, no such folder, no permission, or a file that the command was given.
     """
     path = Path(text)
     if path.suffix.lower() not in endings:
@@ -35,6 +54,9 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
         raise InputError.of(f"{text!r}: there is no folder {str(path.parent)!r}; make it first", key=key)
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise InputError.of(f"{text!r} may not be written by this user; choose another place", key=key)
+    given = [Path(word) for option, word in _given.get() if option != key]
+    if path.exists() and any(one.is_file() and path.samefile(one) for one in given):
+        raise InputError.of(f"{text!r} is a file that this command was given; choose another name", key=key)
     return path
 
 

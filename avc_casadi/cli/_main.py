@@ -138,8 +138,10 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
 
 def _run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the verb; CasADi makes errors of its own out of Ctrl-C."""
+    from avc_casadi.cli._files import remember_given
     from avc_casadi.support import undisguised_interrupts
 
+    remember_given(vars(args))
     with undisguised_interrupts():
         answer: Answer = args.run(args, console)
     return answer

@@ -60,6 +60,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     trace = None if args.trace is None else output_file(args.trace, "--trace", (".npz",))
+    if trace is not None:
+        output_file(str(trace.with_suffix(".json")), "--trace", (".json",))  # the manifest
     problem, gains, notes = _subject(args, console)
     others = _others(args.against)
     why = "" if gains is None else without_start(gains.schedule if isinstance(gains, Coupling) else gains)

@@ -54,7 +54,7 @@ def simulation_text(document: dict[str, Any], *, plot: str | None, explained: bo
         lines += ["", *_against(document)]
     if explained:
         lines += ["", *_explanation(document)]
-    lines += [f"written: {path}" for path in (document["trace"],) if path is not None]
+    lines += [f"written: {path}, its manifest beside it (.json)" for path in (document["trace"],) if path is not None]
     lines += [f"drawn: {plot}"] if plot is not None else []
     return "\n".join(lines)
 

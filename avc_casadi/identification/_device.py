@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from avc_casadi._errors import AvcError
 from avc_casadi.identification._model import Estimate, Identification
+from avc_casadi.loop import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.problem import Device, DeviceFile, DeviceRange
 
 _DIGITS = 5
@@ -22,6 +24,8 @@ _PLAIN = (
 )
 _MODE = ("frequency_hz", "damping_ratio", "mass_ratio")
 _QUANTITIES = (*_PLAIN, "sample_time_s", "max_force_n", "backlash_m", "resonance")
+_LAG_WITHIN = "; the lag of the amplifier is in it"
+_LAG_TAKEN = "; less the lag of the amplifier"
 # What stands in a gap that the loop cannot do without.
 _CAUTIOUS: Mapping[str, tuple[float, tuple[float, float], str]] = {
     "delay_samples": (1.0, (0.0, 2.0), "not told by the log; one sample stands for the link to the computer"),
@@ -76,6 +80,7 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
             sources[key] = {"grade": "assumed", "source": why}
     if base is not None and "amplifier_bandwidth_hz" in device:
         device["amplifier_order"] = base.device.amplifier_order
+        _without_lag(found, device, ranges, sources, gaps)
     if "mass_kg" not in device or "damping_ns_per_m" not in device:
         return None
     title = base.title if base is not None and base.title else "Device identified from its log"
@@ -102,7 +107,7 @@ def _meaning(key: str, found: Identification) -> str:
     one = found.estimates[key]
     told = f"{one.how}, {100 * one.level:g} % interval" if one.level < 1 else one.how
     if key == "delay_samples" and "amplifier" not in found.terms:
-        told += "; the lag of the amplifier is in it"
+        told += _LAG_WITHIN
     if key == "coulomb_friction_n" and "stribeck" in found.terms:
         excess, speed = (found.estimates.get(name) for name in ("breakaway_excess_n", "stribeck_speed_m_per_s"))
         if excess is not None and speed is not None:
@@ -120,6 +125,31 @@ def _widened(found: Identification, device: dict[str, Any], ranges: dict[str, An
     low, high = ranges["damping_ns_per_m"]
     more = max(abs(one.low), abs(one.high))
     ranges["damping_ns_per_m"] = (max(low - more, 0.0), high + more)
+
+
+def _without_lag(
+    found: Identification, device: dict[str, Any], ranges: dict[str, Any], sources: dict[str, Any], gaps: list[str]
+) -> None:
+    """Take the lag of the base's amplifier out of the delay that the log tells with it; drop one that lags more."""
+    if "amplifier_bandwidth_hz" in found.estimates or "delay_samples" not in found.estimates:
+        return
+    key, turns = "amplifier_bandwidth_hz", 2 * math.pi * device["sample_time_s"]
+    damping = 1.0 if device["amplifier_order"] == 1 else 2 * CURRENT_LOOP_DAMPING_RATIO
+    most, least = (damping / (turns * bandwidth) for bandwidth in ranges.get(key, (device[key],) * 2))
+    lag = damping / (turns * device[key])
+    low, high = ranges["delay_samples"]
+    if high < lag:
+        for table in (device, ranges, sources):
+            table.pop(key, None)
+        device.pop("amplifier_order")
+        gaps.append(key)
+        return
+    value, low, high = (
+        max(0.0, float(f"{each:.{_DIGITS}g}")) for each in (device["delay_samples"] - lag, low - most, high - least)
+    )
+    device["delay_samples"], ranges["delay_samples"] = value, (low, high)
+    source = sources["delay_samples"]
+    source["source"] = source["source"].replace(_LAG_WITHIN, f"{_LAG_TAKEN}, {lag:.3g} samples")
 
 
 def _rounded(one: Estimate) -> tuple[float, tuple[float, float]]:
