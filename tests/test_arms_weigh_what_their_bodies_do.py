@@ -267,6 +267,40 @@ def test_models_without_inertias_or_of_other_joints_are_refused_by_name(text, en
     assert said in str(caught.value)
 
 
+URDF = Path(load_arm("gantry-urdf").model.file).read_text()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('<child link="tool"/>', '<child link="claw"/>', "joint grip: its child 'claw' is no link of the file"),
+        ('<child link="tool"/>', '<child link="frame"/>', "hangs in a loop of joints"),
+        ('<child link="tool"/>', '<child link="stage_x"/>', "link stage_x is the child of 2 joints"),
+        ('joint name="y"', 'joint name="x"', "has 2 joints of the name 'x'"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 1"/>', "joint y: axis xyz is '0 1'; allowed: 3 finite numbers"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', "joint y: axis xyz is 0 0 0"),
+        ('value="0.15"', 'value="-0.2"', "link stage_y: mass value is -0.2; allowed: 0 or more"),
+        ('value="0.15"', 'value="nan"', "link stage_y: mass value is 'nan'; allowed: a finite number"),
+        ('iyy="5e-4"', 'iyy="-5e-4"', "link stage_y: its inertia has a negative principal moment"),
+    ],
+)
+def test_what_is_wrong_in_a_urdf_is_told_by_name(old, new, said, tmp_path):
+    with pytest.raises(avc.InputError) as caught:
+        arm(written(tmp_path, URDF.replace(old, new), "stage_z", "urdf"))
+    assert said in str(caught.value)
+
+
+def test_what_a_urdf_may_leave_out_is_what_it_means(tmp_path):
+    lacks = URDF.replace('<axis xyz="1 0 0"/>', "").replace('<origin xyz="0.02 0 0" rpy="0 0 0"/>', "")
+    lacks = lacks.replace('<origin xyz="0 0 0.2" rpy="0 0 0"/>', "").replace(' rpy="0 0 0"', "").replace("0.06", "0.6")
+    made, whole = arm(written(tmp_path, lacks, "tool", "urdf")), arm("gantry-urdf")
+    q = np.array([[0.01, -0.02, 0.03]])
+    np.testing.assert_allclose(evaluated(made.inertia, q), evaluated(whole.inertia, q), atol=1e-12)
+    np.testing.assert_allclose(
+        evaluated(made.tip, q)[0, :, 0], evaluated(whole.tip, q)[0, :, 0] - [0, 0, 0.2], atol=1e-12
+    )
+
+
 def test_faults_of_an_arm_file_are_told_at_once(tmp_path):
     path = tmp_path / "arm.toml"
     path.write_text(

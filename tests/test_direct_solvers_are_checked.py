@@ -221,3 +221,11 @@ def test_solving_works_outside_the_main_thread():
     worker.start()
     worker.join()
     assert set(kept[0].status) <= {"solved", "active-bound"}
+
+
+def test_a_device_that_turns_is_solved_as_its_rim_is():
+    """In N.m.s/rad a knob's impedances are below a solver's absolute tolerances."""
+    knob = avc.load_problem("knob").changed(frequency={"points": 15})
+    found = avc.solve(knob, "direct", solver="ipopt")
+    assert "failed" not in [status.value for status in found.status]
+    assert len(found.usable.nonzero()[0]) == 15

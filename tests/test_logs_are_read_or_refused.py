@@ -181,3 +181,11 @@ def test_a_device_that_stuck_is_told_which_log_would_move_it(tmp_path):
     assert one.key == "position"
     assert "never changes" in one.message
     assert "several times the force" in one.message
+
+
+def test_a_file_without_lines_is_told_in_one(tmp_path):
+    path = tmp_path / "zeros.csv"
+    path.write_bytes(bytes(100_000))
+    with pytest.raises(avc.InputError) as caught:
+        identify([path])
+    assert str(caught.value) == f"{path}:1: has 100000 characters; allowed: rows of numbers, 10000 characters at most"

@@ -281,3 +281,22 @@ def test_what_is_given_twice_is_told_as_that(text, line):
     assert fault.line == line
     assert "a second time" in fault.message
     assert ("from =" in fault.message) == text.startswith("device =")
+
+
+@pytest.mark.parametrize("period", [2e-3, 0.01])
+def test_a_slow_device_needs_no_band_of_its_own(period):
+    text = WALL.format(period=period)
+    assert avc.parse_problem(text).frequencies_hz().max() == pytest.approx(0.45 / period)
+    with pytest.raises(avc.InputError, match=r"frequency\.stop_hz: is 450\.0, at or above"):
+        avc.parse_problem(text + "[frequency]\nstop_hz = 450.0\n")
+
+
+WALL = """
+[device]
+mass_kg = 0.1
+damping_ns_per_m = 1.0
+sample_time_s = {period}
+[environment]
+stiffness_n_per_m = 100.0
+damping_ns_per_m = 1.0
+"""

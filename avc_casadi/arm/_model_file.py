@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import warnings
-import xml.etree.ElementTree as ET
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import partial
@@ -16,13 +15,13 @@ import numpy as np
 
 from avc_casadi._errors import InputError, MissingExtraError, UnsupportedError
 from avc_casadi.arm._arm import Arm, arm_of
+from avc_casadi.arm._urdf import SLIDES, TURNS, refuse_massless, whole_urdf
 
 if TYPE_CHECKING:
     from avc_casadi.problem import ArmFile, ModelFile
     from avc_casadi.support import FloatArray
 
 _LARGEST_BYTES = 2**24
-_TURNS, _SLIDES = ("revolute", "continuous"), ("prismatic",)
 _PREFIX = "arm/"
 
 
@@ -48,7 +47,7 @@ def model_arm(file: ArmFile, model: ModelFile) -> Arm:
         UnsupportedError: parts that move have no inertia, or the mechanism is not a chain of simple joints.
     """
     text = _text(model)
-    described = _of_urdf(model, text) if "<robot" in text else _of_mjcf(model)
+    described = _Described(whole_urdf(model, text), model.tip, {}) if "<robot" in text else _of_mjcf(model)
     algorithms = _algorithms(described)
     # Joints beyond the tip count too, at home: their masses are carried.
     q = ca.SX.sym("q", algorithms.NDoF)
@@ -108,10 +107,10 @@ def _algorithms(described: _Described) -> Any:
         warnings.simplefilter("ignore")
         maths = adam.casadi.casadi_like.SpatialMath()
         factory = adam.model.build_model_factory(description=described.description, math=maths)
-        names = [joint.name for joint in factory.get_joints() if joint.type in (*_TURNS, *_SLIDES)]
+        names = [joint.name for joint in factory.get_joints() if joint.type in (*TURNS, *SLIDES)]
         model = adam.model.Model.build(factory=factory, joints_name_list=names)
     for joint in model.joints.values():
-        if joint.type in _SLIDES:
+        if joint.type in SLIDES:
             joint.motion_subspace = partial(_sliding, maths, joint.axis)
     if described.tip not in {*model.links, *model.frames}:
         known = ", ".join(sorted(name.removeprefix(_PREFIX) for name in (*model.links, *model.frames)))
@@ -124,74 +123,13 @@ def _sliding(maths: Any, axis: Any) -> Any:
     return maths.vertcat(axis[0], axis[1], axis[2], zero, zero, zero)
 
 
-def _of_urdf(model: ModelFile, text: str) -> _Described:
-    try:
-        root = ET.fromstring(text)  # noqa: S314 - a file that the user names; expat of today refuses entity bombs
-    except ET.ParseError as error:
-        raise InputError.of(f"is no XML: {error}", file=model.file, key="model.file") from error
-    kinds = {joint.get("name"): joint.get("type") for joint in root.findall("joint")}
-    other = [f"{name} ({kind})" for name, kind in kinds.items() if kind not in (*_TURNS, *_SLIDES, "fixed")]
-    mimics = [f"{joint.get('name')} (mimic)" for joint in root.findall("joint") if joint.find("mimic") is not None]
-    if other or mimics:
-        raise UnsupportedError(
-            f"{model.file}: joints that are neither hinges nor slides of their own: {', '.join(other + mimics)}",
-            key="model.file",
-        )
-    # Masses of links that are fixed to one that moves count there; a link may be without where another of these has it.
-    parents = {_named(joint, "child"): joint for joint in root.findall("joint")}
-    carried: dict[str, float] = {}
-    for link in root.findall("link"):
-        moves = _moved(link.get("name", ""), parents)
-        if moves:
-            carried[moves] = carried.get(moves, 0.0) + _mass(link)
-    _refuse_massless(model, [name for name, mass in carried.items() if not mass > 0])
-    return _Described(text, model.tip, {})
-
-
-def _named(joint: ET.Element, end: str) -> str:
-    found = joint.find(end)
-    return "" if found is None else found.get("link", "")
-
-
-def _moved(link: str, parents: dict[str, ET.Element]) -> str:
-    """Return the link that moves a link, itself or one that it is fixed to; empty where that is the base."""
-    for _ in range(len(parents) + 1):
-        joint = parents.get(link)
-        if joint is None:
-            return ""
-        if joint.get("type") != "fixed":
-            return link
-        link = _named(joint, "parent")
-    return ""
-
-
-def _mass(link: ET.Element) -> float:
-    inertial = link.find("inertial")
-    if inertial is None:
-        return 0.0
-    mass = inertial.find("mass")
-    try:
-        return float("nan" if mass is None else mass.get("value", "nan"))
-    except ValueError:
-        return float("nan")
-
-
-def _refuse_massless(model: ModelFile, names: list[str]) -> None:
-    if names:
-        raise UnsupportedError(
-            f"{model.file}: no inertia is given for what moves: {', '.join(names)}; such models are made for drawing. "
-            "Give mass and inertia of every link that moves, from CAD or from a scale",
-            key="model.file",
-        )
-
-
 def _of_mjcf(model: ModelFile) -> _Described:
     mujoco = _mujoco()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             own = mujoco.MjSpec.from_file(model.file)
-            _refuse_massless(model, [body.name for body in own.bodies if _bare(body)])
+            refuse_massless(model, [body.name for body in own.bodies if _bare(body)])
             whole = mujoco.MjSpec()
             whole.compiler.inertiafromgeom = own.compiler.inertiafromgeom
             # adam takes the first body for one that floats, with no joint of its own.

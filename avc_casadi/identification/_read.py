@@ -27,6 +27,7 @@ from avc_casadi.support import units_for
 
 _MOST_FAULTS = 6
 _LARGEST_BYTES = 1_000_000_000
+_LONGEST_ROW = 10_000
 
 
 def read_logs(
@@ -192,6 +193,10 @@ def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fa
     text = path.read_text(encoding="utf-8-sig")
     rows = [(number, row) for number, row in enumerate(text.splitlines(), start=1) if row.strip()]
     rows = [(number, row) for number, row in rows if not row.lstrip().startswith(("#", "%"))]
+    longest = max(rows, key=lambda row: len(row[1]), default=(0, ""))
+    if len(longest[1]) > _LONGEST_ROW:
+        why = f"has {len(longest[1])} characters; allowed: rows of numbers, {_LONGEST_ROW} characters at most"
+        return [], [Fault(file, longest[0], "", why)]
     if not rows:
         return [], [Fault(file, None, "", "is empty; allowed: columns of time, position and force")]
     mark = _delimiter(rows[min(1, len(rows) - 1)][1])

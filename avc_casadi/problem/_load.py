@@ -13,10 +13,15 @@ from avc_casadi.problem._catalogue import catalogue_names, catalogue_path
 from avc_casadi.problem._device_reference import with_device
 from avc_casadi.problem._findings import checked
 from avc_casadi.problem._lines import KeyLines
-from avc_casadi.problem._model import Problem
+from avc_casadi.problem._model import Frequency, Problem
 from avc_casadi.problem._rules import Finding
 from avc_casadi.problem._text import tables_of, text_of
 from avc_casadi.problem._values import dotted
+
+# Where the band of a slow device ends, as a share of the sampling rate; that of the default device does.
+_BELOW_NYQUIST = 0.45
+# Slower devices are told that the band has no room.
+_SLOWEST_S = 0.25
 
 
 def load_problem(source: str | Path) -> Problem:
@@ -120,7 +125,7 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
         if isinstance(worded, tuple):
             result: Problem | list[Finding] = [worded]
         else:
-            result = checked(Problem, with_measured_bounds(worded.tables, folder), name)
+            result = checked(Problem, _with_band(with_measured_bounds(worded.tables, folder)), name)
             result = worded.told([] if isinstance(result, Problem) else result) or result
         if isinstance(result, Problem):
             return result
@@ -129,3 +134,15 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
     except RecursionError as error:
         raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error
     raise InputError(sorted(faults, key=lambda fault: (fault.line is None, fault.line or 0)))
+
+
+def _with_band(tables: Mapping[str, Any]) -> Mapping[str, Any]:
+    """End the band of a slow device, whose file says nothing of its end, below half the sampling rate."""
+    device, band = tables.get("device"), tables.get("frequency", {})
+    time = device.get("sample_time_s") if isinstance(device, Mapping) else None
+    if not isinstance(band, Mapping) or isinstance(time, bool) or not isinstance(time, int | float):
+        return tables
+    usual = float(Frequency.model_fields["stop_hz"].default)
+    if {"stop_hz", "values_hz"} & set(band) or not 0.5 / usual <= time <= _SLOWEST_S:
+        return tables
+    return {**tables, "frequency": {**band, "stop_hz": _BELOW_NYQUIST / time}}

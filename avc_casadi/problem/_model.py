@@ -174,7 +174,7 @@ class Frequency(Table):
 
     Attributes:
         start_hz: lowest frequency of interaction.
-        stop_hz: highest; below half the sampling rate.
+        stop_hz: highest; below half the sampling rate. Of a device too slow for the default it is 0.45 of that rate.
         points: how many rows.
         spacing: even in ln f, or in f.
         values_hz: a list in place of all four.

@@ -29,7 +29,8 @@ def covered(device: Device) -> str:
     amplifier = "an ideal amplifier"
     if device.amplifier_bandwidth_hz is not None:
         amplifier = f"an amplifier of {_between(device.amplifier_bandwidth_hz, spread.amplifier_bandwidth_hz)} Hz"
-    delay = f"{_between(device.delay_samples, spread.delay_samples)} samples of delay"
+    late = _between(device.delay_samples, spread.delay_samples)
+    delay = f"{late} sample{'' if late == '1' else 's'} of delay"
     declared = [
         f"{name} ({value:.4g} {unit})"
         for key, (name, unit) in _LEFT_OUT.items()

@@ -49,8 +49,9 @@ def _felt(felt: dict[str, Any], *, limited: bool) -> str:
     if felt["stiffness_n_per_m"] is None:
         return "nothing but the force limit" if limited else "nothing: no press ends in contact"
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
-    behind = "" if handle == sensed else f" at the sensor, {number(handle)} N/m at the handle"
-    return f"{number(sensed)} N/m{behind}, {100 * (felt['share_of_wall'] or 0):.3g} % of the wall"
+    share = f"{100 * (felt['share_of_wall'] or 0):.3g} % of the wall"
+    behind = "" if handle == sensed else f" at the sensor, and {number(handle)} N/m at the handle"
+    return f"{number(sensed)} N/m, {share}{behind}"
 
 
 def _other_hands(tried: dict[str, Any]) -> str:

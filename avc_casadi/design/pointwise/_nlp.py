@@ -83,26 +83,26 @@ def coupling_nlp() -> CouplingNlp:
     )
 
 
-def nlp_parameters(problem: Problem, loop: Loop) -> FloatArray:
-    """Return the parameters of `coupling_nlp` for each frequency, shape (15, n).
+def nlp_parameters(problem: Problem, loop: Loop, size: float = 1.0) -> FloatArray:
+    """Return the parameters of `coupling_nlp` for each frequency, shape (15, n), impedances over a size.
 
     The last three are natural scales of b, k and b_p: the gains at which coupling and environment weigh the same.
     """
-    weight = np.abs(loop.environment)
+    weight = np.abs(loop.environment) / size
     weight = np.where(weight > 0, weight, 1.0)
     values = dict.fromkeys(_NAMES, np.zeros(weight.shape)) | {
         "sample_time": np.full(weight.shape, problem.device.sample_time_s),
         "sin": loop.angle.sin,
         "cos": loop.angle.cos,
-        "device_re": loop.device.real,
-        "device_im": loop.device.imag,
+        "device_re": loop.device.real / size,
+        "device_im": loop.device.imag / size,
         "hold_re": loop.hold.real,
         "hold_im": loop.hold.imag,
-        "environment_re": loop.environment.real,
-        "environment_im": loop.environment.imag,
-        "target_re": loop.target.real,
-        "target_im": loop.target.imag,
-        "margin": np.full(weight.shape, margin_over_range(problem)),
+        "environment_re": loop.environment.real / size,
+        "environment_im": loop.environment.imag / size,
+        "target_re": loop.target.real / size,
+        "target_im": loop.target.imag / size,
+        "margin": np.full(weight.shape, margin_over_range(problem) / size),
         "scale_b": weight,
         "scale_k": weight / np.abs(coupling_impedance(loop.angle, 0.0, 1.0)),
         "scale_p": weight,

@@ -118,7 +118,9 @@ def nlp_gains(
     starts: FloatArray = _STARTS,
     progress: Progress = SILENT,
 ) -> Found:
-    """Solve every frequency by a CasADi solver.
+    """Solve every frequency by a CasADi solver; that of a device that turns as felt at its handle.
+
+    Tolerances of solvers are absolute, and what is of the order of 1 in N.s/m is nothing in N.m.s/rad.
 
     Args:
         problem: the problem.
@@ -132,9 +134,10 @@ def nlp_gains(
         KeyboardInterrupt: Ctrl-C, whatever the solver made of it.
     """
     solvers = nlp_solvers(name, tolerance)
-    parameters = nlp_parameters(problem, loop)
+    size = problem.device.metres_per_unit**2
+    parameters = nlp_parameters(problem, loop, size)
     box = problem.coupling
-    bounds = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m])
+    bounds = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]) / size
     points: list[FloatArray] = []
     claims: list[BoolArray] = []
     calls = 0
@@ -155,9 +158,9 @@ def nlp_gains(
     found = np.full((most, 3, len(points)), np.nan)
     claimed = np.zeros((most, len(points)), dtype=bool)
     for row, (some, claim) in enumerate(zip(points, claims, strict=True)):
-        found[: len(some), :, row], claimed[: len(some), row] = some, claim
+        found[: len(some), :, row], claimed[: len(some), row] = some * size, claim
     false_success = int(np.count_nonzero(claimed & _violates(problem, loop, found, tolerance)))
-    every = np.concatenate((found, _pulled_inside(problem, loop, found, parameters[-3:], bounds)))
+    every = np.concatenate((found, _pulled_inside(problem, loop, found, parameters[-3:] * size, bounds * size)))
     return Found(best_candidate(problem, loop, every[:, 0], every[:, 1], every[:, 2]), false_success, calls)
 
 

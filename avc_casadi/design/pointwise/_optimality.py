@@ -29,7 +29,8 @@ class Optimality:
     """Recomputed quality of each row, arrays of shape (n,); not a number for rows without gains.
 
     Attributes:
-        violation_ns_per_m: by how much (12) is missed; 0 where it is met. Infinite outside the gain box.
+        violation_ns_per_m: by how much (12) is missed, 0 where it is met but for rounding; infinite outside the gain
+            box.
         kkt_residual: first-order optimality of (11)-(12), dimensionless.
     """
 
@@ -61,13 +62,14 @@ def optimality(problem: Problem, loop: Loop, gains: GainArrays) -> Optimality:
     parameters = nlp_parameters(problem, loop)
     x = np.array(gains)
     f, g, df, dg, turning = (np.array(value) for value in _derivatives(x.shape[1])(x, parameters))
-    violation = np.where(admissible(problem, *gains), np.maximum(0.0, -g[0]), np.inf)
     terms = np.abs(loop.target) + np.abs(loop.device) + np.abs(loop.hold * (loop.rendered(*gains[:2]) + gains[2]))
     with np.errstate(invalid="ignore", divide="ignore"):
+        missing = np.where(-g[0] > np.finfo(np.float64).eps * terms, -g[0], 0.0)
         # |Z| has no gradient where Z = 0, but it rises from there on every way; an error of 0 is optimal anyway.
         df = np.where(np.isnan(df), -2 * np.sqrt(f) * np.hypot(dg, turning), df)
         df, dg = np.where(f[0] == 0, 0.0, df / terms**2), dg / terms
         active = g[0] <= _ACTIVE * terms
+    violation = np.where(admissible(problem, *gains), missing, np.inf)
     box = problem.coupling
     low, high = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]).T[:, :, None]
     scale = parameters[-3:] + x
