@@ -179,3 +179,24 @@ def test_a_fault_of_the_radius_is_told_as_it_stands_and_brings_no_others(line, f
     assert len(caught.value.faults) == len(faults)
     for fault in faults:
         assert fault in str(caught.value)
+
+
+def test_a_mistyped_key_is_told_with_the_nearest_of_a_turn(tmp_path, capsys):
+    path = tmp_path / "typo.toml"
+    path.write_text(
+        '[device]\nmotion = "rotary"\nhandle_radius_m = 0.02\ninertia_kgm2 = 3e-5\ninertia_kgm = 1.0\n'
+        "damping_nms_per_rad = 1e-4\nencoder_count_per_turn = 4096\n"
+        "[environment]\nstiffness_nm_per_rad = 1.0\ndamping_nms_per_rad = 0.0\nstifness_nm_per_rad = 2.0\n"
+        "[detent]\ntorque_nm = 0.01\npertrn = 24\n"
+    )
+    assert main(["check", str(path)]) == 2
+    said = capsys.readouterr().err
+    for key, nearest in {
+        "device.inertia_kgm": "inertia_kgm2",
+        "device.encoder_count_per_turn": "encoder_counts_per_turn",
+        "environment.stifness_nm_per_rad": "stiffness_nm_per_rad",
+        "detent.pertrn": "per_turn",
+    }.items():
+        (line,) = (line for line in said.splitlines() if f"{key}:" in line)
+        assert line.endswith(f"; did you mean {nearest}?"), line
+    assert "detent.pitch_rad: is missing; allowed: 1e-6 to 10 rad, or per_turn" in said

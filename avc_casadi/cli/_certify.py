@@ -138,7 +138,7 @@ def _judged(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, Coupli
 def _answer(level: Mapping[str, Any]) -> str:
     """Say whether a claim is met, in the words of the table."""
     if not level["pass"]:
-        return "not met"
+        return "not judged" if level["refused"] else "not met"
     return "met as far as a search tells, not proved" if level.get("outcome") == "open" else "met"
 
 

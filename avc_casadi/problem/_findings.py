@@ -11,7 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ValidationError
 
 from avc_casadi.problem._quantity import Quantity, Whole, shown
 from avc_casadi.problem._rules import RULES, Finding, Rule, broken_rules
-from avc_casadi.problem._values import Path, Values
+from avc_casadi.problem._values import UNKNOWN, Path, Values
 
 _M = TypeVar("_M", bound=BaseModel)
 
@@ -114,7 +114,7 @@ def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item
         keys = _keys(_models_at(whole, tables, path[:-1]))
         near = difflib.get_close_matches(str(path[-1])[:60], keys, n=1)
         question = f"; did you mean {near[0]}?" if near else ""
-        message = f"is not a known key; allowed: {', '.join(keys)}{question}"
+        message = f"{UNKNOWN}{', '.join(keys)}{question}"
     elif fault in {"model_type", "model_attributes_type"}:
         message = f"is {shown(value)}, not a table; allowed: {_table(_models_at(whole, tables, path))}"
     elif fault in {"union_tag_invalid", "union_tag_not_found"}:

@@ -6,6 +6,7 @@ faults of a file are told at once.
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -13,7 +14,7 @@ from functools import lru_cache
 from typing import Any
 
 from avc_casadi.problem._quantity import shown
-from avc_casadi.problem._values import Path
+from avc_casadi.problem._values import UNKNOWN, Path
 from avc_casadi.support import LINEAR, ROTARY, Units, units_for
 
 _Finding = tuple[Path, str]
@@ -49,8 +50,19 @@ class Worded:
             units = self.device if path[:1] in {("device",), ("sources",), ("gaps",)} else self.rest
             own = tuple(units.key(part) if part in _known() else part for part in path)
             length = path[-1:] in {("handle_radius_m",), (CAPSTAN,)}
-            found.append((own, message if length else units.text(message)))
+            if units is not LINEAR and message.startswith(UNKNOWN):
+                found.append((own, _unknown(own, units.text(message))))
+            else:
+                found.append((own, message if length else units.text(message)))
         return found
+
+
+def _unknown(path: Path, message: str) -> str:
+    """Name the keys of a table, those that a device that turns has beside, and the nearest to one that is none."""
+    keys = message.removeprefix(UNKNOWN).partition(";")[0].split(", ")
+    keys += [COUNTS] if path[:-1] == ("device",) else ["per_turn"] if path[:-1] == ("detent",) else []
+    near = difflib.get_close_matches(str(path[-1])[:60], keys, n=1)
+    return f"{UNKNOWN}{', '.join(keys)}{f'; did you mean {near[0]}?' if near else ''}"
 
 
 @lru_cache(maxsize=1)

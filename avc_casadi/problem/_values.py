@@ -11,6 +11,8 @@ from pydantic import BaseModel
 from avc_casadi.problem._quantity import shown
 
 Path = tuple[str | int, ...]
+UNKNOWN = "is not a known key; allowed: "
+"""How the finding of a mistyped key begins."""
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
 

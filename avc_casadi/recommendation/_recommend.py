@@ -87,12 +87,13 @@ class Recommendation(Comparable):
         if self.coupling is None or self.trial is None:
             return {"stiffness_n_per_m": None, "share_of_wall": None}
         tried = self.trial.document()
-        sensed = tried["stiffness_n_per_m"]["median"]
+        springy = self.problem.environment.stiffness_n_per_m > 0
+        sensed = tried["stiffness_n_per_m"]["median"] if springy else None
         curve = error_curve(self.problem, self.coupling)
         return {
             "stiffness_n_per_m": sensed,
             "stiffness_at_handle_n_per_m": None if sensed is None else _at_handle(self.problem.device, sensed),
-            "share_of_wall": tried["share_of_wall"],
+            "share_of_wall": tried["share_of_wall"] if springy else None,
             "complex_error": {f"{hz:g}": curve.at(curve.physical, hz) for hz in ERROR_HZ},
             "tap_force_n": tried["tap_force_n"],
             "tap_depth_m": tried["tap_depth_m"],

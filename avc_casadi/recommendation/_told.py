@@ -21,9 +21,11 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     hands, at_rest = (sum(one[key] for one in asked) for key in ("hands", "at_rest"))
     if document["deployable"] and at_rest < hands:
         first = f"the least bad, which {hands - at_rest} of {hands} hands do not rest at, on"
+    springy = coupling["wall"]["stiffness_n_per_m"] > 0
+    stiffness = _felt(felt, springy=springy, limited=trial["at_force_limit"] > 0)
     return [
         f"{first} {document['problem']}: {gains_line(coupling)}",
-        f"felt: {_felt(felt, limited=trial['at_force_limit'] > 0)}; complex error against the physical wall {errors}",
+        f"felt: {stiffness}; complex error against the physical wall {errors}",
         (
             f"trial: {trial['at_rest']} of {trial['hands']} hands at rest, {trial['at_rest_without_friction']} without "
             f"friction, {trial['quiet']} without a vibration that is felt; a tap reaches "
@@ -45,7 +47,9 @@ def rest_line(rest: dict[str, Any]) -> str:
     return f"rest with every hand: {rest['word']}: {rest['sentence']}{ends}"
 
 
-def _felt(felt: dict[str, Any], *, limited: bool) -> str:
+def _felt(felt: dict[str, Any], *, springy: bool, limited: bool) -> str:
+    if not springy:
+        return "a damper, no stiffness"
     if felt["stiffness_n_per_m"] is None:
         return "nothing but the force limit" if limited else "nothing: no press ends in contact"
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
