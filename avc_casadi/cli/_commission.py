@@ -47,7 +47,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of(
             f"goes with --port emulator alone, not with {args.port}; leave it out", key="--on-bench"
         )
-    device = load_device(args.device).device if is_device(args.device) else load_problem(args.device).device
+    problem = None if is_device(args.device) else load_problem(args.device)
+    device = load_device(args.device).device if problem is None else problem.device
     check_worded(args, device.units)
     found = commission(
         device,
@@ -64,8 +65,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if found.found:
         return Answer(document, "", code=1, complaint=f"avc: {found.port}: {found.sentence}")
     motion = "" if device.units.linear else " --motion rotary"
+    # Beside detents a table is not pushed.
+    deploy = "avc push" if problem is None or problem.detent is None else "avc firmware --built-in"
     text = (
-        f"{found.sentence}\nfirst touch: the force is limited to {number(found.limits.force_n)} N; next: avc push, "
+        f"{found.sentence}\nfirst touch: the force is limited to {number(found.limits.force_n)} N; next: {deploy}, "
         f"touch the wall, then raise it: avc limits --force-n F{motion}"
     )
     return Answer(document, text)
