@@ -29,7 +29,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         (
             f"trial: {trial['at_rest']} of {trial['hands']} hands at rest, {trial['at_rest_without_friction']} without "
             f"friction, {trial['quiet']} without a vibration that is felt; a tap reaches "
-            f"{number(trial['tap_force_n'], 3)} N and {number(1e3 * trial['tap_depth_m'], 3)} mm"
+            f"{number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}"
         ),
         rest_line(document["rest"]),
         *_limits(document),
@@ -56,6 +56,10 @@ def _felt(felt: dict[str, Any], *, springy: bool, limited: bool) -> str:
     share = f"{100 * (felt['share_of_wall'] or 0):.3g} % of the wall"
     behind = "" if handle == sensed else f" at the sensor, and {number(handle)} N/m at the handle"
     return f"{number(sensed)} N/m, {share}{behind}"
+
+
+def _depth(depth_m: float) -> str:
+    return f"{number(depth_m, 3)} m" if depth_m >= 1 else f"{number(1e3 * depth_m, 3)} mm"
 
 
 def _other_hands(tried: dict[str, Any]) -> str:
