@@ -188,4 +188,4 @@ def test_a_file_without_lines_is_told_in_one(tmp_path):
     path.write_bytes(bytes(100_000))
     with pytest.raises(avc.InputError) as caught:
         identify([path])
-    assert str(caught.value) == f"{path}:1: has 100000 characters; allowed: rows of numbers, 10000 characters at most"
+    assert str(caught.value) == f"{path}:1: has 100000 characters; allowed: rows of numbers, 50000 characters at most"

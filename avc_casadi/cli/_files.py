@@ -54,10 +54,16 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
         raise InputError.of(f"{text!r}: there is no folder {str(path.parent)!r}; make it first", key=key)
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise InputError.of(f"{text!r} may not be written by this user; choose another place", key=key)
-    given = [Path(word) for option, word in _given.get() if option != key]
-    if path.exists() and any(one.is_file() and path.samefile(one) for one in given):
+    if path.exists() and any(_same(path, word) for option, word in _given.get() if option != key):
         raise InputError.of(f"{text!r} is a file that this command was given; choose another name", key=key)
     return path
+
+
+def _same(path: Path, word: str) -> bool:
+    try:
+        return path.samefile(word)
+    except OSError:  # the word is the name of no file
+        return False
 
 
 @contextmanager

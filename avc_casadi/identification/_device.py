@@ -142,7 +142,8 @@ def _without_lag(
         for table in (device, ranges, sources):
             table.pop(key, None)
         device.pop("amplifier_order")
-        gaps.append(key)
+        if key not in gaps:
+            gaps.append(key)
         return
     value, low, high = (
         max(0.0, float(f"{each:.{_DIGITS}g}")) for each in (device["delay_samples"] - lag, low - most, high - least)

@@ -27,7 +27,8 @@ from avc_casadi.support import units_for
 
 _MOST_FAULTS = 6
 _LARGEST_BYTES = 1_000_000_000
-_LONGEST_ROW = 10_000
+# What is longer is no row of numbers; a hundred channels are a thousand characters.
+_LONGEST_ROW = 50_000
 
 
 def read_logs(

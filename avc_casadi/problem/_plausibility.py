@@ -62,7 +62,7 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
         if any(number != 0 and not usual.lowest <= number <= usual.highest for number in _numbers(value))
     ]
     found = list(dict.fromkeys((key, f"{message}; is the unit right?") for key, message in found))
-    every = (*found, *_idle(problem))
+    every = (*found, *_idle(problem), *_beyond(problem))
     return tuple(Fault(problem.name, None, units.text(key), units.text(message)) for key, message in every)
 
 
@@ -95,6 +95,9 @@ def _idle(problem: Problem) -> Iterator[tuple[str, str]]:
         yield "device.encoder_at", 'is "handle", which says nothing without device.resonance: motor and handle are one'
     if device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None:
         yield "device.amplifier_order", "is 2, which says nothing without device.amplifier_bandwidth_hz"
-    limit, detent = device.max_force_n, problem.detent
+
+
+def _beyond(problem: Problem) -> Iterator[tuple[str, str]]:
+    limit, detent = problem.device.max_force_n, problem.detent
     if detent is not None and limit is not None and detent.force_n > limit:
         yield "detent.force_n", f"is {plain(detent.force_n)}, more than device.max_force_n, {plain(limit)}"
