@@ -282,6 +282,17 @@ URDF = Path(load_arm("gantry-urdf").model.file).read_text()
         ('value="0.15"', 'value="-0.2"', "link stage_y: mass value is -0.2; allowed: 0 or more"),
         ('value="0.15"', 'value="nan"', "link stage_y: mass value is 'nan'; allowed: a finite number"),
         ('iyy="5e-4"', 'iyy="-5e-4"', "link stage_y: its inertia has a negative principal moment"),
+        ('iyy="5e-4" ', "", "link stage_y: its inertia does not tell iyy; give them, 0"),
+        ('<inertia ixx="5e-4"', '<moments ixx="5e-4"', "link stage_y: has a mass and no <inertia>"),
+        ('<joint name="y" ', "<joint ", "joint 2 of the file has no name"),
+        ('lower="-0.06"', 'lower="low"', "joint z: limit lower is 'low'; allowed: a finite number"),
+        ('lower="-0.06"', 'lower="0.06"', "joint z: limit goes from 0.06 to 0.06"),
+        (
+            '<child link="tool"/>',
+            '<child link="tool"/><child link="tip"/>',
+            "joint grip: has 2 of <child>; allowed: one",
+        ),
+        ("robot", "robots", "begins with <robots>; allowed: <robot>"),
     ],
 )
 def test_what_is_wrong_in_a_urdf_is_told_by_name(old, new, said, tmp_path):
@@ -293,6 +304,10 @@ def test_what_is_wrong_in_a_urdf_is_told_by_name(old, new, said, tmp_path):
 def test_what_a_urdf_may_leave_out_is_what_it_means(tmp_path):
     lacks = URDF.replace('<axis xyz="1 0 0"/>', "").replace('<origin xyz="0.02 0 0" rpy="0 0 0"/>', "")
     lacks = lacks.replace('<origin xyz="0 0 0.2" rpy="0 0 0"/>', "").replace(' rpy="0 0 0"', "").replace("0.06", "0.6")
+    # What is there to be drawn or driven may be as it is.
+    lacks = lacks.replace('effort="20" velocity="1"', "").replace(
+        '<link name="tool"/>', '<link name="tool"><visual/></link>'
+    )
     made, whole = arm(written(tmp_path, lacks, "tool", "urdf")), arm("gantry-urdf")
     q = np.array([[0.01, -0.02, 0.03]])
     np.testing.assert_allclose(evaluated(made.inertia, q), evaluated(whole.inertia, q), atol=1e-12)
