@@ -93,10 +93,11 @@ def pressed(delay, samples):
     return simulate(case, Gains(20.0, 1e4)).position_m
 
 
-def test_a_delay_that_the_device_states_is_predicted_like_one_that_the_scene_states():
-    stated = pressed(2, "")
-    np.testing.assert_array_equal(stated, pressed(0, "samples = 2"))
-    np.testing.assert_array_equal(stated, pressed(5, "samples = 2"))
+@pytest.mark.parametrize("delay", [2, 1.5])
+def test_a_delay_that_the_device_states_is_predicted_like_one_that_the_scene_states(delay):
+    stated = pressed(delay, "")
+    np.testing.assert_array_equal(stated, pressed(0, f"samples = {delay}"))
+    np.testing.assert_array_equal(stated, pressed(5, f"samples = {delay}"))
     assert np.abs(stated - pressed(3, "")).max() > 1e-6
     assert np.abs(stated - pressed(0, "samples = 1")).max() > 1e-6
 
@@ -111,9 +112,24 @@ def test_forces_under_way_act_in_the_order_in_which_they_were_asked_for(ahead):
     np.testing.assert_allclose(found[:-ahead], position[ahead:], rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("ahead", [0.25, 0.5, 1.75, 2.5])
+def test_parts_of_a_sample_are_looked_ahead_too(ahead):
+    """The mass on a grid of quarters of a sample, on which each force acts when its delay is over."""
+    parts, asked = 4, np.random.default_rng(3).normal(0, 1.0, 300)
+    late = int(parts * ahead)
+    acceleration = -np.concatenate([np.zeros(late), np.repeat(asked, parts)])[: parts * len(asked)] / MASS
+    h = T / parts
+    velocity = np.concatenate([[0.0], np.cumsum(acceleration * h)])[:-1]
+    position = np.concatenate([[0.0], np.cumsum(velocity * h + 0.5 * acceleration * h * h)])[:-1]
+    step = observer_step(T, ObserverSettings(0.0, MASS, ahead))
+    found = step.run(np.array([position[::parts], np.concatenate([[0.0], asked[:-1]])]))["position_m"]
+    coming = position[late::parts]
+    np.testing.assert_allclose(found[: len(coming)], coming, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("delay", "step_m", "believed"),
-    [(1, 2e-5, 1), (2, 2e-5, 1), (0, 2e-5, 1), (1, 5e-5, 1), (3, 1e-5, 1), (2, 2e-5, 0)],
+    [(1, 2e-5, 1), (2, 2e-5, 1), (0, 2e-5, 1), (1, 5e-5, 1), (3, 1e-5, 1), (2, 2e-5, 0), (2, 2e-5, 0.5)],
 )
 def test_on_another_device_it_is_the_exported_one_of_the_device_that_it_was_made_for(delay, step_m, believed):
     """Delay and steps are those of the device, what the observer believes of them is not."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import itertools
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -47,7 +48,7 @@ def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
     """Yield couplings of spring and damper.
 
     No coupling but the wall itself; a rigid coupling with a contact damper; for a wall beyond what the device can give,
-    springs that soften it to just below that. Each behind an observer too where the encoder or a delay may call for it.
+    springs that soften it to just below that.
 
     Args:
         problem: device, wall and hands.
@@ -57,7 +58,7 @@ def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
     people = with_let_go(subjects)
     felt = [share * stiffest.stiffness_n_per_m for share in _OF_STIFFEST]
     for gains, name in (*_rigid(problem, people), *_softened(problem, people, felt)):
-        yield from _with_observer(Coupling.constant(problem, gains, name))
+        yield [Coupling.constant(problem, gains, name)]
 
 
 def stiffer_rung_n_per_m(
@@ -185,13 +186,14 @@ def _dampings(found: DampingRange) -> list[float]:
 
 
 def _with_observer(coupling: Coupling) -> Iterator[Alternatives]:
-    """Yield a coupling without an observer, and with one where an encoder or a delay may call for it.
-
-    The observer looks whole samples ahead: it is none for a delay that is not whole.
-    """
     yield [coupling]
-    problem = coupling.problem
-    device = problem.device
-    if device.encoder_resolution_m > 0 and device.delay_samples == int(device.delay_samples):
-        mass = problem.device.mass_kg + problem.hands.mass_kg[0]
-        yield [Coupling.constant(problem, coupling.table.at_rest, coupling.method, Runtime(observer_mass_kg=mass))]
+    yield from behind_observers([[coupling]])
+
+
+def behind_observers(some: Iterable[Alternatives]) -> Iterator[Alternatives]:
+    """Yield couplings behind an observer between the steps of the encoder; none where it has none."""
+    for coupling in itertools.chain.from_iterable(some):
+        problem, gains = coupling.problem, coupling.table.at_rest
+        if problem.device.encoder_resolution_m > 0:
+            mass = problem.device.mass_kg + problem.hands.mass_kg[0]
+            yield [Coupling.constant(problem, gains, coupling.method, Runtime(observer_mass_kg=mass))]

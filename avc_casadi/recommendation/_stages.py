@@ -12,6 +12,7 @@ from avc_casadi.recommendation._candidates import (
     SAFER,
     Alternatives,
     RobustCandidates,
+    behind_observers,
     plain_candidates,
     softened_to,
     stiffer_rung_n_per_m,
@@ -36,6 +37,7 @@ _CLOSE, _MOST_HALVED = 1.03, 4
 _TOO_STIFF = 2
 # Searches, as they are told.
 _PLAIN, _BETWEEN = "springs and dampers", "halfway to the next stiffer wall"
+_OBSERVED = "springs and dampers behind an observer"
 
 
 def judged_candidates(
@@ -54,16 +56,16 @@ def judged_candidates(
     robust = RobustCandidates(problem, limit, jury.ends)
     plainly = min(wall, limit.stiffness_n_per_m)
     corners = hand_corners(problem.hands)
-    plain = plain_candidates(problem, corners, limit)
+    plain = list(plain_candidates(problem, corners, limit))
     # A wall beyond what spring and damper hold is robust from the start; one that nothing holds is softened until
     # everybody rests quietly. Tuned gains come last: what holds spring and damper back holds them back too.
     held_plainly = wall <= limit.stiffness_n_per_m
     if held_plainly:
-        jury.ask(plain, _PLAIN)
+        _plainly(jury, plain, wall)
     if not jury.holds(wall):
         _climb(jury, robust, wall)
     if not (held_plainly or jury.holds(limit.stiffness_n_per_m)):
-        jury.ask(plain, _PLAIN)
+        _plainly(jury, plain, limit.stiffness_n_per_m)
     for share in SAFER:
         if not jury.holds(0.0):
             jury.ask(softened_to(problem, corners, share * plainly), "softer springs")
@@ -131,6 +133,14 @@ class _Jury:
         """Whether something so stiff is safe and quiet, as far as is known."""
         return bool(self.judged) and self.reached_n_per_m() >= (1 - AS_STIFF) * stiffness_n_per_m
 
+    def pleases(self, stiffness_n_per_m: float) -> bool:
+        """Whether with something so stiff everybody rests quietly."""
+        enough = (1 - AS_STIFF) * stiffness_n_per_m
+        return any(
+            one.complete(lean_on_friction=self._lean) and one.felt_n_per_m >= enough and bool(one.trial.quiet.all())
+            for one in self.judged
+        )
+
     def reached_n_per_m(self) -> float:
         """Return the stiffest that is felt of what is safe and quiet; below 0 where nothing is."""
         enough = [one for one in self.judged if one.complete(lean_on_friction=self._lean)]
@@ -166,6 +176,13 @@ class _Jury:
         )
         if len(judged) > len(self.judged):
             self.judged = judged
+
+
+def _plainly(jury: _Jury, plain: list[Alternatives], stiffness_n_per_m: float) -> None:
+    """Try springs and dampers, and behind an observer where for somebody without one it is too soft or not quiet."""
+    jury.ask(plain, _PLAIN)
+    if not (jury.pleases(stiffness_n_per_m) and jury.holds(stiffness_n_per_m)):
+        jury.ask(behind_observers(plain), _OBSERVED)
 
 
 def _climb(jury: _Jury, robust: RobustCandidates, wall_n_per_m: float) -> None:

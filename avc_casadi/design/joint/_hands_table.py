@@ -58,7 +58,7 @@ class _Table:
     states: States = field(compare=False)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _kept(table: _Table) -> Any:
     states = table.states
     axes = [

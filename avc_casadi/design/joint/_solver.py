@@ -15,6 +15,7 @@ import numpy as np
 
 from avc_casadi.coupling import GainSchedule, Status, gain_schedule
 from avc_casadi.design._rows import row_status
+from avc_casadi.design.joint._hands_near import improved_about
 from avc_casadi.design.joint._infeasible import missing_rows, steep_reason
 from avc_casadi.design.joint._plain import from_constants, from_lattice
 from avc_casadi.design.joint._quality import quality_notes
@@ -63,6 +64,7 @@ class ScheduleSolver:
             outcome = _from_before(task, self._memory[1])
         if outcome is None:
             outcome = _from_scratch(task, progress)
+        outcome = improved_about(task, outcome)
         self._memory = (kind, outcome) if _may_be_warm(outcome) else None
         solved = time.perf_counter()
         return replace(_schedule(task, outcome), build_seconds=built - started, solve_seconds=solved - built)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,6 +57,12 @@ class States:
     def high(self) -> FloatArray:
         """Upper ends of the states, (d,)."""
         return np.asarray(np.log(self.most + self.floors))
+
+    def within(self, low: FloatArray, high: FloatArray) -> States:
+        """Return those of a part of the box, which ends at states of shape (d,) or where the box does."""
+        least = np.where(low > self.low, np.exp(low) - self.floors, self.least)
+        most = np.where(high < self.high, np.exp(high) - self.floors, self.most)
+        return replace(self, least=np.clip(least, self.least, self.most), most=np.clip(most, self.least, self.most))
 
     def gains(self, states: FloatArray) -> GainArrays:
         """(b, k, b_p) of states of shape (d, ...), inside the box to the last bit."""

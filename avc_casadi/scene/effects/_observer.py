@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.problem import Problem, whole_delay
+from avc_casadi.problem import Problem
 from avc_casadi.runtime import ObserverSettings, observer_step
 from avc_casadi.scene.effects._base import SceneEffect, Station, required_number
 from avc_casadi.scene.effects._step import insert
@@ -48,8 +48,8 @@ class Observer(SceneEffect):
         )
         delay = next((effect for effect in problem.scene.effects if effect.kind == "delay"), None)
         late = 0 if delay is None else delay.samples or problem.device.delay_samples
-        ahead = whole_delay(late if table.ahead_samples is None else table.ahead_samples, "the observer")
-        return cls(ObserverSettings(resolution, mass, ahead), bool(late))
+        ahead = late if table.ahead_samples is None else table.ahead_samples
+        return cls(ObserverSettings(resolution, mass, float(ahead)), bool(late))
 
     def sample(self, tick: Tick) -> None:
         """Replace the position."""
