@@ -2,12 +2,14 @@
 
 nice -n 10 python tests/benchmarks/identification.py --count 1000 --write
 nice -n 10 python tests/benchmarks/identification.py --count 40 --amplifier --write
+nice -n 10 python tests/benchmarks/identification.py --count 40 --lost 0.005 --write
 
 Each device is simulated by `tests/measured_device.c`, which shares no code with the project: a multisine beside a weak
 controller, an encoder of 2 to 61 um, friction of 0 to 2 N, a delay of 0 to 3 samples, no resonance or one of 60 to 300
 Hz, noise and a drifting force. With --write it overwrites identification.json and RESULTS_identification.md after
 every device and goes on where it stopped; without it the results are printed only. With --amplifier no device has a
-resonance and each an amplifier of 80 to 1000 Hz, and the results are identification_amplifier.json.
+resonance and each an amplifier of 80 to 1000 Hz, and the results are identification_amplifier.json. With --lost this
+share of the rows is missing, which cuts a log into pieces, and the results are identification_lost.json.
 """
 
 from __future__ import annotations
@@ -29,11 +31,14 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent / "hardware")]
 from measured_device import Truth, measured, multisine  # noqa: E402 - found beside the tests
 
 from avc_casadi.identification import Record, identify  # noqa: E402
+from avc_casadi.support import BoolArray, FloatArray  # noqa: E402
 
 OUT = HERE / "results" / "identification.json"
 WITH_AMPLIFIER = HERE / "results" / "identification_amplifier.json"
+WITH_GAPS = HERE / "results" / "identification_lost.json"
 PAGE = HERE / "RESULTS_identification.md"
 SEED = 15
+SHORTEST = 200
 KEYS = {
     "mass_kg": "mass",
     "damping_ns_per_m": "damping",
@@ -82,7 +87,7 @@ def drawn(index: int, seed: int, *, amplifier: bool = False) -> tuple[dict[str, 
     return device, excited
 
 
-def one(index: int, seed: int, seconds: float, *, amplifier: bool = False) -> dict[str, Any]:
+def one(index: int, seed: int, seconds: float, *, amplifier: bool = False, lost: float = 0.0) -> dict[str, Any]:
     """Simulate, identify and judge one device."""
     device, excited = drawn(index, seed, amplifier=amplifier)
     random = np.random.default_rng([seed, index, 1])
@@ -90,7 +95,7 @@ def one(index: int, seed: int, seconds: float, *, amplifier: bool = False) -> di
     wanted = multisine(random, seconds, truth.period, 0.5, 300.0, excited["rms"])
     _, position, force = measured(truth, wanted, random, noise=excited["noise"])
     before = _cpu()
-    found = identify([Record("drawn", truth.period, position, force)])
+    found = identify(pieces(random.random(position.size) < lost, truth.period, position, force))
     row: dict[str, Any] = {"index": index, "cpu_s": _cpu() - before, "terms": list(found.terms), "keys": {}}
     true = {key: device.get(name, 0.0) for key, name in KEYS.items()}
     if amplifier and "amplifier_bandwidth_hz" not in found.estimates:
@@ -121,34 +126,50 @@ def one(index: int, seed: int, seconds: float, *, amplifier: bool = False) -> di
     return row
 
 
+def pieces(lost: BoolArray, period_s: float, position_m: FloatArray, force_n: FloatArray) -> list[Record]:
+    """Cut a log where rows are lost; what is shorter than a fifth of a second at 1 kHz tells nothing."""
+    gaps = np.flatnonzero(lost)
+    ends = zip((0, *(gaps + 1)), (*gaps, position_m.size), strict=True)
+    return [
+        Record("drawn", period_s, position_m[first:last], force_n[first:last], begins_s=first * period_s)
+        for first, last in ends
+        if last - first >= SHORTEST
+    ]
+
+
 def _cpu() -> float:
     return sum(resource.getrusage(who).ru_utime for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
 def page() -> str:
-    """Return the results as text, those with amplifiers last."""
+    """Return the results as text, those with amplifiers and with gaps last."""
     study = json.loads(OUT.read_text(encoding="utf-8"))
     text = table_of(study["rows"], study["about"])
     if WITH_AMPLIFIER.exists():
         more = json.loads(WITH_AMPLIFIER.read_text(encoding="utf-8"))
-        text += "\n" + table_of(more["rows"], more["about"], amplifier=True)
+        text += "\n" + table_of(more["rows"], more["about"], "With amplifiers")
+    if WITH_GAPS.exists():
+        more = json.loads(WITH_GAPS.read_text(encoding="utf-8"))
+        text += "\n" + table_of(more["rows"], more["about"], "With lost rows")
     return text
 
 
-def table_of(rows: list[dict[str, Any]], made: Mapping[str, Any], *, amplifier: bool = False) -> str:
+def table_of(rows: list[dict[str, Any]], made: Mapping[str, Any], of: str = "") -> str:
     """Return one study as text."""
     seconds = made["seconds"]
-    devices = (
-        "As above, but each device has an amplifier of 80 to 1000 Hz and none a resonance. Where the amplifier is not "
-        "told, the delay is said to hold its lag, and is compared with both. Numbers as above."
-        if amplifier
-        else (__doc__ or "").split("\n\n")[2].partition(" With --write")[0].replace("\n", " ")
+    devices = {
+        "With amplifiers": "As above, but each device has an amplifier of 80 to 1000 Hz and none a resonance. "
+        "Where the amplifier is not told, the delay is said to hold its lag, and is compared with both. "
+        "Numbers as above.",
+        "With lost rows": f"As above, but {100 * made.get('lost', 0.0):g} % of the rows are missing, at random; "
+        "pieces of fewer than 200 rows tell nothing. Numbers as above.",
+        "": (__doc__ or "").split("\n\n")[2].partition(" With --write")[0].replace("\n", " ")
         + " *Inside*: share of stated intervals (95 %) that hold the truth, of those told. *Bias* and *error*: median "
         "of (found - true) and of its size, as shares of the truth (delay in samples, offset in N, drift in N/s, noise "
-        "in um). *Interval*: median half width in the same unit."
-    )
+        "in um). *Interval*: median half width in the same unit.",
+    }[of]
     lines = [
-        "## With amplifiers" if amplifier else "# Identification of devices drawn at random",
+        f"## {of}" if of else "# Identification of devices drawn at random",
         "",
         made_by(made),
         "",
@@ -189,7 +210,7 @@ def table_of(rows: list[dict[str, Any]], made: Mapping[str, Any], *, amplifier: 
         f"share of the "
         "compiler is in the first of each kind)."
     )
-    lines += ["", of_time, ""] if amplifier else ["", of_modes, "", of_time, ""]
+    lines += ["", of_modes, "", of_time, ""] if modes else ["", of_time, ""]
     return "\n".join(lines)
 
 
@@ -201,15 +222,19 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--amplifier", action="store_true", help="devices with an amplifier and without resonance")
+    parser.add_argument("--lost", type=float, default=0.0, help="share of the rows that are lost")
     parser.add_argument("--write", action="store_true", help="overwrite the results file and the page")
     args = parser.parse_args()
     more = f"{f' --seed {args.seed}' if args.seed != SEED else ''}{' --amplifier' if args.amplifier else ''}"
+    more += f" --lost {args.lost:g}" if args.lost else ""
     made = about(f"python tests/benchmarks/identification.py --count {args.count}{more} --write", args.seed)
     made["seconds"], made["first"] = args.seconds, args.first
-    out = WITH_AMPLIFIER if args.amplifier else OUT
+    if args.lost:
+        made["lost"] = args.lost
+    out = WITH_GAPS if args.lost else WITH_AMPLIFIER if args.amplifier else OUT
     rows = kept_rows(out, made) if args.write else []
     for index in range(args.first + len(rows), args.first + args.count):
-        row = one(index, args.seed, args.seconds, amplifier=args.amplifier)
+        row = one(index, args.seed, args.seconds, amplifier=args.amplifier, lost=args.lost)
         rows.append(row)
         missed = [
             f"{key} {each['value']:.4g}+-{each['half']:.2g} ({each['true']:.4g})"
@@ -223,7 +248,7 @@ def main() -> None:
         if args.write:
             write_rows(out, made, rows)
             PAGE.write_text(page(), encoding="utf-8")
-    print(table_of(rows, made, amplifier=args.amplifier))
+    print(table_of(rows, made, "With lost rows" if args.lost else "With amplifiers" if args.amplifier else ""))
 
 
 if __name__ == "__main__":
