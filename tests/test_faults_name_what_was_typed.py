@@ -56,6 +56,15 @@ def test_a_wall_behind_a_capstan_is_linear_and_that_is_said(folder, capsys):
     assert 'device.motion = "rotary"' not in said
 
 
+@pytest.mark.parametrize("radius", ['"50 mm"', "0.0", "1e9", "true"])
+def test_a_wrong_capstan_is_one_fault(folder, capsys, radius):
+    text = LEVER.format(stiffness="n_per_m", damping="ns_per_m").replace("= 0.05", f"= {radius}")
+    (folder / "wrong.toml").write_text(text)
+    said = told(capsys, "check", "wrong.toml")
+    assert said.count("\n") == 1
+    assert "wrong.toml:5: device.capstan_radius_m: is " in said
+
+
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("verb", ["identify", "diagnose"])
 def test_a_problem_says_of_its_device_what_a_device_file_would(capsys, verb):

@@ -23,6 +23,8 @@ COUNTS = "encoder_counts_per_turn"
 """Key of a file in place of `encoder_resolution_rad`."""
 CAPSTAN = "capstan_radius_m"
 """Key of a device that turns and moves a handle in a line: metres for each radian."""
+# In place of one that is none, so that the rest of the file is judged.
+_SOME_RADIUS_M = 0.01
 # Powers of the radius by which a value of the turn becomes one of the handle.
 _AT_HANDLE = {"_ns_per_m": -2, "_n_per_m": -2, "_m_per_s": 1, "_n_per_s": -1, "_kg": -2, "_n": -1, "_m": 1}
 
@@ -222,7 +224,7 @@ def felt_at_handle(device: Any, units: Units, findings: list[_Finding]) -> tuple
         return rest, units
     if isinstance(radius, bool) or not isinstance(radius, int | float) or not 2e-3 <= radius <= 10:
         findings.append((place, f"is {shown(radius)}; allowed: 0.002 to 10 m of handle for each radian"))
-        return rest | {"handle_radius_m": 1.0}, units
+        return at_handle(rest, _SOME_RADIUS_M), LINEAR
     if "handle_radius_m" in rest:
         findings.append((("device", "handle_radius_m"), f"stands beside {CAPSTAN}; allowed: one of the two"))
     return at_handle(rest, float(radius)), LINEAR
