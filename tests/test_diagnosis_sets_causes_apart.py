@@ -7,6 +7,7 @@ import pytest
 from buzzing_cases import declared_of
 from buzzing_device import Buzzing, logged
 
+from avc_casadi import InputError
 from avc_casadi.diagnosis import diagnose
 from avc_casadi.diagnosis._answer import Answer
 from avc_casadi.diagnosis._jump import find_jump
@@ -173,3 +174,60 @@ def test_what_swings_on_over_coarse_steps_does_not_die_away():
     assert np.ptp(force[-1000:]) > 5.0
     assert found.verdict != "nothing wrong", found.conclusion
     assert "encoder" in (found.cause, *found.candidates)
+
+
+def driven(hertz, size_n, seconds=3.0):
+    """A loop that rests, all in contact, shaken by a force from outside; nothing of it is in the log."""
+    period, inner, mass, damping = 1e-3, 10, 0.13, 1.5
+    h, steps = period / inner, round(seconds / period)
+    x, v, line, rows = -1e-3, 0.0, [0.0, 0.0], []
+    for tick in range(steps):
+        counted = 1e-5 * np.floor(x / 1e-5 + 0.5)
+        force = max(0.0, 2000.0 * counted + 3.0 * (counted - (rows[-1][1] if rows else counted)) / period)
+        rows.append((tick * period, counted, -force))
+        line.append(force)
+        for part in range(inner):
+            time = tick * period + part * h
+            aim = min(-1e-3 + 0.03 * time, 0.02)
+            push = 300.0 * (aim - x) - damping * v - 0.05 * np.sign(v) + size_n * np.sin(2 * np.pi * hertz * time)
+            v += h * (push - line[-2]) / mass
+            x += h * v
+    return Columns("log", *np.array(rows).T)
+
+
+DRIVEN = Device(
+    mass_kg=0.1,
+    damping_ns_per_m=0.5,
+    coulomb_friction_n=0.05,
+    delay_samples=1,
+    encoder_resolution_m=1e-5,
+    max_force_n=50.0,
+)
+
+
+@pytest.mark.parametrize(("hertz", "size_n"), [(60.0, 1.5), (30.0, 1.0), (15.0, 0.3)])
+def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
+    found = diagnose(driven(hertz, size_n), device=DRIVEN)
+    assert found.oscillation.frequency_hz == pytest.approx(hertz, rel=0.03)
+    assert found.verdict != "named"
+
+
+def test_without_the_shaking_there_is_nothing_wrong():
+    assert diagnose(driven(60.0, 0.0), device=DRIVEN).verdict == "nothing wrong"
+
+
+def test_a_damper_that_a_step_drives_to_the_limit_is_not_read_as_none():
+    """What is not cut are the samples without a velocity: they tell a spring alone."""
+    loop = Buzzing(damper=25.0, stiffness=1500.0, encoder=4e-4, limit=8.0, hand_mass=0.05, hand_damping=3.0)
+    log, _ = log_of(columns(loop))
+    law = find_law(log, loop.limit)
+    assert law is None or not law.told
+    found = diagnose(columns(loop), device=declared_of(loop))
+    assert found.verdict == "cannot tell"
+    assert "its limit" in found.conclusion
+
+
+def test_a_position_that_never_changes_is_refused():
+    time = np.arange(2000) * 1e-3
+    with pytest.raises(InputError, match="position: never changes"):
+        diagnose(Columns("log", time, np.full(2000, 1e-3), np.ones(2000)))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from avc_casadi._errors import InputError
 from avc_casadi.coupling import Coupling
 from avc_casadi.diagnosis._causes import weigh
@@ -66,6 +68,13 @@ def diagnose(
     _check_motion(columns, device)
     reach_m = 1.0 if device is None else device.metres_per_unit
     grid, notes = log_of(columns, flip_force=flip_force, reach_m=reach_m)
+    if not np.ptp(grid.position_m):
+        raise InputError.of(
+            "never changes; allowed: a log of a device that moves. An encoder that is stuck, or a column that is not "
+            "the position, looks like this",
+            file=columns.file,
+            key="position",
+        )
     declared = Declared.of(device, hands, grid.ticks.sample_time_s)
     with progress.step("oscillation"):
         swing = find_oscillation(grid)

@@ -26,6 +26,9 @@ _DECIDES = {
     "ticks": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
     "rate": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
 }
+# The largest force is a limit where it comes again and again: in so many samples, seldom and nearly all of them with a
+# new count, or in so large a share of the contact.
+_TOP, _FEW, _NEARLY_ALL, _SELDOM, _OFTEN = 0.999, 8, 0.9, 0.3, 0.3
 
 
 def thresholds(found: Oscillation, reach_m: float) -> float:
@@ -151,6 +154,29 @@ def named_sentence(cause: str, measured: Measured, law: Law, log: Log) -> str:
 def _rests(measured: Measured) -> str:
     grows = measured.growth_per_s
     return "the loop rests" if grows < 0 else f"it would hardly grow, by {number(grows, 2)} 1/s"
+
+
+def limit_sentence(log: Log) -> str:
+    """Say how the largest force of a log hides what would be beyond it; nothing where it hides little."""
+    size = np.abs(log.force_n)
+    top = np.flatnonzero(size > _TOP * size.max())
+    if top.size < _FEW or size.max() == 0:
+        return ""
+    limit = number(float(size.max()), 3)
+    steps = np.abs(np.diff(log.position_m, prepend=log.position_m[0]))
+    stepped = np.mean((steps[top] > 0.5 * log.encoder_m) | (steps[top - 1] > 0.5 * log.encoder_m))
+    if log.encoder_m > 0 and stepped > _NEARLY_ALL and top.size < _SELDOM * np.count_nonzero(size):
+        return (
+            f"{CAUSES['damping']} or {CAUSES['encoder']}; whenever the count changes the force jumps to {limit} N, its "
+            "limit, and what a damper would be beyond it is not in the log"
+        )
+    share = top.size / np.count_nonzero(size)
+    if share < _OFTEN:
+        return ""
+    return (
+        f"the force stands at {limit} N, its limit, for {100 * share:.0f} % of the contact, and what it would be "
+        "beyond is not in the log"
+    )
 
 
 def declared_resonance(measured: Measured) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -88,16 +88,31 @@ def find_law(log: Log, limit_n: float | None) -> Law | None:
     # Beside the largest force, which may be a limit, that of the last sample before the limit cut it is left in. Where
     # the position toggles between two steps, the largest force is that of one of them.
     top = np.abs(force) >= 0.9999 * limit
+    cut = np.zeros_like(top)
     if limit == limit_n or np.ptp(position[top]) > 1.5 * log.encoder_m:
+        cut = top
         touching &= ~top
     best: Law | None = None
     for lag in range(_MOST_LAG + 1):
         for filtered in (False, True):
             rows = _rows(log.ran, touching, lag, filtered=filtered)
             found = _fit(position, force, rows, lag, filtered=filtered, period=log.ticks.period_s)
+            if found is not None and cut.any():
+                found = _also_cut(found, log, _rows(log.ran, cut, lag, filtered=False), limit)
             if found is not None and (best is None or found.misfit < _BETTER * best.misfit):
                 best = found
     return best
+
+
+def _also_cut(law: Law, log: Log, rows: IndexArray, limit_n: float) -> Law:
+    """Count what the law leaves of the forces at the limit, which it has to reach; not of one with a filter."""
+    if law.keep or not rows.size:
+        return law
+    position = log.position_m
+    speed = (position[rows - law.lag] - position[rows - law.lag - 1]) / log.ticks.period_s
+    told = law.stiffness_n_per_m * (position[rows - law.lag] - law.wall_m) + law.damping_ns_per_m * speed
+    left = np.clip(told, -limit_n, limit_n) - log.force_n[rows]
+    return replace(law, misfit=max(law.misfit, float(np.sqrt(np.mean(left**2))) / limit_n))
 
 
 def _rows(ran: BoolArray, touching: BoolArray, lag: int, *, filtered: bool) -> IndexArray:

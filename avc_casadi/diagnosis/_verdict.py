@@ -14,6 +14,7 @@ from avc_casadi.diagnosis._declared import Declared
 from avc_casadi.diagnosis._evidence import (
     deciding_log,
     declared_resonance,
+    limit_sentence,
     measured_sentences,
     named_sentence,
     toggling_felt,
@@ -33,6 +34,11 @@ _SURE, _RIVAL = 0.8, 0.12
 # Logarithm of the ratio of measured and modelled frequency, in contact throughout, beyond which the model is not it.
 _FREQUENCY = 0.3
 _ALWAYS = 0.97
+_FORCE_OFF = "the same log with the force off: what a force from outside drives goes on"
+# By how many factors of e a loop would grow where the log swings evenly, all in contact and below the force limit.
+_GROWN = 4.0
+# The tremor of a hand: its frequencies, and more than its size.
+_TREMOR_HZ, _TREMOR_M = (6.0, 13.0), 2e-3
 # What a model may leave of the position, over what encoder and noise do.
 _UNEXPLAINED = 12.0
 # An encoder that toggles between two counts moves by no more steps than that.
@@ -83,6 +89,10 @@ class Judge:
 
     def without_model(self) -> Diagnosis:
         """Return the verdict where no loop model can be made."""
+        limit = limit_sentence(self._log)
+        if limit:
+            less = "the same log with less damping, or its velocity filtered, below the force limit"
+            return self._made("cannot tell", f"cannot tell: {limit}", decides=less)
         said = (
             "cannot tell: the force of this log is not that of a spring and a damper on its position, so that no loop "
             "model can be made"
@@ -118,6 +128,17 @@ class Judge:
             doubts.append(
                 f"the model swings at {number(measured.frequency_hz, 3)} Hz, the log at {number(found.frequency_hz, 3)}"
             )
+        seen, lasts = _growth(self._swing, log.ticks.period_s)
+        driven = linear and first != OTHER and (measured.growth_per_s - max(seen, 0.0)) * lasts > _GROWN
+        if driven:
+            doubts.append(
+                f"a loop that grows by {number(measured.growth_per_s, 2)} 1/s does not swing so evenly for "
+                f"{number(lasts, 2)} s where nothing limits it: the hand, the table or a machine may drive it"
+            )
+        size_m = log.reach_m * found.peak_to_peak_m
+        trembles = first == "delay" and _TREMOR_HZ[0] < found.frequency_hz < _TREMOR_HZ[1] and size_m < _TREMOR_M
+        if trembles and not driven:
+            doubts.append("a hand trembles so of its own")
         if measured.misfit > _UNEXPLAINED and first not in {"ticks", "rate"}:
             doubts.append(f"the model leaves {number(measured.misfit, 2)} times what encoder and noise do")
         if first == "encoder":
@@ -125,7 +146,8 @@ class Judge:
             doubts += doubts_of_encoder([answer, *some], law, log, evidence)
         if doubts:
             candidates = tuple(cause for cause in causes if cause != OTHER)[:2]
-            names = " or ".join(CAUSES[cause] for cause in candidates) or "none of the causes it knows"
+            known = [CAUSES[cause] for cause in candidates] + ["a force from outside the loop"] * (driven or trembles)
+            names = " or ".join(known) or "none of the causes it knows"
             said = f"cannot tell: {names}; {'; '.join(doubts)}"
             cures = tuple(cure for cause in candidates for cure in cures_of(cause, answer, law, log, declared))
             return self._made(
@@ -136,7 +158,7 @@ class Judge:
                 measured=measured,
                 evidence=evidence,
                 cures=tuple(dict.fromkeys(cures)),
-                decides=deciding_log(candidates),
+                decides=_FORCE_OFF if driven or trembles else deciding_log(candidates),
             )
         if first == "resonance":
             self._notes.append(declared_resonance(measured))
@@ -220,6 +242,14 @@ def _measured(answer: Answer, fit: Fit, law: Law, log: Log, declared: Declared) 
         growth_per_s=mode.growth_per_s,
         frequency_hz=mode.frequency_hz,
     )
+
+
+def _growth(swing: Swing, period_s: float) -> tuple[float, float]:
+    """Return the rate at which it grew from the first half of the oscillation to the second, and its time."""
+    halves = np.array_split(swing.envelope_m[swing.first : swing.last], 2)
+    before, after = (max(float(np.median(half)), 1e-300) for half in halves)
+    lasts = (swing.last - swing.first) * period_s
+    return 2 * math.log(after / before) / lasts, lasts
 
 
 def _shares_text(shares: Mapping[str, float]) -> str:

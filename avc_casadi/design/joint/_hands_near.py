@@ -16,6 +16,7 @@ from avc_casadi.design.joint._task import Task
 
 _BEYOND = (0.15, 0.05)
 """How far beyond the path each table goes, as shares of the box."""
+_POINTS = {2: (32, 32), 3: (16, 16, 14)}
 _ENOUGH = 1e-3
 """A gain below which the next table is not made."""
 
@@ -28,7 +29,8 @@ def improved_about(task: Task, outcome: Outcome) -> Outcome:
         outcome: found with it.
     """
     best = outcome
-    for beyond in _BEYOND if task.hands is not None and outcome.solution.success else ():
+    solved = outcome.solution.success and not outcome.missing.rows.all()
+    for beyond in _BEYOND if task.hands is not None and solved else ():
         better = _better(_about(task, best, beyond), best)
         if better is None:
             continue
@@ -49,7 +51,7 @@ def _about(task: Task, outcome: Outcome, beyond: float) -> Task:
         last = np.ceil((states[:, kept].max(axis=1) - task.states.low) / step) + 1
     low, high = (task.states.low + np.where(step > 0, place * step, 0.0) for place in (first, last))
     near = task.states.within(low, high)
-    return replace(task, states=near, hands=hands_spline(task.problem, near))
+    return replace(task, states=near, hands=hands_spline(task.problem, near, _POINTS))
 
 
 def _better(near: Task, best: Outcome) -> Outcome | None:

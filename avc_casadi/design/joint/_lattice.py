@@ -37,6 +37,7 @@ def lattice_path(
     log_frequency: FloatArray,
     slope_penalty: float,
     slope_limit: float,
+    points: tuple[int, ...] | None = None,
 ) -> LatticePath:
     """Find the cheapest path through the lattice, exactly for the lattice.
 
@@ -48,11 +49,12 @@ def lattice_path(
         log_frequency: ln(omega) of the stages, (n,).
         slope_penalty: weight of the mean squared slope.
         slope_limit: largest slope; one lattice step is always allowed.
+        points: nodes along each state; None for the usual ones.
     """
     low, high = box
     n = len(log_frequency)
     chosen = np.unique(np.linspace(0, n - 1, min(n, _STAGES)).round().astype(int))
-    axes, nodes = lattice_nodes(low, high)
+    axes, nodes = lattice_nodes(low, high, points)
     shape = tuple(len(axis) for axis in axes)
     span = max(log_frequency[-1] - log_frequency[0], 1e-12)
     values: list[FloatArray] = []
@@ -77,11 +79,12 @@ def lattice_path(
     return LatticePath(np.array(along), nodes[:, _local_minima(everywhere.reshape(shape))])
 
 
-def lattice_nodes(low: FloatArray, high: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+def lattice_nodes(
+    low: FloatArray, high: FloatArray, points: tuple[int, ...] | None = None
+) -> tuple[list[FloatArray], FloatArray]:
     """Axes of the lattice between two corners of the box, and all its nodes, (d, m)."""
-    axes = [
-        np.linspace(a, b, points if b > a else 1) for a, b, points in zip(low, high, _POINTS[len(low)], strict=True)
-    ]
+    counts = points or _POINTS[len(low)]
+    axes = [np.linspace(a, b, count if b > a else 1) for a, b, count in zip(low, high, counts, strict=True)]
     return axes, np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
 
 

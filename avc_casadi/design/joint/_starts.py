@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from avc_casadi.design.joint._hands_table import TABLE_POINTS
 from avc_casadi.design.joint._infeasible import Missing
 from avc_casadi.design.joint._lattice import lattice_path
 from avc_casadi.design.joint._program import Solution, solve_program
@@ -68,6 +69,8 @@ def _over_all_stages(task: Task, missing: Missing, progress: Progress) -> Found:
         task.log_frequency,
         data.slope_penalty,
         data.slope_limit,
+        # On the nodes of the table, where it is exact.
+        None if task.hands is None else TABLE_POINTS[len(task.states.low)],
     )
     constants = [np.repeat(state[:, None], len(task.frequency_hz), axis=1) for state in lattice.constant.T]
     starts = constants if task.constant else [lattice.path, constants[0], _smoothed_optima(task)]
