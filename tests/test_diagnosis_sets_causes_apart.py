@@ -227,7 +227,10 @@ def test_a_damper_that_a_step_drives_to_the_limit_is_not_read_as_none():
     assert "its limit" in found.conclusion
 
 
-def test_a_position_that_never_changes_is_refused():
+def test_a_position_that_never_changes_under_a_force_that_does_is_refused():
     time = np.arange(2000) * 1e-3
-    with pytest.raises(InputError, match="position: never changes"):
-        diagnose(Columns("log", time, np.full(2000, 1e-3), np.ones(2000)))
+    with pytest.raises(InputError, match="position: never changes, and the force does"):
+        diagnose(Columns("log", time, np.full(2000, 1e-3), np.sin(time)))
+    found = diagnose(Columns("log", time, np.full(2000, 1e-3), np.ones(2000)))
+    assert found.verdict == "nothing wrong"
+    assert "the position never changes" in found.notes[-1]

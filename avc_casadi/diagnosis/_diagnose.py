@@ -69,12 +69,14 @@ def diagnose(
     reach_m = 1.0 if device is None else device.metres_per_unit
     grid, notes = log_of(columns, flip_force=flip_force, reach_m=reach_m)
     if not np.ptp(grid.position_m):
-        raise InputError.of(
-            "never changes; allowed: a log of a device that moves. An encoder that is stuck, or a column that is not "
-            "the position, looks like this",
-            file=columns.file,
-            key="position",
-        )
+        if np.ptp(grid.force_n):
+            raise InputError.of(
+                "never changes, and the force does; allowed: a log of a device that moves. An encoder that is stuck, or "
+                "a column that is not the position, looks like this",
+                file=columns.file,
+                key="position",
+            )
+        notes = [*notes, "the position never changes: an encoder that is stuck looks like this too"]
     declared = Declared.of(device, hands, grid.ticks.sample_time_s)
     with progress.step("oscillation"):
         swing = find_oscillation(grid)
