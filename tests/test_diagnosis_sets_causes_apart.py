@@ -234,3 +234,13 @@ def test_a_position_that_never_changes_under_a_force_that_does_is_refused():
     found = diagnose(Columns("log", time, np.full(2000, 1e-3), np.ones(2000)))
     assert found.verdict == "nothing wrong"
     assert "the position never changes" in found.notes[-1]
+
+
+@pytest.mark.parametrize(("lasts", "nothing"), [(0.7, True), (2.0, False)])
+def test_the_cycles_of_a_touch_before_long_rest_in_contact_are_nothing_wrong(lasts, nothing):
+    time = np.arange(4000) * 1e-3
+    swings = 4e-4 * np.sin(2 * np.pi * 7.5 * time) * ((time > 0.3) & (time < 0.3 + lasts))
+    position = 1e-5 * np.round((1e-3 + swings) / 1e-5)
+    found = diagnose(Columns("log", time, position, -2000 * position), device=DRIVEN)
+    assert found.oscillation.sustained
+    assert (found.verdict == "nothing wrong") == nothing

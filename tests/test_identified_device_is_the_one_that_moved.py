@@ -10,6 +10,7 @@ import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.identification import Record, device_text, identify
 from avc_casadi.identification._record import Columns, records_of
+from avc_casadi.problem import load_device
 
 PERIOD = 1e-3
 
@@ -173,3 +174,29 @@ def test_verb_writes_device_document_and_page(tmp_path, capsys):
     # Two pictures, each for a desktop and with its panels stacked for a phone.
     assert text.count("data:image/svg+xml;base64,") == 4
     assert "http://" not in text.replace("http://www.w3.org", "")
+
+
+@pytest.mark.parametrize(("hertz", "size", "coulomb"), [(3.0, 2.0, 0.2), (4.0, 3.0, 0.1)])
+def test_friction_that_one_sine_does_not_tell_from_damping_is_not_said_to_be_none(hertz, size, coulomb):
+    truth = Truth(damping=0.5, coulomb=coulomb, delay=1.0, encoder=2e-5)
+    wanted = size * np.sin(2 * np.pi * hertz * np.arange(8000) * PERIOD)
+    _, position, force = measured(truth, wanted, np.random.default_rng(4))
+    found = identify([Record("sine", PERIOD, position, force)])
+    one = found.estimates.get("coulomb_friction_n")
+    assert one is None or one.low <= coulomb <= one.high
+    for key, value in {"mass_kg": 0.1, "damping_ns_per_m": 0.5, "delay_samples": 1.0}.items():
+        assert key in refused(found) or found.estimates[key].low <= value <= found.estimates[key].high
+
+
+def test_forces_that_the_device_does_not_give_and_ticks_that_are_not_logged_are_refused(tmp_path):
+    (tmp_path / "d.toml").write_text(
+        "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\nsample_time_s = 5e-4\nmax_force_n = 3.0\n"
+    )
+    one = record(Truth(encoder=1e-5, spring=50.0))
+    with pytest.raises(avc.InputError) as caught:
+        identify([one], base=load_device(tmp_path / "d.toml"))
+    first, second = (str(fault) for fault in caught.value.faults)
+    assert "for more than device.max_force_n, 3 N" in first
+    assert "steps by 1 ms, 2 times device.sample_time_s" in second
+    (tmp_path / "d.toml").write_text("[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\nmax_force_n = 30.0\n")
+    assert identify([one], base=load_device(tmp_path / "d.toml")).estimates["mass_kg"].value > 0

@@ -189,3 +189,10 @@ def test_a_file_without_lines_is_told_in_one(tmp_path):
     with pytest.raises(avc.InputError) as caught:
         identify([path])
     assert str(caught.value) == f"{path}:1: has 100000 characters; allowed: rows of numbers, 50000 characters at most"
+
+
+def test_decimal_commas_are_told_as_such(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("time_s;position_m;force_cmd_N\n" + "".join(f"{i};0,5;{i}\n" for i in range(300)))
+    (fault,) = faults(path)
+    assert fault.message.endswith("allowed: a number, with a decimal point")

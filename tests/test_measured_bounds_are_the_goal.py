@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.loop import NUMPY, SampleAngle, bound_magnitudes, environment_impedance, judge_realism, loop_at
-from avc_casadi.problem import MeasuredBounds, MeasuredImpedance, problem_document, problem_of
+from avc_casadi.problem import MeasuredBounds, MeasuredImpedance, plausibility, problem_document, problem_of
 from avc_casadi.study.reference import NUMBERS
 
 FIGURE5 = avc.load_problem("figure5")
@@ -128,6 +128,7 @@ def test_files_of_any_form_mean_the_same(tmp_path):
         ("f,Re,Im\n1,2,x\n2,3\n500,1,1\n", ["upper.csv:2: is '1,2,x'", "upper.csv:3: is '2,3'"]),
         ("f,Re,Im\n1,2,-3\n450,nan,-3\n", ["upper.csv:3: holds a value that is not finite"]),
         ("f,Re,Im\n1,2,-3\n", ["boundaries.measured.upper: has columns of 1, 1, 1, 1 points"]),
+        ("f,magnitude,phase_rad\n1,3,-1.4\n450,3,-85\n", ["upper.csv:3: phase_rad: is -85", "or phase_deg"]),
         ("f,Re,Im\n1,2,-3\n1,2,-3\n", ["frequencies that do not rise"]),
         (
             "f,Re,Im\n2,2,-3\n450,2,-3\n",
@@ -145,6 +146,19 @@ def test_what_is_wrong_with_a_file_is_told_with_its_line(tmp_path, upper, told):
         avc.parse_problem(WITHOUT_BOUNDS + table, folder=tmp_path)
     for words in told:
         assert words in str(caught.value)
+    assert "boundaries.upper: is missing" not in str(caught.value)
+
+
+def test_bounds_in_another_unit_than_impedance_are_doubted(tmp_path):
+    """Stiffness in place of impedance is 2 pi f times as much."""
+    for side, factor in (("upper", 1.1), ("lower", 0.9)):
+        rows = "".join(f"{f},1,{-1e5 * factor}\n" for f in (1, 30, 450))
+        (tmp_path / f"{side}.csv").write_text(f"f [Hz],Re [N.s/m],Im [N.s/m]\n{rows}", encoding="utf-8")
+    table = '[boundaries]\nmeasured = { upper = "upper.csv", lower = "lower.csv" }\n'
+    (doubt,) = (one for one in plausibility(avc.parse_problem(WITHOUT_BOUNDS + table, folder=tmp_path)))
+    assert doubt.key == "boundaries.measured"
+    assert "times the impedance of the wall at 21.2 Hz; is it in N.s/m?" in doubt.message
+    assert not plausibility(measured())
 
 
 def test_the_printed_closed_form_needs_springs_and_dampers():

@@ -71,8 +71,8 @@ def diagnose(
     if not np.ptp(grid.position_m):
         if np.ptp(grid.force_n):
             raise InputError.of(
-                "never changes, and the force does; allowed: a log of a device that moves. An encoder that is stuck, or "
-                "a column that is not the position, looks like this",
+                "never changes, and the force does; allowed: a log of a device that moves. An encoder that is stuck, "
+                "or a column that is not the position, looks like this",
                 file=columns.file,
                 key="position",
             )

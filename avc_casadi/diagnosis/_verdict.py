@@ -37,6 +37,8 @@ _ALWAYS = 0.97
 _FORCE_OFF = "the same log with the force off: what a force from outside drives goes on"
 # By how many factors of e a loop would grow where the log swings evenly, all in contact and below the force limit.
 _GROWN = 4.0
+# So few cycles are those of a touch, where contact goes on for so long without any.
+_FEW_CYCLES, _RESTS_S = 8.0, 1.0
 # The tremor of a hand: its frequencies, and more than its size.
 _TREMOR_HZ, _TREMOR_M = (6.0, 13.0), 2e-3
 # What a model may leave of the position, over what encoder and noise do.
@@ -63,10 +65,21 @@ class Judge:
         if found.steps < _TOGGLES and toggling_felt(found, self._declared) < 1:
             said = "nothing wrong: it toggles by one step of the encoder, which no hand feels; a finer one would rest"
             return self._made("nothing wrong", said)
+        if self._rests_after_all():
+            cycles = number(found.frequency_hz * (found.ends_s - found.begins_s), 2)
+            said = f"nothing wrong: after {cycles} cycles until {number(found.ends_s, 3)} s it rests in contact"
+            return self._made("nothing wrong", said)
         if found.contact_share == 0:
             said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
             return self._made("not the loop", said)
         return None
+
+    def _rests_after_all(self) -> bool:
+        """Whether a few cycles, as of a touch, are followed by long contact without any."""
+        found, after = self._swing.found, self._log.force_n[self._swing.last :]
+        few = found.frequency_hz * (found.ends_s - found.begins_s) < _FEW_CYCLES
+        touching = np.count_nonzero(after) * self._log.ticks.period_s
+        return bool(few and touching > _RESTS_S and touching * found.frequency_hz > _FEW_CYCLES)
 
     def in_another_unit(self, told: str) -> Diagnosis | None:
         """Return the verdict where no model can fit because the positions are not in metres."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Mapping
+from collections.abc import Set as AbstractSet
 
 import numpy as np
 from scipy import stats
@@ -23,7 +24,12 @@ _DIVIDED = 0.12
 
 
 def estimates_of(
-    fit: Fit, spread: Spread, rivals: Mapping[str, Fit], refused: Container[str], step_m: float | None
+    fit: Fit,
+    spread: Spread,
+    rivals: Mapping[str, Fit],
+    refused: Container[str],
+    inseparable: AbstractSet[str],
+    step_m: float | None,
 ) -> dict[str, Estimate]:
     """Return what is told.
 
@@ -32,6 +38,7 @@ def estimates_of(
         spread: its uncertainty.
         rivals: richer models that were not borne out; they bound what they add.
         refused: keys that are not told.
+        inseparable: terms of rivals that are borne out and not told from the rest of the model.
         step_m: of the encoder.
     """
     found: dict[str, Estimate] = {}
@@ -39,14 +46,13 @@ def estimates_of(
         if one.name.partition(".")[0] in refused:
             continue
         q, half = float(fit.search[index]), float(spread.half_width[index])
-        if one.name != "delay_samples":  # told with the lag in it
-            half = _widened(fit, rivals, one.name, q, half)
+        half = _widened(fit, rivals, inseparable, one.name, q, half)
         down, up = (float(each) for each in half + spread.beyond[:, index])
         ends = [fit.structure.outward(one, end) for end in (q - down, q + up)]
         low, high = (min(max(end, one.lowest), one.highest) for end in ends)
         value = fit.structure.outward(one, q)
         found[one.name] = Estimate(one.name, one.unit, value, low, high, LEVEL, "output error")
-    if "coulomb" not in fit.structure.terms and "coulomb" in rivals:
+    if "coulomb" not in fit.structure.terms and "coulomb" in rivals and "coulomb_friction_n" not in refused:
         rival = rivals["coulomb"]
         index = [one.name for one in rival.structure.free].index("coulomb_friction_n")
         most = spread_of(rival, ()).half_width[index] + rival.search[index]
@@ -67,23 +73,28 @@ def estimates_of(
     return found
 
 
-def _widened(fit: Fit, rivals: Mapping[str, Fit], name: str, coordinate: float, half: float) -> float:
+def _widened(
+    fit: Fit, rivals: Mapping[str, Fit], inseparable: AbstractSet[str], name: str, coordinate: float, half: float
+) -> float:
     """Return half an interval that also holds what richer models find that are not borne out and not excluded either.
 
     An amplifier's lag trades with a delay; a drift that is sure, but too small to better the prediction, moves the
-    constant force to which it belongs, by more than that force is known to.
+    constant force to which it belongs, by more than that force is known to. What a log of one frequency does not tell
+    from mass, damping and delay is in these.
     """
-    for term in ("amplifier", "drift"):
+    for term in dict.fromkeys(("amplifier", "drift", *sorted(inseparable))):
         rival = rivals.get(term)
         places = [] if rival is None else [one.name for one in rival.structure.free]
         if rival is None or name not in places or rival.rms_m > fit.rms_m:
             continue
+        if term == "amplifier" and name == "delay_samples":
+            continue  # told with the lag in it
         place = places.index(name)
         moved = abs(float(rival.search[place]) - coordinate)
-        if term == "drift":
-            sure = moved > half and compared(fit, rival, term).standard_errors > SURE
-            moved = moved + float(spread_of(rival, ()).half_width[place]) if sure else 0.0
-        half = max(half, moved)
+        unsure = float(spread_of(rival, ()).half_width[place])
+        if term == "drift" and not (moved > half and compared(fit, rival, term).standard_errors > SURE):
+            continue
+        half = max(half, moved if term == "amplifier" else moved + unsure)
     return half
 
 

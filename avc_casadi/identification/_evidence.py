@@ -24,6 +24,7 @@ class Trial:
         held_out_change: relative change of the held-out squared error; negative is better.
         standard_errors: that change in its own standard errors.
         why: in words.
+        inseparable: whether the rest of the model could do the same: the log bears it out, and does not tell it.
     """
 
     term: str
@@ -31,6 +32,7 @@ class Trial:
     held_out_change: float
     standard_errors: float
     why: str
+    inseparable: bool = False
 
 
 def held_out(fit: Fit) -> FloatArray:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from avc_casadi._errors import InputError
+from avc_casadi.identification._against_base import check_against
 from avc_casadi.identification._closed_loop import autocorrelation, coloured, feeds_back
 from avc_casadi.identification._device import device_file, states
 from avc_casadi.identification._encoder import encoder_step_m
@@ -77,6 +78,8 @@ def identify(
     if flip_force:
         records = [replace(record, force_n=-record.force_n) for record in records]
     radius = radius_of(records, base, handle_radius_m)
+    if base is not None:
+        check_against(records, base)
     if radius is None:
         found = _identified(records, notes, base, _checked(known or {}), encoder_at, 1.0, most_samples, progress)
     else:
@@ -103,7 +106,9 @@ def _identified(
     notes += [cut] if cut else []
     seconds = sum(record.seconds for record in records)
     if seconds < _LEAST_S:
-        raise InputError.of(f"hold {number(seconds)} s in all; allowed: at least {_LEAST_S:g} s", key="logs")
+        gaps = f"; {'; '.join(notes)}" if notes else ""
+        message = f"hold {number(seconds)} s in all; allowed: at least {_LEAST_S:g} s{gaps}"
+        raise InputError.of(message, key="logs")
     step_m = encoder_step_m(records)
     force_rms, travel = _sizes(records, step_m)
     with progress.step("first guess"):
@@ -128,7 +133,11 @@ def _identified(
             share = (fit.values[SHARE], *ends)
             refused[SHARE] = share_refused(share[0], ends)
     normal, collinear = sensitivity(fit)
-    estimates = estimates_of(fit, spread, chosen.rivals, refused, step_m)
+    inseparable = {term for term, trial in chosen.trials.items() if trial.inseparable}
+    if "coulomb" in inseparable:
+        key, why = "coulomb_friction_n", "the log bears it out, and does not tell it from damping and mass"
+        refused[key] = Refusal(key, f"{why}, whose intervals hold it", EXCITATION[key])
+    estimates = estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m)
     lags = autocorrelation(fit.error_m)
     refused |= _never_told(fit, estimates, response.excited_hz, chosen.trials.keys() - set(fit.structure.terms), lags)
     feedback = feeds_back(records, fit.error_m)

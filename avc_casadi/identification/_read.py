@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -26,6 +27,7 @@ from avc_casadi.identification._units import QUANTITIES, Column, Layout, chosen_
 from avc_casadi.support import units_for
 
 _MOST_FAULTS = 6
+_COMMA = re.compile(r"\d,\d+'$")
 _LARGEST_BYTES = 1_000_000_000
 # What is longer is no row of numbers; a hundred channels are a thousand characters.
 _LONGEST_ROW = 50_000
@@ -228,6 +230,8 @@ def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fa
             values.setdefault(row[groups[0]] if groups else "", []).append((number, kept))
     for quantity, found in wrong.items():
         allowed = "a number" if quantity else f"{width}, as the first row"
+        if quantity and all(_COMMA.search(what) for _, what in found[:_MOST_FAULTS]):
+            allowed += ", with a decimal point"
         faults += faults_of_rows(file, quantity, found, allowed)
     if faults:
         return [], faults

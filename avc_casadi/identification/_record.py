@@ -111,8 +111,7 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
         low, high = np.quantile(np.delete(steps, gaps), (0.005, 0.995))
         message = (
             f"steps from {number(low)} to {number(high)} s; allowed: equal steps (missing samples apart), with the "
-            f"time "
-            "of the tick and not that of writing it"
+            "time of the tick and not that of writing it; or --sample-time, where the ticks themselves are even"
         )
         faults.append(Fault(columns.file, None, "time", message))
     if faults:

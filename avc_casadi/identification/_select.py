@@ -210,7 +210,7 @@ def _tried(
         trial = compared(simple, best, term)
         _, collinear = sensitivity(best)
     if trial.taken and collinear > _COLLINEAR:
-        trial = replace(trial, taken=False, why="cannot be told apart from the rest of the model")
+        trial = replace(trial, taken=False, why="cannot be told apart from the rest of the model", inseparable=True)
     beyond = _beyond(best, term, response, predictor.sample_time_s)
     if trial.taken and beyond:
         trial = replace(trial, taken=False, why=beyond)

@@ -16,7 +16,20 @@ QUANTITIES = ("time", "position", "force")
 _NAMES = {
     "time": ("time", "t", "timestamp", "stamp", "clock"),
     "position": ("position", "pos", "x", "q", "displacement", "y", "angle", "theta", "phi"),
-    "force": ("force", "f", "u", "command", "commanded_force", "force_command", "effort", "torque", "tau", "moment"),
+    "force": (
+        "force",
+        "f",
+        "u",
+        "command",
+        "commanded_force",
+        "force_command",
+        "force_cmd",
+        "cmd_force",
+        "effort",
+        "torque",
+        "tau",
+        "moment",
+    ),
 }
 _ALSO = {"angle": "position", "torque": "force"}
 UNITS: Mapping[str, Mapping[str, float]] = {

@@ -13,6 +13,7 @@ from typing import Any
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.problem._findings import checked
 from avc_casadi.problem._measured_bounds import MeasuredImpedance
+from avc_casadi.problem._quantity import plain
 from avc_casadi.problem._text import text_of
 
 _NAMES = {
@@ -25,6 +26,10 @@ _NAMES = {
     "error": ("error", "uncertainty", "error_ns_per_m", "uncertainty_ns_per_m"),
 }
 _MOST = 200
+_SOME = {"damping_ns_per_m": 1.0, "stiffness_n_per_m": 1.0}
+# A phase beyond this is one in degrees.
+_LARGEST_RAD = 10.0
+_UNIT = re.compile(r"\s*[\[(]\s*n[ .*]?s[ ]?/[ ]?m\s*[\])]")
 _FORMS = (("real", "imag"), ("magnitude", "phase_deg"), ("magnitude", "phase_rad"))
 _HEADER = (
     "a header with f and Re, Im, or f, magnitude and phase_deg or phase_rad, in Hz and N.s/m, and error if it is known"
@@ -62,8 +67,9 @@ def with_measured_bounds(tables: Mapping[str, Any], folder: Path | None) -> Mapp
     whole = {**table, "measured": read}
     for side in ("upper", "lower"):
         found = checked(MeasuredImpedance, read[side], "", ()) if isinstance(read.get(side), Mapping) else None
-        if side not in table and isinstance(found, MeasuredImpedance):
-            whole[side] = found.spring_and_damper()
+        if side not in table:
+            # What is wrong with the responses is told where they are checked, and once.
+            whole[side] = found.spring_and_damper() if isinstance(found, MeasuredImpedance) else _SOME
     return {**tables, "boundaries": whole}
 
 
@@ -82,7 +88,8 @@ def response_of(text: str, file: str) -> dict[str, list[float]]:
         raise InputError.of(f"is empty; allowed: {_HEADER}", file=file)
     mark = max(",;\t", key=lines[0][1].count)
     rows = [(number, _cells(line.partition("#")[0], mark)) for number, line in lines]
-    header = [re.sub(r"[\s()\[\]]+", "_", name.strip().lower()).strip("_") for name in rows[0][1]]
+    named = [_UNIT.sub("", name.strip().lower()) for name in rows[0][1]]
+    header = [re.sub(r"[\s()\[\]]+", "_", name).strip("_") for name in named]
     place = {key: header.index(name) for key, names in _NAMES.items() for name in names if name in header}
     form = next((form for form in _FORMS if set(form) <= set(place)), None)
     if "frequency_hz" not in place or form is None:
@@ -97,6 +104,9 @@ def response_of(text: str, file: str) -> dict[str, list[float]]:
             continue
         if not all(map(math.isfinite, row.values())):
             faults.append(Fault(file, number, "", "holds a value that is not finite; allowed: numbers"))
+        elif abs(row.get("phase_rad", 0.0)) > _LARGEST_RAD:
+            told = f"is {plain(row['phase_rad'])}; allowed: -{_LARGEST_RAD:g} to {_LARGEST_RAD:g}, or phase_deg"
+            faults.append(Fault(file, number, "phase_rad", told))
         values.append(row)
     if faults:
         more = [] if len(faults) <= _MOST else [Fault(file, None, "", f"has {len(faults) - _MOST} more faults")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -43,6 +44,9 @@ _USUAL = {
     "hands.stiffness_n_per_m": _Usual(1, 1e4, "N/m"),
 }
 
+# A wall so many times as stiff as what was measured, or softer, is not the one that was.
+_FAR = 20.0
+
 
 def plausibility(problem: Problem) -> tuple[Fault, ...]:
     """Say which values are far from what is usual, and which say nothing; the problem is valid all the same.
@@ -62,7 +66,7 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
         if any(number != 0 and not usual.lowest <= number <= usual.highest for number in _numbers(value))
     ]
     found = list(dict.fromkeys((key, f"{message}; is the unit right?") for key, message in found))
-    every = (*found, *_idle(problem), *_beyond(problem))
+    every = (*found, *_idle(problem), *_beyond(problem), *_other_unit(problem))
     return tuple(Fault(problem.name, None, units.text(key), units.text(message)) for key, message in every)
 
 
@@ -95,6 +99,19 @@ def _idle(problem: Problem) -> Iterator[tuple[str, str]]:
         yield "device.encoder_at", 'is "handle", which says nothing without device.resonance: motor and handle are one'
     if device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None:
         yield "device.amplifier_order", "is 2, which says nothing without device.amplifier_bandwidth_hz"
+
+
+def _other_unit(problem: Problem) -> Iterator[tuple[str, str]]:
+    """Yield measured bounds that are of another size than the wall, as stiffness in place of impedance is."""
+    measured, wall = problem.boundaries.measured, problem.environment
+    if measured is None or wall.stiffness_n_per_m == 0:
+        return
+    hertz = math.sqrt(math.prod(measured.range_hz))
+    wanted = abs(complex(wall.damping_ns_per_m, -wall.stiffness_n_per_m / (2 * math.pi * hertz)))
+    times = float(abs(measured.desired(hertz))) / wanted
+    if not 1 / _FAR < times < _FAR:
+        told = f"is {times:.2g} times the impedance of the wall at {hertz:.3g} Hz; is it in N.s/m?"
+        yield "boundaries.measured", told
 
 
 def _beyond(problem: Problem) -> Iterator[tuple[str, str]]:
