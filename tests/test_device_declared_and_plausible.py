@@ -7,6 +7,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.cli._main import main
 from avc_casadi.problem import DeviceRange, declared, plausibility
+from avc_casadi.recommendation._assumptions import assumed
 
 PLAIN = {"mass_kg": 0.1, "damping_ns_per_m": 2.0, "sample_time_s": 1e-3}
 MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
@@ -66,11 +67,20 @@ def test_every_range_is_named():
         ({"device": {"range": {"mass_kg": [0.0, 9.0]}}}, "device.range.mass_kg is [0, 9]: usual"),
         ({"device": {"encoder_at": "handle"}}, "device.encoder_at is"),
         ({"device": {"amplifier_order": 2}}, "device.amplifier_order is 2, which says nothing without"),
+        (
+            {"device": {"coulomb_friction_n": 3.0, "max_force_n": 2.0}},
+            "device.coulomb_friction_n is 3, and device.max_force_n 2: no force that it gives",
+        ),
+        (
+            {"hands": {"damping_ns_per_m": (0.0, 0.0), "stiffness_n_per_m": (0.0, 0.0)}},
+            "hands.stiffness_n_per_m is 0, as is their damping: nobody presses",
+        ),
     ],
 )
 def test_an_unlikely_value_is_doubted_and_valid(tables, sentence):
     (doubt,) = plausibility(problem().changed(**tables))
     assert f"{doubt.key} {doubt.message}".startswith(sentence)
+    assert any(sentence in told for told in assumed(problem().changed(**tables)))
 
 
 def test_check_shows_doubts_and_what_is_declared(tmp_path, capsys):

@@ -38,6 +38,7 @@ _SHOWN_RATE_PER_S = 4.0
 _OTHER_OBSERVERS = (3.0, 0.4, 0.12)
 _LEAST_S = 1.0
 # Masses at a handle that are no slip of a unit.
+_PLAYS = 0.2
 _LIGHTEST_KG, _HEAVIEST_KG = 1e-3, 2e3
 
 
@@ -335,6 +336,11 @@ def _notes(fit: Fit, lags: FloatArray, feedback: bool, estimates: Mapping[str, o
             f"a spring of {stiffness} N/m holds the device (a hand, a cable, gravity along an arc): mass and damping "
             f"are "
             "those of the device with what holds it; log it let go"
+        )
+    if "resonance" in fit.structure.terms and fit.values["resonance.damping_ratio"] > _PLAYS:
+        notes.append(
+            f"a resonance that is damped by {number(fit.values['resonance.damping_ratio'], 2)} is none of a structure: "
+            "play in the transmission looks like one; that of a structure stays where it is with half the force"
         )
     if feedback and coloured(lags):
         notes.append(

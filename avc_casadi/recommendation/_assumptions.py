@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.loop import LINEAR_KEYS
-from avc_casadi.problem import declared, declared_effects
+from avc_casadi.problem import declared, declared_effects, plausibility
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -60,6 +60,7 @@ def assumed(
     gaps += [f"{key}: {f'{at}; ' if tried else ''}no part of linear stability" for key in rest]
     if coupling is not None:
         gaps += _outside(coupling)
+    gaps += [f"what may be a slip: {doubt.key} {doubt.message}" for doubt in plausibility(problem)]
     return tuple(gaps)
 
 
