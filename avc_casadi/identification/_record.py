@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi._errors import Fault
-from avc_casadi.support import FloatArray, MotionKind, number
+from avc_casadi.support import FloatArray, IndexArray, MotionKind, number
 
 # A step of time may differ from the usual one by this share of it; a longer one is a gap.
 _JITTER = 0.25
@@ -18,6 +18,9 @@ _TOLD = 3
 _SHORTEST = 200
 # A piece shorter than this share of the longest would have every record judged from too early on.
 _SHORT = 0.1
+# Pieces of these lengths are worth more than shorter ones, where they hold so much of the log.
+_PIECES_S = (1.0, 0.5, 0.4, 0.3)
+_ENOUGH_S, _ENOUGH = 2.0, 0.2
 # Share of samples without a number that may be lost; more of them are something else.
 _FEW_LOST = 0.01
 
@@ -118,7 +121,8 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
         return [], faults, []
     edges = [0, *(int(gap) + 1 for gap in gaps), steps.size + 1]
     whole = list(itertools.pairwise(edges))
-    shortest = max(_SHORTEST, _SHORT * max(b - a for a, b in whole))
+    sizes = np.array([b - a for a, b in whole])
+    shortest = max(_SHORTEST, _SHORT * sizes.max(), _worth(sizes, usual))
     pieces = [(a, b) for a, b in whole if b - a >= shortest]
     if gaps.size:
         lost = columns.time_s.size - sum(b - a for a, b in pieces)
@@ -147,6 +151,17 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
         [],
         told,
     )
+
+
+def _worth(sizes: IndexArray, period_s: float) -> float:
+    """Return the samples of a piece below which it is left out, where enough is left.
+
+    The start of each has to be forgotten before it is judged: short pieces ask for an observer so fast that noise leans
+    what it finds.
+    """
+    seconds = sizes * period_s
+    enough = max(_ENOUGH_S, _ENOUGH * seconds.sum())
+    return next((least / period_s for least in _PIECES_S if seconds[seconds >= least].sum() >= enough), 0.0)
 
 
 def _sound(columns: Columns) -> tuple[Columns, list[str]]:
