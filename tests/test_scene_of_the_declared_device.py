@@ -7,7 +7,7 @@ import pytest
 from scene_reference import Reference, scene_problem
 
 import avc_casadi as avc
-from avc_casadi import InputError, UnsupportedError
+from avc_casadi import InputError
 from avc_casadi.cli._main import main
 from avc_casadi.coupling import NO_COUPLING, Gains
 from avc_casadi.problem import Scene, declared_effects, left_out, scene_effects
@@ -190,12 +190,6 @@ def test_backlash_beyond_which_the_encoder_sits_is_refused():
     both = ('kind = "backlash"\ngap_m = 1e-4', 'kind = "encoder"\nresolution_m = 1e-5\nat = "handle"')
     with pytest.raises(InputError, match="backlash and an encoder at the handle exclude"):
         compile_scene(scene_problem((HAND, WALL, mode, *both)))
-
-
-def test_the_observer_predicts_whole_samples_only():
-    effects = (HAND, WALL, 'kind = "encoder"', 'kind = "observer"', 'kind = "delay"\nsamples = 0.5')
-    with pytest.raises(UnsupportedError, match="the observer takes whole samples only"):
-        compile_scene(scene_problem(effects))
 
 
 def test_play_holds_the_measured_position_until_it_is_taken_up():

@@ -79,14 +79,16 @@ def identify(
     if flip_force:
         records = [replace(record, force_n=-record.force_n) for record in records]
     radius = radius_of(records, base, handle_radius_m)
+    with told_in(units_for("linear" if radius is None else "rotary")):
+        held = _checked(known or {}, radius)
     if base is not None:
         check_against(records, base)
     if radius is None:
-        found = _identified(records, notes, base, _checked(known or {}), encoder_at, 1.0, most_samples, progress)
+        found = _identified(records, notes, base, held, encoder_at, 1.0, most_samples, progress)
     else:
         with told_in(units_for("rotary")):
             at_handle = [record.at_handle(radius) for record in records]
-            held = known_at_handle(_checked(known or {}, radius), radius)
+            held = known_at_handle(held, radius)
             found = _identified(at_handle, notes, base, held, encoder_at, radius, most_samples, progress)
         found = of_the_turn(found, radius)
     return replace(found, device=device_file(found, base))
