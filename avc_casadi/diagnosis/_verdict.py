@@ -79,7 +79,8 @@ class Judge:
         found, after = self._swing.found, self._log.force_n[self._swing.last :]
         few = found.frequency_hz * (found.ends_s - found.begins_s) < _FEW_CYCLES
         touching = np.count_nonzero(after) * self._log.ticks.period_s
-        return bool(few and touching > _RESTS_S and touching * found.frequency_hz > _FEW_CYCLES)
+        whole = self._log.ticks.missed_share == 0
+        return bool(whole and few and touching > _RESTS_S and touching * found.frequency_hz > _FEW_CYCLES)
 
     def in_another_unit(self, told: str) -> Diagnosis | None:
         """Return the verdict where no model can fit because the positions are not in metres."""
