@@ -91,10 +91,11 @@ def _widened(
             continue  # told with the lag in it
         place = places.index(name)
         moved = abs(float(rival.search[place]) - coordinate)
-        unsure = float(spread_of(rival, ()).half_width[place])
         if term == "drift" and not (moved > half and compared(fit, rival, term).standard_errors > SURE):
             continue
-        half = max(half, moved if term == "amplifier" else moved + unsure)
+        if term != "amplifier":
+            moved += float(spread_of(rival, ()).half_width[place])
+        half = max(half, moved)
     return half
 
 

@@ -37,8 +37,9 @@ _SHOWN_RATE_PER_S = 4.0
 # Rates of the observers that would have found other values of a wrong model, as multiples of the best.
 _OTHER_OBSERVERS = (3.0, 0.4, 0.12)
 _LEAST_S = 1.0
-# Masses at a handle that are no slip of a unit.
+# A structure rings longer than one that is damped by this.
 _PLAYS = 0.2
+# Masses at a handle that are no slip of a unit.
 _LIGHTEST_KG, _HEAVIEST_KG = 1e-3, 2e3
 
 
