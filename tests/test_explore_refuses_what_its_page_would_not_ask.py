@@ -4,6 +4,7 @@ import http.client
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -55,6 +56,22 @@ def ask(server, method, path, body=b"", headers=None, host=None):
 
 def inside(server, path):
     return f"/{server.token}/{path}"
+
+
+def test_the_second_part_of_an_answer_does_not_wait_for_an_acknowledgement(server, monkeypatch):
+    accepted = []
+    take = server.get_request
+
+    def get_request():
+        accepted.append(take())
+        return accepted[-1]
+
+    monkeypatch.setattr(server, "get_request", get_request)
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=600)
+    connection.request("POST", inside(server, "start"), b"{}", JSON)
+    assert connection.getresponse().read()
+    assert accepted[0][0].getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+    connection.close()
 
 
 def test_the_page_and_a_question_are_answered(server):

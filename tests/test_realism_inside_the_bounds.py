@@ -47,6 +47,13 @@ def test_bounds_are_the_impedances_of_u_and_l():
         assert not judge_realism(CASE, outwards * z).inside_bounds.any()
 
 
+@pytest.mark.parametrize("rounding", [1 - 1e-9, 1 + 1e-9])
+def test_what_a_solver_leaves_of_bounds_that_coincide_is_inside(rounding):
+    same = CASE.changed(boundaries={"upper": CASE.boundaries.upper, "lower": CASE.boundaries.upper})
+    z = np.asarray(loop_at(same, same.frequencies_hz()).target)
+    assert judge_realism(same, rounding * z).inside_bounds.all()
+
+
 def test_rows_without_gains_are_not_inside():
     z = target()
     z[3] = np.nan

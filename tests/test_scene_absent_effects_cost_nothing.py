@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scene_reference import MASSLESS, scene_problem
 
+from avc_casadi.cli._text import nanoseconds
 from avc_casadi.coupling import NO_COUPLING, Gains
 from avc_casadi.scene import compile_scene, explain
 from avc_casadi.scene.effects import KINDS
@@ -123,6 +124,7 @@ def test_explain_counts_what_each_effect_adds():
     assert found.states == len(found.state_names) == 6
     assert set(found.absent) | set(costs) == set(KINDS)
     assert found.ns_per_step > 0
+    assert found.scatter_ns >= 0
     assert not set(found.absent) & set(costs)
 
 
@@ -131,3 +133,12 @@ def test_explain_says_which_effect_is_the_only_mass():
     assert costs["hand"].instructions is None
     assert costs["wall"].instructions > 0
     assert np.isfinite(costs["wall"].ns_per_step)
+
+
+def test_a_cost_that_the_clock_does_not_see_is_told_as_below_its_scatter():
+    assert [nanoseconds(*one) for one in ((None, 3.0), (120.4, 3.0), (-40.0, 12.0), (0.2, 0.4))] == [
+        "-",
+        "120",
+        "< 12",
+        "< 1",
+    ]

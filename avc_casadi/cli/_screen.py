@@ -8,7 +8,7 @@ from typing import Any
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._simulate import gains_of
 from avc_casadi.cli._subject import load_problem
-from avc_casadi.cli._text import number, table
+from avc_casadi.cli._text import nanoseconds, number, table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +55,7 @@ def _text(document: dict[str, Any]) -> str:
             *_changes(effect),
             effect["outcome"],
             str(effect["instructions"]),
-            f"{effect['ns_per_step']:.0f}",
+            nanoseconds(effect["ns_per_step"], document["scatter_ns"]),
             "yes" if effect["needed"] else "no",
         ]
         for effect in document["effects"]

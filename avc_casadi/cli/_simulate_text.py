@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from avc_casadi.cli._text import number, table
+from avc_casadi.cli._text import nanoseconds, number, table
 
 _HANDS = {"hand", "stylus-hand"}
 # In mm, mm/s, N and mJ: a millionth of what any device could show.
@@ -111,7 +111,7 @@ def _explanation(document: dict[str, Any]) -> list[str]:
             effect["station"],
             str(effect["states"]),
             "the only mass" if effect["instructions"] is None else str(effect["instructions"]),
-            "-" if effect["ns_per_step"] is None else f"{effect['ns_per_step']:.0f}",
+            nanoseconds(effect["ns_per_step"], document["scatter_ns"]),
         ]
         for effect in document["effects"]
     ]

@@ -54,3 +54,10 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequenc
     from avc_casadi import support
 
     return support.text_table(header, rows, left=left)
+
+
+def nanoseconds(cost_ns: float | None, scatter_ns: float) -> str:
+    """Tell a cost in ns; one that the scatter of the clock hides is below that."""
+    if cost_ns is None:
+        return "-"
+    return f"{cost_ns:.0f}" if cost_ns > scatter_ns else f"< {max(scatter_ns, 1):.0f}"

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Objective, Problem
 
 
-# Rounding of |Z|: an impedance that stands on a bound counts as inside.
-_ROUNDING = 1e-12
+# An impedance that stands on a bound is inside; a solver ends so near to one, as a share of it, and nobody feels it.
+_UNFELT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +67,12 @@ def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray |
         impedance = np.where(usable, impedance, np.nan)
     loop = loop_at(problem, problem.frequencies_hz())
     low, high = bound_magnitudes(problem, loop)
-    low, high = low * (1 - _ROUNDING), high * (1 + _ROUNDING)
+    low, high = low * (1 - _UNFELT), high * (1 + _UNFELT)
     size = np.abs(impedance)
     jnd = problem.realism.jnd
     return RealismResult(
         inside_bounds=np.asarray((size >= low) & (size <= high)),
-        inside_jnd=np.asarray(np.abs(impedance - loop.target) <= jnd * (1 + _ROUNDING) * np.abs(loop.target)),
+        inside_jnd=np.asarray(np.abs(impedance - loop.target) <= jnd * (1 + _UNFELT) * np.abs(loop.target)),
         jnd=jnd,
     )
 

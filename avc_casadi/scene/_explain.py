@@ -32,8 +32,8 @@ class EffectCost:
         station: where in the loop it acts.
         states: states that it adds.
         instructions: instructions that it adds to a sample; None where the scene does not exist without it.
-        ns_per_step: time that it adds to a sample in CasADi's evaluation; None in the same case. Timers scatter by a
-            few per cent of the whole sample, so that a small cost may come out negative.
+        ns_per_step: time that it adds to a sample in CasADi's evaluation; None in the same case. A cost below
+            `Explanation.scatter_ns` is not told from none, and may come out negative.
     """
 
     kind: str
@@ -54,6 +54,7 @@ class Explanation:
         state_names: their names.
         instructions: number of instructions of the whole sample.
         ns_per_step: time of the whole sample.
+        scatter_ns: by how much a time of the whole sample scatters: its median less its least.
     """
 
     effects: tuple[EffectCost, ...]
@@ -62,6 +63,7 @@ class Explanation:
     state_names: tuple[str, ...]
     instructions: int
     ns_per_step: float
+    scatter_ns: float
 
     def document(self) -> dict[str, Any]:
         """Return the part of the JSON document."""
@@ -72,6 +74,7 @@ class Explanation:
             "state_names": list(self.state_names),
             "instructions": self.instructions,
             "ns_per_step": self.ns_per_step,
+            "scatter_ns": self.scatter_ns,
         }
 
 
@@ -91,7 +94,8 @@ def explain(problem: Problem, gains: AnyGains, *, interaction_hz: float | None =
 def explain_effects(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> Explanation:
     """Say what each of the settled effects adds."""
     scene = compile_for(problem, effects, gains)
-    whole_ns = ns_per_step(scene, gains)
+    times_ns = _times_ns(scene, gains)
+    whole_ns = min(times_ns)
     costs = tuple(_cost(problem, effects, gains, effect, scene, whole_ns) for effect in effects)
     listed = {effect.kind for effect in effects}
     return Explanation(
@@ -101,6 +105,7 @@ def explain_effects(problem: Problem, effects: tuple[SceneEffect, ...], gains: G
         state_names=scene.states,
         instructions=scene.instructions,
         ns_per_step=whole_ns,
+        scatter_ns=float(np.median(times_ns)) - whole_ns,
     )
 
 
@@ -128,6 +133,11 @@ def _cost(
 
 def ns_per_step(scene: CompiledScene, gains: Gains) -> float:
     """Measure one sample in CasADi's loop: processor time of the quickest of a few runs, ns."""
+    return min(_times_ns(scene, gains))
+
+
+def _times_ns(scene: CompiledScene, gains: Gains) -> list[float]:
+    """Measure one sample in CasADi's loop a few times: processor times, ns."""
     import casadi as ca  # noqa: PLC0415
 
     samples = int(np.clip(_TIMED_INSTRUCTIONS // scene.instructions, *_TIMED_SAMPLES))
@@ -135,9 +145,9 @@ def ns_per_step(scene: CompiledScene, gains: Gains) -> float:
     parameters = np.repeat(scene.parameter_values(gains)[:1].T, samples, axis=1)
     loop = scene.function.mapaccum("timed", samples)
     arguments = [ca.DM(scene.initial), ca.DM(inputs), ca.DM(parameters)]
-    seconds = []
+    times_ns = []
     for _ in range(_REPEATS):
         started = time.process_time()
         loop(*arguments)
-        seconds.append(time.process_time() - started)
-    return min(seconds) / samples * 1e9
+        times_ns.append((time.process_time() - started) / samples * 1e9)
+    return times_ns

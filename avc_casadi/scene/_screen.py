@@ -60,6 +60,7 @@ class Screening(Tabular):
         effects: each effect that can be left out, with its cost; largest change first.
         essential: effects without which there is no scene.
         together: the scene without all effects that it does not need; None where it needs all.
+        scatter_ns: by how much the clock scatters: a cost below it is not told from none.
     """
 
     tolerance: float
@@ -67,6 +68,7 @@ class Screening(Tabular):
     effects: tuple[tuple[Screened, EffectCost], ...]
     essential: tuple[str, ...]
     together: Screened | None
+    scatter_ns: float
 
     def to_dict(self) -> Columns:
         """Return the effects as columns, a row for each that can be left out."""
@@ -107,6 +109,7 @@ class Screening(Tabular):
             ],
             "essential": list(self.essential),
             "unneeded": list(self.unneeded),
+            "scatter_ns": self.scatter_ns,
             "together": None if self.together is None else {"kinds": self.together.kinds} | _changes(self.together),
         }
 
@@ -143,7 +146,8 @@ def screen(
     problem = staged(problem, gains)
     effects, chosen, coupling = settled(problem, build_effects(problem), gains, interaction_hz)
     whole = simulate_effects(problem, effects, chosen, coupling, seed=seed)
-    costs = {cost.kind: cost for cost in explain_effects(problem, effects, chosen).effects}
+    explained = explain_effects(problem, effects, chosen)
+    costs = {cost.kind: cost for cost in explained.effects}
 
     def dropped(kinds: tuple[str, ...]) -> Screened:
         rest = tuple(effect for effect in effects if effect.kind not in kinds)
@@ -164,6 +168,7 @@ def screen(
         effects=tuple((one, costs[one.kinds[0]]) for one in found),
         essential=tuple(essential),
         together=dropped(unneeded) if unneeded else None,
+        scatter_ns=explained.scatter_ns,
     )
 
 
