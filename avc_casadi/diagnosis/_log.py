@@ -81,7 +81,7 @@ def log_of(columns: Columns, *, flip_force: bool = False, reach_m: float = 1.0) 
     Returns:
         The longest stretch without a pause, and what the user should know.
     """
-    told = []
+    told = list(columns.told)
     steps = np.diff(columns.time_s)
     # Ticks may be missed half of the time: the shortest steps are those of one period.
     short = float(np.quantile(steps, 0.1))

@@ -15,6 +15,7 @@ import scipy.io
 from scipy.io.matlab import MatReadError
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi.identification._lost import filled
 from avc_casadi.identification._record import (
     Columns,
     Record,
@@ -81,6 +82,8 @@ def read_logs(
 def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns]:
     """Read a log with its time stamps as they are: gaps, uneven steps and a device that rests are no faults of it.
 
+    A few samples that were lost are filled in, and told.
+
     Args:
         path: a file that ends in ``.csv``, ``.txt``, ``.npz`` or ``.mat``.
         layout: what is said of its columns.
@@ -92,12 +95,14 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
         InputError: every fault of the file, each with its line.
     """
     found, faults = _columns(Path(path), str(path), layout or Layout())
+    whole = []
     for columns in found:
-        wrong = implausible(columns, idle=True)
-        faults += _worded(wrong, columns) or backwards_of(columns)
+        mended, told = filled(columns)
+        whole.append(replace(mended, told=tuple(told)))
+        faults += _worded(implausible(mended, idle=True), mended) or backwards_of(mended)
     if faults:
         raise InputError(_few(faults, str(path)))
-    return found
+    return whole
 
 
 def _worded(faults: Sequence[Fault], columns: Columns) -> list[Fault]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi._errors import Fault
+from avc_casadi.identification._lost import left_out
 from avc_casadi.support import FloatArray, IndexArray, MotionKind, number
 
 # A step of time may differ from the usual one by this share of it; a longer one is a gap.
@@ -21,8 +22,6 @@ _SHORT = 0.1
 # Pieces of these lengths are worth more than shorter ones, where they hold so much of the log.
 _PIECES_S = (1.0, 0.5, 0.4, 0.3)
 _ENOUGH_S, _ENOUGH = 2.0, 0.2
-# Share of samples without a number that may be lost; more of them are something else.
-_FEW_LOST = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +71,7 @@ class Columns:
         time_s, position_m, force_n: shape (rows,).
         line: line of each row in the file, shape (rows,), or None of a file without lines.
         motion: of the device.
+        told: what was done to it, for its user to know.
     """
 
     file: str
@@ -80,6 +80,7 @@ class Columns:
     force_n: FloatArray
     line: Sequence[int] | None = None
     motion: MotionKind = "linear"
+    told: tuple[str, ...] = ()
 
     def at(self, row: int) -> int | None:
         """Return the line of a row."""
@@ -96,11 +97,11 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     Returns:
         Records, faults, and what the user should know.
     """
-    columns, told = _sound(columns)
+    backwards = backwards_of(columns)
+    columns, told = left_out(columns)
     faults = implausible(columns)
     if columns.time_s.size < _SHORTEST:
         return [], faults, []
-    backwards = backwards_of(columns)
     faults += backwards
     steps = np.diff(columns.time_s)
     usual = float(np.median(steps))
@@ -164,38 +165,19 @@ def _worth(sizes: IndexArray, period_s: float) -> float:
     return next((least / period_s for least in _PIECES_S if seconds[seconds >= least].sum() >= enough), 0.0)
 
 
-def _sound(columns: Columns) -> tuple[Columns, list[str]]:
-    """Leave out samples that were lost, where they are few: rows without a number, which become gaps."""
-    sound = np.isfinite(columns.time_s) & np.isfinite(columns.position_m) & np.isfinite(columns.force_n)
-    lost = int(np.count_nonzero(~sound))
-    if not 0 < lost <= max(1.0, _FEW_LOST * sound.size):
-        return columns, []
-    lines = columns.line
-    kept = replace(
-        columns,
-        time_s=columns.time_s[sound],
-        position_m=columns.position_m[sound],
-        force_n=columns.force_n[sound],
-        line=None if lines is None else [line for line, there in zip(lines, sound, strict=True) if there],
-    )
-    first = columns.at(int(np.argmin(sound)))
-    where = "" if first is None else f", the first in line {first}"
-    plural = "" if lost == 1 else "s"
-    return kept, [f"{columns.file}: {lost} sample{plural} without a number left out{where}"]
-
-
 def backwards_of(columns: Columns) -> list[Fault]:
     """Return where the time of a log does not increase."""
-    backwards = np.flatnonzero(np.diff(columns.time_s) <= 0)
+    there = np.flatnonzero(np.isfinite(columns.time_s))
+    backwards = np.flatnonzero(np.diff(columns.time_s[there]) <= 0)
     faults = [
         Fault(
             columns.file,
-            columns.at(int(row) + 1),
+            columns.at(int(after)),
             "time",
-            f"is {number(columns.time_s[row + 1])} s after {number(columns.time_s[row])} s; allowed: increasing times, "
-            "or one file for each record",
+            f"is {number(columns.time_s[after])} s after {number(columns.time_s[before])} s; allowed: increasing "
+            "times, or one file for each record",
         )
-        for row in backwards[:_TOLD]
+        for before, after in zip(there[backwards[:_TOLD]], there[backwards[:_TOLD] + 1], strict=True)
     ]
     if backwards.size > _TOLD:
         more = f"does not increase in {backwards.size - _TOLD} more places; allowed: increasing times"

@@ -1,0 +1,78 @@
+"""A row without a number, or a position that jumps away for one sample, is no measurement; what moves is."""
+
+from dataclasses import replace
+
+import numpy as np
+from buzzing_device import Buzzing, logged
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from measured_device import Truth, measured, multisine
+
+from avc_casadi.diagnosis import diagnose
+from avc_casadi.identification import Columns, Record, identify
+from avc_casadi.identification._lost import filled, left_out
+from avc_casadi.identification._record import records_of
+
+DEVICE = Truth(mass=0.12, damping=0.8, coulomb=0.2, delay=1.0, encoder=10e-6, spring=50.0)
+
+
+def measured_log(seed=3, **changed):
+    random = np.random.default_rng(seed)
+    truth = replace(DEVICE, **changed)
+    time, position, force = measured(truth, multisine(random, 10.0, truth.period, 0.5, 200.0, 1.0), random)
+    return Columns("log", time, position, force)
+
+
+def test_one_position_that_jumps_away_does_not_lean_what_is_found():
+    log = measured_log()
+    position = log.position_m.copy()
+    position[4321] += 5e-3
+    position[7000] -= 0.4e-3
+    records, faults, told = records_of(replace(log, position_m=position))
+    assert not faults
+    assert told[0] == "log: 2 samples whose position jumps away and back by up to 0.005 m left out"
+    found, whole = identify(records), identify([Record("log", 1e-3, log.position_m, log.force_n)])
+    for key in ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "delay_samples"):
+        one, other = found.estimates[key], whole.estimates[key]
+        assert abs(one.value - other.value) <= other.high - other.low + one.high - one.low
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=20)
+def test_no_sample_of_what_moves_is_left_out(seed):
+    random = np.random.default_rng(seed)
+    log = measured_log(
+        seed,
+        encoder=float(10 ** random.uniform(-6, -4)),
+        resonance=float(random.choice([0.0, 80.0, 300.0])),
+        ratio=0.01,
+        share=0.3,
+        coulomb=float(random.choice([0.0, 0.5, 2.0])),
+    )
+    assert left_out(log) == (log, [])
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=20)
+def test_no_sample_of_a_loop_that_buzzes_or_taps_is_left_out(seed):
+    random = np.random.default_rng(seed)
+    loop = Buzzing(
+        stiffness=float(random.uniform(300, 12000)),
+        damper=float(random.uniform(0, 30)),
+        delay=float(random.uniform(0, 3)),
+        encoder=float(10 ** random.uniform(-6, -4)),
+    )
+    time, position, force = logged(loop, 3.0)
+    log = Columns("log", time, position, force)
+    assert left_out(log) == (log, [])
+
+
+def test_a_row_without_a_number_does_not_change_a_diagnosis():
+    time, position, force = logged(Buzzing(stiffness=6000.0, delay=4.0))
+    holed = position.copy()
+    holed[700] = np.nan
+    mended, told = filled(Columns("log", time, holed, force))
+    assert told == ["log: 1 sample without a number filled in"]
+    whole, found = (diagnose(one) for one in (Columns("log", time, position, force), mended))
+    assert found.cause == whole.cause
+    assert found.conclusion == whole.conclusion
