@@ -316,3 +316,18 @@ def test_switching_is_proved_where_rows_hardly_differ_and_open_where_they_jump()
         found = levels["L5"].detail["common_lyapunov"]
         assert levels["L5"].passed
         assert (found["pairs"], found["proved"], found["pass"]) == (1, proved, bool(proved))
+
+
+@pytest.mark.parametrize("amplifier", ["", "amplifier_bandwidth_hz=800.0\n"])
+def test_one_row_is_judged_where_it_runs(amplifier):
+    """A constant coupling kept as one row of 1 Hz meets what the same gains at every frequency meet, and no more."""
+    head = f"[device]\nmass_kg=0.1\ndamping_ns_per_m=0.5\nsample_time_s=1e-3\n{amplifier}[environment]\n"
+    head += "damping_ns_per_m=10.0\nstiffness_n_per_m=1e5\n[frequency]\n"
+    case, alone = (parse_problem(f"{head}{some}\n") for some in ("points=400", "values_hz=[1.0]"))
+    many, one = certify(case, table(case, 4.0, 5e3, 2.0)), certify(case, table(alone, 4.0, 5e3, 2.0))
+    assert len(one.frequency_hz) == 1
+    for level in ("L0", "L1"):
+        found, other = one.levels[level], many.levels[level]
+        assert found.passed == other.passed
+        assert found.margin_ns_per_m == pytest.approx(other.margin_ns_per_m, rel=1e-2)
+    assert "Hz, where the one row runs, under" in certify(case, table(alone, 1.0, 0.0)).levels["L0"].claim

@@ -52,22 +52,19 @@ class Rows:
 
 def passivity_level(rows: Rows, level: Level, model: Model, progress: Progress = SILENT) -> LevelResult:
     """Judge L0 (own frequency), L1 (band), L2 or L3 (all frequencies) in the model named."""
-    own = rows.frequency_hz[rows.present]
-    factor = rows.problem.stability.band_factor
-    bands = {"L0": (own, own), "L1": (own / factor, own * factor)}
-    low, high = bands.get(level, (np.zeros(len(own)), np.full(len(own), np.inf)))
+    if level in {"L0", "L1"}:
+        low, high, where = own_frequencies(rows, level)
+    else:
+        low, high = np.zeros(len(rows.b)), np.full(len(rows.b), np.inf)
+        where = "at every frequency up to Nyquist"
     worst = _worst_of(
         [worst_margin(loop, rows.b, rows.k, rows.contact, low, high, progress=progress) for loop in _loops(rows, model)]
     )
-    where = {
-        "L0": "at its own frequency",
-        "L1": f"from 1/{factor:g} to {factor:g} times its own frequency",
-    }.get(level, "at every frequency up to Nyquist")
     hold = "the paper's hold" if model == "paper" else "the sampled-data hold"
     # Poles and residue belong to claims on a rendering as a whole; L0 and L1 are claims on Re Z_h alone.
     whole = level in {"L2", "L3"}
     passed = worst.passive if whole else worst.margin_ns_per_m >= -worst.tolerance_ns_per_m
-    claim = f"Re Z_h >= 0 {where} for each frozen row, under {hold}"
+    claim = f"Re Z_h >= 0 {where}, under {hold}"
     if whole:
         claim = f"each frozen row is passive with this environment {where}, under {hold}"
     return level_result(
@@ -81,6 +78,22 @@ def passivity_level(rows: Rows, level: Level, model: Model, progress: Progress =
         worst.tolerance_ns_per_m,
         faults=_faults(worst) if whole else None,
     )
+
+
+def own_frequencies(rows: Rows, level: Level) -> tuple[FloatArray, FloatArray, str]:
+    """Return between which frequencies L0 or L1 judges each present row, and how that is said.
+
+    A table of one row runs at every frequency of the problem: each of them is its own.
+    """
+    factor = rows.problem.stability.band_factor if level == "L1" else 1.0
+    own = rows.frequency_hz[rows.present]
+    if len(rows.present) > 1:
+        where = f"from 1/{factor:g} to {factor:g} times its own frequency" if level == "L1" else "at its own frequency"
+        return own / factor, own * factor, f"{where} for each frozen row"
+    every = rows.problem.frequencies_hz()
+    low, high = every.min() / factor, every.max() * factor
+    where = f"from {low:.4g} to {high:.4g} Hz, where the one row runs"
+    return np.full(len(own), low), np.full(len(own), high), where
 
 
 def llewellyn_level(rows: Rows, model: Model, progress: Progress = SILENT) -> LevelResult:

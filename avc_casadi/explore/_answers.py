@@ -101,7 +101,7 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     schedule = explorer.schedule(settings)
     if coupling is None or schedule is None:
         return found
-    certificate = explorer.heavy(f"levels {settings.key}", lambda: certify(problem, schedule)).document()
+    certificate = explorer.heavy(f"levels {settings.key}", lambda: certify(problem, coupling)).document()
     return found | {
         "certificate": levels_table(certificate).html(),
         "levels": [
