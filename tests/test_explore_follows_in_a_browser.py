@@ -73,7 +73,9 @@ def typed(driver, name, text):
 
 
 def state(driver):
-    return driver.execute_script("return JSON.parse(decodeURIComponent(location.hash.slice(1)))")
+    return driver.execute_script(
+        'return JSON.parse(decodeURIComponent(location.hash.slice(1)) || \'{"a":{"values":{}}}\')'
+    )
 
 
 def shown(driver, figure):
@@ -223,6 +225,39 @@ def test_a_run_can_be_cancelled(page, monkeypatch):
     assert by_id(page, "work-begin").is_displayed()
     assert not by_id(page, "work-cancel").is_displayed()
     assert multiprocessing.active_children() == []
+
+
+def test_a_run_goes_on_while_the_page_shows_something_else(page, monkeypatch):
+    monkeypatch.setattr(_explorer, "_worked", endless)
+    monkeypatch.setattr(_explorer, "_UNASKED_S", 9.0)
+    page.find_element("css selector", "#method option[value='recommend']").click()
+    until(lambda: by_id(page, "work-begin").is_displayed() and "Press Run" in by_id(page, "next").text)
+    by_id(page, "work-begin").click()
+    until(lambda: by_id(page, "work-cancel").is_displayed())
+    page.find_element("css selector", "#method option[value='direct']").click()
+    settled(page)
+    time.sleep(11)
+    page.find_element("css selector", "#method option[value='recommend']").click()
+    until(lambda: by_id(page, "work-cancel").is_displayed())
+    by_id(page, "work-cancel").click()
+    until(lambda: by_id(page, "work-says").text == "Ended: cancelled")
+
+
+def test_gains_are_typed_with_a_decimal_comma_too(page):
+    page.find_element("css selector", "#method option[value='constant']").click()
+    fault = "g-stiffness_n_per_m-error"
+    until(lambda: "no force is rendered" in by_id(page, fault).text)
+    typed(page, "g-stiffness_n_per_m", "1,5")
+    until(lambda: by_id(page, fault).text == "")
+    assert until(lambda: state(page)["a"].get("gains")) == {"stiffness_n_per_m": 1.5}
+
+
+def test_an_address_that_holds_no_settings_says_so(page):
+    for part in ("[]", "3", "null"):
+        page.execute_script("location.hash = arguments[0]", part)
+        until(lambda: "left out: all of it" in by_id(page, "address-says").text)
+        page.execute_script("location.hash = ''")
+        until(lambda: by_id(page, "address-says").text == "")
 
 
 def test_the_pointer_presses_the_wall_and_its_vibration_is_heard(page):

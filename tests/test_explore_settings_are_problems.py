@@ -16,6 +16,7 @@ from avc_casadi.explore._fields import FIELDS
 from avc_casadi.explore._settings import LIVE, settings_of, values_of
 
 BASE = avc.load_problem("figure5").changed(frequency={"points": 30})
+WALL = {"environment.stiffness_n_per_m": 5e3}
 FRESH = {"device": None, "values": {}, "method": "direct", "gains": {}, "motion": "press"}
 
 
@@ -65,6 +66,42 @@ def test_a_device_of_the_catalogue_brings_its_ranges_and_a_value_given_anew_has_
     assert falcon.device == avc.load_device("novint-falcon").device
     lighter = FRESH | {"device": "novint-falcon", "values": {"device.mass_kg": 0.3}}
     assert problem_of_settings(BASE, settings_of(lighter)).device.range.mass_kg is None
+
+
+def test_a_value_typed_as_it_is_shown_keeps_its_range_and_another_says_what_it_drops():
+    device = avc.load_device("novint-falcon").device
+    low, high = device.range.mass_kg
+    same = told("now", device="novint-falcon", values={"device.mass_kg": float(f"{device.mass_kg:.6g}")})
+    assert same["dropped"] == []
+    assert same["values"]["device.range.mass_kg.0"] == low
+    other = told("now", device="novint-falcon", values={"device.mass_kg": 1.5 * device.mass_kg})
+    assert other["dropped"] == [{"key": "device.mass_kg", "low": low, "high": high}]
+    assert other["values"]["device.range.mass_kg.0"] is None
+
+
+def test_the_touch_that_is_shown_is_no_part_of_a_run():
+    press, tap = (settings_of(FRESH | {"method": "recommend", "motion": motion}) for motion in ("press", "tap"))
+    assert press.run == tap.run
+    assert press.run != settings_of(FRESH | {"method": "robust"}).run
+
+
+def test_constant_gains_are_typed_before_they_are_judged():
+    for gains in ({}, {"stiffness_n_per_m": 0.0}):
+        (fault,) = told("judge", method="constant", gains=gains)["errors"]
+        assert fault["key"] == "gains.stiffness_n_per_m"
+        assert "no force is rendered" in fault["message"]
+    assert "errors" not in told("judge", method="constant", gains={"damping_ns_per_m": 2.0})
+
+
+@pytest.mark.parametrize("kind", ["problem", "coupling", "command"])
+def test_the_files_of_two_columns_have_two_names(kind):
+    one, other = (
+        answer(Explorer(BASE, "figure5"), PARTS["file"], asked(values=WALL) | {"kind": kind, "column": column})
+        for column in ("a", "b")
+    )
+    first, second = (one["name"] or one["text"], other["name"] or other["text"])
+    assert "figure5-explored" in first
+    assert second == first.replace("figure5-explored.", "figure5-explored-b.").replace("explored-c", "explored-b-c")
 
 
 @pytest.mark.parametrize("method", [method for method in LIVE if method != "constant"])

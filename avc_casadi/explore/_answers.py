@@ -21,6 +21,7 @@ from avc_casadi.explore._settings import (
     LIVE,
     SLOW,
     Settings,
+    dropped_ranges,
     kept_of,
     problem_of_settings,
     require_motion,
@@ -79,6 +80,7 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         "title": problem.title or problem.name,
         "values": values_of(problem),
         "kept": kept_of(problem),
+        "dropped": dropped_ranges(explorer.base, settings, problem),
         "frequency_hz": _short(frequency),
         "desired": _impedance(np.asarray(loop.target)),
         "without": _impedance(np.asarray(loop.without_coupling)),
@@ -158,7 +160,7 @@ def work(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Begin a slow method, or say how far it is."""
     settings = settings_of(asked.get("settings"))
     told = explorer.work(settings, begin=bool(asked.get("begin")))
-    saved = f"{_stem(explorer.problem(settings))}.toml" if _changed(settings) else explorer.source
+    saved = f"{_stem(explorer.problem(settings), asked)}.toml" if _changed(settings) else explorer.source
     told["lines"] = [with_problem(line, shlex.quote(saved)) for line in told.get("lines", [])]
     return told | {key: _told(explorer, told[key]) for key in ("lines", "error", "what") if key in told}
 
@@ -187,11 +189,11 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     settings, kind = settings_of(asked.get("settings")), asked.get("kind")
     problem = explorer.problem(settings)
     whole = problem_of_settings(explorer.base, settings, to_save=True)
-    stem = _stem(problem)
+    stem = _stem(problem, asked)
     if kind == "problem":
         return {"name": f"{stem}.toml", "text": dump_problem(whole)}
     if kind == "command":
-        return {"name": "", "text": _command(explorer, settings, whole, f"{stem}.toml")}
+        return {"name": "", "text": _command(explorer, settings, whole, stem)}
     if kind not in {"coupling", "csv"}:
         raise RequestError(400, "kind is problem, coupling, csv or command")
     coupling = explorer.coupling(settings)
@@ -256,20 +258,20 @@ def _told(explorer: Explorer, told: Any) -> Any:
     return [_told(explorer, one) for one in told] if isinstance(told, list | tuple) else told
 
 
-def _command(explorer: Explorer, settings: Settings, problem: Problem, name: str) -> str:
+def _command(explorer: Explorer, settings: Settings, problem: Problem, stem: str) -> str:
     """Return what to type for the same: the problem as a file where it is none yet, then the verb."""
-    changed = _changed(settings)
+    changed, name = _changed(settings), f"{stem}.toml"
     lines = [f"cat > {name} <<'AVC_PROBLEM'", dump_problem(problem).rstrip(), "AVC_PROBLEM"] if changed else []
     which = name if changed else shlex.quote(explorer.source)
     if settings.method == "recommend":
-        lines.append(f"avc recommend {which} --out coupling.json")
+        lines.append(f"avc recommend {which} --out {stem}-coupling.json")
     elif settings.method == "constant" and settings.gains.get(GAINS[2]):
-        return f"avc certify {name.removesuffix('.toml')}-coupling.json  # the file of Save coupling\n"
+        return f"avc certify {stem}-coupling.json  # the file of Save coupling\n"
     elif settings.method == "constant":
         given = [f"{settings.gains.get(key, 0.0):.15g}" for key in (_K, _B)]
         lines.append(f"avc compare {which} --mine {','.join(given)}")
     else:
-        lines.append(f"avc solve {which} --method {settings.method} --out coupling.json")
+        lines.append(f"avc solve {which} --method {settings.method} --out {stem}-coupling.json")
     return "\n".join(lines) + "\n"
 
 
@@ -277,8 +279,10 @@ def _changed(settings: Settings) -> bool:
     return bool(settings.values) or settings.device is not None
 
 
-def _stem(problem: Problem) -> str:
-    return problem.name.replace("/", "-") or "problem"
+def _stem(problem: Problem, asked: Mapping[str, Any]) -> str:
+    """Return how the files of one column are named; those of the second, which stand beside the first's, otherwise."""
+    stem = problem.name.replace("/", "-") or "problem"
+    return f"{stem}-b" if asked.get("column") == "b" else stem
 
 
 def _gains(schedule: GainSchedule | None, units: Units) -> dict[str, Any] | None:

@@ -103,7 +103,7 @@ class Explorer:
             if gains is None or not gains.usable.any():
                 return None
             return self.heavy(f"coupling {settings.key}", lambda: Coupling.of(problem, gains, versions=self.versions))
-        task = self._tasks.get(_work_key(settings))
+        task = self._tasks.get(settings.run)
         if task is None or task.of.result is None:
             return None
         found: Coupling | None = task.of.result[0]
@@ -118,7 +118,7 @@ class Explorer:
         """
         if settings.method in LIVE:
             raise RequestError(400, f"{settings.method} follows at once and is no work")
-        problem, key = self.problem(settings), _work_key(settings)
+        problem, key = self.problem(settings), settings.run
         with self._lock:
             self._end_unasked()
             task = self._tasks.get(key)
@@ -137,7 +137,7 @@ class Explorer:
     def cancel(self, settings: Settings) -> dict[str, Any]:
         """End the work of the settings."""
         with self._lock:
-            task = self._tasks.get(_work_key(settings))
+            task = self._tasks.get(settings.run)
             if task is not None:
                 task.of.cancel()
         return {"state": "not-begun"} if task is None else {"state": "error", "error": "cancelled"}
@@ -157,10 +157,6 @@ class Explorer:
         over = [key for key, task in self._tasks.items() if task.of.over]
         for key in over[: max(0, len(self._tasks) - _KEPT)]:
             del self._tasks[key]
-
-
-def _work_key(settings: Settings) -> str:
-    return f"{settings.method} {settings.stated}"
 
 
 def _state(work: Background) -> dict[str, Any]:

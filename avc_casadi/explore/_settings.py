@@ -17,6 +17,7 @@ from avc_casadi.explore._faults import on_page
 from avc_casadi.explore._fields import HANDLE, KEYS, RANGES, fields_for
 from avc_casadi.explore._requests import RequestError
 from avc_casadi.problem import Device, Problem, load_device, power_at_handle, problem_document, problem_of
+from avc_casadi.support import Units
 
 LiveMethod = Literal["direct", "closed-form", "exact", "constant"]
 LIVE: tuple[str, ...] = ("direct", "closed-form", "exact", "constant")
@@ -26,6 +27,8 @@ SLOW: tuple[str, ...] = ("recommend", "robust", "static", "static-tuned", "sched
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 _SCENES = ("press", "tap", "hold")
 _TOLD = 40
+# The page shows six digits: what is typed as it is shown is the value itself.
+_SAME = 5e-6
 _NYQUIST, _BELOW_NYQUIST, _LONGEST_S = 0.5, 0.45, 10.0
 # What the page can follow, in SI units and in the page's.
 _FOLLOWED = {
@@ -62,6 +65,11 @@ class Settings:
     def stated(self) -> str:
         """The part of them that makes the problem, as a text."""
         return json.dumps([self.device, dict(self.values), self.motion], sort_keys=True)
+
+    @property
+    def run(self) -> str:
+        """The part of them that a run depends on, as a text: the touch that is shown is none of it."""
+        return json.dumps([self.method, self.device, dict(self.values)], sort_keys=True)
 
 
 def settings_of(document: Any) -> Settings:
@@ -124,7 +132,7 @@ def problem_of_settings(base: Problem, settings: Settings, *, to_save: bool = Fa
         tables["coupling"]["contact_damping_ns_per_m"] = [0.0, tables["coupling"]["damping_ns_per_m"][1]]
     if not to_save:
         _follow_on_page(tables, settings)
-    own = [*_gain_faults(settings), *_too_long_to_follow(settings)]
+    own = [*_gain_faults(settings, base.units), *_too_long_to_follow(settings)]
     try:
         problem = problem_of(tables | _headed(base, settings, tables["environment"]), file="")
     except InputError as error:
@@ -224,25 +232,45 @@ def require_motion(device: Device, like: Device) -> None:
     raise InputError.of(message, key="device")
 
 
-def _gain_faults(settings: Settings) -> Iterator[Fault]:
+def _gain_faults(settings: Settings, units: Units) -> Iterator[Fault]:
     if settings.method != "constant":
         return
     for name, value in settings.gains.items():
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not (number and math.isfinite(value) and 0 <= value <= 1e12):
-            yield Fault("", None, f"gains.{name}", f"is {value!r}; allowed: a number from 0 to 1e12")
+        unit = units.unit("N/m" if name == GAINS[1] else "N.s/m")
+        if not (_is_number(value) and math.isfinite(value) and 0 <= value <= 1e12):
+            yield Fault("", None, f"gains.{name}", f"is {value!r}; allowed: a number from 0 to 1e12 {unit}")
+    if not any(settings.gains.values()):
+        message = "is missing: without gains no force is rendered; allowed: a number above 0, here or for b or b_p"
+        yield Fault("", None, f"gains.{GAINS[1]}", message)
+
+
+def dropped_ranges(base: Problem, settings: Settings, problem: Problem) -> list[dict[str, Any]]:
+    """Return the ranges of the device that a value typed anew has taken the place of, each with its key."""
+    device = problem_document(base)["device"] if settings.device is None else _device_table(base, settings.device)
+    left = problem_document(problem)["device"].get("range", {})
+    return [
+        {"key": key, "low": both[0], "high": both[1]}
+        for key in settings.values
+        if key.startswith("device.") and not key.startswith(RANGES)
+        for both in [_get(device.get("range") or {}, key.removeprefix("device."))]
+        if both and _get(left, key.removeprefix("device.")) is None
+    ]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _too_long_to_follow(settings: Settings) -> Iterator[Fault]:
     """What a problem file may say, and a page that follows at once cannot answer."""
     for key, (low, high, allowed) in _FOLLOWED.items():
         value = settings.values.get(key)
-        if isinstance(value, int | float) and not isinstance(value, bool) and not low <= value <= high:
+        if _is_number(value) and not low <= value <= high:
             yield Fault("", None, key, f"takes too long to follow here; allowed on this page: {allowed}")
 
 
 def _put(tables: dict[str, Any], key: str, value: Any) -> None:
-    """Set a value by its dotted key; None takes it away."""
+    """Set a value by its dotted key; None takes it away, and one that is there already changes nothing."""
     if key.startswith(RANGES):
         _put_end(tables["device"], key.removeprefix(RANGES), value)
         return
@@ -250,6 +278,8 @@ def _put(tables: dict[str, Any], key: str, value: Any) -> None:
     table: Any = tables
     for part in path:
         table = table.setdefault(part, {})
+    if _is_number(value) and _is_number(before := _get(table, last)) and math.isclose(value, before, rel_tol=_SAME):
+        return
     if isinstance(table, list):
         table[int(last)] = value
     elif value is None:

@@ -1,7 +1,7 @@
 // The page: its settings stand in the address, every change is asked of the server, the last answer wins.
 
 import { Client, Follow } from "./client.js";
-import { Fields, made, number } from "./fields.js";
+import { Fields, made, typed } from "./fields.js";
 import { drawImpedance, drawRegion, drawTouch, drawVerdict } from "./pictures.js";
 import { Toy } from "./toy.js";
 import { speak, turns, unit } from "./units.js";
@@ -9,6 +9,8 @@ import { speak, turns, unit } from "./units.js";
 const UNDO_JOIN_MS = 900;
 const ADDRESS_MS = 300;
 const POLL_MS = 500;
+const KEEP_MS = 4000;
+const MOST_BYTES = 200000;
 const GAINS = { damping_ns_per_m: ["b", "impedance"], stiffness_n_per_m: ["k", "stiffness"], contact_damping_ns_per_m: ["b_p", "impedance"] };
 const FRESH = { device: null, values: {}, method: "direct", gains: {}, motion: "press" };
 
@@ -26,6 +28,10 @@ const past = [];
 const future = [];
 let joined = { kind: "", time: 0 };
 let polling = null;
+// Runs under way: the server ends one that no page asks for any more.
+const runs = new Map();
+// What is not known of the devices that were chosen, by what the settings hold of them.
+const gaps = new Map();
 let changedAt = 0;
 
 const current = () => state[state.on];
@@ -39,12 +45,18 @@ function readAddress() {
   try {
     if (location.hash.length > 1) found = JSON.parse(decodeURIComponent(location.hash.slice(1)));
   } catch {
-    left.add("all of it");
+    found = null;
+  }
+  if (!isTable(found)) left.add("all of it");
+  for (const [key, value] of Object.entries(isTable(found) ? found : {})) {
+    if (!["a", "b", "on"].includes(key) || (key !== "on" && value !== null && !isTable(value))) left.add(key);
   }
   const [a, b] = [known(found && found.a, left), found && found.b ? known(found.b, left) : null];
   get("address-says").textContent = left.size ? `The address holds what this page does not know, and left out: ${[...left].join(", ")}.` : "";
   return { a, b, on: b && found.on === "b" ? "b" : "a" };
 }
+
+const isTable = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
 
 /** What the page knows of the settings of an address; the names of the rest go to those left out. */
 function known(given, left) {
@@ -122,6 +134,8 @@ function showControls() {
   const ofFile = settings.device !== null && typeof settings.device === "object";
   get("device-of-file").hidden = !ofFile;
   get("device").value = ofFile ? "(file)" : settings.device || "";
+  const unknown = gaps.get(JSON.stringify(settings.device)) || [];
+  get("device-note").textContent = unknown.length ? `Not known of it, and taken cautiously: ${unknown.join(", ")}.` : "";
   get("motion").value = settings.motion;
   get("own-gains").hidden = settings.method !== "constant";
   for (const key of Object.keys(GAINS)) {
@@ -133,6 +147,7 @@ function showControls() {
   fields.show({ ...known, ...settings.values });
   const now = shown[state.on].now;
   get("kept").textContent = now && now.kept.length ? `Kept as in the file, without a field here: ${now.kept.join("; ")}.` : "";
+  fields.dropped((now && now.dropped) || []);
   showFaults();
   if (get("work").hidden) get("told").replaceChildren();
   else watchWork();
@@ -159,14 +174,15 @@ function buildControls() {
   get("method").append(
     made("optgroup", { label: "at once" }, ...about.live.map((one) => option(one, named[one] || one))),
     made("optgroup", { label: "a run, seconds to minutes" }, ...about.slow.map((one) => option(one, named[one] || one))));
+  for (const one of about.devices) gaps.set(JSON.stringify(one.name), one.gaps);
   get("device").append(option("", "as in the problem"), ...about.devices.map((one) => option(one.name, one.title)),
     made("option", { value: "(file)", id: "device-of-file", hidden: true }, "from the file"));
   for (const [key, [name, what]] of Object.entries(GAINS)) {
     const input = made("input", { id: `g-${key}`, type: "text", inputmode: "decimal", "aria-describedby": `g-${key}-error` });
     input.addEventListener("input", () => change(() => {
-      const value = number(input.value.trim());
-      if (input.value.trim() === "") delete current().gains[key];
-      else current().gains[key] = Number.isFinite(value) ? value : input.value;
+      const value = typed(input.value);
+      if (value === null) delete current().gains[key];
+      else current().gains[key] = value;
     }, `gain ${key}`));
     get("own-gains").append(made("div", { class: "field" }, made("label", { for: input.id }, `${name}, ${unit[what]}`), input,
       made("p", { class: "error", id: `g-${key}-error` })));
@@ -182,7 +198,10 @@ function buildControls() {
   });
   get("device-file").addEventListener("change", async (event) => {
     const [file] = event.target.files;
-    if (file) chooseDevice({ text: await file.text(), file: file.name });
+    if (!file) return;
+    if (file.size > MOST_BYTES) get("error-device").textContent = `${file.name} has ${file.size} bytes; allowed: a device file of at most ${MOST_BYTES}`;
+    else await chooseDevice({ text: await file.text(), file: file.name });
+    event.target.value = "";
   });
   get("undo").addEventListener("click", () => travel(past, future));
   get("redo").addEventListener("click", () => travel(future, past));
@@ -208,9 +227,10 @@ function buildControls() {
   get("save-coupling").addEventListener("click", () => save("coupling"));
   get("copy-command").addEventListener("click", copyCommand);
   document.addEventListener("keydown", (event) => {
-    if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || event.target.matches("input[type=text]")) return;
+    const key = event.key.toLowerCase();
+    if (!(event.ctrlKey || event.metaKey) || !["y", "z"].includes(key) || event.target.matches("input[type=text]")) return;
     event.preventDefault();
-    if (event.shiftKey) travel(future, past);
+    if (event.shiftKey || key === "y") travel(future, past);
     else travel(past, future);
   });
   get("controls").addEventListener("submit", (event) => event.preventDefault());
@@ -220,7 +240,6 @@ function buildControls() {
 async function chooseDevice(which) {
   const kept = (values) => Object.fromEntries(Object.entries(values).filter(([key]) => !key.startsWith("device.")));
   if (which.name === "") {
-    get("device-note").textContent = "";
     change(() => Object.assign(current(), { device: null, values: kept(current().values) }));
     return;
   }
@@ -229,18 +248,19 @@ async function chooseDevice(which) {
     get("error-device").textContent = found ? found.errors.map((one) => [one.key, one.message].filter(Boolean).join(" ")).join("; ") : "";
     return;
   }
-  get("device-note").textContent = found.gaps.length ? `Not known of it, and taken cautiously: ${found.gaps.join(", ")}.` : "";
-  change(() => {
-    Object.assign(current(), { device: which.name || found.device, values: kept(current().values) });
-  });
+  const device = which.name || found.device;
+  gaps.set(JSON.stringify(device), found.gaps);
+  if (which.file) get("device-of-file").textContent = `from ${which.file}`;
+  change(() => Object.assign(current(), { device, values: kept(current().values) }));
 }
 
 // ---- slow methods
 
 async function watchWork(begin = false) {
   clearTimeout(polling);
+  if (!about.slow.includes(current().method)) return;
   const settings = copy(current());
-  const found = await client.ask("work", { settings, begin });
+  const found = await askWork(settings, begin);
   if (!found || JSON.stringify(settings) !== JSON.stringify(current())) return;
   const running = found.state === "running";
   const says = {
@@ -259,6 +279,25 @@ async function watchWork(begin = false) {
   get("told").replaceChildren(...(found.lines || []).map((line) => made("li", {}, line)));
   if (running) polling = setTimeout(watchWork, POLL_MS);
   else if (found.state === "done" && !(shown[state.on].now && shown[state.on].now.gains)) follow[state.on].changed(performance.now());
+}
+
+/** Ask how far a run is; one that is under way is asked for again, whatever the page shows meanwhile. */
+async function askWork(settings, begin) {
+  const found = await client.ask("work", { settings, begin, column: state.on });
+  const key = JSON.stringify(settings);
+  if (found && found.state === "running") runs.set(key, settings);
+  else runs.delete(key);
+  return found;
+}
+
+setInterval(() => {
+  for (const [key, settings] of runs) if (key !== JSON.stringify(current())) askBeside(key, settings);
+}, KEEP_MS);
+
+async function askBeside(key, settings) {
+  const found = await askWork(settings, false);
+  if (!found || found.state !== "done") return;
+  for (const column of columns()) if (JSON.stringify(state[column]) === key) follow[column].changed(performance.now());
 }
 
 // ---- answers
@@ -315,7 +354,7 @@ function drawAll() {
 // ---- files
 
 async function save(kind) {
-  const found = await client.ask("file", { settings: current(), kind });
+  const found = await client.ask("file", { settings: current(), kind, column: state.on });
   if (!found) return;
   if (found.errors || found.refused) {
     get("file-says").textContent = `Not saved: ${found.refused || found.errors.map((one) => one.message).join("; ")}`;
@@ -328,7 +367,7 @@ async function save(kind) {
 }
 
 async function copyCommand() {
-  const found = await client.ask("file", { settings: current(), kind: "command" });
+  const found = await client.ask("file", { settings: current(), kind: "command", column: state.on });
   if (!found || !found.text) return;
   get("command").textContent = found.text;
   get("command").hidden = false;
@@ -351,6 +390,10 @@ async function begin() {
   buildControls();
   toy = new Toy((without) => client.ask("toy", { settings: current(), without_coupling: without }));
   window.addEventListener("hashchange", () => {
+    document.activeElement.blur();
+    past.push(copy(state));
+    future.length = 0;
+    joined = { kind: "", time: 0 };
     state = readAddress();
     restate();
   });

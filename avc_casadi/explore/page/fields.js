@@ -17,14 +17,19 @@ export const number = (text) => (/^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(te
 const plain = (value) => String(Number(value.toPrecision(6)));
 const toPage = (field, value) => (typeof value === "number" ? plain(value / field.factor) : value === null || value === undefined ? "" : String(value));
 
-function fromPage(field, text) {
-  // "1,000" may be a thousand or one: it goes as it is, and is refused beside the field.
+/** What was typed: a number, null where nothing was, or the text itself, which is refused beside the field. */
+export function typed(text) {
+  // "1,000" may be a thousand or one.
   if (/^[^.]*,\d{3}$/.test(text.trim())) return text.trim();
   const trimmed = text.trim().replace(",", ".");
   if (trimmed === "") return null;
   const value = number(trimmed);
-  if (!Number.isFinite(value)) return text.trim();
-  return Number((value * field.factor).toPrecision(12));
+  return Number.isFinite(value) ? value : text.trim();
+}
+
+function fromPage(field, text) {
+  const value = typed(text);
+  return typeof value === "number" ? Number((value * field.factor).toPrecision(12)) : value;
 }
 
 const place = (field, value) => field.scale === "log"
@@ -58,7 +63,8 @@ export class Fields {
     const id = `f-${field.key.replaceAll(".", "-")}`;
     const error = made("p", { class: "error", id: `${id}-error` });
     const name = made("label", { for: id }, field.label);
-    const entry = { field, error };
+    const note = made("p", { class: "note" });
+    const entry = { field, error, note };
     const row = made("div", { class: "field" }, name);
     if (field.choices.length) {
       entry.input = made("select", { id, "aria-describedby": error.id }, ...field.choices.map((one) => made("option", { value: one }, one)));
@@ -73,7 +79,7 @@ export class Fields {
         entry.input.value = plain(value);
         changed(field.key, fromPage(field, entry.input.value), field.key, event);
       });
-      row.append(entry.input, made("span", { class: "unit" }, field.unit), entry.slider, error);
+      row.append(entry.input, made("span", { class: "unit" }, field.unit), entry.slider, error, note);
     }
     this.entries.set(field.key, entry);
     return row;
@@ -90,6 +96,14 @@ export class Fields {
       } else if (slider) {
         slider.setAttribute("aria-valuetext", field.blank || "none");
       }
+    }
+  }
+
+  /** Say next to a field what its new value has taken the place of: the range that the device's file gives. */
+  dropped(ranges) {
+    for (const { field, note } of this.entries.values()) {
+      const one = ranges.find(({ key }) => key === field.key);
+      note.textContent = one ? `Its range, ${toPage(field, one.low)} to ${toPage(field, one.high)} ${field.unit}, is left out.` : "";
     }
   }
 
