@@ -112,6 +112,63 @@ def test_jobs_share_a_folder(alone, tmp_path):
             Part.of_text(text)
 
 
+def test_a_chunk_that_is_copied_changed_or_of_another_study_is_worked_out_again(alone, tmp_path):
+    study(seed=12).run(folder=tmp_path / "other")
+    study().run(folder=str(tmp_path / "own"))
+    own, other = tmp_path / "own", tmp_path / "other"
+    (own / "chunk-000002.json").write_text((own / "chunk-000001.json").read_text())
+    (own / "chunk-000003.json").write_text((other / "chunk-000003.json").read_text())
+    changed = json.loads((own / "chunk-000004.json").read_text())
+    changed["result"]["mean"] += 1.0
+    (own / "chunk-000004.json").write_text(json.dumps(changed))
+    for index, text in ((5, "{}"), (6, "[]"), (7, "5"), (8, "[" * 100000)):
+        (own / f"chunk-{index:06d}.json").write_text(text)
+    assert study().missing(own) == [1, 2, 3, 4, 5, 6, 7]
+    with pytest.raises(InputError, match=r"missing: 2, 3, 4, 5, 6, 7, 8\."):
+        study().merged(own)
+    assert study().run(folder=own) == alone
+
+
+def test_of_two_studies_begun_at_once_in_one_folder_one_is_refused(tmp_path):
+    def begun(number, place):
+        try:
+            study(seed=number).run_part(Part(number, 2), place)
+        except InputError:
+            return 0
+        return number
+
+    with ThreadPoolExecutor(2) as pool:
+        for attempt in range(40):
+            place = tmp_path / str(attempt)
+            winners = [one for one in pool.map(begun, (1, 2), (place, place)) if one]
+            assert len(winners) == 1
+            assert len(study(seed=winners[0]).missing(place)) in {4, 5}
+            assert not list(place.glob("*.partial"))
+
+
+def test_merging_writes_nothing(tmp_path):
+    with pytest.raises(InputError, match="holds no study"):
+        study().merged(tmp_path / "mistyped")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"file cannot be written \(File exists\).*take the folder again"):
+        study().run(folder=tmp_path / "file")
+    study().run_part(Part(1, 3), tmp_path / "kept")
+    (tmp_path / "kept" / "chunk-000002.json").mkdir()
+    with pytest.raises(InputError, match=r"chunk-000002.json cannot be written"):
+        study().run(folder=tmp_path / "kept")
+    assert not list(tmp_path.glob("kept/*.partial"))
+
+
+@pytest.mark.parametrize("workers", [0, -1])
+def test_nobody_works_nothing_out(workers):
+    with pytest.raises(InputError, match=f"is {workers}; allowed: 1 or more"):
+        study().run(workers=workers)
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_fault_ends_the_study(workers):
     with pytest.raises(ZeroDivisionError, match="two"):

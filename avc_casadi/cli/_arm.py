@@ -10,7 +10,6 @@ pose, normal and hand, and writes TOML, JSON, constants in C and an example for 
 from __future__ import annotations
 
 import math
-import os
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
@@ -90,9 +89,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 def _map(made: Arm, args: argparse.Namespace, drawing: Path, console: Console) -> dict[str, Any]:
     from avc_casadi.arm import workspace_map
     from avc_casadi.figures import draw_workspace, save_figure
+    from avc_casadi.support import processors
 
     with console.step("map"):
-        found = workspace_map(made, args.poses, min(2, os.cpu_count() or 1), console)
+        found = workspace_map(made, args.poses, min(2, processors()), console)
         save_figure(draw_workspace({"": found}), drawing)
     told: dict[str, Any] = _plain({**vars(found), "file": str(drawing)})
     return told

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -47,7 +46,9 @@ def done(study: Chunked[Any, R], args: argparse.Namespace, console: Console) -> 
     folder = None if args.resume is None else Path(args.resume)
     if args.merge and folder is not None:
         return study.merged(folder)
-    workers = (os.cpu_count() or 1) if args.workers is None else args.workers
+    from avc_casadi.support import processors
+
+    workers = processors() if args.workers is None else args.workers
     many, count = sum(study.sizes) or len(study.tasks), len(study.tasks)
     share = "" if args.chunk is None else f", share {args.chunk}"
     with console.step(f"{many} {study.things} in {count} chunks{share}, {min(workers, count)} at a time"):

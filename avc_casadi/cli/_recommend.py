@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
@@ -51,7 +50,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Recommend, write and show; 1 if nothing can be deployed."""
     from avc_casadi.coupling import coupling_document
     from avc_casadi.recommendation import recommend, stiffest
-    from avc_casadi.support import json_text
+    from avc_casadi.support import json_text, processors
 
     if args.stiffest and args.out is not None:
         raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--out")
@@ -68,7 +67,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     problem = load_problem(args.problem)
     if args.stiffest:
         with console.step("stiffest wall"):
-            document = stiffest(problem, min(2, os.cpu_count() or 1), console)
+            document = stiffest(problem, min(2, processors()), console)
         return Answer(document, stiffest_text(document))
     with console.step(f"candidates with {hands} hands"):
         found = recommend(

@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.coupling import Gains
@@ -257,7 +257,7 @@ def dropped_ranges(base: Problem, settings: Settings, problem: Problem) -> list[
     ]
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 from contextlib import suppress
 from typing import Literal
@@ -13,7 +12,7 @@ from avc_casadi.scene._compile import CompiledScene
 from avc_casadi.scene._judge import AT_REST_M_PER_S, LOST_M, judged_samples
 from avc_casadi.scene._lanes import LANES, SideBySide
 from avc_casadi.scene._native import NativeScene, compiler
-from avc_casadi.support import FloatArray, HeldInterrupt
+from avc_casadi.support import FloatArray, HeldInterrupt, processors
 
 Engine = Literal["auto", "casadi", "native"]
 
@@ -42,7 +41,7 @@ def execute(
     native = _compiled(scene, len(parameters), engine)
     if native is None:
         return _by_casadi(scene, parameters, inputs)
-    traces = native(scene.initial, inputs.T, parameters, min(len(parameters), os.cpu_count() or 1))
+    traces = native(scene.initial, inputs.T, parameters, min(len(parameters), processors()))
     return {name: traces[:, :, index] for index, name in enumerate(scene.traces)}
 
 

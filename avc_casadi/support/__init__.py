@@ -49,3 +49,4 @@ from avc_casadi.support._units import told_in as told_in
 from avc_casadi.support._units import units_for as units_for
 from avc_casadi.support._workers import meanwhile as meanwhile
 from avc_casadi.support._workers import one_ahead as one_ahead
+from avc_casadi.support._workers import processors as processors

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, as_completed
 from contextlib import ExitStack
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from avc_casadi._errors import InputError, WorkerLostError
-from avc_casadi.support._json import json_text
+from avc_casadi.support._kept_chunks import KeptChunks
 from avc_casadi.support._processes import Processes
 from avc_casadi.support._progress import SILENT, Progress
 
 T = TypeVar("T")
 R = TypeVar("R")
-_ABOUT = "study.json"
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,7 @@ class Chunked(Generic[T, R]):
         executor: Executor | None = None,
         *,
         workers: int = 1,
-        folder: Path | None = None,
+        folder: str | Path | None = None,
         progress: Progress = SILENT,
     ) -> R:
         """Work out what is missing, and return the result.
@@ -91,7 +87,7 @@ class Chunked(Generic[T, R]):
             progress: told of what is done.
 
         Raises:
-            InputError: the folder holds another study.
+            InputError: the folder holds another study or cannot be written, or there are no workers.
             WorkerLostError: a worker died, and the executor gives its chunk to no other.
         """
         return self.finish(list(self._all(executor, workers, folder, None, progress).values()))
@@ -99,7 +95,7 @@ class Chunked(Generic[T, R]):
     def run_part(
         self,
         part: Part,
-        folder: Path,
+        folder: str | Path,
         executor: Executor | None = None,
         *,
         workers: int = 1,
@@ -117,13 +113,14 @@ class Chunked(Generic[T, R]):
         self._all(executor, workers, folder, part, progress)
         return len(self.tasks) - len(self.missing(folder))
 
-    def merged(self, folder: Path) -> R:
-        """Return the result of the chunks that a folder holds, and work nothing out.
+    def merged(self, folder: str | Path) -> R:
+        """Return the result of the chunks that a folder holds; work nothing out, and write nothing.
 
         Raises:
-            InputError: chunks are missing, or the folder holds another study.
+            InputError: chunks are missing, or the folder holds another study or none.
         """
-        kept = self._kept(folder)
+        self._kept(folder).check()
+        kept = self._kept(folder).found()
         missing = [index + 1 for index in range(len(self.tasks)) if index not in kept]
         if missing:
             some = ", ".join(map(str, missing[:10])) + (", ..." if len(missing) > 10 else "")
@@ -134,17 +131,22 @@ class Chunked(Generic[T, R]):
             raise InputError.of(message, key="merge")
         return self.finish([kept[index] for index in range(len(self.tasks))])
 
-    def missing(self, folder: Path) -> list[int]:
+    def missing(self, folder: str | Path) -> list[int]:
         """Return which chunks a folder does not hold, from 0."""
-        kept = self._kept(folder)
+        kept = self._kept(folder).found()
         return [index for index in range(len(self.tasks)) if index not in kept]
 
     def _all(
-        self, executor: Executor | None, workers: int, folder: Path | None, part: Part | None, progress: Progress
+        self, executor: Executor | None, workers: int, folder: str | Path | None, part: Part | None, progress: Progress
     ) -> dict[int, Any]:
         """Return the results of all chunks, or of one job's, in their order."""
+        if workers < 1:
+            raise InputError.of(f"is {workers}; allowed: 1 or more", key="workers")
         mine = range(len(self.tasks))[slice(None) if part is None else slice(part.number - 1, None, part.of)]
-        kept = {} if folder is None else self._kept(folder)
+        place = None if folder is None else self._kept(folder)
+        if place is not None:
+            place.begin()
+        kept = {} if place is None else place.found()
         found = {index: kept[index] for index in mine if index in kept}
         sizes = self.sizes or [1] * len(self.tasks)
         done, total = sum(sizes[index] for index in found), sum(sizes[index] for index in mine)
@@ -154,8 +156,8 @@ class Chunked(Generic[T, R]):
             if executor is None and workers > 1 and len(left) > 1:
                 executor = stack.enter_context(Processes(min(workers, len(left))))
             for index, result in self._results(left, executor):
-                if folder is not None:
-                    _write(folder / _name(index), result)
+                if place is not None:
+                    place.keep(index, result)
                 found[index] = result
                 done += sizes[index]
                 progress.advance(done, total, self.things)
@@ -180,48 +182,5 @@ class Chunked(Generic[T, R]):
             for future in futures:
                 future.cancel()
 
-    def _kept(self, folder: Path) -> dict[int, Any]:
-        """Return the chunks of a folder; a new one is told what it will hold."""
-        about = json.loads(
-            json_text({"about": self.about, "chunks": len(self.tasks), "avc_casadi": version("avc-casadi")})
-        )
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / _ABOUT
-        held = _read(path)
-        if held is None:
-            _write(path, about)
-        elif held != about:
-            message = f"{folder} holds another study: {_apart(held, about)}. Take another folder, or repeat that one"
-            raise InputError.of(message, key="resume")
-        found = ((index, _read(folder / _name(index))) for index in range(len(self.tasks)))
-        return {index: result for index, result in found if result is not None}
-
-
-def _apart(held: Any, about: dict[str, Any]) -> str:
-    """Say in what two studies differ."""
-    if not (isinstance(held, dict) and isinstance(held.get("about"), dict)):
-        return "it says nothing of its study"
-    its, here = (
-        {**one["about"], "chunks": one.get("chunks"), "release": one.get("avc_casadi")} for one in (held, about)
-    )
-    names = [name for name in {**its, **here} if its.get(name) != here.get(name)]
-    return "; ".join(f"its {name} is {its.get(name)}, of this one {here.get(name)}" for name in names)
-
-
-def _name(index: int) -> str:
-    return f"chunk-{index + 1:06d}.json"
-
-
-def _read(path: Path) -> Any:
-    """Return what a file holds; None where it is not there or is cut off."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, ValueError):
-        return None
-
-
-def _write(path: Path, value: Any) -> None:
-    """Write a file that is there whole or not at all, whoever else writes the same."""
-    partial = path.with_suffix(f".{os.getpid()}.partial")
-    partial.write_text(json_text(value), encoding="utf-8")
-    partial.replace(path)
+    def _kept(self, folder: str | Path) -> KeptChunks:
+        return KeptChunks(Path(folder), self.about, len(self.tasks))

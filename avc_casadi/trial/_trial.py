@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -45,7 +44,7 @@ from avc_casadi.scene import (
     settled,
 )
 from avc_casadi.scene.effects import build_effects
-from avc_casadi.support import BoolArray, FloatArray
+from avc_casadi.support import BoolArray, FloatArray, processors
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainSchedule, GainTable
@@ -298,7 +297,7 @@ class Ends:
         for compiled, _, inputs in self._scenes:
             each = [replace(compiled, effects=_with_law(compiled.effects, law)) for law in laws]
             parameters = np.concatenate([one.parameter_values(self._gains) for one in each])
-            engine, workers = _engine(len(parameters)), os.cpu_count() or 1
+            engine, workers = _engine(len(parameters)), processors()
             speed = execute_to_speed(compiled, parameters, inputs, engine=engine, workers=workers)
             found = np.maximum(found, np.reshape(speed, found.shape))
         return found

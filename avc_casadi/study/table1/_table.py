@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import hashlib
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import lru_cache, partial
@@ -13,7 +13,7 @@ from avc_casadi.design.constant import TUNED_MARGIN_SHARE
 from avc_casadi.recommendation import COUPLINGS, CandidateName
 from avc_casadi.study.table1._paper import PAPER, PEOPLE
 from avc_casadi.study.table1._wall import Outcome, all_designs, design_documents, rows, try_wall
-from avc_casadi.support import SILENT, Chunked, Progress
+from avc_casadi.support import SILENT, Chunked, Progress, processors
 from avc_casadi.trial import CONFIDENCE, PEOPLE_AT_ONCE, WEBER, WEBER_SWEEP, Population, draw_subjects
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def table1(
         The JSON document of `avc table1`: ``rows`` for set A, ``rows_set_b`` for the stylus hands and their arms.
     """
     study = table1_study(hands, seed, walls=walls, couplings=couplings)
-    return study.run(executor, workers=(os.cpu_count() or 1) if workers is None else workers, progress=progress)
+    return study.run(executor, workers=processors() if workers is None else workers, progress=progress)
 
 
 def table1_study(
@@ -75,13 +75,24 @@ def table1_study(
         for first in range(0, hands, _AT_ONCE)
     ]
     return Chunked(
-        about={"study": SCHEMA, "hands": hands, "seed": seed, "walls": list(walls), "couplings": list(couplings)},
+        about={
+            "study": SCHEMA,
+            "hands": hands,
+            "seed": seed,
+            "walls": list(walls),
+            "couplings": list(couplings),
+            "sha256": {wall: _told_by(wall) for wall in walls},
+        },
         work=partial(_tried, couplings, seed),
         tasks=tasks,
         finish=partial(_document, tasks, couplings, hands, seed),
         sizes=[count for *_, count in tasks],
         things="people before walls",
     )
+
+
+def _told_by(wall: str) -> str:
+    return hashlib.sha256(avc.dump_problem(avc.load_problem(wall.lower())).encode()).hexdigest()
 
 
 def _tried(couplings: tuple[CandidateName, ...], seed: int, cell: Cell) -> dict[str, Any]:
