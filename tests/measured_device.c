@@ -7,7 +7,7 @@ enum { SUBSTEPS = 200 };
 
 typedef struct {
     double mass, damping, coulomb, asymmetry, breakaway, slow, delay, bandwidth, resonance, ratio, share, at_handle,
-        encoder, offset, drift, scale, ground, period, spring, damper;
+        encoder, offset, drift, scale, ground, period, spring, damper, rooted;
 } device_t;
 
 typedef struct {
@@ -33,7 +33,7 @@ static void forces(const device_t *d, const state_t *s, double actual, double pu
     } else {
         *handle = 0.0;
     }
-    *motor = d->scale * actual + push - d->damping * s->v + joint + (d->resonance > 0 ? 0.0 : held);
+    *motor = d->scale * actual + push - d->damping * s->v + joint + (d->resonance > 0 ? 0.0 : held) - d->rooted * s->x;
 }
 
 /* The force commanded for a step, counted from the start. */

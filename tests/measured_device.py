@@ -9,7 +9,10 @@ from simulator_in_c import doubles, pointers, simulator
 
 @dataclass(frozen=True)
 class Truth:
-    """A device in SI units; 0 is what it does not have. The controller adds -spring*y - damper*dy/dt to the force."""
+    """A device in SI units; 0 is what it does not have. The controller adds -spring*y - damper*dy/dt to the force.
+
+    A spring to ground is `ground` at the handle, `rooted` at the motor.
+    """
 
     mass: float = 0.1
     damping: float = 2.0
@@ -31,6 +34,7 @@ class Truth:
     period: float = 1e-3
     spring: float = 0.0
     damper: float = 0.0
+    rooted: float = 0.0
 
 
 _Device = doubles(each.name for each in fields(Truth))

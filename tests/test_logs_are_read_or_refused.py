@@ -196,3 +196,28 @@ def test_decimal_commas_are_told_as_such(tmp_path):
     path.write_text("time_s;position_m;force_cmd_N\n" + "".join(f"{i};0,5;{i}\n" for i in range(300)))
     (fault,) = faults(path)
     assert fault.message.endswith("allowed: a number, with a decimal point")
+
+
+def test_a_sample_time_that_its_own_times_belie_is_refused(tmp_path):
+    path = csv(tmp_path / "a.csv")
+    (fault,) = faults(path, Layout(sample_time_s=2e-3))
+    assert fault.message.startswith("steps of 0.001 s, and the sample time is said to be 0.002 s; allowed: the same")
+    same(read_logs([path], Layout(sample_time_s=1e-3))[0])
+
+
+@pytest.mark.parametrize("spoilt", ["time of day", "jitter"])
+def test_a_sample_time_stands_for_times_that_say_nothing(tmp_path, spoilt):
+    path = csv(tmp_path / "a.csv")
+    head, *lines = path.read_text().splitlines()
+    cells = [line.split(",") for line in lines]
+    shift = np.random.default_rng(1).uniform(0, 0.8e-3, SIZE)
+    for row, cell in enumerate(cells):
+        cell[0] = f"12:30:{row / 1000:06.3f}" if spoilt == "time of day" else f"{row * 1e-3 + shift[row]:.6f}"
+    path.write_text("\n".join([head, *map(",".join, cells)]))
+    same(read_logs([path], Layout(sample_time_s=1e-3))[0])
+
+
+def test_the_header_that_numpy_writes_is_one(tmp_path):
+    path = tmp_path / "a.csv"
+    np.savetxt(path, np.column_stack([TIME, POSITION, FORCE]), delimiter=",", header="time_s,position_m,force_n")
+    same(read_logs([path])[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 
 import numpy as np
@@ -13,6 +13,7 @@ from avc_casadi.identification._closed_loop import autocorrelation, coloured
 from avc_casadi.identification._evidence import SURE, compared
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._model import Estimate
+from avc_casadi.identification._terms import offset_of
 from avc_casadi.identification._uncertainty import LEVEL, Spread, spread_of
 
 # A step of the encoder is known to this share of it.
@@ -30,6 +31,7 @@ def estimates_of(
     refused: Container[str],
     inseparable: AbstractSet[str],
     step_m: float | None,
+    logs: Sequence[str],
 ) -> dict[str, Estimate]:
     """Return what is told.
 
@@ -40,7 +42,9 @@ def estimates_of(
         refused: keys that are not told.
         inseparable: terms of rivals that are borne out and not told from the rest of the model.
         step_m: of the encoder.
+        logs: their names.
     """
+    of_log = {offset_of(index): f"output error, in {name}" for index, name in enumerate(logs)} if len(logs) > 1 else {}
     found: dict[str, Estimate] = {}
     for index, one in enumerate(fit.structure.free):
         if one.name.partition(".")[0] in refused:
@@ -51,7 +55,7 @@ def estimates_of(
         ends = [fit.structure.outward(one, end) for end in (q - down, q + up)]
         low, high = (min(max(end, one.lowest), one.highest) for end in ends)
         value = fit.structure.outward(one, q)
-        found[one.name] = Estimate(one.name, one.unit, value, low, high, LEVEL, "output error")
+        found[one.name] = Estimate(one.name, one.unit, value, low, high, LEVEL, of_log.get(one.name, "output error"))
     if "coulomb" not in fit.structure.terms and "coulomb" in rivals and "coulomb_friction_n" not in refused:
         rival = rivals["coulomb"]
         index = [one.name for one in rival.structure.free].index("coulomb_friction_n")

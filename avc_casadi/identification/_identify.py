@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi.identification._against_base import check_against
+from avc_casadi.identification._alike import differences
 from avc_casadi.identification._closed_loop import autocorrelation, coloured, feeds_back
 from avc_casadi.identification._device import device_file, states
 from avc_casadi.identification._encoder import encoder_step_m
@@ -21,8 +22,10 @@ from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._read import read_logs
 from avc_casadi.identification._record import Record, shortened
 from avc_casadi.identification._refuse import EXCITATION, cannot_tell, refusals
+from avc_casadi.identification._remarks import remarks
 from avc_casadi.identification._select import Selection, select, settled, without
 from avc_casadi.identification._share import SHARE, other_shares, share_assumed, share_refused, shared
+from avc_casadi.identification._spring_side import moved as beyond_side
 from avc_casadi.identification._start import first_guess
 from avc_casadi.identification._terms import PARAMETERS, TERMS, Structure
 from avc_casadi.identification._turned import known_at_handle, of_the_turn, radius_of
@@ -37,8 +40,8 @@ _SHOWN_RATE_PER_S = 4.0
 # Rates of the observers that would have found other values of a wrong model, as multiples of the best.
 _OTHER_OBSERVERS = (3.0, 0.4, 0.12)
 _LEAST_S = 1.0
-# A structure rings longer than one that is damped by this.
-_PLAYS = 0.2
+# A rigid device that explains less of the force says nothing of its sign.
+_FOLLOWS = 0.3
 # Masses at a handle that are no slip of a unit.
 _LIGHTEST_KG, _HEAVIEST_KG = 1e-3, 2e3
 
@@ -131,9 +134,10 @@ def _identified(
     with progress.step("intervals"):
         spread, refused = _told(predictor, chosen, window)
         fit, share = chosen.fit, None
+        spread = replace(spread, beyond=beyond_side(fit))
         if share_assumed(fit):
-            moved, ends = other_shares(predictor, fit, window)
-            spread = replace(spread, beyond=moved)
+            beyond, ends = other_shares(predictor, fit, window)
+            spread = replace(spread, beyond=beyond)
             share = (fit.values[SHARE], *ends)
             refused[SHARE] = share_refused(share[0], ends)
     normal, collinear = sensitivity(fit)
@@ -141,11 +145,18 @@ def _identified(
     if "coulomb" in inseparable:
         key, why = "coulomb_friction_n", "the log bears it out, and does not tell it from damping and mass"
         refused[key] = Refusal(key, f"{why}, whose intervals hold it", EXCITATION[key])
-    estimates = estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m)
+    logs = tuple(dict.fromkeys(record.whole for record in records))
+    unlike = differences(fit, predictor, logs, {key: radius_m ** -power_at_handle(key) for key in PARAMETERS})
+    if unlike:
+        notes.append(
+            f"the logs do not agree ({'; '.join(unlike)}): the values are between those of two devices. Something may "
+            "have been on it (--added-mass), or the force been scaled otherwise; identify each alone"
+        )
+    estimates = estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m, logs)
     lags = autocorrelation(fit.error_m)
     refused |= _never_told(fit, estimates, response.excited_hz, chosen.trials.keys() - set(fit.structure.terms), lags)
     feedback = feeds_back(records, fit.error_m)
-    notes += _notes(fit, lags, feedback, estimates, radius_m)
+    notes += remarks(fit, lags, feedback, estimates, radius_m)
     names = tuple(one.name for one in fit.structure.free)
     return Identification(
         sources=tuple(dict.fromkeys(record.name for record in records)),
@@ -190,15 +201,15 @@ def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, floa
 
 def _guess(records: Sequence[Record], force_rms: float, radius_m: float) -> dict[str, float]:
     """Return values to start from; refuse a force that points the other way, and units that cannot be."""
-    guess = first_guess(records)
+    guess, explained = first_guess(records)
     mass = guess["mass_kg"]
     size = radius_m**2
     if mass < 0 and abs(mass) > 1e-4 * force_rms:
-        raise InputError.of(
-            f"give a mass of {number(mass * size)} kg: force and position point against each other; allowed: force "
-            "along +position, or --flip-force",
-            key="logs",
-        )
+        why, allowed = "force and position point against each other", "force along +position, or --flip-force"
+        if explained < _FOLLOWS:
+            why = f"the motion hardly follows the force ({number(100 * max(explained, 0.0), 2)} % of it explained)"
+            allowed = "a multisine with several times the force, free of contact; is it the force that acts, in time?"
+        raise InputError.of(f"give a mass of {number(mass * size)} kg: {why}; allowed: {allowed}", key="logs")
     if not _LIGHTEST_KG <= mass <= _HEAVIEST_KG:
         raise InputError.of(
             f"give a mass of {number(mass * size)} kg; allowed: {number(_LIGHTEST_KG * size)} to "
@@ -285,7 +296,8 @@ def _simplest(records: Sequence[Record], known: Mapping[str, float], force: floa
         "speed_m_per_s": speed,
     }
     scaled = "mass_kg" in known or len({record.added_mass_kg for record in records}) > 1
-    return Structure(("base", "scale") if scaled else ("base",), known, units)
+    logs = len({record.whole for record in records})
+    return Structure(("base", "scale") if scaled else ("base",), known, units, logs=logs)
 
 
 def _never_told(
@@ -331,53 +343,12 @@ def _from(base: DeviceFile | None, refused: Refusal) -> Refusal:
     return replace(refused, why=f"{refused.why}; the value of {base.name} is written")
 
 
-def _notes(fit: Fit, lags: FloatArray, feedback: bool, estimates: Mapping[str, object], radius_m: float) -> list[str]:
-    notes = []
-    if "stiffness" in fit.structure.terms:
-        stiffness = number(fit.values["stiffness_n_per_m"] * radius_m**2)
-        notes.append(
-            f"a spring of {stiffness} N/m holds the device (a hand, a cable, gravity along an arc): mass and damping "
-            f"are "
-            "those of the device with what holds it; log it let go"
-        )
-    if "resonance" in fit.structure.terms and fit.values["resonance.damping_ratio"] > _PLAYS:
-        notes.append(
-            f"a resonance that is damped by {number(fit.values['resonance.damping_ratio'], 2)} is none of a structure: "
-            "play in the transmission looks like one; that of a structure stays where it is with half the force"
-        )
-    if feedback and coloured(lags):
-        notes.append(
-            "the force follows the measured position (a closed loop), and the prediction error is not white: what "
-            "disturbs "
-            "the device is not what the model takes it for, and estimates may be biased; the intervals hold what "
-            "another "
-            "observer would have found. Better: an external force (multisine) beside the controller, hands off"
-        )
-    elif feedback:
-        notes.append(
-            "the force follows the measured position (a closed loop); the prediction error is white, so that this "
-            "does not "
-            "bias the estimates"
-        )
-    elif coloured(lags):
-        notes.append(
-            "the prediction error is not white: something moves the device that the model does not know (a hand, a "
-            "cable, "
-            "an unmodelled mode)"
-        )
-    no_lag = fit.values["delay_samples"] < 1e-3 and "amplifier" not in fit.structure.terms
-    if estimates.get("delay_samples") is not None and no_lag:
-        notes.append(
-            "the delay came out at 0: does the log pair each force with the position that it was computed from?"
-        )
-    return notes
-
-
 def _shown(records: Sequence[Record], fit: Fit) -> tuple[Shown, ...]:
     """Return stretches of the longest records in which the model runs all but freely."""
     found = []
+    logs = tuple(dict.fromkeys(record.whole for record in records))
     for record in sorted(records, key=lambda one: -one.seconds)[:2]:
-        free = Predictor([record], float(records[0].position_m[0]))
+        free = Predictor([record], float(records[0].position_m[0]), logs)
         error = free.predict(fit.structure, fit.search, Observer(_SHOWN_RATE_PER_S), slopes=False)[0].error_m
         size = min(record.position_m.size // 2, int(_SHOWN_S / record.sample_time_s))
         first = record.position_m.size - size - size // 4

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.support import BoolArray, FloatArray, number, units_for
+from avc_casadi.support import BoolArray, FloatArray, IndexArray, number, units_for
 
 if TYPE_CHECKING:
     from avc_casadi.identification._record import Columns
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 # Share of samples that may be lost; more of them are something else.
 _FEW = 0.01
 _NONE = "without a number"
+# A jump of this share of all that a position covers, beside samples that move by this share of it.
+_MOST, _HARDLY = 0.5, 0.1
 # A position stands alone where it lies so many times as far from the line between its neighbours as others do, and so
 # many encoder steps; and where the lines beside it, which it bends by half as much, are straight otherwise.
 _ALONE, _STEPS, _STRAIGHT = 20.0, 5.0, 0.3
@@ -88,6 +90,21 @@ def _jumps(columns: Columns, alone: BoolArray) -> str:
     size = float(np.abs(_bend(columns.position_m)[alone]).max())
     unit = units_for(columns.motion).text("m")
     return f"whose position jumps away and back by up to {number(size, 3)} {unit}"
+
+
+def wrapped(position: FloatArray, time_s: FloatArray) -> IndexArray:
+    """Return the rows at which a position has jumped over most of what it covers, and stays there: a counter wraps.
+
+    Args:
+        position: measured, shape (rows,).
+        time_s: shape (rows,).
+    """
+    moves, steps = np.abs(np.diff(position)), np.diff(time_s)
+    if moves.size < 3:
+        return np.zeros(0, dtype=np.intp)
+    beside = np.maximum(np.append(0.0, moves[:-1]), np.append(moves[1:], 0.0))
+    even = steps < 1.5 * float(np.median(steps))
+    return np.flatnonzero(even & (moves > _MOST * np.ptp(position)) & (beside < _HARDLY * moves)) + 1
 
 
 def _bend(position: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from avc_casadi.identification._linear import LinearStep, linear_derivatives, linear_step, taps_of
 from avc_casadi.identification._record import Record
 from avc_casadi.identification._run import run
-from avc_casadi.identification._terms import FRICTION, LINEAR, Structure
+from avc_casadi.identification._terms import FRICTION, LINEAR, OFFSET, Structure, offset_of
 from avc_casadi.support import FloatArray
 
 _MOST_DOUBLINGS = 60
@@ -95,11 +95,19 @@ class Predictor:
     Args:
         records: of the device, all with one sample time.
         origin_m: position taken as 0.
+        logs: names of all logs that the model knows; of the records alone where nothing is said.
+
+    Attributes:
+        records: of the device.
+        logs: the log of each record, from 0.
+        sample_time_s: T.
     """
 
-    def __init__(self, records: Sequence[Record], origin_m: float) -> None:
+    def __init__(self, records: Sequence[Record], origin_m: float, logs: Sequence[str] = ()) -> None:
         self.records = tuple(records)
         self.sample_time_s = records[0].sample_time_s
+        names = list(logs or dict.fromkeys(record.whole for record in records))
+        self.logs = tuple(names.index(record.whole) for record in records)
         self._positions = [np.ascontiguousarray(record.position_m - origin_m) for record in records]
 
     def predict(
@@ -118,11 +126,10 @@ class Predictor:
         outward = structure.slopes(search)
         free = structure.free
         linear = [index for index, one in enumerate(free) if one.name in LINEAR]
-        rough = [index for index, one in enumerate(free) if one.name in FRICTION]
-        friction = np.array([values[name] for name in FRICTION])
+        rough = {one.name: index for index, one in enumerate(free) if not one.linear}
         found = []
         models: dict[float, tuple[LinearStep, FloatArray, FloatArray]] = {}
-        for record, position in zip(self.records, self._positions, strict=True):
+        for record, position, log in zip(self.records, self._positions, self.logs, strict=True):
             if record.added_mass_kg not in models:
                 whole = {**values, "mass_kg": values["mass_kg"] + record.added_mass_kg}
                 step = linear_step(whole, structure, self.sample_time_s, taps)
@@ -136,15 +143,23 @@ class Predictor:
             step, gain, by_linear = models[record.added_mass_kg]
             row = np.zeros(len(step.names))
             row[step.measured] = 1.0
+            # The constant force of its own log stands for that of all.
+            own = {**dict(zip(FRICTION, FRICTION, strict=True)), OFFSET: offset_of(log)}
+            friction = np.array([values.get(own[name], values[name]) for name in FRICTION])
             numbers = np.concatenate([step.flat(), friction, gain, row])
-            directions = np.zeros((len(free) if slopes else 0, numbers.size))
+            acting = [*linear, *(rough[own[name]] for name in FRICTION if own[name] in rough)] if slopes else []
+            directions = np.zeros((len(acting), numbers.size))
             if slopes:
-                directions[linear, : len(by_linear)] = by_linear.T
-                directions[rough, [len(by_linear) + FRICTION.index(free[at].name) for at in rough]] = 1.0
+                directions[: len(linear), : len(by_linear)] = by_linear.T
+                places = [len(by_linear) + at for at, name in enumerate(FRICTION) if own[name] in rough]
+                directions[range(len(linear), len(acting)), places] = 1.0
             state, inputs = _begun(step, record, position, taps)
             stribeck = structure.present("breakaway_excess_n")
             out = run(state, inputs, numbers, directions, cuts=len(step.early), stribeck=stribeck)
-            by = out[:, 1:] * outward if slopes else None
+            by = None
+            if slopes:
+                by = np.zeros((len(out), len(free)))
+                by[:, acting] = out[:, 1:] * outward[acting]
             found.append(Prediction(out[:, 0].copy(), by))
         return found
 

@@ -25,13 +25,16 @@ from avc_casadi.identification._record import (
     records_of,
 )
 from avc_casadi.identification._units import QUANTITIES, Column, Layout, chosen_columns, motion_of
-from avc_casadi.support import units_for
+from avc_casadi.support import FloatArray, units_for
 
 _MOST_FAULTS = 6
 _COMMA = re.compile(r"\d,\d+'$")
 _LARGEST_BYTES = 1_000_000_000
 # What is longer is no row of numbers; a hundred channels are a thousand characters.
 _LONGEST_ROW = 50_000
+_REMARKS = ("#", "%")
+# Steps of time that say what the clock was, and how even they are.
+_FEW_STEPS, _EVEN = 20, 0.02
 
 
 def read_logs(
@@ -179,7 +182,8 @@ def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[list[C
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{quantity} {length}" for quantity, length in lengths.items())
         return [], [Fault(file, None, "", f"has columns of unequal length: {told}; allowed: equal lengths")]
-    return [_quantities(file, columns, chosen, layout, None)], []
+    found, faults = _quantities(file, columns, chosen, layout, None)
+    return [found], faults
 
 
 def _quantities(
@@ -188,19 +192,35 @@ def _quantities(
     chosen: Mapping[str, Column],
     layout: Layout,
     lines: Sequence[int] | None,
-) -> Columns:
+) -> tuple[Columns, list[Fault]]:
     values = {
         quantity: np.asarray(columns[one.index], dtype=np.float64) * one.unit.size for quantity, one in chosen.items()
     }
-    if "time" not in values:
-        values["time"] = np.arange(values["position"].size, dtype=np.float64) * float(layout.sample_time_s or 0.0)
-    return Columns(file, values["time"], values["position"], values["force"], lines, motion_of(chosen))
+    faults = []
+    if "time" not in values or (layout.sample_time_s is not None and "time" not in layout.columns):
+        period = float(layout.sample_time_s or 0.0)
+        faults = _other_clock(file, values.get("time"), period)
+        values["time"] = np.arange(values["position"].size, dtype=np.float64) * period
+    return Columns(file, values["time"], values["position"], values["force"], lines, motion_of(chosen)), faults
+
+
+def _other_clock(file: str, time_s: FloatArray | None, period_s: float) -> list[Fault]:
+    """Refuse a sample time beside times that are even, and step otherwise; uneven ones are those of writing."""
+    steps = np.zeros(0) if time_s is None else np.diff(time_s[np.isfinite(time_s)])
+    if steps.size < _FEW_STEPS:
+        return []
+    low, usual, high = np.quantile(steps, (0.1, 0.5, 0.9))
+    if usual <= 0 or high - low > _EVEN * usual or abs(usual - period_s) <= _EVEN * usual:
+        return []
+    message = f"steps of {usual:.4g} s, and the sample time is said to be {period_s:.4g} s; allowed: the same, or "
+    return [Fault(file, None, "time", f"{message}--sample-time left out, or a log without its times")]
 
 
 def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
     text = path.read_text(encoding="utf-8-sig")
     rows = [(number, row) for number, row in enumerate(text.splitlines(), start=1) if row.strip()]
-    rows = [(number, row) for number, row in rows if not row.lstrip().startswith(("#", "%"))]
+    remarks = [(number, row) for number, row in rows if row.lstrip().startswith(_REMARKS)]
+    rows = [(number, row) for number, row in rows if not row.lstrip().startswith(_REMARKS)]
     longest = max(rows, key=lambda row: len(row[1]), default=(0, ""))
     if len(longest[1]) > _LONGEST_ROW:
         why = f"has {len(longest[1])} characters; allowed: rows of numbers, {_LONGEST_ROW} characters at most"
@@ -208,18 +228,14 @@ def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fa
     if not rows:
         return [], [Fault(file, None, "", "is empty; allowed: columns of time, position and force")]
     mark = _delimiter(rows[min(1, len(rows) - 1)][1])
-    cells = [
-        (number, row.split() if mark is None else [cell.strip() for cell in next(csv.reader([row], delimiter=mark))])
-        for number, row in rows
-    ]
-    first_line, first = cells[0]
-    headers = None if all(map(_is_stated, first)) else first
-    width = len(first)
-    chosen, faults = chosen_columns(headers, width, layout, file, first_line if headers else None)
+    body = [(number, _cells(row, mark)) for number, row in rows]
+    width = len(body[0][1])
+    headers, header_line, body = _headed(body, [(number, _cells(row.lstrip(" #%"), mark)) for number, row in remarks])
+    chosen, faults = chosen_columns(headers, width, layout, file, header_line)
     if faults:
         return [], faults
-    body = cells[1:] if headers else cells
     groups = [index for index, name in enumerate(headers or ()) if name.strip().lower() in {"record", "run", "trial"}]
+    chosen = _without_time_of_day(chosen, body, layout)
     wanted = {quantity: one.index for quantity, one in chosen.items()}
     values: dict[str, list[tuple[int, list[float]]]] = {}
     wrong: dict[str, list[tuple[int | None, str]]] = {}
@@ -247,8 +263,37 @@ def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fa
     for name, samples in values.items():
         table = np.array([sample for _, sample in samples])
         lines = [number for number, _ in samples]
-        logs.append(_quantities(f"{file}[{name}]" if name else file, list(table.T), units, layout, lines))
-    return logs, [] if logs else [Fault(file, None, "", "has headers and no samples")]
+        log, wrong_clock = _quantities(f"{file}[{name}]" if name else file, list(table.T), units, layout, lines)
+        logs.append(log)
+        faults += wrong_clock
+    return logs, faults if logs else [Fault(file, None, "", "has headers and no samples")]
+
+
+def _headed(
+    body: list[tuple[int, list[str]]], remarks: Sequence[tuple[int, list[str]]]
+) -> tuple[list[str] | None, int | None, list[tuple[int, list[str]]]]:
+    """Return the headers, their line, and the rows below: of the first row, or of the remark above, as numpy has it."""
+    line, first = body[0]
+    if not all(map(_is_stated, first)):
+        return first, line, body[1:]
+    above = [(number, names) for number, names in remarks if number < line and len(names) == len(first)]
+    return (above[-1][1], above[-1][0], body) if above else (None, None, body)
+
+
+def _cells(row: str, mark: str | None) -> list[str]:
+    return row.split() if mark is None else [cell.strip() for cell in next(csv.reader([row], delimiter=mark))]
+
+
+def _without_time_of_day(
+    chosen: dict[str, Column], body: Sequence[tuple[int, Sequence[str]]], layout: Layout
+) -> dict[str, Column]:
+    """Leave the time out where it is no number, and a sample time stands for it."""
+    if "time" not in chosen or layout.sample_time_s is None or "time" in layout.columns:
+        return chosen
+    at = chosen["time"].index
+    if all(_is_number(row[at]) for _, row in body if at < len(row)):
+        return chosen
+    return {quantity: one for quantity, one in chosen.items() if quantity != "time"}
 
 
 def _delimiter(row: str) -> str | None:

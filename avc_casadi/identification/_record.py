@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi._errors import Fault
-from avc_casadi.identification._lost import left_out
+from avc_casadi.identification._lost import left_out, wrapped
 from avc_casadi.support import FloatArray, IndexArray, MotionKind, number
 
 # A step of time may differ from the usual one by this share of it; a longer one is a gap.
@@ -36,6 +36,7 @@ class Record:
         added_mass_kg: known mass on the device during the record.
         motion: of the device.
         begins_s: when it begins, from the first sample of its log on: what drifts goes on over a gap.
+        log: the log that it is a piece of; empty of a record that is one itself. A constant force is one of each log.
     """
 
     name: str
@@ -45,6 +46,12 @@ class Record:
     added_mass_kg: float = 0.0
     motion: MotionKind = "linear"
     begins_s: float = 0.0
+    log: str = ""
+
+    @property
+    def whole(self) -> str:
+        """The log that it is a piece of, or its own name."""
+        return self.log or self.name
 
     def at_handle(self, radius_m: float) -> Record:
         """Return the record of a device that turns as that of a handle, which goes so far for each radian."""
@@ -146,6 +153,7 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
                 added_mass_kg,
                 columns.motion,
                 float(columns.time_s[a] - columns.time_s[0]),
+                columns.file,
             )
             for index, (a, b) in enumerate(pieces, start=1)
         ],
@@ -233,6 +241,14 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
         return [*faults, Fault(columns.file, None, "", message)]
     if faults:
         return faults
+    jumps = wrapped(columns.position_m, columns.time_s)
+    if jumps.size:
+        far = number(abs(float(columns.position_m[jumps[0]] - columns.position_m[jumps[0] - 1])), 3)
+        often = "once" if jumps.size == 1 else f"{jumps.size} times"
+        message = f"jumps by {far} m from one sample to the next, {often}, the most of all it covers"
+        allowed = "a position without jumps; add the counter's range where it wraps around"
+        faults.append(Fault(columns.file, columns.at(int(jumps[0])), "position", f"{message}; allowed: {allowed}"))
+        return faults
     step = float(np.median(np.diff(columns.time_s)))
     if not 1e-5 <= step <= 0.05:
         message = f"steps of {number(step)} s; allowed: 1e-5 to 0.05 s; is the unit right?"
@@ -274,6 +290,7 @@ def shortened(records: Sequence[Record], most_samples: int) -> tuple[list[Record
                 replace(
                     record,
                     name=f"{record.name}@{index + 1}",
+                    log=record.whole,
                     position_m=record.position_m[part],
                     force_n=record.force_n[part],
                     begins_s=record.begins_s + float(start) * record.sample_time_s,

@@ -15,7 +15,8 @@ EXCITATION = {
     "delay_samples": "a chirp or multisine up to a fifth of the sample rate, or steps of force",
     "offset_n": "strokes both ways",
     "coulomb_friction_n": "slow strokes with many reversals, the force twice the friction or more",
-    "friction_asymmetry_n": "a second log with the device turned over, which reverses gravity and not the friction",
+    "friction_asymmetry_n": "a second log with the device turned over, which reverses gravity and not the friction: "
+    "the mean of the two constant forces is the asymmetry",
     "damping_asymmetry_ns_per_m": "fast strokes both ways",
     "breakaway_excess_n": "reversals at a few millimetres a second of the hand, slow enough that the device sticks",
     "stribeck_speed_m_per_s": "strokes at speeds from 1 to 50 millimetres a second of the hand",

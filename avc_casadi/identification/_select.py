@@ -251,7 +251,8 @@ def _starts(
     values, period = simple.values, predictor.sample_time_s
     force = richer.units["coulomb_friction_n"]
     if term == "coulomb":
-        return [(richer, {**values, "coulomb_friction_n": max(guess["coulomb_friction_n"], 0.02 * force)})]
+        likely = max(guess["coulomb_friction_n"], 0.02 * force)
+        return [(richer, {**values, "coulomb_friction_n": one}) for one in (likely, 0.2 * force)]
     if term == "stribeck":
         speed = richer.units["speed_m_per_s"]
         return [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -122,6 +122,14 @@ LINEAR = tuple(one.name for term in TERMS.values() for one in term.parameters if
 PARAMETERS = {one.name: one for term in TERMS.values() for one in term.parameters}
 
 
+OFFSET = "offset_n"
+
+
+def offset_of(log: int) -> str:
+    """Return the name of the constant force of a log, counted from 0."""
+    return OFFSET if log == 0 else f"log_{log + 1}.{OFFSET}"
+
+
 @dataclass(frozen=True)
 class Structure:
     """Which terms the device has, and what is known beforehand.
@@ -132,6 +140,7 @@ class Structure:
         units: size of each linear parameter that matters, which scales the search.
         encoder_at: the side of the resonance on which the position is measured.
         assumed: values that the log does not tell and the model cannot do without.
+        logs: number of logs; each has a constant force of its own, as pose and amplifier have it on that day.
     """
 
     terms: tuple[str, ...]
@@ -139,12 +148,16 @@ class Structure:
     units: Mapping[str, float]
     encoder_at: Literal["motor", "handle"] = "motor"
     assumed: Mapping[str, float] = field(default_factory=dict)
+    logs: int = 1
 
     @property
     def free(self) -> tuple[Parameter, ...]:
         """Parameters that are searched for."""
         held = {*self.known, *self.assumed}
-        return tuple(one for term in self.terms for one in TERMS[term].parameters if one.name not in held)
+        found = tuple(one for term in self.terms for one in TERMS[term].parameters if one.name not in held)
+        if OFFSET in held:
+            return found
+        return (*found, *(replace(PARAMETERS[OFFSET], name=offset_of(log)) for log in range(1, self.logs)))
 
     def present(self, name: str) -> bool:
         """Whether a parameter belongs to the terms, known or not."""
@@ -164,7 +177,10 @@ class Structure:
             return math.exp(min(max(q, -_FAR), _FAR))
         if one.kind == "share":
             return 1 / (1 + math.exp(min(max(-q, -_FAR), _FAR)))
-        return q * self.units.get(one.name, 1.0)
+        return q * self._unit(one)
+
+    def _unit(self, one: Parameter) -> float:
+        return self.units.get(OFFSET if one.name.endswith(OFFSET) else one.name, 1.0)
 
     def inward(self, one: Parameter, value: float) -> float:
         """Return the coordinate of the search of a value, moved into what is allowed."""
@@ -173,7 +189,7 @@ class Structure:
             return math.log(value)
         if one.kind == "share":
             return math.log(value / (1 - value))
-        return value / self.units.get(one.name, 1.0)
+        return value / self._unit(one)
 
     def start(self, values: Mapping[str, float]) -> FloatArray:
         """Return the point of the search of some values."""
@@ -190,7 +206,7 @@ class Structure:
         slopes = []
         for one, q in zip(self.free, search, strict=True):
             value = self.outward(one, float(q))
-            slope = {"log": value, "share": value * (1 - value), "linear": self.units.get(one.name, 1.0)}[one.kind]
+            slope = {"log": value, "share": value * (1 - value), "linear": self._unit(one)}[one.kind]
             slopes.append(slope)
         return np.array(slopes)
 

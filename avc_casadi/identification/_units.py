@@ -141,14 +141,18 @@ def chosen_columns(
     faults: list[Fault] = []
     parsed = [_split(header) for header in headers or ()]
     for quantity in QUANTITIES:
-        if quantity == "time" and layout.sample_time_s is not None and "time" not in layout.columns:
-            continue
         index = _column(quantity, headers, parsed, width, layout.columns.get(quantity))
+        # A sample time stands for a time that is not there, or is that of writing.
+        spare = quantity == "time" and layout.sample_time_s is not None and "time" not in layout.columns
         if isinstance(index, str):
+            if spare:
+                continue
             faults.append(Fault(file, line, quantity, index))
             continue
         stated = layout.units.get(quantity, parsed[index][1] if parsed else "")
         unit = named_unit(quantity, stated) if stated else None
+        if unit is None and spare:
+            continue
         if unit is None:
             what = f"has the unit {stated!r}" if stated else "has no unit"
             example = {"time": "time_s", "position": "position_m or angle_rad", "force": "force_n or torque_nm"}

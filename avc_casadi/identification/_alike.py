@@ -1,0 +1,60 @@
+"""Whether several logs are of one device: what each asks for alone, about what was found of all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from avc_casadi.identification._fit import Fit
+from avc_casadi.identification._predictor import Predictor
+from avc_casadi.support import FloatArray, number
+
+# Logs differ that ask for values so many standard errors apart, and this share of the value.
+_SURE, _SHARE = 6.0, 0.05
+_FEWEST_BLOCKS = 5
+_COMPARED = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n")
+
+
+def differences(fit: Fit, predictor: Predictor, names: Sequence[str], unit_of: dict[str, float]) -> list[str]:
+    """Say which numbers two logs ask for differently.
+
+    A Gauss-Newton step from what was found of all, with the curvature of each log alone, is what that log asks for.
+
+    Args:
+        fit: of all logs, at its best.
+        predictor: of their records.
+        names: of the logs.
+        unit_of: by key: what a value at the handle is multiplied by where it is told.
+    """
+    asked = [_asked(fit, {at for at, log in enumerate(predictor.logs) if log == place}) for place in range(len(names))]
+    told = []
+    for index, one in enumerate(fit.structure.free):
+        if one.name not in _COMPARED:
+            continue
+        ends = [
+            (step[index], error[index], name) for (step, error), name in zip(asked, names, strict=True) if step.size
+        ]
+        if len(ends) < 2:
+            continue
+        (low, below, first), (high, above, last) = min(ends), max(ends)
+        values = [fit.structure.outward(one, float(fit.search[index] + step)) for step in (low, high)]
+        apart = values[1] - values[0]
+        if high - low > _SURE * np.hypot(below, above) and apart > _SHARE * abs(
+            fit.structure.outward(one, fit.search[index])
+        ):
+            some = [number(value * unit_of.get(one.name, 1.0), 3) for value in values]
+            told.append(f"{one.name} {some[0]} by {first} alone and {some[1]} by {last}")
+    return told
+
+
+def _asked(fit: Fit, records: set[int]) -> tuple[FloatArray, FloatArray]:
+    """Return the step that some records ask for and its standard error, each of shape (free,); empty of too few."""
+    blocks = [block for block in fit.blocks if block.record in records]
+    if len(blocks) < _FEWEST_BLOCKS:
+        return np.zeros(0), np.zeros(0)
+    whole = np.sum([block.curvature for block in blocks], axis=0)
+    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    gradients = np.array([block.gradient for block in blocks]).T / scale[:, None]
+    moves = -np.linalg.lstsq(whole / scale / scale[:, None], gradients, rcond=1e-10)[0] / scale[:, None]
+    return moves.sum(axis=1), np.sqrt(len(blocks)) * moves.std(axis=1, ddof=1)
