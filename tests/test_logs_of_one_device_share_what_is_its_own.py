@@ -8,8 +8,13 @@ from measured_device import Truth, measured, multisine
 
 from avc_casadi.identification import Columns, identification_document, identify, read_logs
 from avc_casadi.identification._record import Record, records_of
+from avc_casadi.problem import parse_device
 
 DEVICE = Truth(mass=0.12, damping=0.8, coulomb=0.1, delay=1.3, encoder=20e-6, spring=20.0, damper=0.6)
+GAPS = (
+    '["delay_samples", "coulomb_friction_n", "position_noise_rms_m", "amplifier_bandwidth_hz", "max_force_n", '
+    '"backlash_m", "resonance"]'
+)
 
 
 def log(name, seed, seconds=8.0, **changed):
@@ -69,6 +74,21 @@ def test_the_weight_of_a_known_mass_is_no_scale_of_the_force(tmp_path):
     found = identify(records)
     assert found.estimates["force_scale"].value == pytest.approx(1.0, rel=2e-3)
     assert found.estimates["mass_kg"].value == pytest.approx(0.12, rel=2e-3)
+
+
+def test_a_file_of_another_device_is_doubted():
+    said = "[device]\nsample_time_s = 2e-3\nmass_kg = 5.0\ndamping_ns_per_m = 0.7\nencoder_resolution_m = 1e-4\n"
+    graded = "".join(
+        f'{key} = {{ grade = "assumed", source = "the test" }}\n'
+        for key in ("sample_time_s", "mass_kg", "damping_ns_per_m", "encoder_resolution_m")
+    )
+    base = parse_device(f'title = "Other"\ngaps = {GAPS}\n{said}[sources]\n{graded}', name="other")
+    found = identify([record(log("log", 1))], base=base)
+    (note,) = (one for one in found.notes if one.startswith("other says"))
+    assert "sample_time_s 0.002, the logs 0.001" in note
+    assert "mass_kg 2.5 to 10, the logs 0.12" in note
+    assert "encoder_resolution_m" in note
+    assert "damping" not in note
 
 
 def test_logs_of_two_devices_are_told():

@@ -165,7 +165,7 @@ def _of_even_ticks(
     left = _declared_itself(answer, law)
     if late and OTHER not in left:
         # Neither the delay as declared nor a gain below its limit there mends all: each has the share that it adds.
-        share = _share_of_delay(answer, answer.delayed(meant - law.lag), law, shorter(law, meant))
+        share = _share_of_way(answer, answer.delayed(meant - law.lag), law, shorter(law, meant))
         if share > _A_PART:
             left = {"delay": share} | {cause: part * (1 - share) for cause, part in left.items()}
     return {cause: share * (1 - gone) for cause, share in left.items()} | ({"let-go": gone} if gone else {})
@@ -193,16 +193,20 @@ def _declared_itself(answer: Answer, law: Law) -> dict[str, float]:
     nearer = min(away, key=lambda gain: away[gain])
     if math.isinf(away[nearer]):
         return {OTHER: 1.0}
+    left = {nearer: 1.0}
     if abs(away["stiffness"] - away["damping"]) < _NEAR:
-        return {"stiffness": 0.5, "damping": 0.5}
-    return {nearer: 1.0}
+        left = {"stiffness": 0.5, "damping": 0.5}
+    if answer.device.resonance is None:
+        return left
+    share = _share_of_way(answer, answer.without_mode(), law, law)
+    return {cause: part * (1 - share) for cause, part in left.items()} | ({"resonance": share} if share else {})
 
 
-def _share_of_delay(answer: Answer, in_time: Answer, law: Law, law_in_time: Law) -> float:
-    """Return how much of the way to the nearer gain's limit, in logarithms, is the delay's beyond the declared one."""
+def _share_of_way(answer: Answer, mended: Answer, law: Law, law_mended: Law) -> float:
+    """Return how much of the way to the nearer gain's limit, in logarithms, is not there in a mended loop."""
     now, then = (
         min(_away(limit_of(one, its_law, gain)) for gain in ("stiffness", "damping"))
-        for one, its_law in ((answer, law), (in_time, law_in_time))
+        for one, its_law in ((answer, law), (mended, law_mended))
     )
     return max(0.0, 1 - then / now) if 0 < now < math.inf else 0.0
 

@@ -41,6 +41,8 @@ _GROWN = 4.0
 _FEW_CYCLES, _RESTS_S = 8.0, 1.0
 # The tremor of a hand: its frequencies, and more than its size.
 _TREMOR_HZ, _TREMOR_M = (6.0, 13.0), 2e-3
+# Of a delay so much longer than declared, in samples, a strong tremor is as likely a reason.
+_LATE, _STRONG_TREMOR_M = 8.0, 2e-2
 # What a model may leave of the position, over what encoder and noise do.
 _UNEXPLAINED = 12.0
 # An encoder that toggles between two counts moves by no more steps than that.
@@ -150,7 +152,9 @@ class Judge:
                 f"{number(lasts, 2)} s where nothing limits it: the hand, the table or a machine may drive it"
             )
         size_m = log.reach_m * found.peak_to_peak_m
-        trembles = first == "delay" and _TREMOR_HZ[0] < found.frequency_hz < _TREMOR_HZ[1] and size_m < _TREMOR_M
+        late = measured.delay_samples - measured.declared_delay_samples
+        size = _TREMOR_M if late < _LATE else _STRONG_TREMOR_M
+        trembles = first == "delay" and _TREMOR_HZ[0] < found.frequency_hz < _TREMOR_HZ[1] and size_m < size
         if trembles and not driven:
             doubts.append("a hand trembles so of its own")
         if measured.misfit > _UNEXPLAINED and first not in {"ticks", "rate"}:

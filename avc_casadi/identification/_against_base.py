@@ -8,6 +8,7 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.identification._device import states
+from avc_casadi.identification._model import Identification
 from avc_casadi.identification._record import Record
 from avc_casadi.problem import DeviceFile
 from avc_casadi.support import number, told_in
@@ -16,6 +17,9 @@ from avc_casadi.support import number, told_in
 _ABOVE, _SHARE = 1.01, 1e-3
 # Sample times nearer than this share are one.
 _SAME = 0.02
+# A value without a range is meant within this factor.
+_FAR = 2.0
+_COMPARED = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "encoder_resolution_m")
 
 
 def check_against(records: Sequence[Record], base: DeviceFile) -> None:
@@ -52,3 +56,27 @@ def check_against(records: Sequence[Record], base: DeviceFile) -> None:
     if faults:
         with told_in(units):
             raise InputError(faults)
+
+
+def differs_from(found: Identification, base: DeviceFile) -> list[str]:
+    """Say where logs tell something else than the file of their device does: it may be that of another one.
+
+    Args:
+        found: what the logs tell, in the units of the device.
+        base: what was known of it.
+    """
+    told = []
+    period = base.device.sample_time_s
+    if states(base, "sample_time_s") and abs(found.sample_time_s / period - 1) > _SAME:
+        told.append(f"sample_time_s {number(period)}, the logs {number(found.sample_time_s)}")
+    for key in _COMPARED:
+        one, said = found.estimates.get(key), getattr(base.device, key)
+        if one is None or not states(base, key) or not said or one.value <= 0:
+            continue
+        low, high = getattr(base.device.range, key, None) or (said / _FAR, said * _FAR)
+        if one.high < low or one.low > high:
+            known = number(said, 3) if low == high else f"{number(low, 3)} to {number(high, 3)}"
+            told.append(f"{key} {known}, the logs {number(one.value, 3)}")
+    if not told:
+        return []
+    return [base.device.units.text(f"{base.name} says {'; '.join(told)}: is it the device of these logs?")]
