@@ -1,6 +1,7 @@
 """The report is one well-formed page that loads nothing from elsewhere and shows hostile text as text."""
 
 import base64
+import dataclasses
 import re
 import xml.etree.ElementTree as ET
 from html.parser import HTMLParser
@@ -111,3 +112,30 @@ def test_it_tells_everything(contents, html):
 
 def test_it_repeats(contents, html):
     assert report_html(contents) == html
+
+
+@pytest.mark.parametrize(
+    ("share", "headline"),
+    [
+        (1.0, "Deploy this coupling."),
+        (0.5, "Deploy this coupling; the wall is softened: 5e+04 N/m are felt, 50 % of the wall."),
+        (0.0003, "Deployable, but hardly a wall: 30 N/m are felt, 0.03 % of the wall."),
+    ],
+)
+def test_the_headline_says_how_much_of_the_wall_is_left(contents, share, headline):
+    felt = contents.deployment["felt"] | {"share_of_wall": share, "stiffness_n_per_m": 1e5 * share}
+    page = report_html(dataclasses.replace(contents, deployment=contents.deployment | {"felt": felt}))
+    assert headline in " ".join(Page(page).text)
+
+
+def test_the_headline_of_nothing_says_why_and_no_table_is_empty(contents):
+    nothing = contents.deployment | {
+        "coupling": None,
+        "deployable": False,
+        "reason": "the detents are unstable in a valley",
+        "what_would_help": [],
+    }
+    page = report_html(dataclasses.replace(contents, deployment=nothing, conclusion=("deploy nothing: as it is",)))
+    text = " ".join(Page(page).text)
+    assert "Deploy nothing: the detents are unstable in a valley." in text
+    assert "How simulated hands fared" not in text

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from avc_casadi.study.comparison import Comparison
 
 
+# Shares of the wanted stiffness from which a wall is the one that was asked for, and below which it is hardly one.
+_THE_WALL, _NO_WALL = 0.9, 0.1
+
+
 @dataclass(frozen=True)
 class ReportContents:
     """What the report tells.
@@ -54,7 +58,7 @@ def report_html(contents: ReportContents) -> str:
     body = filled(
         "page",
         verdict=_verdict(contents.deployment),
-        conclusion=_conclusion(contents.conclusion),
+        conclusion=_conclusion([*contents.conclusion, *_undelivered(contents.deployment, push)]),
         deployment=_deployment(contents.deployment),
         summary=items_html(summary_lines(contents.summary)),
         figures="\n".join(figure.html() for figure in contents.figures),
@@ -75,7 +79,7 @@ def report_html(contents: ReportContents) -> str:
             [(item.equation, item.as_printed, item.correct, item.effect) for item in PAPER_ERRORS],
         ),
     )
-    title = f"{contents.problem.name}: {contents.problem.title}"
+    title = ": ".join(filter(None, (contents.problem.name, contents.problem.title)))
     return page_html(
         title, contents.problem.source, with_problem(body, escape(_file(contents.problem))), contents.versions
     )
@@ -89,13 +93,28 @@ def _file(problem: Problem) -> str:
 def _verdict(found: Mapping[str, Any]) -> str:
     """Return the answer in a line: deploy this, do not, or there is nothing to deploy."""
     if found["coupling"] is None:
-        return '<p class="verdict fail">Deploy nothing: no coupling holds with every hand and let go.</p>'
+        return f'<p class="verdict fail">Deploy nothing: {escape(found["reason"].partition(";")[0])}.</p>'
     if not found["deployable"]:
         return '<p class="verdict fail">Do not deploy this coupling.</p>'
     rested = [found["trial"], *([found["confirmed"]] if found["confirmed"] else [])]
     if any(one["at_rest"] < one["hands"] for one in rested):
         return '<p class="verdict fail">Deployable, but not every simulated hand comes to rest with it.</p>'
-    return '<p class="verdict pass">Deploy this coupling.</p>'
+    felt, share = found["felt"]["stiffness_n_per_m"], found["felt"]["share_of_wall"]
+    if felt is None or share is None or share >= _THE_WALL:
+        return '<p class="verdict pass">Deploy this coupling.</p>'
+    softer = f"{number(felt)} N/m are felt, {100 * share:.3g} % of the wall"
+    if share < _NO_WALL:
+        return f'<p class="verdict fail">Deployable, but hardly a wall: {softer}.</p>'
+    return f'<p class="verdict pass">Deploy this coupling; the wall is softened: {softer}.</p>'
+
+
+def _undelivered(found: Mapping[str, Any], push: Mapping[str, Any]) -> list[str]:
+    """Return why the packaged firmware did not get a coupling that may be deployed."""
+    return (
+        [device_line(push).replace("device:", "packaged firmware:", 1)]
+        if found["coupling"] and "skipped" in push
+        else []
+    )
 
 
 def _conclusion(lines: Sequence[str]) -> str:
@@ -113,6 +132,8 @@ def _deployment(found: Mapping[str, Any]) -> str:
         "others, no part in the choice": found["confirmed"],
         **{f"{holding}, nothing promised": of for holding, of in found["other_hands"].items()},
     }
+    if found["coupling"] is None and not found["what_would_help"]:
+        return _table(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])])
     parts = [
         "<h3>How simulated hands fared</h3>",
         _table(

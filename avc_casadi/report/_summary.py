@@ -101,7 +101,7 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     limit = "not known" if limit is None else f"{limit:.4g} N/m"
     return [
         (
-            f"{summary['problem']}: {summary['title']} (structure {summary['structure']}, "
+            f"{': '.join(filter(None, (summary['problem'], summary['title'])))} (structure {summary['structure']}, "
             f"model {summary['model']}, scope {summary['scope']})"
         ),
         (
