@@ -11,7 +11,7 @@ from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
-from avc_casadi.cli._text import number, passive_limit, rows_text
+from avc_casadi.cli._text import holes_text, number, passive_limit, rows_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -78,6 +78,7 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
         found = avc.certify(problem, coupling or gains, requested=args.requested, prove=args.prove, progress=console)
     if coupling is None and gains.usable.any():
         coupling = Coupling.of(problem, gains)
+    notes = [*notes, *filter(None, [holes_text(coupling) if coupling is not None else ""])]
     certificate = found.document()
     written: list[str] = []
     if proofs is not None:

@@ -9,7 +9,7 @@ from typing import Any
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, faults_of, read_subject, unsafe_note
-from avc_casadi.cli._text import rows_text
+from avc_casadi.cli._text import holes_text, rows_text
 
 # As `avc_hardware.export_c` knows them.
 PACKAGES = ("arduino", "platformio", "cmake", "chai3d", "openhaptics", "haply")
@@ -75,4 +75,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     what = f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {rows_text(len(coupling.table))}"
     what += ", double precision" * (args.precision == "double")
     lines.append(f"{what}: {', '.join(written)}")
+    document["holes"] = holes_text(coupling) or None
+    lines += [f"note: {document['holes']}"] if document["holes"] else []
     return Answer(document, "\n".join([*lines, *(f"lacks: {one}" for one in coupling.lacks)]))

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
 
 
 def titled(name: str, title: str) -> str:
@@ -61,3 +65,12 @@ def nanoseconds(cost_ns: float | None, scatter_ns: float) -> str:
     if cost_ns is None:
         return "-"
     return f"{cost_ns:.0f}" if cost_ns > scatter_ns else f"< {max(scatter_ns, 1):.0f}"
+
+
+def holes_text(coupling: Coupling) -> str:
+    """Say what runs at the frequencies without gains; nothing where there are none."""
+    usable = coupling.schedule.usable
+    without = len(usable) - int(usable.sum())
+    if not without:
+        return ""
+    return f"{without} of {len(usable)} frequencies have no gains: those of the rows beside them run there"
