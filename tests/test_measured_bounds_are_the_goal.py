@@ -155,7 +155,7 @@ def test_bounds_in_another_unit_than_impedance_are_doubted(tmp_path):
         rows = "".join(f"{f},1,{-1e5 * factor}\n" for f in (1, 30, 450))
         (tmp_path / f"{side}.csv").write_text(f"f [Hz],Re [N.s/m],Im [N.s/m]\n{rows}", encoding="utf-8")
     table = '[boundaries]\nmeasured = { upper = "upper.csv", lower = "lower.csv" }\n'
-    (doubt,) = (one for one in plausibility(avc.parse_problem(WITHOUT_BOUNDS + table, folder=tmp_path)))
+    doubt, *_ = plausibility(avc.parse_problem(WITHOUT_BOUNDS + table, folder=tmp_path))
     assert doubt.key == "boundaries.measured"
     assert "times the impedance of the wall at 21.2 Hz; is it in N.s/m?" in doubt.message
     assert not plausibility(measured())
@@ -173,3 +173,26 @@ def test_bounds_the_wrong_way_round_and_columns_in_the_wrong_order_are_refused()
     swapped = upper | {"real_ns_per_m": upper["imag_ns_per_m"], "imag_ns_per_m": upper["real_ns_per_m"]}
     with pytest.raises(avc.InputError, match="real part far below 0 at 200 of 200"):
         FIGURE5.changed(boundaries={"measured": {"upper": swapped, "lower": lower}})
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (lambda z: z, ""),
+        (np.conj, "is the sign of Im, or the unit of the phase, right?"),
+        (lambda z: np.abs(z) * np.exp(1j * np.radians(np.angle(z))), "is the sign of Im, or the unit"),
+    ],
+)
+def test_a_phase_that_does_not_belong_to_its_size_is_doubted(changed, said):
+    spring = -1e5j / (2 * np.pi * FREQUENCY)
+    bounds = {
+        side: response(FREQUENCY, changed(1 + share * spring)) for side, share in (("upper", 1.2), ("lower", 0.8))
+    }
+    told = [one.message for one in plausibility(FIGURE5.changed(boundaries={"measured": bounds}))]
+    assert (said in told[0]) if said else not any("phase" in one for one in told)
+
+
+def test_errors_above_what_was_measured_are_doubted():
+    sizes = np.abs(rendered(FIGURE5.boundaries.upper))
+    told = [one.message for one in plausibility(measured(5 * sizes))]
+    assert any("has errors above |Z| at 100 %" in one for one in told)

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from avc_casadi._errors import Fault
 from avc_casadi.problem._motion_words import power_at_handle
 from avc_casadi.problem._quantity import plain
@@ -46,6 +48,8 @@ _USUAL = {
 
 # A wall so many times as stiff as what was measured, or softer, is not the one that was.
 _FAR = 20.0
+# Phases so far from those that belong to a size, in degrees, are of another sign or unit.
+_PHASES_APART = 60.0
 
 
 def plausibility(problem: Problem) -> tuple[Fault, ...]:
@@ -66,7 +70,7 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
         if any(number != 0 and not usual.lowest <= number <= usual.highest for number in _numbers(value))
     ]
     found = list(dict.fromkeys((key, f"{message}; is the unit right?") for key, message in found))
-    every = (*found, *_idle(problem), *_beyond(problem), *_other_unit(problem))
+    every = (*found, *_idle(problem), *_beyond(problem), *_other_unit(problem), *_of_no_wall(problem))
     return tuple(Fault(problem.name, None, units.text(key), units.text(message)) for key, message in every)
 
 
@@ -112,6 +116,26 @@ def _other_unit(problem: Problem) -> Iterator[tuple[str, str]]:
     if not 1 / _FAR < times < _FAR:
         told = f"is {times:.2g} times the impedance of the wall at {hertz:.3g} Hz; is it in N.s/m?"
         yield "boundaries.measured", told
+
+
+def _of_no_wall(problem: Problem) -> Iterator[tuple[str, str]]:
+    """Yield measured bounds whose phase is not that of their size, and those that say nothing for their errors."""
+    measured = problem.boundaries.measured
+    if measured is None:
+        return
+    for side in ("upper", "lower"):
+        bound = getattr(measured, side)
+        z = bound.at(np.array(bound.frequency_hz))
+        # By Bode's relation the phase of a passive impedance is about 90 degrees for each decade a decade of its size.
+        slope = float(np.polyfit(np.log(bound.frequency_hz), np.log(np.maximum(np.abs(z), 1e-300)), 1)[0])
+        phase = math.degrees(float(np.angle(np.sum(z / np.maximum(np.abs(z), 1e-300)))))
+        if abs(phase - 90 * slope) > _PHASES_APART:
+            told = f"has a phase of about {phase:.0f} degrees where |Z| goes with f^{slope:.1f}, which belongs to "
+            question = f"{90 * slope:.0f}; is the sign of Im, or the unit of the phase, right?"
+            yield f"boundaries.measured.{side}", told + question
+        unknown = float(np.mean(bound.error_at(np.array(bound.frequency_hz)) >= np.abs(z)))
+        if unknown > 0.5:
+            yield f"boundaries.measured.{side}", f"has errors above |Z| at {100 * unknown:.0f} % of its frequencies"
 
 
 def _beyond(problem: Problem) -> Iterator[tuple[str, str]]:
