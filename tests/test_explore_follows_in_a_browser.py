@@ -252,6 +252,17 @@ def test_gains_are_typed_with_a_decimal_comma_too(page):
     assert until(lambda: state(page)["a"].get("gains")) == {"stiffness_n_per_m": 1.5}
 
 
+def test_a_contact_damper_is_drawn_and_an_empty_curve_is_not_in_the_legend(page):
+    page.find_element("css selector", "#method option[value='constant']").click()
+    typed(page, "g-stiffness_n_per_m", "900")
+    typed(page, "g-contact_damping_ns_per_m", "5")
+    until(lambda: "contact damper b_p" in shown(page, "c-damping"))
+    legend = "return [...document.querySelectorAll('#c-region .legend li')].map((one) => one.textContent)"
+    lines = "return document.querySelectorAll('#c-region svg path.line').length"
+    curves = until(lambda: [one for one in page.execute_script(legend) if "wanted" not in one and "encoder" not in one])
+    assert len(curves) == page.execute_script(lines)
+
+
 def test_an_address_that_holds_no_settings_says_so(page):
     for part in ("[]", "3", "null"):
         page.execute_script("location.hash = arguments[0]", part)

@@ -126,8 +126,11 @@ export function chart(host, spec) {
     for (const [cx, cy] of alone) element("circle", { class: `alone ${one.cls}`, cx, cy, r: 2.6 }, drawn);
   }
   for (const point of points) mark(point, across, up, drawn);
-  host.replaceChildren(caption, svg, legend([...bands, ...series, ...lines, ...points]));
+  host.replaceChildren(caption, svg, legend([...bands, ...series.filter((one) => drawable(one, y).length), ...lines, ...points]));
 }
+
+/** The values of a series that stand on the axes. */
+const drawable = (one, y) => one.y.filter((value) => value !== null && Number.isFinite(y.place(value)));
 
 /** The stretches of a series as one path, and the points between two gaps, which no line shows. */
 function path(one, across, up) {

@@ -43,9 +43,14 @@ export function drawImpedance(shown, columns) {
     series: [{ name: of("no coupling"), cls: "without", x, y: base.without.real }, ...lines((gains) => gains.real)],
     summary: `${summary(shown, columns, (gains) => gains.real, unit.impedance)}; without coupling ${span(base.without.real)} ${unit.impedance}`,
   });
+  const beside = (gains) => gains.contact_damping_ns_per_m.some((value) => value > 0);
+  const contact = there.filter((column) => shown[column].now.gains && beside(shown[column].now.gains)).map((column) => ({
+    name: named(column, "contact damper b_p"), cls: `${column} contact`, x: shown[column].now.frequency_hz, y: shown[column].now.gains.contact_damping_ns_per_m }));
   chart(get("c-damping"), {
-    title: "Damping b of the coupling", x: HZ, y: { label: unit.impedance, kind: "symlog" }, series: lines((gains) => gains.damping_ns_per_m),
-    summary: summary(shown, columns, (gains) => gains.damping_ns_per_m, unit.impedance),
+    title: contact.length ? "Damping b of the coupling, and its contact damper b_p" : "Damping b of the coupling",
+    x: HZ, y: { label: unit.impedance, kind: "symlog" }, series: [...lines((gains) => gains.damping_ns_per_m), ...contact],
+    summary: `${summary(shown, columns, (gains) => gains.damping_ns_per_m, unit.impedance)}${contact.length
+      ? `; b_p ${summary(shown, columns, (gains) => gains.contact_damping_ns_per_m, unit.impedance)}` : ""}`,
   });
   const limit = base.passive_limit_n_per_m;
   chart(get("c-stiffness"), {
