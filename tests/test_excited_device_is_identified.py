@@ -82,6 +82,18 @@ def test_lighter_device_than_declared_ends_with_advice(tmp_path, capsys):
     assert log.read_text().count("\n") > 10
 
 
+def test_a_device_that_did_not_move_is_no_success(tmp_path, capsys):
+    require("unicorn")
+    base = file_of(tmp_path / "base.toml", GUESS)
+    there = file_of(tmp_path / "there.toml", HIDDEN | {"coulomb_friction_n": 6.0})
+    log = tmp_path / "log.csv"
+    assert main(["excite", base, "--on-bench", there, "--seconds", "2", "--out", str(log)]) == 1
+    told = capsys.readouterr()
+    assert "steps of its encoder only" in told.err
+    assert "next: avc identify" not in told.out
+    assert log.exists()
+
+
 def test_plan_is_told_before_anything_moves(tmp_path, capsys):
     base = file_of(tmp_path / "base.toml", GUESS, RANGES)
     told = document(capsys, "excite", base, "--seconds", "2", "--plan-only", "--port", "/dev/nothing")

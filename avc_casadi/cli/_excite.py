@@ -9,6 +9,8 @@ host there is no force until a coupling is pushed.
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from avc_hardware import ExcitationLog
 
 _WORDS = {"force_n": "force", "speed_m_per_s": "speed", "travel_m": "travel"}
+# Travel in steps of the encoder that `avc identify` asks for at least.
+_FEWEST_STEPS = 12.0
 _SIGNALS = ("multisine", "chirp", "sweep", "release")
 
 
@@ -115,9 +119,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if out is not None:
         log.save(out)
         document["out"] = str(out)
-        lines.append(f"written: {out}; next: avc identify {out} --device {args.device} --out mine.toml")
-    complaint = "" if log.whole else f"avc: {log.port}: {log.end}; {_advice(log)}"
-    return Answer(document, "\n".join(lines), 0 if log.whole else 1, complaint)
+        lines.append(f"written: {out}")
+    complaint = f"{log.end}; {_advice(log)}" if not log.whole else _too_little(document["log"], device)
+    if out is not None and not complaint:
+        lines[-1] += f"; next: avc identify {out} --device {args.device} --out mine.toml"
+    return Answer(document, "\n".join(lines), 1 if complaint else 0, f"avc: {log.port}: {complaint}" * bool(complaint))
 
 
 def _device(source: str) -> Device:
@@ -181,6 +187,17 @@ def _log_text(log: ExcitationLog) -> str:
         f"{log.end}: {document['records']} records in {document['seconds']:.4g} s{lost}; at most "
         f"{number(document['peak_force_n'])} N, {number(document['peak_speed_m_per_s'])} m/s, "
         f"{number(document['peak_travel_m'])} m"
+    )
+
+
+def _too_little(log: Mapping[str, Any], device: Device) -> str:
+    """Say why a log that was played to its end tells nothing of the device."""
+    steps = log["peak_travel_m"] / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
+    if steps >= _FEWEST_STEPS:
+        return ""
+    return (
+        f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand held it: "
+        "free it, or give more --force-n"
     )
 
 

@@ -184,8 +184,8 @@ def chosen_columns(
 def _allowed(quantity: str) -> str:
     """Return the units of a quantity, those that people write."""
     if quantity == "force":
-        return "N, or N.m of a device that turns"
-    units = ", ".join(UNITS[quantity])
+        return "N, mN, kN, or N.m, mN.m of a device that turns"
+    units = ", ".join(UNITS[quantity]) + (" (counts times the encoder's step)" if quantity == "position" else "")
     return units if quantity == "time" else f"{units}, or {', '.join(TURNED[quantity])} of a device that turns"
 
 
