@@ -243,24 +243,17 @@ def test_a_run_goes_on_while_the_page_shows_something_else(page, monkeypatch):
     until(lambda: by_id(page, "work-says").text == "Ended: cancelled")
 
 
-def test_gains_are_typed_with_a_decimal_comma_too(page):
+def test_typed_gains_take_a_decimal_comma_and_are_drawn(page):
     page.find_element("css selector", "#method option[value='constant']").click()
-    fault = "g-stiffness_n_per_m-error"
-    until(lambda: "no force is rendered" in by_id(page, fault).text)
-    typed(page, "g-stiffness_n_per_m", "1,5")
-    until(lambda: by_id(page, fault).text == "")
-    assert until(lambda: state(page)["a"].get("gains")) == {"stiffness_n_per_m": 1.5}
-
-
-def test_a_contact_damper_is_drawn_and_an_empty_curve_is_not_in_the_legend(page):
-    page.find_element("css selector", "#method option[value='constant']").click()
-    typed(page, "g-stiffness_n_per_m", "900")
+    until(lambda: "no force is rendered" in by_id(page, "g-stiffness_n_per_m-error").text)
+    typed(page, "g-stiffness_n_per_m", "900,5")
     typed(page, "g-contact_damping_ns_per_m", "5")
     until(lambda: "contact damper b_p" in shown(page, "c-damping"))
+    gains = {"stiffness_n_per_m": 900.5, "contact_damping_ns_per_m": 5}
+    until(lambda: state(page)["a"].get("gains") == gains)
     legend = "return [...document.querySelectorAll('#c-region .legend li')].map((one) => one.textContent)"
-    lines = "return document.querySelectorAll('#c-region svg path.line').length"
-    curves = until(lambda: [one for one in page.execute_script(legend) if "wanted" not in one and "encoder" not in one])
-    assert len(curves) == page.execute_script(lines)
+    curves = [one for one in page.execute_script(legend) if "wanted" not in one and "encoder" not in one]
+    assert len(curves) == page.execute_script("return document.querySelectorAll('#c-region svg path.line').length")
 
 
 def test_an_address_that_holds_no_settings_says_so(page):
