@@ -74,7 +74,7 @@ def typed(driver, name, text):
 
 def state(driver):
     return driver.execute_script(
-        'return JSON.parse(decodeURIComponent(location.hash.slice(1)) || \'{"a":{"values":{}}}\')'
+        "return location.hash ? JSON.parse(decodeURIComponent(location.hash.slice(1))) : {a: {values: {}}}"
     )
 
 
@@ -214,20 +214,7 @@ def test_faults_are_told_in_the_unit_of_the_field_and_open_its_group(page):
     until(lambda: by_id(page, "f-device-range-mass_kg-0").get_attribute("value") == "0.1")
 
 
-def test_a_run_can_be_cancelled(page, monkeypatch):
-    monkeypatch.setattr(_explorer, "_worked", endless)
-    page.find_element("css selector", "#method option[value='recommend']").click()
-    until(lambda: by_id(page, "work-begin").is_displayed() and "Press Run" in by_id(page, "next").text)
-    by_id(page, "work-begin").click()
-    until(lambda: by_id(page, "work-cancel").is_displayed())
-    by_id(page, "work-cancel").click()
-    until(lambda: by_id(page, "work-says").text == "Ended: cancelled")
-    assert by_id(page, "work-begin").is_displayed()
-    assert not by_id(page, "work-cancel").is_displayed()
-    assert multiprocessing.active_children() == []
-
-
-def test_a_run_goes_on_while_the_page_shows_something_else(page, monkeypatch):
+def test_a_run_goes_on_beside_other_settings_and_can_be_cancelled(page, monkeypatch):
     monkeypatch.setattr(_explorer, "_worked", endless)
     monkeypatch.setattr(_explorer, "_UNASKED_S", 9.0)
     page.find_element("css selector", "#method option[value='recommend']").click()
@@ -241,6 +228,9 @@ def test_a_run_goes_on_while_the_page_shows_something_else(page, monkeypatch):
     until(lambda: by_id(page, "work-cancel").is_displayed())
     by_id(page, "work-cancel").click()
     until(lambda: by_id(page, "work-says").text == "Ended: cancelled")
+    assert by_id(page, "work-begin").is_displayed()
+    assert not by_id(page, "work-cancel").is_displayed()
+    assert multiprocessing.active_children() == []
 
 
 def test_typed_gains_take_a_decimal_comma_and_are_drawn(page):
