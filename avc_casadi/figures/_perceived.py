@@ -17,7 +17,7 @@ from avc_casadi.figures._style import (
     styled,
     value_axis,
 )
-from avc_casadi.support import BoolArray, ComplexArray, FloatArray
+from avc_casadi.support import BoolArray, ComplexArray, FloatArray, spoken
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,9 +61,11 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     shown = ("closed-form", comparison.delivered)
     _magnitude(panels["a"], comparison, shown)
     _enlarged(panels["b"], panels["a"], comparison, shown)
+    # Of what turns a wall is tenths of a N.m/rad.
+    stiffness = (1e-3, "k (kN/m)") if spoken().linear else (1.0, "k (N/m)")
     gains = [
         (panels["c"], "damping_ns_per_m", 1.0, f"b ({IMPEDANCE_UNIT})"),
-        (panels["d"], "stiffness_n_per_m", 1e-3, "k (kN/m)"),
+        (panels["d"], "stiffness_n_per_m", *stiffness),
     ]
     if damped:
         label = rf"$b_\mathrm{{p}}$ ({IMPEDANCE_UNIT})"
@@ -71,7 +73,7 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     for panel, key, scale, label in gains:
         _gain(panel, comparison, shown, key, scale)
         panel.set_ylabel(label)
-    limit = 1e-3 * comparison.passive_limit_n_per_m
+    limit = stiffness[0] * comparison.passive_limit_n_per_m
     if np.isfinite(limit):
         panels["d"].axhline(
             limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label="passive limit of DC stiffness"
