@@ -82,6 +82,21 @@ def test_lighter_device_than_declared_ends_with_advice(tmp_path, capsys):
     assert log.read_text().count("\n") > 10
 
 
+def test_the_log_of_the_board_holds_the_forces_that_acted(monkeypatch):
+    require("unicorn")
+    acted = []
+    hold = BenchDevice.hold
+    monkeypatch.setattr(BenchDevice, "hold", lambda self, force_n: (acted.append(-force_n), hold(self, force_n)))
+    log = excite(planned(seconds=1.0), "emulator", on_bench=device())
+    assert log.output_n == pytest.approx(8.0 / 2047)
+    assert np.unique(log.force_n).size > 100
+    whole = np.array(acted)
+    first = next(
+        at for at in range(whole.size - 300) if np.allclose(whole[at : at + 300], log.force_n[:300], rtol=0, atol=1e-9)
+    )
+    np.testing.assert_allclose(whole[first : first + log.force_n.size], log.force_n, rtol=0, atol=1e-9)
+
+
 def test_a_device_that_did_not_move_is_no_success(tmp_path, capsys):
     require("unicorn")
     base = file_of(tmp_path / "base.toml", GUESS)

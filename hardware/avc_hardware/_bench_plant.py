@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -177,13 +177,18 @@ class BenchDevice:
         return EmulatedBoard(
             limits=self.limits,
             encoder=lambda _: self.count(),
-            on_force_code=lambda code: self.hold(force_of_code(code, self.limits)),
+            on_force_code=lambda code: self.hold(force_of_code(code, self.limits.max_force_n)),
         )
 
 
-def force_of_code(code: int, limits: BoardLimits) -> float:
+def code_of_force(force_n: Any, full_n: float) -> Any:
+    """Return the 12-bit code of the output for a force, N, as the board's own firmware rounds it."""
+    return np.floor(_CODE_ZERO + _CODE_FULL * (np.asarray(force_n) / full_n) + 0.5)
+
+
+def force_of_code(code: Any, full_n: float) -> Any:
     """Return the force of a 12-bit code of the output, N."""
-    return (code - _CODE_ZERO) / _CODE_FULL * limits.max_force_n
+    return (code - _CODE_ZERO) / _CODE_FULL * full_n
 
 
 def board_limits(device: Device) -> BoardLimits:

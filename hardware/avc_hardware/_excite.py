@@ -6,7 +6,7 @@ import secrets
 import struct
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from avc_casadi import InputError, LinkError
 from avc_casadi.excitation import FULL, Plan
 from avc_casadi.support import SILENT, FloatArray, IndexArray, Progress, uninterrupted, units_for
 from avc_hardware import _messages as m
-from avc_hardware._bench_plant import BenchDevice
+from avc_hardware._bench_plant import BenchDevice, code_of_force, force_of_code
 from avc_hardware._connection import DEFAULT_BAUD, EMULATOR, Connection, open_link
 from avc_hardware._messages import Kind
 from avc_hardware._monitor import pause
@@ -61,6 +61,8 @@ class ExcitationLog:
         position_m: as the encoder shows it, shape (records,).
         force_n: along +position, from this tick to the next, the centring included, shape (records,).
         lost: records that the host came too late for.
+        output_n: step of the output that the forces are rounded to; 0 where they are as commanded, and what the output
+            makes of them is not known here.
     """
 
     plan: Plan
@@ -72,6 +74,12 @@ class ExcitationLog:
     position_m: FloatArray
     force_n: FloatArray
     lost: int
+    output_n: float = 0.0
+
+    def through(self, full_n: float) -> ExcitationLog:
+        """Return the log with the forces that a 12-bit output of this range gives."""
+        given = -force_of_code(code_of_force(-self.force_n, full_n), full_n)
+        return replace(self, force_n=given, output_n=float(force_of_code(1 + code_of_force(0.0, full_n), full_n)))
 
     def document(self) -> dict[str, Any]:
         """Return the figures: JSON values only."""
@@ -96,9 +104,12 @@ class ExcitationLog:
         units = units_for(plan.motion)
         columns = "position_um,force_N" if units.linear else "angle_urad,torque_Nm"
         time_ms = 1e3 * plan.sample_time_s * self.index
+        given = (
+            f"given, in steps of {self.output_n:.4g} N," if self.output_n else "commanded, before the output rounds it,"
+        )
         head = (
             f"# avc excite: {plan.kind}, {plan.band_hz[0]:.4g} to {plan.band_hz[1]:.4g} Hz; {self.end}\n"
-            f"# the force is all that was commanded along +position, with the centring: a spring of "
+            f"# the force is all that was {given} along +position, with the centring: a spring of "
             f"{plan.spring_n_per_m:.4g} N/m and a damper of {plan.damper_ns_per_m:.4g} N.s/m to where it began\n"
             f"tick,time_ms,{columns}\n"
         )
@@ -158,7 +169,9 @@ def excite(
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
         _check_device(plan, connection.device, link.name)
         _check_rate(plan, connection.device, baud)
-        return excite_over(connection, plan, progress=progress, cut=cut)
+        log = excite_over(connection, plan, progress=progress, cut=cut)
+        # Of a board on a wire nobody here knows the output's step.
+        return log.through(connection.device.max_force_n) if port == EMULATOR else log
 
 
 def excite_over(

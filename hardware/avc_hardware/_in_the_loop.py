@@ -151,7 +151,7 @@ class FirmwareInTheLoop:
         return round(position_m / self._limits.metres_per_count)
 
     def _actuate(self, code: int) -> None:
-        self._hold(force_of_code(code, self._limits))
+        self._hold(force_of_code(code, self._limits.max_force_n))
 
     def _hold(self, force_n: float) -> None:
         self._plant.hold(force_n)

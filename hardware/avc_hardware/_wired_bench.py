@@ -77,5 +77,7 @@ class WiredBench:
         limits = self.device.limits
         encoder: Callable[[int], int] = lambda _: self.count()  # noqa: E731 - beside the actuator's
         return EmulatedBoard(
-            limits=limits, encoder=encoder, on_force_code=lambda code: self.hold(force_of_code(code, limits))
+            limits=limits,
+            encoder=encoder,
+            on_force_code=lambda code: self.hold(force_of_code(code, limits.max_force_n)),
         )
