@@ -87,7 +87,7 @@ def test_the_log_of_the_board_holds_the_forces_that_acted(monkeypatch):
     acted = []
     hold = BenchDevice.hold
     monkeypatch.setattr(BenchDevice, "hold", lambda self, force_n: (acted.append(-force_n), hold(self, force_n)))
-    log = excite(planned(seconds=1.0), "emulator", on_bench=device())
+    log = excite(planned(), "emulator", on_bench=device())
     assert log.output_n == pytest.approx(8.0 / 2047)
     assert np.unique(log.force_n).size > 100
     whole = np.array(acted)
