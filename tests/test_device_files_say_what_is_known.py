@@ -6,7 +6,14 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.cli._main import main
-from avc_casadi.problem import Device, catalogue_names, device_catalogue, device_names, plausibility
+from avc_casadi.problem import (
+    Device,
+    catalogue_names,
+    device_catalogue,
+    device_names,
+    parse_device,
+    plausibility,
+)
 
 CATALOGUE = (
     "reference-r1",
@@ -240,3 +247,11 @@ def test_a_file_of_guesses_needs_no_sources(tmp_path, capsys):
     # Once one value has a source, all have.
     path.write_text(path.read_text() + '[sources]\nmass_kg = { grade = "measured", source = "scale" }\n')
     assert "sources.damping_ns_per_m" in faults_of(avc.load_device, path)
+
+
+def test_a_problem_in_place_of_a_device_is_one_fault():
+    with pytest.raises(avc.InputError) as refused:
+        parse_device(avc.dump_problem(avc.load_problem("figure5")), file="wall.toml")
+    (fault,) = refused.value.faults
+    assert (fault.file, fault.key) == ("wall.toml", "environment")
+    assert fault.message.startswith("is that of a problem; allowed: a device file")

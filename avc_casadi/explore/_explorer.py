@@ -16,7 +16,7 @@ from avc_casadi.design import solve
 from avc_casadi.explore._requests import RequestError
 from avc_casadi.explore._settings import LIVE, Settings, constant_gains, problem_of_settings
 from avc_casadi.recommendation import Recommendation, conclusion_lines, recommend
-from avc_casadi.support import Background, Progress
+from avc_casadi.support import Background, Progress, number
 
 if TYPE_CHECKING:
     from avc_casadi.design import MethodName
@@ -193,12 +193,20 @@ def _at_all_frequencies(coupling: Coupling) -> GainSchedule:
     )
 
 
+def _helpful(document: Mapping[str, Any]) -> list[str]:
+    """Return what would help, as a line of the conclusion."""
+    walls = [f"{one['change']} {number(one['stiffest_wall_n_per_m'])}" for one in document["what_would_help"]]
+    now = number(document["plain_wall_n_per_m"])
+    return [f"what would help a plain spring and damper, which holds {now} N/m: {'; '.join(walls)}"] if walls else []
+
+
 def _worked(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | None, list[str]]:
     """Return the coupling of a slow method and what is to be told of it."""
     problem, method = task
     if method == "recommend":
         found: Recommendation = recommend(problem, progress=progress)
-        return found.coupling, conclusion_lines(found.document())
+        document = found.document()
+        return found.coupling, [*conclusion_lines(document), *_helpful(document)]
     name: MethodName = method  # type: ignore[assignment]
     gains = solve(problem, name, progress=progress)
     if not gains.usable.any():

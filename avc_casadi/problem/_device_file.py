@@ -125,7 +125,11 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
     Raises:
         InputError: with every fault of the text at once, each with its line and key.
     """
-    worded = _worded(tables_of(text, file))
+    tables = tables_of(text, file)
+    if "environment" in tables:
+        message = "is that of a problem; allowed: a device file, of the problem's [device] and what is known of it"
+        raise InputError.of(message, file=file, key="environment")
+    worded = _worded(tables)
     found = checked(DeviceFile, worded.tables, name, _RULES)
     found = worded.told([] if isinstance(found, DeviceFile) else found) or found
     if isinstance(found, DeviceFile):
