@@ -52,7 +52,7 @@ def test_command_in_shares_gives_the_answer_of_one_go(coupling, tmp_path, capsys
         return json.loads(capsys.readouterr().out)
 
     whole = answer()
-    assert "missing: 1" in answer("--merge", "--resume", str(folder), code=2)["errors"][0]["message"]
+    assert "holds no study" in answer("--merge", "--resume", str(folder), code=2)["errors"][0]["message"]
     assert answer("--chunk", "1/2", "--resume", str(folder))["done"] == 1
     assert answer("--merge", "--resume", str(folder)) == whole
     assert whole["at_rest_interval"][0] <= whole["at_rest"] / 20 <= whole["at_rest_interval"][1]

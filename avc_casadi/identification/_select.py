@@ -76,6 +76,9 @@ def select(
         progress.advance(index, len(_ORDER), ", ".join(TERMS[term].words for term in terms))
         if _try(predictor, chosen, terms, guess, response, window, sides):
             late += [one for earlier in _ORDER[: index + 1] for one in earlier if not chosen.trials[one].taken]
+    if late:
+        # What another term seems to gain may be what this model lacks to its own best.
+        chosen.fit = settled(predictor, chosen.fit, window)
     for term in dict.fromkeys(late):
         if term not in chosen.fit.structure.terms:
             _try(predictor, chosen, (term,), guess, response, window, sides)
@@ -203,14 +206,7 @@ def _tried(
             best = found
     if best is None:
         return None
-    trial = compared(simple, best, term)
-    _, collinear = sensitivity(best)
-    if trial.taken and collinear > _COLLINEAR and term == "resonance":
-        best = shared(predictor, best, window, 1e-5)
-        trial = compared(simple, best, term)
-        _, collinear = sensitivity(best)
-    if trial.taken and collinear > _COLLINEAR:
-        trial = replace(trial, taken=False, why="cannot be told apart from the rest of the model", inseparable=True)
+    best, trial = _told_apart(predictor, simple, best, term, window)
     beyond = _beyond(best, term, response, predictor.sample_time_s)
     if trial.taken and beyond:
         trial = replace(trial, taken=False, why=beyond)
@@ -219,6 +215,23 @@ def _tried(
         return best
     chosen.rivals[term] = best
     return None
+
+
+def _told_apart(predictor: Predictor, simple: Fit, best: Fit, term: str, window: Window) -> tuple[Fit, Trial]:
+    """Weigh a term, and leave it out where the rest of the model could do the same."""
+    trial = compared(simple, best, term)
+    _, collinear = sensitivity(best)
+    if trial.taken and collinear > _COLLINEAR and term == "resonance":
+        best = shared(predictor, best, window, 1e-5)
+        trial = compared(simple, best, term)
+        _, collinear = sensitivity(best)
+    if trial.taken and collinear > _COLLINEAR:
+        # Under the observer of the richer model the simpler one may do as well.
+        trial = compared(fit(predictor, simple.structure, simple.values, best.observer, window), best, term)
+        if trial.taken:
+            why = "cannot be told apart from the rest of the model"
+            trial = replace(trial, taken=False, why=why, inseparable=True)
+    return best, trial
 
 
 def _beyond(found: Fit, term: str, response: Response, period: float) -> str:

@@ -8,6 +8,8 @@ from avc_casadi.support import number
 
 # Shares of the force limit and of the stiffness felt from which it is worth a line.
 _AT_LIMIT, _STIFFER = 0.97, 1.1
+# How fast a hand comes, and from where on before the wall it would notice a force.
+_APPROACH_M_PER_S, _EARLY_M = 0.1, 5e-4
 
 
 def conclusion_lines(document: dict[str, Any]) -> list[str]:
@@ -22,16 +24,17 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     if document["deployable"] and at_rest < hands:
         first = f"the least bad, which {hands - at_rest} of {hands} hands do not rest at, on"
     springy = coupling["wall"]["stiffness_n_per_m"] > 0
-    stiffness = _felt(felt, springy=springy, limited=trial["at_force_limit"] > 0)
+    stiffness = _felt(felt, springy=springy, limited=trial["at_force_limit"], hands=trial["hands"])
     return [
         f"{first} {document['problem']}: {gains_line(coupling)}",
         f"felt: {stiffness}; complex error against the physical wall {errors}",
         (
             f"trial: {trial['at_rest']} of {trial['hands']} hands at rest, {trial['at_rest_without_friction']} without "
-            f"friction, {trial['quiet']} without a vibration that is felt; a tap reaches "
-            f"{number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}"
+            f"friction; {trial['quiet']} press without a vibration that is felt, with the declared friction; "
+            f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}"
         ),
         rest_line(document["rest"]),
+        *_edge(coupling),
         *_limits(document),
         f"other hands, to whom nothing is promised: {_other_hands(document['other_hands'])}",
         f"why: {document['reason']}",
@@ -47,7 +50,7 @@ def rest_line(rest: dict[str, Any]) -> str:
     return f"rest with every hand: {rest['word']}: {rest['sentence']}{ends}"
 
 
-def _felt(felt: dict[str, Any], *, springy: bool, limited: bool) -> str:
+def _felt(felt: dict[str, Any], *, springy: bool, limited: int, hands: int) -> str:
     if not springy:
         return "a damper, no stiffness"
     if felt["stiffness_n_per_m"] is None:
@@ -55,7 +58,22 @@ def _felt(felt: dict[str, Any], *, springy: bool, limited: bool) -> str:
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
     share = f"{100 * (felt['share_of_wall'] or 0):.3g} % of the wall"
     behind = "" if handle == sensed else f" at the sensor, and {number(handle)} N/m at the handle"
-    return f"{number(sensed)} N/m, {share}{behind}"
+    most = f" (median of the {hands - limited} hands that stay below the force limit)" if limited else ""
+    return f"{number(sensed)} N/m, {share}{behind}{most}"
+
+
+def _edge(coupling: dict[str, Any]) -> list[str]:
+    """Say how far before the wall a contact damper pushes, where that is felt: cut at 0, k x + b v begins at -b v/k."""
+    wall, table = coupling["wall"], coupling["table"]
+    stiffness, damping = wall["stiffness_n_per_m"], wall["damping_ns_per_m"] + max(table["contact_damping_ns_per_m"])
+    cut = coupling["contact"] == "clip-last" and coupling["runtime"]["state_feedback"] is None
+    force = damping * _APPROACH_M_PER_S
+    if not cut or stiffness <= 0 or force < _EARLY_M * stiffness:
+        return []
+    begins, most = _depth(force / stiffness), number(force, 2)
+    return [
+        f"edge: the damper pushes before the wall too, a hand at {_APPROACH_M_PER_S:g} m/s from {begins} on by {most} N"
+    ]
 
 
 def _depth(depth_m: float) -> str:
