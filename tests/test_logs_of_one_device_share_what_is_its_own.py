@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification import Columns, identification_document, identify, read_logs
+from avc_casadi.identification import Columns, Estimate, identification_document, identify, read_logs
+from avc_casadi.identification._device import device_file
 from avc_casadi.identification._record import Record, records_of
 from avc_casadi.problem import parse_device
 
@@ -74,6 +75,19 @@ def test_the_weight_of_a_known_mass_is_no_scale_of_the_force(tmp_path):
     found = identify(records)
     assert found.estimates["force_scale"].value == pytest.approx(1.0, rel=2e-3)
     assert found.estimates["mass_kg"].value == pytest.approx(0.12, rel=2e-3)
+
+
+def test_a_share_that_is_assumed_at_the_end_of_its_interval_is_written():
+    """Found on a log of a thousand: its two digits lay outside of what the log allowed."""
+    found = identify([record(log("log", 1))])
+    mode = {
+        f"resonance.{key}": Estimate(f"resonance.{key}", unit, value, 0.9 * value, 1.1 * value, 0.95, "output error")
+        for key, unit, value in (("frequency_hz", "Hz", 80.0), ("damping_ratio", "", 0.03))
+    }
+    found = replace(found, assumed_share=(0.41624, 0.1, 0.41624), estimates={**found.estimates, **mode})
+    written = device_file(found, None).device
+    assert written.resonance.mass_ratio == 0.42
+    assert written.range.resonance.mass_ratio == (0.1, 0.42)
 
 
 def test_a_file_of_another_device_is_doubted():

@@ -54,7 +54,8 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
     mode = {key: found.estimates.get(f"resonance.{key}") for key in _MODE}
     pairs = {key: _rounded(one) for key, one in mode.items() if one is not None}
     if found.assumed_share is not None:
-        pairs["mass_ratio"] = (float(f"{found.assumed_share[0]:.2g}"), found.assumed_share[1:])
+        share = float(f"{found.assumed_share[0]:.2g}")
+        pairs["mass_ratio"] = (share, (min(found.assumed_share[1], share), max(found.assumed_share[2], share)))
     if len(pairs) == len(_MODE):
         device["resonance"] = {key: pair[0] for key, pair in pairs.items()}
         ranges["resonance"] = {key: pair[1] for key, pair in pairs.items()}
