@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._predictor import Predictor
+from avc_casadi.identification._uncertainty import moves_of
 from avc_casadi.support import FloatArray, number
 
 # Logs differ that ask for values so many standard errors apart, and this share of the value.
@@ -50,11 +52,8 @@ def differences(fit: Fit, predictor: Predictor, names: Sequence[str], unit_of: d
 
 def _asked(fit: Fit, records: set[int]) -> tuple[FloatArray, FloatArray]:
     """Return the step that some records ask for and its standard error, each of shape (free,); empty of too few."""
-    blocks = [block for block in fit.blocks if block.record in records]
+    blocks = tuple(block for block in fit.blocks if block.record in records)
     if len(blocks) < _FEWEST_BLOCKS:
         return np.zeros(0), np.zeros(0)
-    whole = np.sum([block.curvature for block in blocks], axis=0)
-    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    gradients = np.array([block.gradient for block in blocks]).T / scale[:, None]
-    moves = -np.linalg.lstsq(whole / scale / scale[:, None], gradients, rcond=1e-10)[0] / scale[:, None]
-    return moves.sum(axis=1), np.sqrt(len(blocks)) * moves.std(axis=1, ddof=1)
+    moves = moves_of(replace(fit, blocks=blocks))
+    return moves.sum(axis=0), np.sqrt(len(blocks)) * moves.std(axis=0, ddof=1)

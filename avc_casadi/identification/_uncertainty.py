@@ -135,14 +135,18 @@ def _beyond_chance(fit: Fit, other: Fit) -> FloatArray:
     """Return how far another observer moves the estimate, less what chance moves it."""
     low, high = fit.structure.bounds()
     # Each block's share of the two steps; their difference block by block is what chance makes of the shift.
-    moves = _moves(other) - _moves(fit)
+    moves = moves_of(other) - moves_of(fit)
     shift = np.clip(fit.search + moves.sum(axis=0), low, high) - fit.search
     chance = 2.0 * np.sqrt(len(moves)) * moves.std(axis=0, ddof=1)
     return np.asarray(np.sqrt(np.maximum(shift**2 - chance**2, 0.0)))
 
 
-def _moves(fit: Fit) -> FloatArray:
-    """Return the Gauss-Newton step that each block asks for, shape (blocks, free); they add up."""
+def moves_of(fit: Fit) -> FloatArray:
+    """Return the Gauss-Newton step in the search that each block asks for, shape (blocks, free); they add up.
+
+    Args:
+        fit: a point, with the blocks that are asked.
+    """
     whole = np.sum([block.curvature for block in fit.blocks], axis=0)
     scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
     gradients = np.array([block.gradient for block in fit.blocks]).T / scale[:, None]

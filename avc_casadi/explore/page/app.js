@@ -1,5 +1,6 @@
 // The page: its settings stand in the address, every change is asked of the server, the last answer wins.
 
+import { parsed } from "./address.js";
 import { Client, Follow } from "./client.js";
 import { Fields, made, typed } from "./fields.js";
 import { drawImpedance, drawRegion, drawTouch, drawVerdict } from "./pictures.js";
@@ -41,22 +42,11 @@ const columns = () => (state.b ? ["a", "b"] : ["a"]);
 
 function readAddress() {
   const left = new Set();
-  let found = {};
-  try {
-    if (location.hash.length > 1) found = JSON.parse(decodeURIComponent(location.hash.slice(1)));
-  } catch {
-    found = null;
-  }
-  if (!isTable(found)) left.add("all of it");
-  for (const [key, value] of Object.entries(isTable(found) ? found : {})) {
-    if (!["a", "b", "on"].includes(key) || (key !== "on" && value !== null && !isTable(value))) left.add(key);
-  }
-  const [a, b] = [known(found && found.a, left), found && found.b ? known(found.b, left) : null];
+  const found = parsed(location.hash, left);
+  const [a, b] = [known(found.a, left), found.b ? known(found.b, left) : null];
   get("address-says").textContent = left.size ? `The address holds what this page does not know, and left out: ${[...left].join(", ")}.` : "";
   return { a, b, on: b && found.on === "b" ? "b" : "a" };
 }
-
-const isTable = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
 
 /** What the page knows of the settings of an address; the names of the rest go to those left out. */
 function known(given, left) {
