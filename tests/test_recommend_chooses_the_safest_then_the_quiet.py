@@ -128,7 +128,7 @@ def test_where_others_refute_a_softened_wall_a_softer_one_is_looked_for(held, mo
     monkeypatch.setattr(_candidates, "ladder_n_per_m", lambda *_: [])
     monkeypatch.setattr(_candidates, "softer_n_per_m", lambda *_: [])
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
-    found, _ = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False)
+    found = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False).judged
     best = best_of(found)
     assert best.safety == 0
     assert 0.75 * held < felt_at_rest_n_per_m(best.coupling) / limit.stiffness_n_per_m < held

@@ -71,7 +71,8 @@ def rest_level(coupling: Coupling, found: list[Rest], progress: Progress = SILEN
 def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult | None:
     """Prove L7 where a second or two tells: constant gains alone, clipped last, on a rigid device known exactly.
 
-    No orbit is looked for, so that it is proved, refuted by an unstable hand, or open.
+    A device with play is not known that exactly. No orbit is looked for, so that it is proved, refuted by an unstable
+    hand, or open.
 
     Args:
         coupling: what runs.
@@ -95,7 +96,9 @@ def quickly_proved(coupling: Coupling) -> bool:
     runtime, device, spread = coupling.runtime, coupling.problem.device, coupling.problem.device.range
     alone = runtime.state_feedback is None and runtime.observer_mass_kg is None and runtime.guard is None
     known = (
-        rigid(device) and spread.mass_kg is None and spread.damping_ns_per_m is None and spread.delay_samples is None
+        rigid(device)
+        and not (device.backlash_m or spread.backlash_m)
+        and all(ends is None for ends in (spread.mass_kg, spread.damping_ns_per_m, spread.delay_samples))
     )
     return alone and known and coupling.table.constant and coupling.contact == "clip-last"
 

@@ -21,6 +21,7 @@ _PHYSICAL_WALL = (
     "the physical wall, which does not know of samples: Z = m s + b_d + b_e + k_e/s at s = j omega, relative to |Z|"
 )
 _HANDS = 100
+_RESTING = ("at_rest", "at_rest_without_friction")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
     parser.add_argument("--out", metavar="FILE", help="write the coupling, .json: for push, stream, export, simulate")
     parser.add_argument(
-        "--stiffest", action="store_true", help="search only the stiffest wall that the device can give to every hand"
+        "--stiffest",
+        action="store_true",
+        help="search the stiffest wall that the device can give, and what would help",
     )
     parser.add_argument(
         "--lean-on-friction",
@@ -54,12 +57,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
     if args.stiffest and args.out is not None:
         raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--out")
-    if args.stiffest and args.hands is not None:
-        raise avc.InputError.of(
-            "goes with a recommendation: --stiffest simulates nobody, it computes with every corner of [hands] and let "
-            "go; leave one of them out",
-            key="--hands",
-        )
     if args.stiffest and args.prove:
         raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--prove")
     hands = _HANDS if args.hands is None else args.hands
@@ -67,7 +64,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     problem = load_problem(args.problem)
     if args.stiffest:
         with console.step("stiffest wall"):
-            document = stiffest(problem, min(2, processors()), console)
+            document = stiffest(
+                problem,
+                hands,
+                lean_on_friction=args.lean_on_friction,
+                workers=min(2, processors()),
+                progress=console,
+            )
         return Answer(document, stiffest_text(document))
     with console.step(f"candidates with {hands} hands"):
         found = recommend(
@@ -107,7 +110,7 @@ def recommendation_lines(document: dict[str, Any]) -> list[str]:
             (
                 f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m for every hand, by linear "
                 "stability alone: nobody tries it, with encoder, friction or bouncing, so what is deployed may be "
-                "softer (--stiffest: what a robust design gives, and what would help it)"
+                "softer (--stiffest: the stiffest wall that simulated hands rest at, and what would help it)"
             ),
             table(["what would help", "plain wall,\nlinear alone\nN/m"], rows, left=(0,)),
         ]
@@ -127,20 +130,39 @@ def recommendation_lines(document: dict[str, Any]) -> list[str]:
 def stiffest_text(document: dict[str, Any]) -> str:
     """Return the stiffest wall for people."""
     low, high = document["damping_ns_per_m"]
-    rows = [[one["change"], number(one["stiffest_wall_n_per_m"])] for one in document["what_would_help"]]
+    wall = document["stiffest_wall_n_per_m"]
+    rows = [
+        [
+            one["change"],
+            "none" if one["stiffest_wall_n_per_m"] is None else number(one["stiffest_wall_n_per_m"]),
+            *("" if one[key] is None else f"{one[key]} of {one['hands']}" for key in _RESTING),
+        ]
+        for one in (document | {"change": "as it is"}, *document["what_would_help"])
+    ]
+    found = f"{number(wall)} N/m ({document['by']})" if wall is not None else "none was found"
+    asked = f", tried by {document['hands']} simulated hands" if wall is not None else ""
     return "\n".join(
         [
-            (
-                f"{document['problem']}: stiffest wall that was found ({document['by']}), linearly stable with every "
-                f"corner of [hands] and let go: {number(document['stiffest_wall_n_per_m'])} N/m"
-            ),
+            f"{document['problem']}: stiffest wall: {found}, linearly stable with every hand and let go{asked}",
+            *_confirmed(document["confirmed"]),
             (
                 f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m, with {number(low)} to "
-                f"{number(high)} N.s/m of wall and contact damping together; both by linear stability alone, tried by "
-                "nobody: what hands rest at may be softer (avc recommend without --stiffest)"
+                f"{number(high)} N.s/m of wall and contact damping together, by linear stability alone: what hands "
+                "rest at may be softer"
             ),
-            table(["what would help", "stiffest wall\nN/m"], rows, left=(0,)),
+            table(["what would help", "stiffest wall\nN/m", "at rest", "without\nfriction"], rows, left=(0,)),
             *(f"assumed: {gap}" for gap in document["assumed"]),
             *(f"not used: {what}" for what in document["not_used"]),
         ]
     )
+
+
+def _confirmed(others: dict[str, int] | None) -> list[str]:
+    if others is None:
+        return []
+    return [
+        (
+            f"of {others['hands']} hands that had no part in the choice {others['at_rest']} come to rest, "
+            f"{others['at_rest_without_friction']} without friction, {others['quiet']} without a vibration that is felt"
+        )
+    ]

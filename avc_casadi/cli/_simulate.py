@@ -165,10 +165,12 @@ def gains_of(
     file: str | None, problem: avc.Problem, console: Console
 ) -> tuple[Coupling | GainSchedule | None, list[str]]:
     """Return what a file holds, or the gains of the scene's coupling, and notes; None for a scene without any."""
+    from avc_casadi.design import scene_gains, scene_notes
+
     if file is not None:
         return gains_for(problem, file)
     method = problem.scene.coupling
     if method == "none":
         return None, []
     with console.step(f"coupling: {method}"):
-        return avc.solve(problem, method), []
+        return scene_gains(problem, method), scene_notes(problem)

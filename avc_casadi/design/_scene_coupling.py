@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,14 +14,40 @@ from avc_casadi.scene import simulate as simulate_with
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Gains, GainSchedule
+    from avc_casadi.design._methods import MethodName
     from avc_casadi.loop import Hand
     from avc_casadi.scene import AnyGains, Engine, Run, Screening
 
 
 def scene_coupling(problem: Problem) -> Gains | GainSchedule:
-    """Solve for the coupling that the problem's scene names; "none" joins device and environment rigidly."""
+    """Return the coupling that the problem's scene names, solved; "none" joins device and environment rigidly."""
     name = problem.scene.coupling
-    return NO_COUPLING if name == "none" else solve(problem, name)
+    return NO_COUPLING if name == "none" else scene_gains(problem, name)
+
+
+def scene_gains(problem: Problem, method: MethodName) -> GainSchedule:
+    """Solve by the method that the scene names.
+
+    The one of a scene that names none knows whole samples of delay only: it is designed for the next one.
+    """
+    return solve(problem.changed(device={"delay_samples": _designed_for(problem)}), method)
+
+
+def scene_notes(problem: Problem) -> list[str]:
+    """Say where the coupling of a scene is designed for another device than the one that is simulated."""
+    declared, whole = problem.device.delay_samples, _designed_for(problem)
+    if whole == declared:
+        return []
+    note = (
+        f"the scene names no coupling: {problem.scene.coupling}, designed for {whole:g} samples of delay, simulated "
+        f"with {declared:g}; avc recommend P --out c.json makes one for this device, for --gains c.json"
+    )
+    return [note]
+
+
+def _designed_for(problem: Problem) -> float:
+    named = "coupling" in problem.scene.model_fields_set
+    return problem.device.delay_samples if named else math.ceil(problem.device.delay_samples)
 
 
 def simulate(

@@ -262,11 +262,12 @@ class Problem(Table):
             raise refusal("\n".join(f"{dotted(path)}: {message}" for path, message in broken))
         return self
 
-    def changed(self, **tables: Mapping[str, Any] | BaseModel | str) -> Self:
+    def changed(self, **tables: Mapping[str, Any] | BaseModel | str | None) -> Self:
         """Return the problem with some keys changed, validated as a file is.
 
         Args:
-            tables: by name, keys to change in a table (``stability={"scope": "hands"}``), a whole table, or a text.
+            tables: by name, keys to change in a table (``stability={"scope": "hands"}``), a whole table, a text, or
+                None, which leaves out a table that need not be there.
 
         Raises:
             InputError: with every value that is refused and every rule that is broken.

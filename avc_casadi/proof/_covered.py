@@ -11,7 +11,6 @@ _LEFT_OUT = {
     "coulomb_friction_n": ("dry friction", "N"),
     "encoder_resolution_m": ("encoder", "m"),
     "position_noise_rms_m": ("noise", "m rms"),
-    "backlash_m": ("backlash", "m"),
 }
 
 

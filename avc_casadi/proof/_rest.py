@@ -169,7 +169,9 @@ def prove_rest(
             return told("refuted", how, unstable=unstable)
     why, found, cells = _proof(law, device, hand, most_cells, progress)
     dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
+    play = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
     lacking = {
+        f"the play of {1e6 * play:.3g} um is a second nonlinearity, which this proof does not know": play > 0,
         'contact = "gated" is no single nonlinearity with a slope between 0 and 1: this proof is of "clip-last"': (
             contact == "gated"
         ),

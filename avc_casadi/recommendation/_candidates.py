@@ -12,7 +12,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import Coupling, Gains, Runtime, near_rigid_n_per_m, spring_before
 from avc_casadi.design.constant import tuned_margin
-from avc_casadi.design.robust import NEXT, ladder_n_per_m, refined, robust_at, softer_n_per_m
+from avc_casadi.design.robust import MOST_RUNGS, NEXT, ladder_n_per_m, refined, robust_at, softer_n_per_m
 from avc_casadi.loop import with_let_go
 from avc_casadi.recommendation._reach import tuned
 from avc_casadi.stability import DampingRange, damping_range
@@ -100,23 +100,39 @@ class RobustCandidates:
         ladder_n_per_m: walls in the order in which to ask for them: the wanted one first, if it is near, then others of
             rising stiffness, and it again.
         softer_n_per_m: walls softer than these.
+        rungs: walls and laws that were found so far.
+
+    Args:
+        problem: device, wall and hands.
+        stiffest: the stiffest wall that is stable with everybody and let go.
+        ends: how fast those end who try a coupling first.
+        known: a wall from which on to look, with a law for it; None begins where spring and damper end.
     """
 
-    def __init__(self, problem: Problem, stiffest: DampingRange, ends: Callable[[Coupling], Unrest]) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        stiffest: DampingRange,
+        ends: Callable[[Coupling], Unrest],
+        known: Rung | None = None,
+    ) -> None:
         self._problem, self._ends = problem, ends
-        self._rungs: list[Rung] = []
+        self.rungs: list[Rung] = []
         self.ladder_n_per_m: list[float] = []
         self.softer_n_per_m: list[float] = []
         if problem.detent is not None:
             return  # whose slopes nobody judges behind an observer
         with suppress(UnsupportedError):
-            self.ladder_n_per_m = ladder_n_per_m(problem, stiffest)
-            self.softer_n_per_m = softer_n_per_m(problem, stiffest)
+            ladder = ladder_n_per_m(problem, stiffest)
+            if known is not None:
+                self.rungs.append(known)
+                ladder = [known.stiffness_n_per_m * NEXT**rung for rung in range(MOST_RUNGS)]
+            self.ladder_n_per_m, self.softer_n_per_m = ladder, softer_n_per_m(ladder)
 
     @property
     def walls_n_per_m(self) -> list[float]:
         """Stiffness at rest of the walls for which laws were found so far."""
-        return [rung.stiffness_n_per_m for rung in self._rungs]
+        return [rung.stiffness_n_per_m for rung in self.rungs]
 
     def at(self, felt_n_per_m: float) -> Iterator[Alternatives]:
         """Yield laws for a wall, those of walls near it before what a search finds; none where there is none.
@@ -128,13 +144,13 @@ class RobustCandidates:
         """
         if not self.ladder_n_per_m:
             return
-        for rung in robust_at(self._problem, felt_n_per_m, tuple(self._rungs)):
-            self._rungs.append(rung)
+        for rung in robust_at(self._problem, felt_n_per_m, tuple(self.rungs)):
+            self.rungs.append(rung)
             alternatives = self._with(rung)
             yield alternatives
             better = refined(self._problem, rung, self._ends(alternatives[0]))
             if better is not None:
-                self._rungs.append(better)
+                self.rungs.append(better)
                 yield self._with(better)
 
     def _with(self, rung: Rung) -> Alternatives:

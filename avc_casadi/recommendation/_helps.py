@@ -1,19 +1,14 @@
-"""What would allow a stiffer wall: the same search on a device with one property changed."""
+"""What would allow a stiffer wall: devices with one property changed."""
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._errors import UnsupportedError
-from avc_casadi.design.robust import stiffest_robust
 from avc_casadi.loop import with_let_go
 from avc_casadi.stability import stiffest_wall
-from avc_casadi.support import SILENT, Chunked, Progress
 
 if TYPE_CHECKING:
-    from avc_casadi.design.robust import Rung
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Device, Problem
 
@@ -32,14 +27,14 @@ class Help:
     stiffest_wall_n_per_m: float | None
 
 
-def changes(problem: Problem) -> dict[str, Problem]:
-    """Return what could be better about a device, each on its own, with the problem that it leaves."""
+def linear_changes(problem: Problem) -> dict[str, Problem]:
+    """Return what could be better that linear stability knows of, each on its own, with the problem that it leaves."""
     device = problem.device
     keys: dict[str, dict[str, Any]] = {"half the sample time": {"sample_time_s": device.sample_time_s / 2}}
     if device.damping_ns_per_m:
-        keys["twice the damping of the device"] = _twice(device, "damping_ns_per_m")
+        keys["twice the damping of the device"] = _times(2, device, "damping_ns_per_m")
     if device.mass_kg:
-        keys["twice the mass of the device"] = _twice(device, "mass_kg")
+        keys["twice the mass of the device"] = _times(2, device, "mass_kg")
     if device.delay_samples:
         keys["no delay"] = {"delay_samples": 0, "range": {"delay_samples": None}}
     if device.amplifier_bandwidth_hz is not None:
@@ -47,6 +42,21 @@ def changes(problem: Problem) -> dict[str, Problem]:
     if device.resonance is not None:
         nothing = dict.fromkeys(type(device.resonance).model_fields)
         keys["no resonance"] = {"resonance": None, "encoder_at": "motor", "range": {"resonance": nothing}}
+    return {change: problem.changed(device=values) for change, values in keys.items()}
+
+
+def simulated_changes(problem: Problem) -> dict[str, Problem]:
+    """Return what could be better that only a simulation knows of, each on its own, with the problem that it leaves."""
+    device = problem.device
+    keys: dict[str, dict[str, Any]] = {}
+    if device.encoder_resolution_m:
+        keys["half the step of the encoder"] = _times(0.5, device, "encoder_resolution_m")
+    if device.position_noise_rms_m:
+        keys["half the noise of the encoder"] = _times(0.5, device, "position_noise_rms_m")
+    if device.backlash_m or device.range.backlash_m:
+        keys["no play"] = {"backlash_m": 0.0, "range": {"backlash_m": None}}
+    if device.max_force_n is not None:
+        keys["twice the force"] = _times(2, device, "max_force_n")
     return {change: problem.changed(device=values) for change, values in keys.items()}
 
 
@@ -60,49 +70,19 @@ def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help,
     people = with_let_go(extreme)
     found = [
         Help(change, float(stiffest_wall(other.device, people).stiffness_n_per_m))
-        for change, other in changes(problem).items()
+        for change, other in linear_changes(problem).items()
     ]
     return _ranked(found)
-
-
-def what_would_help_robust(
-    problem: Problem,
-    near: Rung,
-    workers: int = 1,
-    progress: Progress = SILENT,
-    executor: Executor | None = None,
-) -> tuple[Help, ...]:
-    """Try each change with a robust design; the most helpful first.
-
-    Args:
-        problem: the device as it is.
-        near: the stiffest wall that it can give.
-        workers: processes; more than one start this program anew, so that a script needs its guard.
-        progress: told of the changes.
-        executor: who works instead, as for `Chunked.run`.
-    """
-    tried = changes(problem)
-    study = Chunked({}, _stiffest, [(other, near) for other in tried.values()], list, things="changes")
-    walls = study.run(executor, workers=workers, progress=progress)
-    return _ranked([Help(change, wall) for change, wall in zip(tried, walls, strict=True)])
-
-
-def _stiffest(task: tuple[Problem, Rung]) -> float | None:
-    try:
-        rung = stiffest_robust(*task)
-    except UnsupportedError:
-        return None
-    return None if rung is None else rung.stiffness_n_per_m
 
 
 def _ranked(found: list[Help]) -> tuple[Help, ...]:
     return tuple(sorted(found, key=lambda one: -(one.stiffest_wall_n_per_m or 0.0)))
 
 
-def _twice(device: Device, key: str) -> dict[str, Any]:
-    """Double a value, and the range within which it is known."""
+def _times(share: float, device: Device, key: str) -> dict[str, Any]:
+    """Multiply a value, and the range within which it is known."""
     interval = getattr(device.range, key)
     return {
-        key: 2 * getattr(device, key),
-        "range": {key: None if interval is None else tuple(2 * end for end in interval)},
+        key: share * getattr(device, key),
+        "range": {key: None if interval is None else tuple(share * end for end in interval)},
     }

@@ -16,6 +16,7 @@ from avc_casadi.problem import Problem, load_problem
 from avc_casadi.recommendation._assumptions import assumed, not_used
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import ERROR_HZ, Judged, best_of, reason_of
+from avc_casadi.recommendation._edge import edges_m
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
 from avc_casadi.recommendation._hopeless import hopeless
@@ -97,6 +98,7 @@ class Recommendation(Comparable):
             "complex_error": {f"{hz:g}": curve.at(curve.physical, hz) for hz in ERROR_HZ},
             "tap_force_n": tried["tap_force_n"],
             "tap_depth_m": tried["tap_depth_m"],
+            "edge_m": edges_m(self.coupling) if springy else {},
             "vibration": tried["felt_vibration"],
             "friction_n": self.problem.device.coulomb_friction_n,
         }
@@ -222,9 +224,10 @@ def recommend(
     why_none, considered = hopeless(problem), 0
     judged: list[Judged] = []
     if not why_none:
-        judged, considered = judged_candidates(
+        found = judged_candidates(
             problem, people, seed, limit, progress, lean_on_friction=lean_on_friction, executor=executor
         )
+        judged, considered = found.judged, found.considered
     best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
     leaning = best_of(judged, lean_on_friction=True) if judged else None
     coupling, rest = None, None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,13 +27,14 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from avc_casadi.coupling import Coupling
+    from avc_casadi.design.robust import Rung
     from avc_casadi.problem import Problem
     from avc_casadi.stability import DampingRange
     from avc_casadi.support import Progress
     from avc_casadi.trial import Ends
 
 # The way from the stiffest that is held to the next stiffer wall is halved until it is so short, or so often.
-_CLOSE, _MOST_HALVED = 1.03, 4
+_CLOSE, MOST_HALVED = 1.03, 4
 # Robust walls in a row that are too stiff, beyond which none is looked at: one of them may owe it to its law.
 _TOO_STIFF = 2
 # Searches, as they are told.
@@ -49,35 +51,65 @@ def judged_candidates(
     *,
     lean_on_friction: bool,
     executor: Executor | None = None,
-) -> tuple[list[Judged], int]:
-    """Try the likeliest couplings first, and the others only where none is the wall itself; say how many there were."""
+    known: Rung | None = None,
+    halvings: int = MOST_HALVED,
+) -> Candidates:
+    """Try the likeliest couplings first, and the others only where none is the wall itself.
+
+    Args:
+        problem: device, wall and hands.
+        people: who tries them.
+        seed: of their draw.
+        limit: the stiffest wall that is stable with everybody and let go, with a spring and damper.
+        progress: told of the candidates.
+        lean_on_friction: as in `best_of`.
+        executor: as in `try_coupling`.
+        known: a wall and its law with which to begin; None begins where spring and damper end.
+        halvings: of the way to the next stiffer wall, at most.
+    """
     wall = problem.environment.stiffness_n_per_m
     jury = _Jury(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
-    robust = RobustCandidates(problem, limit, jury.ends)
+    robust = RobustCandidates(problem, limit, jury.ends, known)
     plainly = min(wall, limit.stiffness_n_per_m)
     corners = hand_corners(problem.hands)
     plain = list(plain_candidates(problem, corners, limit))
     # A wall beyond what spring and damper hold is robust from the start; one that nothing holds is softened until
-    # everybody rests quietly. Tuned gains come last: what holds spring and damper back holds them back too.
+    # everybody rests quietly, behind a law first: what springs give is mostly softer. Tuned gains come last: what holds
+    # spring and damper back holds them back too.
     held_plainly = wall <= limit.stiffness_n_per_m
     if held_plainly:
         _plainly(jury, plain, wall)
     if not jury.holds(wall):
         _climb(jury, robust, wall)
-    if not (held_plainly or jury.holds(limit.stiffness_n_per_m)):
-        _plainly(jury, plain, limit.stiffness_n_per_m)
-    for share in SAFER:
-        if not jury.holds(0.0):
-            jury.ask(softened_to(problem, corners, share * plainly), "softer springs")
     for softer in robust.softer_n_per_m:
         if not jury.holds(min(softer, plainly)):
             jury.finds(robust.at(softer), softer, f"softer walls behind an observer, {softer:.4g} N/m")
+    if not (held_plainly or jury.holds(limit.stiffness_n_per_m)):
+        _plainly(jury, plain, limit.stiffness_n_per_m)
+    for share in SAFER:
+        if not jury.holds(share * plainly):
+            jury.ask(softened_to(problem, corners, share * plainly), "softer springs")
     if not jury.holds(0.0):
         jury.ask(tuned_candidates(problem, progress), "tuned gains")
     if jury.judged:
-        _closer(problem, jury, limit, robust)
+        _closer(problem, jury, limit, robust, halvings)
         jury.holds(0.0)
-    return jury.judged, jury.considered
+    return Candidates(jury.judged, jury.considered, tuple(robust.rungs))
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """What was judged.
+
+    Attributes:
+        judged: what was tried, and how.
+        considered: how many couplings there were.
+        rungs: walls for which laws were found.
+    """
+
+    judged: list[Judged]
+    considered: int
+    rungs: tuple[Rung, ...]
 
 
 class _Jury:
@@ -198,7 +230,7 @@ def _climb(jury: _Jury, robust: RobustCandidates, wall_n_per_m: float) -> None:
             return
 
 
-def _closer(problem: Problem, jury: _Jury, limit: DampingRange, robust: RobustCandidates) -> None:
+def _closer(problem: Problem, jury: _Jury, limit: DampingRange, robust: RobustCandidates, halvings: int) -> None:
     """Halve the way to the next stiffer wall, a few times; where that leads up to it, try it once more and go on.
 
     So that what is felt hardly depends on where the walls stand that were looked at, and thus on the one wanted.
@@ -207,7 +239,7 @@ def _closer(problem: Problem, jury: _Jury, limit: DampingRange, robust: RobustCa
     low = jury.reached_n_per_m()
     high = None if low < 0 else stiffer_rung_n_per_m(problem, limit, robust, low)
     nearer = False
-    for _ in range(_MOST_HALVED):
+    for _ in range(halvings):
         if high is None or (high < _CLOSE * low and not nearer):
             return
         again = nearer and high < _CLOSE**3 * low

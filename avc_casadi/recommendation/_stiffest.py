@@ -1,62 +1,170 @@
-"""Only how stiff a wall can be, and what would allow a stiffer one."""
+"""How stiff a wall the device can give to simulated hands, and what would allow a stiffer one."""
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._errors import UnsupportedError
-from avc_casadi.design.robust import stiffest_robust
+from avc_casadi.certificate import deployable
+from avc_casadi.design.robust import moved
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.recommendation._assumptions import assumed, not_used
-from avc_casadi.recommendation._helps import what_would_help, what_would_help_robust
+from avc_casadi.recommendation._choice import Judged, best_of
+from avc_casadi.recommendation._helps import linear_changes, simulated_changes
+from avc_casadi.recommendation._hopeless import hopeless
 from avc_casadi.recommendation._recommend import SCHEMA
+from avc_casadi.recommendation._stages import judged_candidates
 from avc_casadi.stability import stiffest_wall
-from avc_casadi.support import SILENT, Progress, plain
+from avc_casadi.support import SILENT, Chunked, Progress, plain
+from avc_casadi.trial import people_of, try_coupling
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.design.robust import Rung
     from avc_casadi.problem import Problem
+    from avc_casadi.stability import DampingRange
+
+# A wall out of reach, over what spring and damper hold.
+_FAR = 1e3
+# How often the way to the next stiffer wall is halved on a changed device: to a tenth.
+_ROUGHLY = 2
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Who asks: how many hands, the seed of their draw, and whether they may lean on dry friction."""
+
+    hands: int
+    seed: int
+    lean_on_friction: bool
 
 
 def stiffest(
-    problem: Problem, workers: int = 1, progress: Progress = SILENT, executor: Executor | None = None
+    problem: Problem,
+    hands: int = 100,
+    seed: int = 0,
+    *,
+    lean_on_friction: bool = False,
+    workers: int = 1,
+    progress: Progress = SILENT,
+    executor: Executor | None = None,
 ) -> dict[str, Any]:
-    """Search only the stiffest wall that the device can give to every hand and let go, and what would help.
+    """Search the stiffest wall at which simulated hands rest as safely as with a recommendation, and what would help.
 
-    Linear stability alone: whether simulated hands come to rest without dry friction is for a recommendation.
+    The search is that of `recommend`, for a wall that is out of reach: everything that the device declares is
+    simulated. Each change is searched in the same way, and tried with the best coupling of the device as it is, so that
+    an improvement never counts as a loss where that coupling goes on to hold.
 
     Args:
-        problem: device, hands; the wall does not matter.
+        problem: the device and its hands; its wall and detents do not matter.
+        hands: number of simulated hands, corners of [hands] among them.
+        seed: of their draw.
+        lean_on_friction: whether rest that only the declared dry friction brings is enough.
         workers: processes for the changes; more than one start this program anew, so that a script needs its guard.
-        progress: told of the walls and the changes.
-        executor: who works instead, as for `Chunked.run`.
+        progress: told of the candidates, then of the changes.
+        executor: who works on the changes instead, as for `Chunked.run`.
 
     Returns:
-        The document of `avc recommend P --stiffest`: JSON values. ``stiffest_wall_n_per_m`` is that of the robust
-        design, ``plain_wall_n_per_m`` that of a spring and damper, with the ``damping_ns_per_m`` that it needs.
+        The document of `avc recommend P --stiffest`: JSON values. ``stiffest_wall_n_per_m`` is felt at rest with the
+        coupling that was found, None where there is none; ``plain_wall_n_per_m`` is that of a spring and damper by
+        linear stability alone, with the ``damping_ns_per_m`` that it needs.
     """
-    extreme = hand_corners(problem.hands)
-    simple = stiffest_wall(problem.device, with_let_go(extreme))
-    try:
-        best = stiffest_robust(problem, progress=progress)
-    except UnsupportedError:
-        best = None
-    if best is None:
-        helps = what_would_help(problem, extreme)
-    else:
-        helps = what_would_help_robust(problem, best, workers, progress, executor)
-    reached = simple.stiffness_n_per_m if best is None else max(best.stiffness_n_per_m, simple.stiffness_n_per_m)
+    simple, walled = _out_of_reach(problem)
+    asked = _Asked(hands, seed, lean_on_friction)
+    best = None if hopeless(walled) else _best(walled, simple, asked, progress=progress)
+    better = linear_changes(problem) | simulated_changes(problem)
+    study: Chunked[Problem, list[dict[str, Any]]] = Chunked(
+        {}, partial(_with_change, best, asked), list(better.values()), list, things="changes"
+    )
+    walls = study.run(executor, workers=workers, progress=progress)
+    helps = [{"change": change, **wall} for change, wall in zip(better, walls, strict=True)]
+    judged = None if best is None else best.judged
     document: dict[str, Any] = plain(
         {
             "schema": SCHEMA,
             "problem": problem.name,
-            "stiffest_wall_n_per_m": reached,
-            "by": "spring and damper" if best is None else "robust",
+            **_told(judged),
+            "by": None if judged is None else judged.coupling.method,
+            "quiet": None if judged is None else int(judged.trial.quiet.sum()),
+            "confirmed": None if judged is None or judged.others is None else judged.others.counts(),
             "plain_wall_n_per_m": simple.stiffness_n_per_m,
             "damping_ns_per_m": [simple.lowest_ns_per_m, simple.highest_ns_per_m],
-            "what_would_help": [vars(one) for one in helps],
-            "assumed": list(assumed(problem, tried=False)),
+            "what_would_help": sorted(helps, key=lambda one: -(one["stiffest_wall_n_per_m"] or 0.0)),
+            "assumed": list(assumed(problem.changed(detent=None), confirmed=best is not None)),
             "not_used": list(not_used(problem)),
         }
     )
     return document
+
+
+def _out_of_reach(problem: Problem) -> tuple[DampingRange, Problem]:
+    """Return what spring and damper hold, and the device before a bare wall that is much stiffer."""
+    simple = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
+    wall = {"stiffness_n_per_m": _FAR * simple.stiffness_n_per_m, "damping_ns_per_m": 0.0}
+    return simple, problem.changed(environment=wall, detent=None)
+
+
+@dataclass(frozen=True)
+class _Best:
+    """The best that a device gives.
+
+    Attributes:
+        judged: the coupling, and how it was tried.
+        rung: the wall and the law behind it; None behind a spring and damper.
+    """
+
+    judged: Judged
+    rung: Rung | None
+
+
+def _best(
+    problem: Problem, limit: DampingRange, asked: _Asked, *, before: _Best | None = None, progress: Progress = SILENT
+) -> _Best | None:
+    """Search the stiffest; from the best of another device on, where that has a law."""
+    people, lean = people_of(problem.hands, asked.hands, asked.seed), asked.lean_on_friction
+    search = partial(judged_candidates, problem, people, asked.seed, limit, progress, lean_on_friction=lean)
+    if before is None:
+        found = search()
+    else:
+        known = None if before.rung is None else moved(before.rung, before.judged.coupling.problem, problem)
+        found = search(known=known, halvings=_ROUGHLY)
+    if not found.judged:
+        return None
+    best = best_of(found.judged, lean_on_friction=lean)
+    law = best.coupling.runtime.state_feedback
+    laws = ((rung, one) for rung in found.rungs for one in (rung.found, *rung.found.others))
+    rungs = (replace(rung, found=one.beside(())) for rung, one in laws if one.law is law)
+    return _Best(best, next(rungs, None))
+
+
+def _with_change(before: _Best | None, asked: _Asked, changed: Problem) -> dict[str, Any]:
+    """Search anew on a changed device; take the coupling of the device as it is where that does better."""
+    simple, walled = _out_of_reach(changed)
+    best = _best(walled, simple, asked, before=before)
+    kept = None if before is None else _kept(before.judged.coupling, walled, asked)
+    found = [one for one in (None if best is None else best.judged, kept) if one is not None]
+    return _told(best_of(found, lean_on_friction=asked.lean_on_friction) if found else None)
+
+
+def _kept(coupling: Coupling, walled: Problem, asked: _Asked) -> Judged | None:
+    """Let the hands try a coupling on a changed device; None where it runs at another rate or is not deployable."""
+    if walled.device.sample_time_s != coupling.problem.device.sample_time_s:
+        return None
+    other = replace(coupling, problem=coupling.problem.changed(device=walled.device))
+    if not deployable(other).passed:
+        return None
+    people = people_of(walled.hands, asked.hands, asked.seed)
+    return Judged(other, try_coupling(other, people, asked.seed), 0)
+
+
+def _told(best: Judged | None) -> dict[str, Any]:
+    if best is None:
+        return {"stiffest_wall_n_per_m": None, "hands": None, "at_rest": None, "at_rest_without_friction": None}
+    count = best.trial.counts()
+    return {
+        "stiffest_wall_n_per_m": best.felt_n_per_m,
+        **{key: count[key] for key in ("hands", "at_rest", "at_rest_without_friction")},
+    }

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from avc_casadi.recommendation._edge import NOTICED_N
 from avc_casadi.support import number
 
 # Shares of the force limit and of the stiffness felt from which it is worth a line.
 _AT_LIMIT, _STIFFER = 0.97, 1.1
-# How fast a hand comes, and from where on before the wall it would notice a force.
-_APPROACH_M_PER_S, _EARLY_M = 0.1, 5e-4
+# So far from its face a wall begins noticeably elsewhere.
+_ELSEWHERE_M = 5e-4
 
 
 def conclusion_lines(document: dict[str, Any]) -> list[str]:
@@ -34,7 +35,8 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
             f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}"
         ),
         rest_line(document["rest"]),
-        *_edge(coupling),
+        *_unlike_the_proof(document["rest"], trial),
+        *_edge(felt),
         *_limits(document),
         f"other hands, to whom nothing is promised: {_other_hands(document['other_hands'])}",
         f"why: {document['reason']}",
@@ -50,6 +52,15 @@ def rest_line(rest: dict[str, Any]) -> str:
     return f"rest with every hand: {rest['word']}: {rest['sentence']}{ends}"
 
 
+def _unlike_the_proof(rest: dict[str, Any], trial: dict[str, Any]) -> list[str]:
+    """Say that hands move where a proof says that they rest: owing to what the proof leaves out."""
+    moving = trial["hands"] - trial["at_rest_without_friction"]
+    if rest["word"] != "proved" or not moving:
+        return []
+    who = f"{moving} of {trial['hands']} simulated hands"
+    return [f"beyond the proof: with what it leaves out {who} do not rest without dry friction"]
+
+
 def _felt(felt: dict[str, Any], *, springy: bool, limited: int, hands: int) -> str:
     if not springy:
         return "a damper, no stiffness"
@@ -62,18 +73,17 @@ def _felt(felt: dict[str, Any], *, springy: bool, limited: int, hands: int) -> s
     return f"{number(sensed)} N/m, {share}{behind}{most}"
 
 
-def _edge(coupling: dict[str, Any]) -> list[str]:
-    """Say how far before the wall a contact damper pushes, where that is felt: cut at 0, k x + b v begins at -b v/k."""
-    wall, table = coupling["wall"], coupling["table"]
-    stiffness, damping = wall["stiffness_n_per_m"], wall["damping_ns_per_m"] + max(table["contact_damping_ns_per_m"])
-    cut = coupling["contact"] == "clip-last" and coupling["runtime"]["state_feedback"] is None
-    force = damping * _APPROACH_M_PER_S
-    if not cut or stiffness <= 0 or force < _EARLY_M * stiffness:
+def _edge(felt: dict[str, Any]) -> list[str]:
+    """Say where the wall begins for a hand that moves, if that is felt to be elsewhere than its face."""
+    at = {speed: depth for speed, depth in felt["edge_m"].items() if depth is not None}
+    give = NOTICED_N / felt["stiffness_n_per_m"] if felt["stiffness_n_per_m"] else 0.0
+    if all(-_ELSEWHERE_M < depth < _ELSEWHERE_M + give for depth in at.values()):
         return []
-    begins, most = _depth(force / stiffness), number(force, 2)
-    return [
-        f"edge: the damper pushes before the wall too, a hand at {_APPROACH_M_PER_S:g} m/s from {begins} on by {most} N"
-    ]
+    where = ", ".join(
+        f"{_depth(abs(depth))} {'before' if depth < 0 else 'behind'} its face at {speed} m/s"
+        for speed, depth in at.items()
+    )
+    return [f"edge: a hand that comes fast meets the wall's first {NOTICED_N:g} N elsewhere: {where}"]
 
 
 def _depth(depth_m: float) -> str:

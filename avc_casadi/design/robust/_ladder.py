@@ -15,7 +15,7 @@ from avc_casadi.coupling import Gains, spring_before
 from avc_casadi.design.robust._goal import costs_of
 from avc_casadi.design.robust._law import Space
 from avc_casadi.design.robust._loops import Loops
-from avc_casadi.design.robust._search import QUICKLY, Found, found_at, search
+from avc_casadi.design.robust._search import Found, found_at, search
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
@@ -25,25 +25,20 @@ from avc_casadi.stability import (
     stiffest_wall,
     stiffness_at_rest,
 )
-from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
     from avc_casadi.problem import Problem
 
 # The first wall as a share of what spring and damper hold.
 _FIRST = 0.9
-NEXT = 1.4
-"""The next wall of the ladder over the one before."""
+NEXT, MOST_RUNGS = 1.4, 8
+"""The next wall of a ladder over the one before, and how many there are."""
 # The wanted wall is tried at once if it is no more than so many times what spring and damper hold.
 _AT_ONCE = 4.0
-_MOST_RUNGS = 8
 # Of so many near walls the laws are tried as they are, no more than so many before all loops.
 _NEIGHBOURS, _MOST_AS_THEY_ARE = 3, 12
 # From the softest of these down, where it is not enough, and how often.
 SOFTER, MOST_SOFTER = 0.6, 4
-# The stiffest wall is climbed to, from below or from that of a like device: so much at a time, so many times. A wall
-# that is out of reach, over what spring and damper hold.
-_STEP, _MOST_STEPS, _FAR = 1.4, 16, 1e3
 
 
 @dataclass(frozen=True)
@@ -79,25 +74,17 @@ def ladder_n_per_m(problem: Problem, limit: DampingRange | None = None) -> list[
     wanted, plain = problem.environment.stiffness_n_per_m, _plain_n_per_m(problem, limit)
     if wanted <= _FIRST * plain:
         return [wanted]
-    rising = [_FIRST * plain * NEXT**rung for rung in range(_MOST_RUNGS)]
+    rising = [_FIRST * plain * NEXT**rung for rung in range(MOST_RUNGS)]
     at_once = [wanted] if wanted <= _AT_ONCE * plain else []
     return [*at_once, *(wall for wall in rising if wall < wanted), *([wanted] if wanted <= NEXT * rising[-1] else [])]
 
 
-def softer_n_per_m(problem: Problem, limit: DampingRange | None = None) -> list[float]:
-    """Return walls below the softest of the ladder.
+def softer_n_per_m(ladder_n_per_m: Sequence[float]) -> list[float]:
+    """Return walls below the softest of a ladder.
 
     A wall that is softer leaves more for the vibration at rest and for the hands that a law for a stiffer one loses.
-
-    Args:
-        problem: as for `ladder_n_per_m`.
-        limit: as for `ladder_n_per_m`.
-
-    Raises:
-        UnsupportedError: as `ladder_n_per_m`.
     """
-    softest = min(ladder_n_per_m(problem, limit))
-    return [softest * SOFTER ** (1 + step) for step in range(MOST_SOFTER)]
+    return [min(ladder_n_per_m) * SOFTER ** (1 + step) for step in range(MOST_SOFTER)]
 
 
 def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung] = ()) -> Iterator[Rung]:
@@ -122,49 +109,6 @@ def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung] 
     searched = _searched(problem, space, loops, stiffness_n_per_m, start)
     if searched is not None:
         yield searched
-
-
-def stiffest_robust(problem: Problem, near: Rung | None = None, progress: Progress = SILENT) -> Rung | None:
-    """Find the stiffest wall for which a law is found, whatever the wall of the problem.
-
-    Args:
-        problem: device with what is known of it, and hands.
-        near: the stiffest of a like device, from which to go up or down; None climbs from what spring and damper hold.
-        progress: told of the walls.
-
-    Raises:
-        UnsupportedError: as `ladder_n_per_m`.
-    """
-    plain = _plain_n_per_m(problem)
-    stated = problem.changed(environment={"stiffness_n_per_m": _FAR * plain, "damping_ns_per_m": 0.0})
-    _check(stated)
-    space, loops = Space(stated.device, stated.hands), Loops.of(stated.device, stated.hands)
-    stiffness = _FIRST * plain
-    if near is not None:
-        stiffness = near.stiffness_n_per_m
-        near = near if len(space.knobs) == len(near.found.logarithms) else None
-    best: Rung | None = None
-    for done in range(_MOST_STEPS):
-        progress.advance(done, done + 2, f"stiffest wall, search of a law for {stiffness:.4g} N/m")
-        found = _at_any_price(stated, space, loops, stiffness, near)
-        if found is None and best is not None:
-            break
-        best = found
-        near = near if found is None else found
-        stiffness = stiffness / _STEP if found is None else stiffness * _STEP
-    return best
-
-
-def _at_any_price(
-    problem: Problem, space: Space, loops: Loops, stiffness_n_per_m: float, near: Rung | None
-) -> Rung | None:
-    """Find a law for a wall: the near one as it is, or one that is like it, or any."""
-    if near is not None:
-        found = next(iter(_as_they_are(problem, space, loops, stiffness_n_per_m, [near.found])), None)
-        found = found or _searched(problem, space, loops, stiffness_n_per_m, near, QUICKLY)
-        if found is not None:
-            return found
-    return _searched(problem, space, loops, stiffness_n_per_m)
 
 
 def _plain_n_per_m(problem: Problem, limit: DampingRange | None = None) -> float:
@@ -198,12 +142,11 @@ def _searched(
     loops: Loops,
     stiffness_n_per_m: float,
     near: Rung | None = None,
-    effort: tuple[float, int] | None = None,
 ) -> Rung | None:
     """Search for the law of a wall from that of another."""
     gains, rendering = softened(problem, stiffness_n_per_m)
     with suppress(np.linalg.LinAlgError):
-        found = search(space, loops, rendering, None if near is None else near.found.logarithms, effort)
+        found = search(space, loops, rendering, None if near is None else near.found.logarithms)
         if found.cost.holds:
             return Rung(gains, stiffness_n_per_m, found)
     return None

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 DEAD_ZONE_STEPS = 0.75
 """Half width of the dead zone: half a step is what an encoder leaves open, a quarter is for the model."""
 
+# The start suits it; at shorter ones the filter is as fast in seconds, at longer ones in samples.
+_USUAL_SAMPLE_TIME_S = 1e-3
+
 # Regularises states without weight or noise.
 _NOTHING = 1e-9
 # Doublings of a Riccati equation at most, and the relative change that ends them.
@@ -70,17 +73,17 @@ class Space:
     @cached_property
     def knobs(self) -> tuple[Knob, ...]:
         """The numbers, those of a resonance only where there is one."""
-        hands = self.hands
+        hands, faster = self.hands, min(1.0, self.device.sample_time_s / _USUAL_SAMPLE_TIME_S)
         light, middle = self._light_kg, [sum(getattr(hands, name)) / 2 for name in _HAND]
         found = [
             Knob("position weight", 2.2, 0.1, 20.0),
             Knob("velocity weight", 0.4, 0.008, 13.0),
-            Knob("walk of the push", 0.009, 1e-4, 3.5),
-            Knob("force on the motor", 0.6, 1e-3, 60.0),
+            _noise("walk of the push", 0.009, 1e-4, 3.5, faster**3),
+            _noise("force on the motor", 0.6, 1e-3, 60.0, faster**2),
         ]
         if self.device.resonance is not None:
             found += [
-                Knob("force on the handle", 0.23, 1e-3, 60.0),
+                _noise("force on the handle", 0.23, 1e-3, 60.0, faster**2),
                 Knob("believed damping of the resonance", 0.16, 0.01, 0.7),
                 Knob("believed frequency of the resonance", 0.87, 0.75, 1.3),
             ]
@@ -155,6 +158,11 @@ class Space:
         unit = self._light_kg / t**2 / stiffness_n_per_m
         sizes = ("walk of the push", "force on the motor", "force on the handle")
         return model, (value["position weight"], speed), tuple(unit * value.get(name, 0.0) for name in sizes)
+
+
+def _noise(name: str, start: float, low: float, high: float, scale: float) -> Knob:
+    """Return a knob that leaves the filter as fast at other sample times."""
+    return Knob(name, scale * start, scale * low, scale * high)
 
 
 _HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
