@@ -14,7 +14,7 @@ from clip_last_simulator import Simulator
 from hardware_bench import believer
 
 import avc_casadi as avc
-from avc_casadi.certificate import certify, levels_table
+from avc_casadi.certificate import certify, levels_table, quickly_proved
 from avc_casadi.cli._console import Console
 from avc_casadi.cli._main import main
 from avc_casadi.coupling import Coupling, Gains, Runtime
@@ -207,6 +207,19 @@ def test_the_claim_says_which_device_it_covers():
     )
     assert found.outcome == "proved"
     assert "an amplifier of 900 Hz, 0.25 to 0.5 samples of delay; left out: dry friction (0.3 N)" in found.sentence
+
+
+@pytest.mark.parametrize("device", [{"backlash_m": 1e-4}, {"range": {"backlash_m": (0.0, 1e-5)}}])
+def test_nothing_is_proved_of_a_device_with_play(device):
+    """Play is a hysteresis in the loop: what comes to rest without it may bounce for ever with it."""
+    sure, coupling = coupling_of(), coupling_of(device=device)
+    assert outcome(sure).outcome == "proved"
+    level = outcome(coupling)
+    assert level.outcome == "open"
+    assert "play of" in level.claim
+    assert "without that it is proved" in level.claim
+    assert quickly_proved(sure)
+    assert not quickly_proved(coupling)
 
 
 def test_ripple_is_a_bound_that_the_worst_noise_comes_near_to():

@@ -120,11 +120,14 @@ def test_recommend(tmp_path):
     assert document["felt"]["share_of_wall"] == pytest.approx(1.0, abs=0.02)
     assert document["trial"]["at_rest"] == document["trial"]["hands"] == 16
     assert set(document) >= {"certificate", "what_would_help", "assumed", "not_used", "stiffest_wall_n_per_m"}
-    only = strict_json(avc("recommend", "ve3", "--stiffest", "--json").stdout)
+    only = strict_json(avc("recommend", "ve3", "--stiffest", "--hands", "8", "--json").stdout)
     assert only["plain_wall_n_per_m"] == document["plain_wall_n_per_m"]
-    assert only["stiffest_wall_n_per_m"] >= document["stiffest_wall_n_per_m"]
-    assert only["by"] == "robust"
-    assert only["what_would_help"][0]["change"] == "half the sample time"
+    assert only["stiffest_wall_n_per_m"] >= 0.99 * document["felt"]["stiffness_n_per_m"]
+    assert only["hands"] == only["at_rest_without_friction"] == 8
+    assert {one["change"] for one in only["what_would_help"]} >= {
+        "half the sample time",
+        "twice the mass of the device",
+    }
     text = stiffest_text(only)
     for one in (only, *only["what_would_help"]):
         assert f"{one['stiffest_wall_n_per_m']:.4g}" in text

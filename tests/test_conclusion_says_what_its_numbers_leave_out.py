@@ -5,7 +5,9 @@ import copy
 import pytest
 
 import avc_casadi as avc
+from avc_casadi.coupling import Coupling, Gains
 from avc_casadi.recommendation import conclusion_lines
+from avc_casadi.recommendation._edge import NOTICED_N, edges_m
 
 
 @pytest.fixture(scope="module")
@@ -17,17 +19,39 @@ def lines_of(document, word):
     return [line for line in conclusion_lines(document) if line.startswith(f"{word}: ")]
 
 
-@pytest.mark.parametrize(("damping", "said"), [(0.5, False), (30.0, True)])
-def test_a_contact_damper_that_pushes_early_is_told(document, damping, said):
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("damping", [0.5, 30.0])
+def test_a_contact_damper_that_pushes_early_is_told(damping, soft):
+    """Cut at 0, k x + b v begins at -b v/k, with k of wall and coupling together."""
+    problem = avc.load_problem("spring").changed(
+        environment={"stiffness_n_per_m": 2000.0, "damping_ns_per_m": 0.0}, device={"sample_time_s": 1e-4}
+    )
+    coupling = Coupling.constant(problem, Gains(0.0, 6000.0 if soft else 1e8, damping), "x")
+    felt = 1500.0 if soft else 2000.0
+    for speed, depth in edges_m(coupling).items():
+        # A sample late at most, and the force grows from 0 to what is noticed.
+        assert depth == pytest.approx((NOTICED_N - damping * float(speed)) / felt, abs=2e-4 * float(speed) + 2e-5)
+
+
+def test_a_wall_that_begins_elsewhere_is_told(document):
     changed = copy.deepcopy(document)
-    changed["coupling"]["table"]["contact_damping_ns_per_m"] = [damping]
-    changed["coupling"]["wall"] = {"stiffness_n_per_m": 2000.0, "damping_ns_per_m": 2.0}
-    found = lines_of(changed, "edge")
-    assert bool(found) == said
-    if said:
-        assert found[0].endswith("a hand at 0.1 m/s from 1.6 mm on by 3.2 N")
-    changed["coupling"]["contact"] = "gated"
-    assert lines_of(changed, "edge") == []
+    for edges, said in (({"0.1": 1e-5, "0.4": -4e-4}, False), ({"0.1": 1e-5, "0.4": -6e-4}, True), ({}, False)):
+        changed["felt"]["edge_m"] = edges
+        assert bool(lines_of(changed, "edge")) == said
+    changed["felt"]["edge_m"] = {"0.1": 2.5e-3, "0.4": None}
+    assert lines_of(changed, "edge") == [
+        "edge: a hand that comes fast meets the wall's first 0.1 N elsewhere: 2.5 mm behind its face at 0.1 m/s"
+    ]
+
+
+def test_hands_that_move_beyond_a_proof_are_told(document):
+    changed = copy.deepcopy(document)
+    changed["rest"]["word"], changed["trial"]["at_rest_without_friction"] = "proved", 3
+    assert lines_of(changed, "beyond the proof") == [
+        "beyond the proof: with what it leaves out 7 of 10 simulated hands do not rest without dry friction"
+    ]
+    changed["trial"]["at_rest_without_friction"] = 10
+    assert lines_of(changed, "beyond the proof") == []
 
 
 def test_hands_at_the_force_limit_are_no_part_of_what_is_felt(document):

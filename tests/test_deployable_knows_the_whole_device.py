@@ -12,6 +12,7 @@ import avc_casadi as avc
 from avc_casadi.certificate import certify
 from avc_casadi.coupling import Coupling, Gains, Runtime
 from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, hand_corners, no_hand, with_let_go
+from avc_casadi.recommendation._assumptions import assumed
 from avc_casadi.stability import (
     damping_range,
     frozen_parts,
@@ -221,6 +222,19 @@ def test_the_trial_simulates_all_that_is_declared():
     seen = Conditions.of(Coupling.constant(handle, Gains(0.0, 1e8, 2.0), "x")).effects()
     assert {"encoder"} <= {effect.kind for effect in seen}
     assert "backlash" not in {effect.kind for effect in seen}
+
+
+def test_a_gain_box_that_nobody_stated_is_not_told():
+    bare = avc.parse_problem(
+        "[device]\nmass_kg=0.1\ndamping_ns_per_m=2\n[environment]\ndamping_ns_per_m=0\nstiffness_n_per_m=800\n"
+    )
+    stated = bare.changed(coupling={"stiffness_n_per_m": [0.0, 1e3]})
+    told = [
+        [line for line in assumed(one, Coupling.constant(one, Gains(0.0, 1e8), "x")) if "gain box" in line]
+        for one in (bare, stated)
+    ]
+    assert told[0] == []
+    assert "k of 1e+08 N/m lies outside [0, 1000]" in told[1][0]
 
 
 def test_what_is_recommended_for_a_resonant_device_is_told_as_it_is():

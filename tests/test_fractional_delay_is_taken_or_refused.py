@@ -7,7 +7,9 @@ from scipy.linalg import expm
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
 from avc_casadi.certificate import certify, deployable, llewellyn_table
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, Status, gain_schedule
+from avc_casadi.design import scene_coupling
 from avc_casadi.loop import Hand, loop_at
 from avc_casadi.passivity import SampledLoop, llewellyn_margin, passive_limit_n_per_m, worst_margin
 from avc_casadi.stability import frozen_parts, frozen_transition, joint_rendering, linear_stability
@@ -16,9 +18,13 @@ T = 1e-3
 HAND = Hand(np.array([0.05]), np.array([3.0]), np.array([800.0]))
 
 
-def problem(delay, **tables):
+def text_of(delay):
     text = f"[device]\nmass_kg=0.1\ndamping_ns_per_m=2\ndelay_samples={delay}\n[environment]\ndamping_ns_per_m=10\n"
-    return avc.parse_problem(text + "stiffness_n_per_m=1e5\n[frequency]\nstop_hz=400\npoints=5\n").changed(**tables)
+    return text + "stiffness_n_per_m=1e5\n[frequency]\nstop_hz=400\npoints=5\n"
+
+
+def problem(delay, **tables):
+    return avc.parse_problem(text_of(delay)).changed(**tables)
 
 
 def rows(case, b, k, contact=0.0):
@@ -117,6 +123,23 @@ def test_what_knows_whole_samples_only_says_so_by_name():
             call()
         assert refused.value.key == "device.delay_samples"
     assert np.isnan(passive_limit_n_per_m(case.device))
+
+
+def test_a_scene_that_names_no_coupling_gets_one_for_the_next_whole_sample(tmp_path, capsys):
+    case = problem(1.5)
+    assert "coupling" not in case.scene.model_fields_set
+    found = scene_coupling(case)
+    assert found.usable.all()
+    np.testing.assert_array_equal(
+        found.stiffness_n_per_m, avc.solve(case.changed(device={"delay_samples": 2}), "static").stiffness_n_per_m
+    )
+    (tmp_path / "p.toml").write_text(text_of(1.5))
+    for verb in ("simulate", "screen"):
+        assert main([verb, str(tmp_path / "p.toml")]) in {0, 1}
+        assert "designed for 2 samples of delay, simulated with 1.5" in capsys.readouterr().out
+    named = case.changed(scene={"coupling": "static"})
+    with pytest.raises(UnsupportedError, match="whole samples only"):
+        scene_coupling(named)
 
 
 def test_a_coupling_for_a_fractional_delay_is_judged_for_deployment():

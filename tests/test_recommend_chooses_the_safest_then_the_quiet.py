@@ -141,6 +141,27 @@ def test_rest_by_friction_is_enough_only_for_who_leans_on_it(free):
     assert one.complete(lean_on_friction=False) == (free == 10)
 
 
+def test_a_vibration_that_only_others_feel_counts():
+    one = judged(0, 0.9, 10, 10, 10)
+    assert one.quiet
+    assert not replace(one, others=trial(10, 10, 7)).quiet
+    assert replace(one, others=trial(10, 10, 9)).quiet
+
+
+def test_what_is_best_is_confirmed_though_nobody_rests_without_friction(monkeypatch):
+    people = people_of(PROBLEM.hands, HANDS)
+    limit = stiffest_wall(PROBLEM.device, with_let_go(hand_corners(PROBLEM.hands)))
+    monkeypatch.setattr(_choice, "try_coupling", lambda *_, **__: trial(10, 0, 10))
+    monkeypatch.setattr(_choice, "try_on_devices", lambda *_, **__: trial(10, 0, 10))
+    monkeypatch.setattr(_choice, "proved_first", lambda left: left)
+    monkeypatch.setattr(_candidates, "ladder_n_per_m", lambda *_: [])
+    monkeypatch.setattr(_candidates, "softer_n_per_m", lambda *_: [])
+    monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
+    found = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False).judged
+    assert best_of(found).safety == 1
+    assert best_of(found).others is not None
+
+
 def test_hands_are_dealt_out_to_devices_and_told_in_their_own_order():
     problem = avc.load_problem("spring").changed(device={"coulomb_friction_n": 0.1, "max_force_n": 1.0})
     coupling = Coupling.constant(problem, Gains(0.0, 500.0, 0.5), "x")

@@ -64,7 +64,7 @@ def test_any_scene(case, damping, stiffness, contact, integrator, runs, spread, 
     scene, row = compiled_scene(CASES[case][0], Gains(damping, stiffness, contact), how)
     parameters, inputs = several(row, runs, seed, spread), scene.input_values()
     with np.errstate(all="ignore"):
-        lanes = SideBySide(scene)(scene.initial, inputs.T, parameters, 1)
+        lanes = SideBySide(scene.function)(scene.initial, inputs.T, parameters, 1)
         alone = execute(scene, parameters, inputs, engine="casadi")
     for index, (name, values) in enumerate(alone.items()):
         assert name == scene.traces[index]
@@ -75,7 +75,7 @@ def test_any_scene(case, damping, stiffness, contact, integrator, runs, spread, 
 def test_peaks_and_rest_are_those_of_the_traces(effects, gains):
     scene, row = compiled_scene(effects, gains, 'duration_s = 0.8\nintegrator = "projected"\nsubsteps = 4\n')
     parameters, inputs = several(row, LANES + 5, 3, 0.05), scene.input_values()
-    lanes, alone = SideBySide(scene), NativeScene(scene)(scene.initial, inputs.T, parameters, 2)
+    lanes, alone = SideBySide(scene.function), NativeScene(scene)(scene.initial, inputs.T, parameters, 2)
     assert_same_bits(lanes(scene.initial, inputs.T, parameters, 3), alone)
     with np.errstate(all="ignore"):
         peaks = lanes.peaks(scene.initial, inputs.T, parameters, 2, scene.samples - 500)

@@ -7,7 +7,7 @@ from hardware_bench import believer
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.certificate import feedback_radius
+from avc_casadi.certificate import _feedback_radius, feedback_radius
 from avc_casadi.coupling import Coupling, Gains, Runtime, felt_impedance, schedule_of
 from avc_casadi.design.robust import Space
 from avc_casadi.loop import Hand, hand_ranges, hand_set, sampled_plant
@@ -224,3 +224,13 @@ def test_the_rows_of_a_robust_design_tell_what_runs():
     schedule = schedule_of(problem, made.table, "robust", law)
     alone = schedule_of(problem, made.table, "robust")
     assert schedule.impedance[0] != pytest.approx(alone.impedance[0], rel=1e-3)
+
+
+def test_the_whole_innovation_is_one_of_its_shares(monkeypatch):
+    """A search over all shares that ends below what the whole innovation was found to do is not what is told."""
+    problem = avc.load_problem("reference-r2").changed(environment={"stiffness_n_per_m": 2500.0})
+    made = feedback(problem, Space(problem.device, problem.hands).start)
+    wild, tame = (_feedback_radius.Worst(radius, 1.0, problem.device, {}) for radius in (1.1, 0.9))
+    monkeypatch.setattr(_feedback_radius._Loop, "worst", lambda *given: tame if len(given[-1]) > 1 else wild)
+    found = feedback_radius(made)
+    assert found.held is found.any_share is wild

@@ -97,11 +97,13 @@ def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Fe
     held = np.stack([loop.radius(device, hands, _SHARES) for device in devices], axis=1)
     free = np.array([loop.radius(device, no_hand(), (1.0,))[0, 0] for device in devices])
     alone = int(free.argmax())
+    whole = loop.worst(devices, hands, held[:1], (1.0,))
     return FeedbackRadius(
         devices,
         len(hands),
-        loop.worst(devices, hands, held[:1], (1.0,)),
-        loop.worst(devices, hands, held, _SHARES),
+        whole,
+        # The whole innovation is a share too, and the climb from all of them may end elsewhere.
+        max(whole, loop.worst(devices, hands, held, _SHARES), key=lambda worst: worst.radius),
         Worst(float(free[alone]), 1.0, devices[alone], no_hand().values(0)),
     )
 

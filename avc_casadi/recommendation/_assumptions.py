@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Device, Problem
 
 _RANGE = "device.range."
+_BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"), (-np.inf, np.inf)
 _SCENE_ALONE = {
     "noise",
     "jitter",
@@ -86,13 +87,14 @@ def _ranges(problem: Problem) -> tuple[list[str], list[str]]:
 
 
 def _outside(coupling: Coupling) -> list[str]:
-    """Say where gains leave the gain box of [coupling]."""
+    """Say where gains leave what the problem states of the gain box of [coupling]."""
     box, gains = coupling.problem.coupling, coupling.table.gains
+    stated = (getattr(box, key) if key in box.model_fields_set else _ANY for key in _BOX)
     left = [
         f"{symbol} of {outside[np.argmax(np.abs(outside - low))]:.4g} {unit} lies outside [{low:g}, {high:g}]"
         for (symbol, unit), (low, high), values in zip(
             (("b", "N.s/m"), ("k", "N/m"), ("b_p", "N.s/m")),
-            (box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m),
+            stated,
             gains,
             strict=True,
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,7 +55,7 @@ class Judged:
     order: int
     others: CouplingTrial | None = None
 
-    @property
+    @cached_property
     def safety(self) -> int:
         """0: everybody rests without dry friction and with it; 1: with the declared friction; 2: not everybody."""
         everybody = all(bool(trial.stable.all()) for trial in self.trials)
@@ -74,8 +75,8 @@ class Judged:
 
     @property
     def quiet(self) -> bool:
-        """Whether next to nobody feels a vibration at rest."""
-        return float(self.trial.quiet.mean()) >= QUIET_SHARE
+        """Whether next to nobody feels a vibration at rest, on the declared device and on those of its ranges."""
+        return sum(int(one.quiet.sum()) for one in self.trials) >= QUIET_SHARE * sum(one.hands for one in self.trials)
 
     @property
     def felt_n_per_m(self) -> float:

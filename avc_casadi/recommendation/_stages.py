@@ -93,7 +93,7 @@ def judged_candidates(
         jury.ask(tuned_candidates(problem, progress), "tuned gains")
     if jury.judged:
         _closer(problem, jury, limit, robust, halvings)
-        jury.holds(0.0)
+        jury.confirm()
     return Candidates(jury.judged, jury.considered, tuple(robust.rungs))
 
 
@@ -181,19 +181,18 @@ class _Jury:
     def holds(self, stiffness_n_per_m: float) -> bool:
         """Whether something so stiff is safe and quiet, also with people who had no part in the choice."""
         while self.reaches(stiffness_n_per_m):
-            before = self.judged
-            self.judged = confirmed(
-                before,
-                self._people,
-                self._others,
-                self._seed,
-                lean_on_friction=self._lean,
-                executor=self._executor,
-            )
-            if self.judged is before:
+            if not self.confirm():
                 return True
             self._try()
         return False
+
+    def confirm(self) -> bool:
+        """Let others try what is best, safe and quiet or not; say whether anything new was seen."""
+        before = self.judged
+        self.judged = confirmed(
+            before, self._people, self._others, self._seed, lean_on_friction=self._lean, executor=self._executor
+        )
+        return self.judged is not before
 
     def _try(self) -> None:
         judged = tried(

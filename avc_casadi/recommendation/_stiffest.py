@@ -10,7 +10,7 @@ from avc_casadi.certificate import deployable
 from avc_casadi.design.robust import moved
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.recommendation._assumptions import assumed, not_used
-from avc_casadi.recommendation._choice import Judged, best_of
+from avc_casadi.recommendation._choice import AS_STIFF, Judged, best_of
 from avc_casadi.recommendation._helps import linear_changes, simulated_changes
 from avc_casadi.recommendation._hopeless import hopeless
 from avc_casadi.recommendation._recommend import SCHEMA
@@ -92,7 +92,7 @@ def stiffest(
             "confirmed": None if judged is None or judged.others is None else judged.others.counts(),
             "plain_wall_n_per_m": simple.stiffness_n_per_m,
             "damping_ns_per_m": [simple.lowest_ns_per_m, simple.highest_ns_per_m],
-            "what_would_help": sorted(helps, key=lambda one: -(one["stiffest_wall_n_per_m"] or 0.0)),
+            "what_would_help": sorted(helps, key=_safest_then_stiffest),
             "assumed": list(assumed(problem.changed(detent=None), confirmed=best is not None)),
             "not_used": list(not_used(problem)),
         }
@@ -143,10 +143,17 @@ def _best(
 def _with_change(before: _Best | None, asked: _Asked, changed: Problem) -> dict[str, Any]:
     """Search anew on a changed device; take the coupling of the device as it is where that does better."""
     simple, walled = _out_of_reach(changed)
-    best = _best(walled, simple, asked, before=before)
+    found = [_best(walled, simple, asked, before=before)]
+    if before is not None and before.rung is not None and _softer(found[0], before):
+        found.append(_best(walled, simple, asked))  # what was good for one may lead the search astray for the other
+    judged = [one.judged for one in found if one is not None]
     kept = None if before is None else _kept(before.judged.coupling, walled, asked)
-    found = [one for one in (None if best is None else best.judged, kept) if one is not None]
-    return _told(best_of(found, lean_on_friction=asked.lean_on_friction) if found else None)
+    judged += [] if kept is None else [kept]
+    return _told(best_of(judged, lean_on_friction=asked.lean_on_friction) if judged else None)
+
+
+def _softer(found: _Best | None, before: _Best) -> bool:
+    return found is None or found.judged.felt_n_per_m < (1 - AS_STIFF) * before.judged.felt_n_per_m
 
 
 def _kept(coupling: Coupling, walled: Problem, asked: _Asked) -> Judged | None:
@@ -158,6 +165,11 @@ def _kept(coupling: Coupling, walled: Problem, asked: _Asked) -> Judged | None:
         return None
     people = people_of(walled.hands, asked.hands, asked.seed)
     return Judged(other, try_coupling(other, people, asked.seed), 0)
+
+
+def _safest_then_stiffest(told: dict[str, Any]) -> tuple[float, ...]:
+    counts = (told["at_rest_without_friction"] == told["hands"], told["at_rest"] == told["hands"])
+    return (*(-float(everybody) for everybody in counts), -(told["stiffest_wall_n_per_m"] or 0.0))
 
 
 def _told(best: Judged | None) -> dict[str, Any]:

@@ -31,7 +31,8 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         f"felt: {stiffness}; complex error against the physical wall {errors}",
         (
             f"trial: {trial['at_rest']} of {trial['hands']} hands at rest, {trial['at_rest_without_friction']} without "
-            f"friction; {trial['quiet']} press without a vibration that is felt, with the declared friction; "
+            f"friction; {trial['quiet']} press without a vibration that is felt, with the declared friction"
+            f"{_others_quiet(document['confirmed'])}; "
             f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}"
         ),
         rest_line(document["rest"]),
@@ -41,6 +42,10 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         f"other hands, to whom nothing is promised: {_other_hands(document['other_hands'])}",
         f"why: {document['reason']}",
     ]
+
+
+def _others_quiet(confirmed: dict[str, int] | None) -> str:
+    return f", and {confirmed['quiet']} of {confirmed['hands']} others" if confirmed else ""
 
 
 def rest_line(rest: dict[str, Any]) -> str:

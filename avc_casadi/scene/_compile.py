@@ -78,8 +78,7 @@ class CompiledScene:
     build_seconds: float
     metres_per_unit: float
     _tick: Tick
-    _advance: Advance
-    _plant: LinearPlant
+    _held: FloatArray
 
     @property
     def instructions(self) -> int:
@@ -121,9 +120,8 @@ class CompiledScene:
             )
         if self.damped:
             parts.append(np.array([gains.contact_damping_ns_per_m]))
-        plant = np.atleast_2d(self._advance.parameters(self._plant, self.sample_time_s))
         shared = np.concatenate(parts) if parts else np.zeros(0)
-        return np.concatenate([np.broadcast_to(shared, (len(plant), len(shared))), plant], axis=1)
+        return np.concatenate([np.broadcast_to(shared, (len(self._held), len(shared))), self._held], axis=1)
 
 
 def compile_scene(
@@ -193,8 +191,7 @@ def compile_scene(
         build_seconds=time.perf_counter() - started,
         metres_per_unit=problem.device.metres_per_unit,
         _tick=tick,
-        _advance=advance,
-        _plant=plant,
+        _held=np.atleast_2d(advance.parameters(plant, sample_time_s)),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi.scene._compile import CompiledScene
 from avc_casadi.scene._judge import AT_REST_M_PER_S, LOST_M, judged_samples
-from avc_casadi.scene._lanes import LANES, SideBySide
+from avc_casadi.scene._lanes import LANES, SideBySide, side_by_side
 from avc_casadi.scene._native import NativeScene, compiler
 from avc_casadi.support import FloatArray, HeldInterrupt, processors
 
@@ -91,7 +91,7 @@ def _compiled(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | 
         return None
     if runs >= LANES:
         with suppress(LookupError, OSError, subprocess.CalledProcessError):
-            return SideBySide(scene)
+            return side_by_side(scene.function)
     try:
         return NativeScene(scene)
     except (OSError, subprocess.CalledProcessError):

@@ -16,7 +16,7 @@ from avc_casadi.scene._native import in_threads, library
 from avc_casadi.support import FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.scene._compile import CompiledScene
+    pass
 
 LANES = 16
 """Runs side by side."""
@@ -138,14 +138,17 @@ int avc_lanes(long long runs, long long samples, long long judged, const double*
 class SideBySide:
     """The compiled loop over samples of several runs at once.
 
+    Args:
+        function: the sample of a compiled scene.
+
     Raises:
         LookupError: an instruction that has no form in lanes.
         OSError, CalledProcessError: there is no compiler, or none that knows vectors.
     """
 
-    def __init__(self, scene: CompiledScene) -> None:
-        self._traces = int(scene.function.numel_out(1))
-        self._run = library(_code(scene.function), _FLAGS).avc_lanes
+    def __init__(self, function: Any) -> None:
+        self._traces = int(function.numel_out(1))
+        self._run = library(_code(function), _FLAGS).avc_lanes
         self._run.restype = ctypes.c_int
         self._run.argtypes = [ctypes.c_longlong] * 3 + [ctypes.c_void_p] * 5
 
@@ -199,6 +202,12 @@ class SideBySide:
 
 
 @lru_cache(maxsize=64)
+def side_by_side(function: Any) -> SideBySide:
+    """Return the loop of a sample, once for each: the text of its C takes as long as some runs."""
+    return SideBySide(function)
+
+
+@lru_cache(maxsize=1)
 def _names() -> dict[int, str]:
     import casadi as ca  # noqa: PLC0415
 

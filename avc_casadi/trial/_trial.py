@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,33 +25,27 @@ from avc_casadi.problem import (
     ObserverEffect,
     Press,
     SaturationEffect,
-    Scene,
     StateFeedbackEffect,
     Stroke,
     WallEffect,
     declared_effects,
 )
 from avc_casadi.scene import (
-    CompiledScene,
     Engine,
     Judgement,
-    compile_for,
     compiler,
     execute,
     execute_to_speed,
-    held_by,
     judge,
-    settled,
 )
-from avc_casadi.scene.effects import build_effects
 from avc_casadi.support import BoolArray, FloatArray, processors
+from avc_casadi.trial._prepared import prepared, with_law
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainSchedule, GainTable
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Device, Problem
     from avc_casadi.runtime import StateFeedback
-    from avc_casadi.scene.effects import SceneEffect
 
 
 # A tap leaves the wall and strikes it again twice a second, and ends in contact: where it ended in free space, every
@@ -59,9 +53,6 @@ if TYPE_CHECKING:
 MOTIONS: dict[str, Motion] = {"press": Press(), "tap": Stroke(frequency_hz=2.0, amplitude_m=0.015), "hold": Hold()}
 
 DURATION_S = 3.0
-# Dry friction is projected this many times a sample: several times quicker for a stylus hand than its exact events,
-# with the same share of stable hands (58.8 against 59.8 % of 500 where it is most divided).
-_FRICTION_SUBSTEPS = 4
 # Up to so many people, the scene's own choice of what runs it is left alone.
 _FEW = 3
 # People whose traces are held at a time.
@@ -235,7 +226,7 @@ def simulations(
         conditions: what of the device is simulated.
         duration_s: how long.
     """
-    compiled, parameters, inputs = _prepared(problem, gains, subjects, motion, conditions, duration_s)
+    compiled, parameters, inputs = prepared(problem, gains, subjects, motion, conditions, duration_s)
     engine = _engine(len(parameters))
 
     def of(some: FloatArray) -> Traces:
@@ -263,7 +254,7 @@ def resting(
     duration_s: float = DURATION_S,
 ) -> BoolArray:
     """Whether each of many comes to rest, on one thread and without traces; arguments as for `simulations`."""
-    compiled, parameters, inputs = _prepared(problem, gains, subjects, motion, conditions, duration_s)
+    compiled, parameters, inputs = prepared(problem, gains, subjects, motion, conditions, duration_s)
     return execute_to_speed(compiled, parameters, inputs, engine=_engine(len(parameters))) < 1
 
 
@@ -289,44 +280,18 @@ class Ends:
         duration_s: float = DURATION_S,
     ) -> None:
         self._gains, self._people = gains, len(subjects)
-        self._scenes = [_prepared(problem, gains, subjects, motion, conditions, duration_s) for motion in motions]
+        self._scenes = [prepared(problem, gains, subjects, motion, conditions, duration_s) for motion in motions]
 
     def __call__(self, laws: Sequence[StateFeedback | None]) -> FloatArray:
         """Return the largest speed as of `execute_to_speed`, shape (laws, people)."""
         found = np.zeros((len(laws), self._people))
         for compiled, _, inputs in self._scenes:
-            each = [replace(compiled, effects=_with_law(compiled.effects, law)) for law in laws]
+            each = [replace(compiled, effects=with_law(compiled.effects, law)) for law in laws]
             parameters = np.concatenate([one.parameter_values(self._gains) for one in each])
             engine, workers = _engine(len(parameters)), processors()
             speed = execute_to_speed(compiled, parameters, inputs, engine=engine, workers=workers)
             found = np.maximum(found, np.reshape(speed, found.shape))
         return found
-
-
-def _with_law(effects: tuple[SceneEffect, ...], law: StateFeedback | None) -> tuple[SceneEffect, ...]:
-    """Put the numbers of another state feedback in place of the one there is."""
-    settings = {} if law is None else {"settings": law}
-    return tuple(replace(one, **settings) if one.kind == "state-feedback" else one for one in effects)
-
-
-def _prepared(
-    problem: Problem,
-    gains: Gains | GainTable | GainSchedule,
-    subjects: Hand | StylusHand,
-    motion: Motion,
-    conditions: Conditions,
-    duration_s: float,
-) -> tuple[CompiledScene, FloatArray, FloatArray]:
-    """Return the scene with everybody's parameters, and what all share."""
-    how: dict[str, Any] = (
-        {"integrator": "projected", "substeps": _FRICTION_SUBSTEPS} if conditions.friction_n > 0 else {}
-    )
-    listed = conditions.effects() + (() if isinstance(gains, Gains) else conditions.runtime)
-    scene = Scene(duration_s=duration_s, motion=motion, effects=listed, **how)
-    run = problem.changed(scene=scene)
-    effects, chosen, _ = settled(run, held_by(run, build_effects(run), subjects), gains)
-    compiled = compile_for(run, effects, chosen)
-    return compiled, compiled.parameter_values(chosen), compiled.input_values()
 
 
 def _engine(runs: int) -> Engine:

@@ -1,0 +1,74 @@
+"""The stiffest wall is one that simulated hands rest at, and what would help is judged in the same way."""
+
+import functools
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.cli._recommend import stiffest_text
+from avc_casadi.recommendation import _stiffest, stiffest
+from avc_casadi.trial import draw_hands, try_coupling
+
+DEVICE = {"encoder_resolution_m": 1e-5, "backlash_m": 1e-5, "max_force_n": 8.0}
+
+
+def device(**changes):
+    return avc.load_problem("reference-r2").changed(device={**DEVICE, **changes})
+
+
+@functools.cache
+def found():
+    """Of the changes that linear stability knows, one is enough here."""
+    with pytest.MonkeyPatch.context() as patch:
+        whole = _stiffest.linear_changes
+        patch.setattr(_stiffest, "linear_changes", lambda one: {"no delay": whole(one)["no delay"]})
+        return stiffest(device(), hands=16)
+
+
+def safety(told):
+    return told["at_rest_without_friction"] == told["hands"], told["at_rest"] == told["hands"]
+
+
+def test_hands_that_had_no_part_in_it_rest_at_the_stiffest_wall():
+    wall = found()["stiffest_wall_n_per_m"]
+    assert safety(found()) == (True, True)
+    assert found()["confirmed"]["at_rest_without_friction"] == found()["confirmed"]["hands"]
+    problem = device().changed(environment={"stiffness_n_per_m": wall, "damping_ns_per_m": 0.0})
+    best = avc.recommend(problem, hands=16)
+    assert best.trial.stiffness > 0.7 * wall
+    fresh = try_coupling(best.coupling, draw_hands(problem.hands, 60, 77), 77)
+    assert fresh.stable_without_friction.mean() > 0.9
+
+
+def test_no_change_for_the_better_is_less_safe_or_softer_by_more_than_a_step():
+    helps = {one["change"]: one for one in found()["what_would_help"]}
+    for change in ("no play", "half the step of the encoder", "twice the force", "no delay"):
+        assert safety(helps[change]) >= safety(found())
+        assert helps[change]["stiffest_wall_n_per_m"] > 0.85 * found()["stiffest_wall_n_per_m"], change
+    order = [(*safety(one), one["stiffest_wall_n_per_m"]) for one in found()["what_would_help"]]
+    assert order == sorted(order, reverse=True)
+
+
+def test_the_text_tells_all_of_it():
+    text = stiffest_text(found())
+    for one in (found(), *found()["what_would_help"]):
+        assert f"{one['stiffest_wall_n_per_m']:.4g}" in text
+    assert f"of {found()['confirmed']['hands']} hands that had no part in the choice" in text
+
+
+@pytest.mark.parametrize("key", ["encoder_resolution_m", "max_force_n"])
+def test_a_range_changes_with_its_value(key):
+    low, high = 0.8 * DEVICE[key], 1.5 * DEVICE[key]
+    ranged = device(range={key: [low, high]})
+    changes = _stiffest.simulated_changes(ranged)
+    factor = 0.5 if key == "encoder_resolution_m" else 2
+    (other,) = (one for one in changes.values() if getattr(one.device, key) == pytest.approx(factor * DEVICE[key]))
+    np.testing.assert_allclose(getattr(other.device.range, key), (factor * low, factor * high))
+
+
+def test_a_wall_and_detents_of_the_problem_do_not_matter():
+    knob = avc.load_problem("knob")
+    reached, walled = _stiffest._out_of_reach(knob)
+    assert walled.detent is None
+    assert walled.environment.stiffness_n_per_m > 100 * reached.stiffness_n_per_m
