@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -56,9 +55,10 @@ def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
         stiffest: the stiffest wall that is stable with everybody and let go.
     """
     people = with_let_go(subjects)
-    felt = [share * stiffest.stiffness_n_per_m for share in _OF_STIFFEST]
-    for gains, name in (*_rigid(problem, people), *_softened(problem, people, felt)):
+    for gains, name in _rigid(problem, people):
         yield [Coupling.constant(problem, gains, name)]
+    for share in _OF_STIFFEST:
+        yield from _softened(problem, people, share * stiffest.stiffness_n_per_m)
 
 
 def stiffer_rung_n_per_m(
@@ -82,15 +82,15 @@ def stiffer_rung_n_per_m(
 
 
 def softened_to(problem: Problem, subjects: Hand | StylusHand, felt_n_per_m: float) -> Iterator[Alternatives]:
-    """Yield springs with which the wall feels so stiff.
+    """Yield springs with which the wall feels so stiff, then the same behind an observer.
 
     Args:
         problem: device, wall and hands.
         subjects: the extreme hands.
         felt_n_per_m: of spring and wall in series.
     """
-    for gains, name in _softened(problem, with_let_go(subjects), [felt_n_per_m]):
-        yield from _with_observer(Coupling.constant(problem, gains, name))
+    found = list(_softened(problem, with_let_go(subjects), felt_n_per_m))
+    yield from (*found, *behind_observers(found))
 
 
 class RobustCandidates:
@@ -186,13 +186,17 @@ def _rigid(problem: Problem, people: Hand | StylusHand) -> Iterator[tuple[Gains,
         yield Gains(0.0, rigid, max(0.0, total - wall.damping_ns_per_m)), "contact damper"
 
 
-def _softened(problem: Problem, people: Hand | StylusHand, stiffness: list[float]) -> Iterator[tuple[Gains, str]]:
-    """Put a spring before a wall that is too stiff, so that both together are as stiff as wanted, N/m."""
+def _softened(problem: Problem, people: Hand | StylusHand, felt_n_per_m: float) -> Iterator[Alternatives]:
+    """Put a spring before a wall that is too stiff, so that both are as stiff as wanted; the least damped first.
+
+    The less damped the less a hand feels before the wall, and of what is as stiff many dampers are much alike.
+    """
     wall = problem.environment.stiffness_n_per_m
-    for felt in stiffness:
-        if 0 < felt < wall:
-            for total in _dampings(damping_range(problem.device, people, felt)):
-                yield Gains(0.0, spring_before(problem, felt), total), SOFTENED
+    if 0 < felt_n_per_m < wall:
+        spring = spring_before(problem, felt_n_per_m)
+        dampings = _dampings(damping_range(problem.device, people, felt_n_per_m))
+        alike = [Coupling.constant(problem, Gains(0.0, spring, total), SOFTENED) for total in reversed(dampings)]
+        yield from [alike] if alike else []
 
 
 def _dampings(found: DampingRange) -> list[float]:
@@ -208,8 +212,8 @@ def _with_observer(coupling: Coupling) -> Iterator[Alternatives]:
 
 def behind_observers(some: Iterable[Alternatives]) -> Iterator[Alternatives]:
     """Yield couplings behind an observer between the steps of the encoder; none where it has none."""
-    for coupling in itertools.chain.from_iterable(some):
-        problem, gains = coupling.problem, coupling.table.at_rest
+    for alternatives in some:
+        problem = alternatives[0].problem
         if problem.device.encoder_resolution_m > 0:
-            mass = problem.device.mass_kg + problem.hands.mass_kg[0]
-            yield [Coupling.constant(problem, gains, coupling.method, Runtime(observer_mass_kg=mass))]
+            runtime = Runtime(observer_mass_kg=problem.device.mass_kg + problem.hands.mass_kg[0])
+            yield [Coupling.constant(problem, one.table.at_rest, one.method, runtime) for one in alternatives]
