@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi.diagnosis._answer import Answer
 from avc_casadi.diagnosis._declared import Declared
+from avc_casadi.diagnosis._even import outgrows
 from avc_casadi.diagnosis._law import Law
 from avc_casadi.diagnosis._log import Log
 from avc_casadi.diagnosis._loop import (
@@ -75,6 +76,9 @@ class Asked:
 def weigh(fits: Sequence[Fit], law: Law, log: Log, found: Oscillation, declared: Declared) -> list[Asked]:
     """Ask every answer that the log bears out.
 
+    A loop that would have grown far beyond the few counts that the log swings over is none of them, however well it
+    explains what a few counts show.
+
     Args:
         fits: of the log, likeliest first.
         law: what the computer makes of the position.
@@ -82,6 +86,8 @@ def weigh(fits: Sequence[Fit], law: Law, log: Log, found: Oscillation, declared:
         found: its oscillation.
         declared: the loop as it was meant.
     """
+    limit_n = declared.device.max_force_n
+    fits = [fit for fit in fits if not outgrows(fit.answer, law, log, found, limit_n)] or fits
     odds = np.exp(-np.minimum(np.array([fit.cost for fit in fits]) - fits[0].cost, 700.0))
     odds /= odds.sum()
     asked = []

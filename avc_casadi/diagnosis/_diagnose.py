@@ -16,6 +16,7 @@ from avc_casadi.diagnosis._evidence import (
     oscillation_sentence,
     ticks_sentence,
 )
+from avc_casadi.diagnosis._felt import felt
 from avc_casadi.diagnosis._law import find_law
 from avc_casadi.diagnosis._log import log_of
 from avc_casadi.diagnosis._meant import law_differs
@@ -89,7 +90,7 @@ def diagnose(
             file=columns.file,
             key="force",
         )
-    evidence = [oscillation_sentence(swing.found, reach_m), ticks_sentence(grid.ticks, declared)]
+    evidence = [oscillation_sentence(swing.found, felt(grid, swing, declared)), ticks_sentence(grid.ticks, declared)]
     if law is None:
         evidence.append("the force tells of no spring and no damper" if grid.force_n.any() else "no force is commanded")
     else:

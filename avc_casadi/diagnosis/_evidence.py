@@ -14,7 +14,6 @@ from avc_casadi.diagnosis._log import Log, Ticks
 from avc_casadi.diagnosis._model import Measured
 from avc_casadi.diagnosis._oscillation import Oscillation
 from avc_casadi.support import number
-from avc_casadi.trial import threshold_m
 
 _DECIDES = {
     "delay": "a log of a force pulse commanded in free space, which tells the delay, or the device's file (--device)",
@@ -31,37 +30,10 @@ _DECIDES = {
 _TOP, _FEW, _NEARLY_ALL, _SELDOM, _OFTEN = 0.999, 8, 0.9, 0.3, 0.3
 
 
-def thresholds(found: Oscillation, reach_m: float) -> float:
-    """Return the amplitude as a multiple of what a hand on a stylus detects.
-
-    Args:
-        found: the oscillation.
-        reach_m: how far the hand moves for a unit of the position.
-    """
-    return reach_m * found.peak_to_peak_m / 2 / float(threshold_m(np.array([found.frequency_hz]))[0])
-
-
-def toggling_felt(found: Oscillation, declared: Declared) -> float:
-    """Return the same of a position that toggles by one step, which moves as its force drives it, by a step at most.
-
-    Args:
-        found: the oscillation.
-        declared: the loop as it was meant.
-    """
-    angular = 2 * math.pi * found.frequency_hz
-    hands = declared.hands
-    if hands.mass_kg[0] * angular**2 < hands.stiffness_n_per_m[1]:
-        return thresholds(found, declared.device.metres_per_unit)
-    # Above the frequency of a hand's spring and mass, a mass moves less the heavier it is; 4/pi of a square wave.
-    moves = 4 / math.pi * found.force_peak_to_peak_n / 2 / (declared.device.mass_kg * angular**2)
-    return min(1.0, moves / (found.peak_to_peak_m / 2)) * thresholds(found, declared.device.metres_per_unit)
-
-
-def oscillation_sentence(found: Oscillation, reach_m: float) -> str:
-    """Say what swings, and how a hand feels it that moves so far for a unit of the position."""
+def oscillation_sentence(found: Oscillation, felt: float) -> str:
+    """Say what swings, and how many times what a hand detects that is."""
     if not math.isfinite(found.frequency_hz):
         return f"no oscillation: above 4 Hz the position moves by {_um(found.at_rest_m)} rms"
-    felt = thresholds(found, reach_m)
     counted = number(found.steps, 3)
     steps = f", {counted} encoder step{'' if counted == '1' else 's'}" if math.isfinite(found.steps) else ""
     grows = ""

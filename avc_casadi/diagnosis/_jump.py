@@ -20,6 +20,9 @@ _FEWEST = 25
 _MOST_LAG = 3
 # What spring, damper and jump leave of the force in contact, as a share.
 _LEFT = 0.05
+# A spring's force goes by its stiffness times the encoder's steps: over so few of them, or of no more than so many of
+# its own, a force that begins is no jump but a step.
+_FEW_STEPS, _OWN_STEPS = 3.5, 2.5
 # Share of the force's swing that is the jump, and how often a cycle begins contact.
 _SHARE = 0.4
 _PER_CYCLE = 0.5
@@ -82,12 +85,16 @@ def find_jump(log: Log, swing: Swing, law: Law | None, limit_n: float | None) ->
     for lag in range(_MOST_LAG + 1):
         rows = np.flatnonzero(whole)
         rows = rows[rows > lag]
+        if np.ptp(position[rows - lag]) < _FEW_STEPS * log.encoder_m:
+            continue
         edge = float(position[rows - lag].min())
         columns = _columns(position, rows, lag, edge, period)
         told = np.linalg.lstsq(columns, force[rows], rcond=1e-10)[0]
         left = float(np.sqrt(np.mean((columns @ told - force[rows]) ** 2)))
         if left < _LEFT * float(np.sqrt(np.mean(force[rows] ** 2))):
             jump = Jump(float(told[0]), float(told[1]), float(told[2]), lag)
+            if jump.force_n < _OWN_STEPS * jump.stiffness_n_per_m * log.encoder_m:
+                return None
             carried = _columns(position, before[before > lag], lag, edge, period) @ told
             switched = carried.size > 0 and float(np.median(carried)) > _LEFT * swings
             least = _SHARE * swings

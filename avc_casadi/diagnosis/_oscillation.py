@@ -10,6 +10,7 @@ import numpy as np
 from scipy import signal
 
 from avc_casadi.diagnosis._log import Log
+from avc_casadi.diagnosis._toggling import Toggling, find_toggling
 from avc_casadi.support import BoolArray, FloatArray, IndexArray
 
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
@@ -107,6 +108,8 @@ def find_oscillation(log: Log) -> Swing:
     least = max(_LEAST_STEPS * log.encoder_m, _LEAST_M / log.reach_m)
     swings = (amplitude > least) & (share > _LINE)
     found = _swings(log, fast, starts, size, swings, amplitude, frequency, kind=None)
+    if not any(swing.found.sustained for swing in found) and (toggling := find_toggling(log)) is not None:
+        return _toggled(log, fast, toggling)
     dying = any(swing.found.kind == "decaying" and swing.last >= n - 2 * hop for swing in found)
     if not dying and not any(swing.found.sustained for swing in found):
         restless = np.array([_restless(log, fast, slice(start, start + size)) for start in starts])
@@ -176,11 +179,8 @@ def _measured(
 ) -> Swing:
     """Measure an oscillation that lasts from one sample to another."""
     period = log.ticks.period_s
-    ends = (max(0.6 * hertz, LOWEST_HZ), min(1.6 * hertz, 0.49 / period))
-    band = signal.butter(2, ends, "bandpass", fs=1 / period, output="sos")
-    envelope = np.abs(signal.hilbert(signal.sosfiltfilt(band, fast)))
-    smooth = max(3, round(1.0 / hertz / period))
-    envelope = np.convolve(envelope, np.ones(smooth) / smooth, mode="same")
+    smooth = _smooth(hertz, period)
+    envelope = _envelope(fast, hertz, period)
     inside = envelope[first:last]
     top = float(np.quantile(inside, 0.9))
     floor = max(0.4 * log.encoder_m, 1e-9 / log.reach_m)
@@ -228,8 +228,48 @@ def _measured(
         begins,
         last,
         fast,
-        np.asarray(envelope),
+        envelope,
     )
+
+
+def _toggled(log: Log, fast: FloatArray, toggling: Toggling) -> Swing:
+    """Return a limit cycle over a few counts that goes on until the log ends."""
+    period, first, last = log.ticks.period_s, toggling.first, toggling.last
+    hertz = 1 / (toggling.cycle * period)
+    cycles = (last - first) / toggling.cycle
+    force = log.force_n[first:last]
+    return Swing(
+        Oscillation(
+            kind="limit cycle",
+            frequency_hz=hertz,
+            frequency_error_hz=hertz * max(toggling.scatter, 0.02) / math.sqrt(cycles),
+            peak_to_peak_m=toggling.steps * log.encoder_m,
+            force_peak_to_peak_n=_peak_to_peak(force),
+            steps=toggling.steps,
+            begins_s=log.start_s + first * period,
+            ends_s=log.start_s + last * period,
+            contact_share=float(np.mean(force != 0)),
+            at_rest_m=_rms(fast[: max(first, 1)]),
+        ),
+        first,
+        last,
+        fast,
+        _envelope(fast, hertz, period),
+    )
+
+
+def _smooth(hertz: float, period: float) -> int:
+    """Return the samples of a cycle, over which an envelope is smoothed."""
+    return max(3, round(1.0 / hertz / period))
+
+
+def _envelope(fast: FloatArray, hertz: float, period: float) -> FloatArray:
+    """Return the amplitude of what swings at a frequency."""
+    ends = (max(0.6 * hertz, LOWEST_HZ), min(1.6 * hertz, 0.49 / period))
+    band = signal.butter(2, ends, "bandpass", fs=1 / period, output="sos")
+    envelope = np.abs(signal.hilbert(signal.sosfiltfilt(band, fast)))
+    smooth = _smooth(hertz, period)
+    return np.asarray(np.convolve(envelope, np.ones(smooth) / smooth, mode="same"))
 
 
 def _above(position: FloatArray, period: float) -> FloatArray:

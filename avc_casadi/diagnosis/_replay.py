@@ -10,12 +10,18 @@ from avc_casadi.diagnosis._law import Law
 from avc_casadi.diagnosis._log import Log, log_of
 from avc_casadi.diagnosis._oscillation import Oscillation, find_oscillation
 from avc_casadi.identification import Columns
+from avc_casadi.loop import Hand
 from avc_casadi.problem import Problem, problem_of
 from avc_casadi.scene import simulate
 
 _SECONDS = 1.5
 _SPEED_M_PER_S = 0.07
 _BEFORE_M = 0.004
+_PRESSED_S = 0.5
+# How far the far end of a hand's spring goes at most, and that of a weight's.
+_HAND_M, _WEIGHT_M = 0.2, 1.0
+# A weight presses a device that nobody holds: its force stays as it is, and it holds nothing.
+_WEIGHT = Hand(1e-4, 1e-3, 10.0)
 NOTHING = 1e-6
 """N/m or N.s/m at the hand that no hand feels, and what a fit leaves of nothing."""
 
@@ -51,12 +57,11 @@ def _problem(answer: Answer, law: Law, log: Log, encoder_m: float, filter_hz: fl
     two_sided = np.count_nonzero(log.force_n < 0) > 0.01 * log.force_n.size
     pressed = float(np.mean(log.force_n[-max(1, log.force_n.size // 3) :]))
     effects: list[dict[str, object]] = []
-    end = _BEFORE_M / log.reach_m
-    if hand is not None:
-        k_h = float(hand.stiffness_n_per_m)
-        effects.append({"kind": "hand", **hand.values(0)})
-        depth = pressed / law.stiffness_n_per_m if law.stiffness_n_per_m > 0 else 0.0
-        end = float(np.clip(depth + pressed / k_h, 1e-4 / log.reach_m, 0.2 / log.reach_m))
+    holds = (_WEIGHT.at_handle(log.reach_m) if hand is None else hand).values(0)
+    effects.append({"kind": "hand", **holds})
+    depth = pressed / law.stiffness_n_per_m if law.stiffness_n_per_m > 0 else 0.0
+    end = depth + pressed / holds["stiffness_n_per_m"]
+    end = float(np.clip(end, 1e-4 / log.reach_m, (_WEIGHT_M if hand is None else _HAND_M) / log.reach_m))
     effects.append({"kind": "environment" if two_sided else "wall"})
     if device.resonance is not None:
         effects.append({"kind": "resonance"})
@@ -96,7 +101,7 @@ def _problem(answer: Answer, law: Law, log: Log, encoder_m: float, filter_hz: fl
                     "kind": "press",
                     "start_m": -_BEFORE_M / log.reach_m,
                     "end_m": end,
-                    "speed_m_per_s": _SPEED_M_PER_S / log.reach_m,
+                    "speed_m_per_s": max(_SPEED_M_PER_S / log.reach_m, end / _PRESSED_S),
                 },
                 "effects": effects,
             },

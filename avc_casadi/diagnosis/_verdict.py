@@ -11,14 +11,15 @@ from avc_casadi.diagnosis._answer import Answer
 from avc_casadi.diagnosis._causes import CAUSES, OTHER, Asked, shares_of
 from avc_casadi.diagnosis._cures import cures_of
 from avc_casadi.diagnosis._declared import Declared
+from avc_casadi.diagnosis._even import GROWN, unlimited
 from avc_casadi.diagnosis._evidence import (
     deciding_log,
     declared_resonance,
     limit_sentence,
     measured_sentences,
     named_sentence,
-    toggling_felt,
 )
+from avc_casadi.diagnosis._felt import felt, toggles
 from avc_casadi.diagnosis._jump import find_jump, jump_sentence
 from avc_casadi.diagnosis._law import Law
 from avc_casadi.diagnosis._log import Log
@@ -33,10 +34,7 @@ from avc_casadi.support import number
 _SURE, _RIVAL = 0.8, 0.12
 # Logarithm of the ratio of measured and modelled frequency, in contact throughout, beyond which the model is not it.
 _FREQUENCY = 0.3
-_ALWAYS = 0.97
 _FORCE_OFF = "the same log with the force off: what a force from outside drives goes on"
-# By how many factors of e a loop would grow where the log swings evenly, all in contact and below the force limit.
-_GROWN = 4.0
 # So few cycles are those of a touch, where contact goes on for so long without any.
 _FEW_CYCLES, _RESTS_S = 8.0, 1.0
 # The tremor of a hand: its frequencies, and more than its size.
@@ -45,8 +43,6 @@ _TREMOR_HZ, _TREMOR_M = (6.0, 13.0), 2e-3
 _LATE, _STRONG_TREMOR_M = 8.0, 2e-2
 # What a model may leave of the position, over what encoder and noise do.
 _UNEXPLAINED = 12.0
-# An encoder that toggles between two counts moves by no more steps than that.
-_TOGGLES = 1.5
 
 
 class Judge:
@@ -64,7 +60,7 @@ class Judge:
         if not found.sustained:
             what = "an oscillation comes and dies away" if found.kind == "decaying" else "nothing swings"
             return self._made("nothing wrong", f"nothing wrong: {what} in {number(_seconds(log), 3)} s")
-        if found.steps < _TOGGLES and toggling_felt(found, self._declared) < 1:
+        if toggles(found) and felt(log, self._swing, self._declared) < 1:
             said = "nothing wrong: it toggles by one step of the encoder, which no hand feels; a finer one would rest"
             return self._made("nothing wrong", said)
         if self._rests_after_all():
@@ -138,14 +134,13 @@ class Judge:
         elif shares[first] < _SURE or (second is not None and shares[second] > _RIVAL):
             doubts.append(f"of the answers that the log bears out {_shares_text(shares)}")
         apart = abs(math.log(max(measured.frequency_hz, 0.1) / found.frequency_hz))
-        limited = np.mean(np.abs(log.force_n) > 0.999 * np.abs(log.force_n).max()) > 1 - _ALWAYS
-        linear = found.contact_share > _ALWAYS and not limited
+        linear = unlimited(log, found, declared.device.max_force_n)
         if first not in {"encoder", "ticks", OTHER} and linear and apart > _FREQUENCY:
             doubts.append(
                 f"the model swings at {number(measured.frequency_hz, 3)} Hz, the log at {number(found.frequency_hz, 3)}"
             )
         seen, lasts = _growth(self._swing, log.ticks.period_s)
-        driven = linear and first != OTHER and (measured.growth_per_s - max(seen, 0.0)) * lasts > _GROWN
+        driven = linear and first != OTHER and (measured.growth_per_s - max(seen, 0.0)) * lasts > GROWN
         if driven:
             doubts.append(
                 f"a loop that grows by {number(measured.growth_per_s, 2)} 1/s does not swing so evenly for "

@@ -15,8 +15,11 @@ if TYPE_CHECKING:
 # Share of samples that may be lost; more of them are something else.
 _FEW = 0.01
 _NONE = "without a number"
-# A jump of this share of all that a position covers, beside samples that move by this share of it.
-_MOST, _HARDLY = 0.5, 0.1
+# A jump of this share of all that a position covers, beside samples that move by this share of it; of so many of its
+# smallest steps at least: an encoder that goes to and fro between a few counts covers no more than those.
+_MOST, _HARDLY, _COUNTS = 0.5, 0.1, 8.0
+# Moves below this share of all that is covered are what arithmetic leaves.
+_ROUNDED = 1e-6
 # A position stands alone where it lies so many times as far from the line between its neighbours as others do, and so
 # many encoder steps; and where the lines beside it, which it bends by half as much, are straight otherwise.
 _ALONE, _STEPS, _STRAIGHT = 20.0, 5.0, 0.3
@@ -100,11 +103,14 @@ def wrapped(position: FloatArray, time_s: FloatArray) -> IndexArray:
         time_s: shape (rows,).
     """
     moves, steps = np.abs(np.diff(position)), np.diff(time_s)
-    if moves.size < 3:
+    covers = float(np.ptp(position))
+    counted = moves[moves > _ROUNDED * covers]
+    if moves.size < 3 or not counted.size:
         return np.zeros(0, dtype=np.intp)
+    far = max(_MOST * covers, _COUNTS * float(counted.min()))
     beside = np.maximum(np.append(0.0, moves[:-1]), np.append(moves[1:], 0.0))
     even = steps < 1.5 * float(np.median(steps))
-    return np.flatnonzero(even & (moves > _MOST * np.ptp(position)) & (beside < _HARDLY * moves)) + 1
+    return np.flatnonzero(even & (moves > far) & (beside < _HARDLY * moves)) + 1
 
 
 def _bend(position: FloatArray) -> FloatArray:
