@@ -23,7 +23,7 @@ def felt(log: Log, swing: Swing, declared: Declared) -> float:
     """Return an oscillation as a multiple of what a hand on a stylus detects.
 
     Of one step of the encoder the size of the motion is not known, and its force is: the hand of the box that it moves
-    the most counts.
+    the most counts. Where the force stands at its limit it moves nothing, and the position counts.
 
     Args:
         log: on its grid.
@@ -31,7 +31,7 @@ def felt(log: Log, swing: Swing, declared: Declared) -> float:
         declared: the loop as it was meant.
     """
     found = swing.found
-    if toggles(found):
+    if toggles(found) and np.ptp(log.force_n[(swing.first + swing.last) // 2 : swing.last]) > 0:
         return _moved_by_its_force(log, swing, declared)
     amplitude_m = log.reach_m * found.peak_to_peak_m / 2
     return amplitude_m / float(threshold_m(np.array([found.frequency_hz]))[0])

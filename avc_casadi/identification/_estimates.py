@@ -61,9 +61,17 @@ def estimates_of(
         index = [one.name for one in rival.structure.free].index("coulomb_friction_n")
         most = spread_of(rival, ()).half_width[index] + rival.search[index]
         high = rival.structure.outward(rival.structure.free[index], float(most))
-        found["coulomb_friction_n"] = Estimate(
-            "coulomb_friction_n", "N", 0.0, 0.0, max(high, 0.0), LEVEL, "no evidence of any; the upper end bounds it"
-        )
+        # Beyond the force that acted nothing is bounded.
+        if high < rival.structure.units["coulomb_friction_n"]:
+            found["coulomb_friction_n"] = Estimate(
+                "coulomb_friction_n",
+                "N",
+                0.0,
+                0.0,
+                max(high, 0.0),
+                LEVEL,
+                "no evidence of any; the upper end bounds it",
+            )
     for key, value in fit.structure.known.items():
         found[key] = Estimate(key, "", value, value, value, 1.0, "known beforehand")
     if step_m is not None:

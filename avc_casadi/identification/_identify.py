@@ -18,10 +18,11 @@ from avc_casadi.identification._estimates import estimates_of
 from avc_casadi.identification._fit import Fit, Window, judged, slowest_observer
 from avc_casadi.identification._frequency import measured_response, model_response
 from avc_casadi.identification._model import Identification, Refusal, Shown
+from avc_casadi.identification._only_feedback import only_feedback, refused_beside
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._read import read_logs
 from avc_casadi.identification._record import Record, shortened
-from avc_casadi.identification._refuse import EXCITATION, cannot_tell, refusals
+from avc_casadi.identification._refuse import EXCITATION, beyond_force, cannot_tell, refusals
 from avc_casadi.identification._remarks import remarks
 from avc_casadi.identification._select import Selection, select, settled, without
 from avc_casadi.identification._share import SHARE, other_shares, share_assumed, share_refused, shared
@@ -148,7 +149,13 @@ def _identified(
         key, why = "coulomb_friction_n", "the log bears it out, and does not tell it from damping and mass"
         refused[key] = Refusal(key, f"{why}, whose intervals hold it", EXCITATION[key])
     logs = tuple(dict.fromkeys(record.whole for record in records))
-    unlike = differences(fit, predictor, logs, {key: radius_m ** -power_at_handle(key) for key in PARAMETERS})
+    driven = only_feedback(records)
+    refused |= {} if driven is None else refused_beside([one.name for one in fit.structure.free])
+    unlike = (
+        []
+        if driven
+        else differences(fit, predictor, logs, {key: radius_m ** -power_at_handle(key) for key in PARAMETERS})
+    )
     if unlike:
         notes.append(
             f"the logs do not agree ({'; '.join(unlike)}): the values are between those of two devices. Something may "
@@ -156,9 +163,10 @@ def _identified(
         )
     estimates = estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m, logs)
     lags = autocorrelation(fit.error_m)
-    refused |= _never_told(fit, estimates, response.excited_hz, chosen.trials.keys() - set(fit.structure.terms), lags)
+    absent = chosen.trials.keys() - set(fit.structure.terms)
+    refused |= _never_told(fit, estimates, response.excited_hz, absent, lags) | refused
     feedback = feeds_back(records, fit.error_m)
-    notes += remarks(fit, lags, feedback, estimates, radius_m)
+    notes += remarks(fit, lags, feedback, driven, estimates, radius_m)
     names = tuple(one.name for one in fit.structure.free)
     return Identification(
         sources=tuple(dict.fromkeys(record.name for record in records)),
@@ -311,6 +319,8 @@ def _never_told(
 ) -> dict[str, Refusal]:
     """Return what no fit of these logs could tell, and what they show no trace of."""
     found = {}
+    if "coulomb_friction_n" not in estimates:
+        found["coulomb_friction_n"] = beyond_force("coulomb_friction_n")
     band = "at no frequency" if excited is None else f"up to {number(excited[1], 2)} Hz"
     if "resonance" in absent:
         why = f"no trace of one; force and motion are coherent {band}"

@@ -76,6 +76,15 @@ def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]
     return found
 
 
+def beyond_force(key: str) -> Refusal:
+    """Return why a force is not told whose upper end is beyond the force that acted.
+
+    Args:
+        key: of the force.
+    """
+    return Refusal(key, "the log bounds it by more than the force that acted", EXCITATION[key])
+
+
 def _width(kind: str, half: float) -> str:
     if kind == "log":
         return f"a factor of {number(float(np.exp(min(half, 50.0))), 2)} either way"

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from avc_casadi.identification._closed_loop import coloured
 from avc_casadi.identification._fit import Fit
+from avc_casadi.identification._only_feedback import EXCITATION, OnlyFeedback
 from avc_casadi.identification._spring_side import at_the_other_side
 from avc_casadi.support import FloatArray, number
 
@@ -13,13 +14,21 @@ from avc_casadi.support import FloatArray, number
 _PLAYS = 0.2
 
 
-def remarks(fit: Fit, lags: FloatArray, feedback: bool, estimates: Mapping[str, object], radius_m: float) -> list[str]:
+def remarks(
+    fit: Fit,
+    lags: FloatArray,
+    feedback: bool,
+    driven: OnlyFeedback | None,
+    estimates: Mapping[str, object],
+    radius_m: float,
+) -> list[str]:
     """Return what may be otherwise than the numbers say, one sentence each.
 
     Args:
         fit: of the logs.
         lags: autocorrelation of its error.
         feedback: whether the force follows the position.
+        driven: the controller that makes all of the force, where something else moves the device.
         estimates: what is told.
         radius_m: how far the handle goes for a unit of the position.
     """
@@ -48,7 +57,12 @@ def remarks(fit: Fit, lags: FloatArray, feedback: bool, estimates: Mapping[str, 
             f"a resonance that is damped by {number(fit.values['resonance.damping_ratio'], 2)} is none of a structure: "
             "play in the transmission looks like one; that of a structure stays where it is with half the force"
         )
-    if feedback and coloured(lags):
+    if driven is not None:
+        notes.append(
+            f"{driven.sentence(radius_m)}, and the device goes on moving: a hand or something else moves it, whose "
+            f"force is not in the log, so that mass, damping and friction are not told. Better: {EXCITATION}"
+        )
+    elif feedback and coloured(lags):
         notes.append(
             "the force follows the measured position (a closed loop), and the prediction error is not white: what "
             "disturbs "
