@@ -9,6 +9,7 @@ from buzzing_device import Buzzing, logged
 
 from avc_casadi.diagnosis import diagnose
 from avc_casadi.diagnosis._answer import Answer
+from avc_casadi.diagnosis._causes import Asked
 from avc_casadi.diagnosis._declared import Declared
 from avc_casadi.diagnosis._even import outgrows
 from avc_casadi.diagnosis._felt import felt
@@ -16,6 +17,7 @@ from avc_casadi.diagnosis._jump import find_jump
 from avc_casadi.diagnosis._law import find_law
 from avc_casadi.diagnosis._log import log_of
 from avc_casadi.diagnosis._oscillation import find_oscillation
+from avc_casadi.diagnosis._played import settled
 from avc_casadi.diagnosis._toggling import find_toggling
 from avc_casadi.identification import Columns
 from avc_casadi.identification._lost import wrapped
@@ -110,6 +112,23 @@ def test_a_light_hand_over_few_counts_is_not_taken_for_none():
     found = found_of(LIGHT)
     assert found.cause != "let-go", found.conclusion
     assert found.candidates[0] == "encoder"
+
+
+def test_a_hand_is_not_what_is_missing_where_the_encoder_swings_the_loop_with_one():
+    """A loop that hardly grows without a hand, and that its encoder swings over two steps with any."""
+    loop = Buzzing(mass=0.148, damping=0.69, delay=1.57, encoder=9.5e-5, limit=20.0, stiffness=5530.0, damper=6.66)
+    loop = replace(loop, two_sided=1.0, end=0.0071)
+    device = declared_of(loop)
+    log, _ = log_of(columns(loop))
+    swing, law = find_oscillation(log), find_law(log, loop.limit)
+    declared = Declared.of(device, None, loop.period)
+    free = Asked(Answer(device, None), 1.0, {"let-go": 1.0})
+    assert swing.found.steps < 3
+    (told,) = settled([free], law, log, swing.found, declared, [])
+    assert told.causes == {"encoder": 1.0}
+    # A loop that rests with any hand is one that let go.
+    (told,) = settled([free], replace(law, stiffness_n_per_m=500.0), log, swing.found, declared, [])
+    assert told.causes == {"let-go": 1.0}
 
 
 def test_what_would_have_grown_long_ago_does_not_swing_over_a_count():

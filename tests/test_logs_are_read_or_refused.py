@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.identification import Layout, identify, read_logs
+from avc_casadi.identification import Layout, identify, read_columns, read_logs
 
 SIZE = 400
 TIME = np.arange(SIZE) * 1e-3
@@ -221,3 +221,30 @@ def test_the_header_that_numpy_writes_is_one(tmp_path):
     path = tmp_path / "a.csv"
     np.savetxt(path, np.column_stack([TIME, POSITION, FORCE]), delimiter=",", header="time_s,position_m,force_n")
     same(read_logs([path])[0])
+
+
+def test_a_last_line_that_was_cut_short_is_left_out_and_told(tmp_path):
+    path = csv(tmp_path / "a.csv")
+    whole = path.read_text().splitlines()
+    path.write_text("\n".join([*whole, whole[-1][:4]]))
+    records, told = read_logs([path])
+    same(records)
+    assert told == [f"{path}: its last line, {SIZE + 2}, is cut short and left out"]
+    assert read_columns(path)[0].told == tuple(told)
+    path.write_text("\n".join([*whole[:100], whole[100][:4], *whole[101:]]))
+    (fault,) = faults(path)
+    assert (fault.line, "columns" in fault.message) == (101, True)
+
+
+def test_a_log_that_is_given_twice_is_refused(tmp_path):
+    path, other = csv(tmp_path / "a.csv"), csv(tmp_path / "b.csv")
+    with pytest.raises(avc.InputError, match=r"a\.csv: is given twice; allowed: each log once"):
+        read_logs([path, other, tmp_path / "." / "a.csv"])
+    assert len(read_logs([path, other])[0]) == 2
+
+
+def test_a_clock_with_too_few_digits_is_told_of_the_sample_time(tmp_path):
+    path = tmp_path / "a.csv"
+    clock = np.round(TIME / 8, 4)
+    np.savetxt(path, np.column_stack([clock, POSITION, FORCE]), delimiter=",", header="t_s,x_m,f_n", comments="")
+    assert any("--sample-time" in fault.message for fault in faults(path))

@@ -16,7 +16,7 @@ from avc_casadi.diagnosis._oscillation import Oscillation
 from avc_casadi.support import number
 
 _DECIDES = {
-    "delay": "a log of a force pulse commanded in free space, which tells the delay, or the device's file (--device)",
+    "delay": "a log of a force pulse commanded in free space, which tells the delay",
     "damping": "the same press with b halved and k as it is",
     "stiffness": "the same press with k halved and b as it is",
     "encoder": "the same press with the encoder's positions smoothed by a velocity filter, or with b halved",
@@ -25,6 +25,7 @@ _DECIDES = {
     "ticks": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
     "rate": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
 }
+_FILE = ", or the device's file (--device)"
 # The largest force is a limit where it comes again and again: in so many samples, seldom and nearly all of them with a
 # new count, or in so large a share of the contact.
 _TOP, _FEW, _NEARLY_ALL, _SELDOM, _OFTEN = 0.999, 8, 0.9, 0.3, 0.3
@@ -157,9 +158,15 @@ def declared_resonance(measured: Measured) -> str:
     return f"with resonance = {{ {told} }} under [device] in its file, avc recommend finds gains and a filter beside it"
 
 
-def deciding_log(candidates: Sequence[str]) -> str:
-    """Return what would tell between candidates."""
-    return "; ".join(dict.fromkeys(_DECIDES[cause] for cause in candidates if cause in _DECIDES))
+def deciding_log(candidates: Sequence[str], *, known: bool) -> str:
+    """Return what would tell between candidates.
+
+    Args:
+        candidates: causes by key.
+        known: whether the device's file was given.
+    """
+    logs = [_DECIDES[cause] + _FILE * (cause == "delay" and not known) for cause in candidates if cause in _DECIDES]
+    return "; ".join(dict.fromkeys(logs))
 
 
 def _um(length_m: float) -> str:

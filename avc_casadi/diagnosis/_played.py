@@ -18,20 +18,26 @@ from avc_casadi.support import number
 _PLAYED = 5
 # Share of a swing that is still the same swing.
 _STILL = 0.3
+# Over so few steps what a loop does without them says little.
+_HARDLY_ANY = 3.0
 # Shares below this are not worth a scene.
 _WORTH = 0.1
 
 
-def settled(asked: Sequence[Asked], law: Law, log: Log, declared: Declared, evidence: list[str]) -> tuple[Asked, ...]:
+def settled(
+    asked: Sequence[Asked], law: Law, log: Log, swings: Oscillation, declared: Declared, evidence: list[str]
+) -> tuple[Asked, ...]:
     """Ask the scene where the encoder may swing a loop alone, or only because something else is not as declared.
 
     With that as it was meant, a loop that the encoder swings alone swings still. That it then rests tells of a
-    resonance, which no few steps feign; a delay or a hand may be read wrong by as much as decides.
+    resonance, which no few steps feign; a delay or a hand may be read wrong by as much as decides. Over hardly any
+    steps a loop without a hand is asked too that would grow: with one it may swing as far as the log does.
 
     Args:
         asked: every answer that the log bears out.
         law: what the computer makes of the position.
         log: on its grid.
+        swings: its oscillation.
         declared: the loop as it was meant.
         evidence: to which is added what was played.
     """
@@ -39,11 +45,12 @@ def settled(asked: Sequence[Asked], law: Law, log: Log, declared: Declared, evid
     if not can_replay(law):
         return tuple(told)
     for cause in ("delay", "let-go", "resonance"):
-        both = [one for one in told if {"encoder", cause} <= one.causes.keys()]
+        alone = cause == "let-go" and swings.steps < _HARDLY_ANY
+        both = [one for one in told if ({cause} if alone else {"encoder", cause}) <= one.causes.keys()]
         if not both or shares_of(told).get(cause, 0.0) < _WORTH:
             continue
         likeliest = max(both, key=lambda one: one.weight).answer
-        found = replay(likeliest, law, log, log.encoder_m)
+        found = swings if alone else replay(likeliest, law, log, log.encoder_m)
         if not found.sustained:
             continue
         meant, its_law = _as_meant(cause, likeliest, law, log, declared)
@@ -90,10 +97,9 @@ def _as_meant(cause: str, answer: Answer, law: Law, log: Log, declared: Declared
 
 
 def _moved(causes: Mapping[str, float], from_: str, to: str) -> Mapping[str, float]:
-    """Return causes with the share of one given to another that is among them."""
-    if not {from_, to} <= causes.keys():
-        return causes
-    return {cause: share + (causes[from_] if cause == to else 0.0) for cause, share in causes.items() if cause != from_}
+    """Return causes with the share of one given to another."""
+    left = {cause: share for cause, share in causes.items() if cause != from_}
+    return {**left, to: left.get(to, 0.0) + causes.get(from_, 0.0)}
 
 
 def _still(played: Oscillation, as_found: Oscillation) -> bool:

@@ -115,7 +115,7 @@ class Judge:
     def judged(self, law: Law, fits: Sequence[Fit], asked: Sequence[Asked]) -> Diagnosis:
         """Return the verdict by the shares of the causes."""
         found, log, declared = self._swing.found, self._log, self._declared
-        asked = settled(asked, law, log, declared, self._evidence)
+        asked = settled(asked, law, log, found, declared, self._evidence)
         shares = shares_of(asked)
         causes = list(shares)
         first, second = causes[0], causes[1] if len(causes) > 1 else None
@@ -171,7 +171,7 @@ class Judge:
                 measured=measured,
                 evidence=evidence,
                 cures=tuple(dict.fromkeys(cures)),
-                decides=_FORCE_OFF if driven or trembles else deciding_log(candidates),
+                decides=_FORCE_OFF if driven or trembles else deciding_log(candidates, known=declared.known),
             )
         if first == "resonance":
             self._notes.append(declared_resonance(measured))

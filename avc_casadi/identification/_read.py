@@ -61,7 +61,7 @@ def read_logs(
             key="added_mass_kg",
         )
     records: list[Record] = []
-    faults: list[Fault] = []
+    faults = _given_twice(paths)
     told: list[str] = []
     for index, path in enumerate(paths):
         found, wrong = _columns(Path(path), str(path), layout)
@@ -101,11 +101,22 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
     whole = []
     for columns in found:
         mended, told = filled(columns)
-        whole.append(replace(mended, told=tuple(told)))
+        whole.append(replace(mended, told=(*columns.told, *told)))
         faults += _worded(implausible(mended, idle=True), mended) or backwards_of(mended)
     if faults:
         raise InputError(_few(faults, str(path)))
     return whole
+
+
+def _given_twice(paths: Sequence[str | Path]) -> list[Fault]:
+    """Refuse a file that is given again: it says nothing new, and intervals would narrow."""
+    known: set[Path] = set()
+    faults = []
+    for path in paths:
+        if (real := Path(path).resolve()) in known:
+            faults.append(Fault(str(path), None, "", "is given twice; allowed: each log once"))
+        known.add(real)
+    return faults
 
 
 def _worded(faults: Sequence[Fault], columns: Columns) -> list[Fault]:
@@ -239,6 +250,7 @@ def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fa
     wanted = {quantity: one.index for quantity, one in chosen.items()}
     values: dict[str, list[tuple[int, list[float]]]] = {}
     wrong: dict[str, list[tuple[int | None, str]]] = {}
+    body, told = _without_cut_row(body, width, file)
     for number, row in body:
         if len(row) != width:
             wrong.setdefault("", []).append((number, f"has {len(row)} columns"))
@@ -266,6 +278,7 @@ def _text(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fa
         log, wrong_clock = _quantities(f"{file}[{name}]" if name else file, list(table.T), units, layout, lines)
         logs.append(log)
         faults += wrong_clock
+    logs = [*logs[:-1], *(replace(log, told=told) for log in logs[-1:])]
     return logs, faults if logs else [Fault(file, None, "", "has headers and no samples")]
 
 
@@ -278,6 +291,15 @@ def _headed(
         return first, line, body[1:]
     above = [(number, names) for number, names in remarks if number < line and len(names) == len(first)]
     return (above[-1][1], above[-1][0], body) if above else (None, None, body)
+
+
+def _without_cut_row(
+    body: list[tuple[int, list[str]]], width: int, file: str
+) -> tuple[list[tuple[int, list[str]]], tuple[str, ...]]:
+    """Leave out a last row that the end of writing cut short; returns what to tell of it."""
+    if len(body) < 2 or len(body[-1][1]) >= width:
+        return body, ()
+    return body[:-1], (f"{file}: its last line, {body[-1][0]}, is cut short and left out",)
 
 
 def _cells(row: str, mark: str | None) -> list[str]:

@@ -105,7 +105,9 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
         Records, faults, and what the user should know.
     """
     backwards = backwards_of(columns)
+    before = columns.told
     columns, told = left_out(columns)
+    told = [*before, *told]
     faults = implausible(columns)
     if columns.time_s.size < _SHORTEST:
         return [], faults, []
@@ -140,7 +142,10 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
             + (f", {lost} samples in shorter pieces left out" if lost else "")
         )
     if not pieces:
-        message = f"has no {_SHORTEST} samples in a row without a gap; allowed: at least one such record"
+        message = (
+            f"has no {_SHORTEST} samples in a row without a gap; allowed: at least one such record; or --sample-time, "
+            "where the ticks are even and the clock is written with too few digits"
+        )
         return [], [Fault(columns.file, None, "time", message)], []
     period = float(np.mean(np.delete(steps, gaps))) if gaps.size else float(steps.mean())
     return (
