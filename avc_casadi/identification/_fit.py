@@ -153,17 +153,19 @@ def fit(
     def slopes(search: FloatArray) -> FloatArray:
         return both(search)[1]
 
-    solved = least_squares(
-        error,
-        begin,
-        jac=slopes,
-        bounds=(low, high),
-        x_scale="jac",
-        ftol=tolerance,
-        xtol=1e-9,
-        gtol=1e-12,
-        max_nfev=steps,
-    )
+    # A slope that runs away may overflow in a step of the solver's own, which it then does not take.
+    with np.errstate(over="ignore"):
+        solved = least_squares(
+            error,
+            begin,
+            jac=slopes,
+            bounds=(low, high),
+            x_scale="jac",
+            ftol=tolerance,
+            xtol=1e-9,
+            gtol=1e-12,
+            max_nfev=steps,
+        )
     return judged(predictor, structure, solved.x, observer, window)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from avc_casadi._errors import InputError
+from avc_casadi._errors import Fault, InputError
 from avc_casadi.identification._against_base import check_against, differs_from
 from avc_casadi.identification._alike import differences
 from avc_casadi.identification._closed_loop import autocorrelation, coloured, feeds_back
@@ -27,7 +27,7 @@ from avc_casadi.identification._remarks import remarks
 from avc_casadi.identification._select import Selection, select, settled, without
 from avc_casadi.identification._share import SHARE, other_shares, share_assumed, share_refused, shared
 from avc_casadi.identification._spring_side import moved as beyond_side
-from avc_casadi.identification._start import first_guess
+from avc_casadi.identification._start import cut_force_n, first_guess
 from avc_casadi.identification._terms import PARAMETERS, TERMS, Structure
 from avc_casadi.identification._turned import known_at_handle, of_the_turn, radius_of
 from avc_casadi.identification._uncertainty import Spread, sensitivity, spread_of
@@ -122,7 +122,8 @@ def _identified(
     step_m = encoder_step_m(records)
     force_rms, travel = _sizes(records, step_m)
     with progress.step("first guess"):
-        guess = _guess(records, force_rms, radius_m)
+        driven = only_feedback(records)
+        guess = _guess(records, force_rms, radius_m, pushed=driven is not None)
     structure = _simplest(records, known, force_rms, travel)
     guess |= known
     sizes = [record.position_m.size for record in records]
@@ -149,7 +150,6 @@ def _identified(
         key, why = "coulomb_friction_n", "the log bears it out, and does not tell it from damping and mass"
         refused[key] = Refusal(key, f"{why}, whose intervals hold it", EXCITATION[key])
     logs = tuple(dict.fromkeys(record.whole for record in records))
-    driven = only_feedback(records)
     refused |= {} if driven is None else refused_beside([one.name for one in fit.structure.free])
     unlike = (
         []
@@ -209,8 +209,11 @@ def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, floa
     return force, travel
 
 
-def _guess(records: Sequence[Record], force_rms: float, radius_m: float) -> dict[str, float]:
-    """Return values to start from; refuse a force that points the other way, and units that cannot be."""
+def _guess(records: Sequence[Record], force_rms: float, radius_m: float, *, pushed: bool) -> dict[str, float]:
+    """Return values to start from; refuse a force that points the other way or is cut, and units that cannot be.
+
+    A device that a hand pushes follows no force at all.
+    """
     guess, explained = first_guess(records)
     mass = guess["mass_kg"]
     size = radius_m**2
@@ -226,6 +229,14 @@ def _guess(records: Sequence[Record], force_rms: float, radius_m: float) -> dict
             f"{number(_HEAVIEST_KG * size)} kg; are the units of position and force right?",
             key="logs",
         )
+    limit = None if pushed else cut_force_n(records, guess["delay_samples"])
+    if limit is not None:
+        largest = max(float(np.abs(record.force_n).max()) for record in records)
+        message = (
+            f"asks for up to {number(largest, 3)} N, and the device follows it up to about {number(limit, 2)} N: what "
+            "acts is then not what is logged; allowed: a log below that force, or the force as the amplifier gives it"
+        )
+        raise InputError([Fault(records[0].name, None, "force", message)])
     return {**guess, "force_scale": 1.0}
 
 
