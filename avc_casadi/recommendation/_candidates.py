@@ -11,7 +11,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import Coupling, Gains, Runtime, near_rigid_n_per_m, spring_before
 from avc_casadi.design.constant import tuned_margin
-from avc_casadi.design.robust import MOST_RUNGS, NEXT, ladder_n_per_m, refined, robust_at, softer_n_per_m
+from avc_casadi.design.robust import MOST_RUNGS, NEXT, ladder_n_per_m, refined, robust_at, softer_ladders
 from avc_casadi.loop import with_let_go
 from avc_casadi.recommendation._reach import tuned
 from avc_casadi.stability import DampingRange, damping_range
@@ -99,7 +99,7 @@ class RobustCandidates:
     Attributes:
         ladder_n_per_m: walls in the order in which to ask for them: the wanted one first, if it is near, then others of
             rising stiffness, and it again.
-        softer_n_per_m: walls softer than these.
+        softer: ladders of walls softer than these.
         rungs: walls and laws that were found so far.
 
     Args:
@@ -119,7 +119,7 @@ class RobustCandidates:
         self._problem, self._ends = problem, ends
         self.rungs: list[Rung] = []
         self.ladder_n_per_m: list[float] = []
-        self.softer_n_per_m: list[float] = []
+        self.softer: list[list[float]] = []
         if problem.detent is not None:
             return  # whose slopes nobody judges behind an observer
         with suppress(UnsupportedError):
@@ -127,7 +127,7 @@ class RobustCandidates:
             if known is not None:
                 self.rungs.append(known)
                 ladder = [known.stiffness_n_per_m * NEXT**rung for rung in range(MOST_RUNGS)]
-            self.ladder_n_per_m, self.softer_n_per_m = ladder, softer_n_per_m(ladder)
+            self.ladder_n_per_m, self.softer = ladder, softer_ladders(ladder)
 
     @property
     def walls_n_per_m(self) -> list[float]:

@@ -32,8 +32,8 @@ _SLOW = 0.95
 QUIET_SHARE = 0.9
 FIRST = 16
 """So many hands, the corners among them, try a coupling before the others do; only what these can use is for all."""
-# Of equally stiff ones no more are tried.
-_MOST_TRIED = 2
+# Of equally stiff ones no more are tried: one after the other, where others refute the one before.
+_MOST_TRIED = 5
 # Devices of the declared ranges among which those who confirm it are divided.
 _DEVICES = 16
 ERROR_HZ = (1.0, 10.0, 50.0)

@@ -80,10 +80,11 @@ def judged_candidates(
     if held_plainly:
         _plainly(jury, plain, wall)
     if not jury.holds(wall):
-        _climb(jury, robust, wall)
-    for softer in robust.softer_n_per_m:
-        if not jury.holds(min(softer, plainly)):
-            jury.finds(robust.at(softer), softer, f"softer walls behind an observer, {softer:.4g} N/m")
+        _climb(jury, robust, robust.ladder_n_per_m, wall)
+    for ladder in robust.softer:
+        if not jury.holds(min(*ladder, plainly)):
+            robust.rungs.clear()
+            _climb(jury, robust, ladder, wall)
     if not (held_plainly or jury.holds(limit.stiffness_n_per_m)):
         _plainly(jury, plain, limit.stiffness_n_per_m)
     for share in SAFER:
@@ -216,10 +217,10 @@ def _plainly(jury: _Jury, plain: list[Alternatives], stiffness_n_per_m: float) -
         jury.ask(behind_observers(plain), _OBSERVED)
 
 
-def _climb(jury: _Jury, robust: RobustCandidates, wall_n_per_m: float) -> None:
-    """Try the robust walls from the softest on, until a few in a row are too stiff."""
+def _climb(jury: _Jury, robust: RobustCandidates, ladder_n_per_m: list[float], wall_n_per_m: float) -> None:
+    """Try robust walls from the softest on, until a few in a row are too stiff."""
     too_stiff = 0
-    for place, felt in enumerate(robust.ladder_n_per_m):
+    for place, felt in enumerate(ladder_n_per_m):
         found = jury.finds(robust.at(felt), felt, f"walls behind an observer, {felt:.4g} N/m")
         if found and felt == wall_n_per_m and jury.holds(felt):
             return

@@ -8,7 +8,7 @@ from avc_casadi.design.robust._ladder import NEXT as NEXT
 from avc_casadi.design.robust._ladder import Rung as Rung
 from avc_casadi.design.robust._ladder import ladder_n_per_m as ladder_n_per_m
 from avc_casadi.design.robust._ladder import robust_at as robust_at
-from avc_casadi.design.robust._ladder import softer_n_per_m as softer_n_per_m
+from avc_casadi.design.robust._ladder import softer_ladders as softer_ladders
 from avc_casadi.design.robust._law import Space as Space
 from avc_casadi.design.robust._loops import Loops as Loops
 from avc_casadi.design.robust._loops import other_devices as other_devices

@@ -37,8 +37,8 @@ NEXT, MOST_RUNGS = 1.4, 8
 _AT_ONCE = 4.0
 # Of so many near walls the laws are tried as they are, no more than so many before all loops.
 _NEIGHBOURS, _MOST_AS_THEY_ARE = 3, 12
-# From the softest of these down, where it is not enough, and how often.
-SOFTER, MOST_SOFTER = 0.6, 4
+# So many walls below the softest of these, where it is not enough, and how often.
+_SOFTER, _MOST_SOFTER = 4, 3
 
 
 @dataclass(frozen=True)
@@ -79,12 +79,16 @@ def ladder_n_per_m(problem: Problem, limit: DampingRange | None = None) -> list[
     return [*at_once, *(wall for wall in rising if wall < wanted), *([wanted] if wanted <= NEXT * rising[-1] else [])]
 
 
-def softer_n_per_m(ladder_n_per_m: Sequence[float]) -> list[float]:
-    """Return walls below the softest of a ladder.
+def softer_ladders(ladder_n_per_m: Sequence[float]) -> list[list[float]]:
+    """Return walls below the softest of a ladder, a few at a time, which rise like it.
 
     A wall that is softer leaves more for the vibration at rest and for the hands that a law for a stiffer one loses.
+    The laws are found from below: those of walls that were too stiff lead astray.
     """
-    return [min(ladder_n_per_m) * SOFTER ** (1 + step) for step in range(MOST_SOFTER)]
+    softest = min(ladder_n_per_m)
+    return [
+        [softest / NEXT ** (_SOFTER * below - rung) for rung in range(_SOFTER)] for below in range(1, _MOST_SOFTER + 1)
+    ]
 
 
 def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung] = ()) -> Iterator[Rung]:
