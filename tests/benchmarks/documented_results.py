@@ -132,9 +132,11 @@ def random_devices(found: Document) -> str:
     sure = [cell for cell in cells if cell["claimed"]["without_friction"] == cell["claimed"]["people"]]
     told, free = (sum(cell["fresh"][key] for cell in sure) for key in ("people", "without_friction"))
     cpu = np.array([cell["cpu_s"] for cell in cells])
+    plain = sum(any(cell["plain"][key] for key in ("stiffer_as_safe", "softer_safer")) for cell in cells)
     return (
         f"On {len(cells)} devices drawn at random {rest} of {people} fresh hands come to rest; without friction "
-        f"{free} of {told}, where all of the recommendation's own did. A recommendation took {np.median(cpu):.1f} s of "
+        f"{free} of {told}, where all of the recommendation's own did. On {plain} of the devices a plain wall is "
+        f"stiffer and as safe, or softer and safer. A recommendation took {np.median(cpu):.1f} s of "
         f"processor time in the median, below 10 s on {int((cpu < 10).sum())} of the {len(cells)}, at most "
         f"{cpu.max():.0f} s."
     )
