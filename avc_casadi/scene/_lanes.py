@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import ctypes
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from avc_casadi.scene._native import in_threads, library
 from avc_casadi.support import FloatArray
-
-if TYPE_CHECKING:
-    pass
 
 LANES = 16
 """Runs side by side."""
