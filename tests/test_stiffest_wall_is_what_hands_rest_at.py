@@ -72,3 +72,10 @@ def test_a_wall_and_detents_of_the_problem_do_not_matter():
     reached, walled = _stiffest._out_of_reach(knob)
     assert walled.detent is None
     assert walled.environment.stiffness_n_per_m > 100 * reached.stiffness_n_per_m
+
+
+def test_a_device_that_nothing_holds_has_none():
+    told = stiffest(avc.load_problem("hard/massless"), hands=3)
+    assert told["stiffest_wall_n_per_m"] is None
+    assert {one["stiffest_wall_n_per_m"] for one in told["what_would_help"]} == {None}
+    assert "none was found" in stiffest_text(told)

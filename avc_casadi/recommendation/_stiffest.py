@@ -74,7 +74,7 @@ def stiffest(
     """
     simple, walled = _out_of_reach(problem)
     asked = _Asked(hands, seed, lean_on_friction)
-    best = None if hopeless(walled) else _best(walled, simple, asked, progress=progress)
+    best = _best(walled, simple, asked, progress=progress)
     better = linear_changes(problem) | simulated_changes(problem)
     study: Chunked[Problem, list[dict[str, Any]]] = Chunked(
         {}, partial(_with_change, best, asked), list(better.values()), list, things="changes"
@@ -123,7 +123,9 @@ class _Best:
 def _best(
     problem: Problem, limit: DampingRange, asked: _Asked, *, before: _Best | None = None, progress: Progress = SILENT
 ) -> _Best | None:
-    """Search the stiffest; from the best of another device on, where that has a law."""
+    """Search the stiffest, where one can be held; from the best of another device on, where that has a law."""
+    if hopeless(problem):
+        return None
     people, lean = people_of(problem.hands, asked.hands, asked.seed), asked.lean_on_friction
     search = partial(judged_candidates, problem, people, asked.seed, limit, progress, lean_on_friction=lean)
     if before is None:
