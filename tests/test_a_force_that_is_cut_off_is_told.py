@@ -66,3 +66,28 @@ def test_it_is_refused_by_name():
     told = re.search(r"up to (\S+) N, and the device follows it up to about (\S+) N", fault.message)
     assert float(told[1]) > 3.5
     assert float(told[2]) == pytest.approx(2.0, rel=0.25)
+
+
+SELDOM = replace(USUAL, mass=0.25, coulomb=0.8)
+
+
+def seldom(beyond, seed):
+    """The same with a force that is cut in a share of the samples, in a band where inverse dynamics hardly see it."""
+    random = np.random.default_rng(seed)
+    wanted = multisine(random, 6.0, SELDOM.period, 0.5, 300.0, 2.0)
+    limit = float(np.quantile(np.abs(wanted), 1 - beyond))
+    _, position, _ = measured(SELDOM, np.clip(wanted, -limit, limit), random)
+    return Record("log", SELDOM.period, position, wanted), limit
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_a_force_that_is_cut_seldom_is_noted_with_its_limit(seed):
+    record, limit = seldom(0.02, seed)
+    (note,) = [note for note in identify([record]).notes if "seems to follow the force" in note]
+    assert float(re.search(r"up to about (\S+) N", note)[1]) == pytest.approx(limit, rel=0.2)
+
+
+@pytest.mark.parametrize("unusual", [{}, {"breakaway": 0.4, "slow": 0.005}, {"ground": 200.0}, {"resonance": 90.0}])
+def test_nothing_is_noted_of_a_force_that_acts_as_it_is_logged(unusual):
+    found = identify([excited(replace(USUAL, **unusual), seed=4)])
+    assert not [note for note in found.notes if "seems to follow the force" in note]

@@ -27,11 +27,12 @@ VALUES = {
     "amplifier_bandwidth_hz": 200.0,
     "stiffness_n_per_m": 3.0,
     "offset_drift_n_per_s": 0.01,
+    "backlash_m": 4e-5,
 }
 MODELS = {
     "rigid": ("base",),
     "friction": ("base", "coulomb", "drift"),
-    "all": ("base", "coulomb", "asymmetry", "stribeck", "resonance", "amplifier", "stiffness", "drift"),
+    "all": ("base", "coulomb", "asymmetry", "stribeck", "resonance", "amplifier", "stiffness", "drift", "play"),
 }
 
 
@@ -45,7 +46,7 @@ def predictor():
 
 @pytest.mark.parametrize("terms", MODELS.values(), ids=MODELS)
 def test_compiled_and_evaluated_agree(predictor, terms, monkeypatch):
-    structure = Structure(terms, {}, {})
+    structure = Structure(terms, {}, {"backlash_m": 2e-5})
     search = structure.start(VALUES)
     monkeypatch.setattr(_run, "_WORTH_COMPILING", 0)
     (compiled,) = predictor.predict(structure, search, Observer(40.0))
@@ -61,7 +62,7 @@ def test_compiled_and_evaluated_agree(predictor, terms, monkeypatch):
 @pytest.mark.parametrize("side", ["motor", "handle"])
 def test_slopes_are_those_of_differences(predictor, side):
     """The observer's gain counts as constant in the slopes: it is all but off here."""
-    structure = Structure(MODELS["all"], {}, {}, side)
+    structure = Structure(MODELS["all"], {}, {"backlash_m": 2e-5}, side)
     search, still = structure.start(VALUES), Observer(1e-3)
     (found,) = predictor.predict(structure, search, still)
     for index, one in enumerate(structure.free):

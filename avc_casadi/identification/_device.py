@@ -21,9 +21,10 @@ _PLAIN = (
     "encoder_resolution_m",
     "position_noise_rms_m",
     "amplifier_bandwidth_hz",
+    "backlash_m",
 )
 _MODE = ("frequency_hz", "damping_ratio", "mass_ratio")
-_QUANTITIES = (*_PLAIN, "sample_time_s", "max_force_n", "backlash_m", "resonance")
+_QUANTITIES = (*_PLAIN, "sample_time_s", "max_force_n", "resonance")
 _LAG_WITHIN = "; the lag of the amplifier is in it"
 _LAG_TAKEN = "; less the lag of the amplifier"
 # What stands in a gap that the loop cannot do without.

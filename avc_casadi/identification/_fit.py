@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from avc_casadi.identification._linear import linear_step, taps_of
 from avc_casadi.identification._predictor import Observer, Predictor
-from avc_casadi.identification._terms import Structure
+from avc_casadi.identification._terms import PLAY, Structure
 from avc_casadi.support import FloatArray
 
 _MOST_STEPS = 30
@@ -55,6 +55,7 @@ class Fit:
         unit_m: what the blocks' errors are counted in.
         noise_share: share of the variance of the error that is noise of the measurement.
         turning: share of samples in which the model's motion turns.
+        taking_up: share of samples in which the device turns and takes up play.
         sample_time_s: T.
     """
 
@@ -66,12 +67,18 @@ class Fit:
     unit_m: float
     noise_share: float
     turning: float
+    taking_up: float
     sample_time_s: float
 
     @property
     def values(self) -> dict[str, float]:
         """Every parameter."""
         return self.structure.values(self.search)
+
+    @property
+    def hides_play(self) -> bool:
+        """Whether it has play that is smaller than what encoder and noise leave of the prediction."""
+        return self.structure.present(PLAY) and self.values[PLAY] < self.rms_m
 
     @property
     def rms_m(self) -> float:
@@ -185,7 +192,12 @@ def judged(predictor: Predictor, structure: Structure, search: FloatArray, obser
     step = linear_step(values, structure, predictor.sample_time_s, taps_of(values), friction=False)
     _, share = observer.gain(step, values["mass_kg"], predictor.sample_time_s)
     turning = _turning([record.position_m[window.skip :] for record in predictor.records], errors)
-    return Fit(structure, search, observer, errors, tuple(blocks), unit, share, turning, predictor.sample_time_s)
+    taking_up = 0.0
+    if structure.present(PLAY) and predictor.last_went is not None:
+        taking_up = float(np.mean(np.abs(np.concatenate(predictor.last_went)) < 1))
+    return Fit(
+        structure, search, observer, errors, tuple(blocks), unit, share, turning, taking_up, predictor.sample_time_s
+    )
 
 
 def _bounded(numbers: FloatArray) -> FloatArray:

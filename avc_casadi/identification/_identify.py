@@ -12,6 +12,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi.identification._against_base import check_against, differs_from
 from avc_casadi.identification._alike import differences
 from avc_casadi.identification._closed_loop import autocorrelation, coloured, feeds_back
+from avc_casadi.identification._cut import cut_notes
 from avc_casadi.identification._device import device_file, states
 from avc_casadi.identification._encoder import encoder_step_m
 from avc_casadi.identification._estimates import estimates_of
@@ -19,16 +20,17 @@ from avc_casadi.identification._fit import Fit, Window, judged, slowest_observer
 from avc_casadi.identification._frequency import measured_response, model_response
 from avc_casadi.identification._model import Identification, Refusal, Shown
 from avc_casadi.identification._only_feedback import only_feedback, refused_beside
+from avc_casadi.identification._play import EVENLY
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._read import read_logs
 from avc_casadi.identification._record import Record, shortened
 from avc_casadi.identification._refuse import EXCITATION, beyond_force, cannot_tell, refusals
 from avc_casadi.identification._remarks import remarks
-from avc_casadi.identification._select import Selection, select, settled, without
+from avc_casadi.identification._select import HIDDEN, Selection, select, settled, without
 from avc_casadi.identification._share import SHARE, other_shares, share_assumed, share_refused, shared
 from avc_casadi.identification._spring_side import moved as beyond_side
 from avc_casadi.identification._start import cut_force_n, first_guess
-from avc_casadi.identification._terms import PARAMETERS, TERMS, Structure
+from avc_casadi.identification._terms import PARAMETERS, PLAY, TERMS, Structure
 from avc_casadi.identification._turned import known_at_handle, of_the_turn, radius_of
 from avc_casadi.identification._uncertainty import Spread, sensitivity, spread_of
 from avc_casadi.identification._units import Layout
@@ -124,7 +126,7 @@ def _identified(
     with progress.step("first guess"):
         driven = only_feedback(records)
         guess = _guess(records, force_rms, radius_m, pushed=driven is not None)
-    structure = _simplest(records, known, force_rms, travel)
+    structure = _simplest(records, known, force_rms, travel, step_m)
     guess |= known
     sizes = [record.position_m.size for record in records]
     window = Window.of(sizes, records[0].sample_time_s)
@@ -189,7 +191,7 @@ def _identified(
         error_m=np.concatenate(fit.error_m),
         feedback=feedback,
         lags=lags,
-        notes=tuple(notes),
+        notes=(*notes, *([] if driven else cut_notes(predictor, fit, window, radius_m))),
         response=response,
         modelled=model_response(fit.values, fit.structure, records[0].sample_time_s, response.frequency_hz),
         shown=_shown(records, fit),
@@ -255,16 +257,23 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
             if term in fit.structure.terms
             and any(one.name.partition(".")[0] in refused for one in TERMS[term].parameters)
         ]
-        if not vague:
+        if fit.hides_play:
+            without(predictor, chosen, "play", HIDDEN, window)
+        elif vague:
+            without(predictor, chosen, vague[0], "is not told well enough to stand in a model", window)
+        else:
             return spread, refused
-        without(predictor, chosen, vague[0], "is not told well enough to stand in a model", window)
 
 
 def _beside(predictor: Predictor, fit: Fit, window: Window) -> list[Fit]:
-    """Return what faster and slower observers say at the same point."""
+    """Return what faster and slower observers say at the same point, and play that is taken up otherwise."""
     rate, slowest, fastest = fit.observer.rate_per_s, slowest_observer(predictor), 1 / predictor.sample_time_s
     rates = {min(max(rate * by, slowest), fastest) for by in _OTHER_OBSERVERS} - {rate}
-    return [judged(predictor, fit.structure, fit.search, Observer(other), window) for other in sorted(rates)]
+    found = [judged(predictor, fit.structure, fit.search, Observer(other), window) for other in sorted(rates)]
+    if fit.structure.present(PLAY):
+        evenly = predictor.of(predictor.records, EVENLY)
+        found.append(judged(evenly, fit.structure, fit.search, fit.observer, window))
+    return found
 
 
 def _records(
@@ -298,7 +307,9 @@ def _checked(known: Mapping[str, float], radius_m: float | None = None) -> dict[
     return {inner[key]: float(value) for key, value in known.items()}
 
 
-def _simplest(records: Sequence[Record], known: Mapping[str, float], force: float, travel: float) -> Structure:
+def _simplest(
+    records: Sequence[Record], known: Mapping[str, float], force: float, travel: float, step_m: float | None
+) -> Structure:
     """Return the structure to begin with; the force has a scale where a known mass tells it."""
     speed = max(
         float(np.std(np.diff(record.position_m[:: max(1, int(0.01 / record.sample_time_s))])))
@@ -315,6 +326,7 @@ def _simplest(records: Sequence[Record], known: Mapping[str, float], force: floa
         "offset_drift_n_per_s": force / seconds,
         "stiffness_n_per_m": force / travel,
         "speed_m_per_s": speed,
+        PLAY: step_m or 1e-3 * travel,
     }
     scaled = "mass_kg" in known or len({record.added_mass_kg for record in records}) > 1
     logs = len({record.whole for record in records})
@@ -351,7 +363,7 @@ def _never_told(
     for key, why in (
         ("encoder_resolution_m", "the positions lie on no lattice"),
         ("position_noise_rms_m", hidden),
-        ("backlash_m", "a log of one position does not show the other side of the play"),
+        ("backlash_m", "no trace of any that the encoder stands behind; a log of one position does not show another"),
         ("max_force_n", "it is not seen in a log"),
     ):
         if key not in estimates:

@@ -10,16 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from avc_casadi.identification._encoder import encoder_step_m
 from avc_casadi.identification._linear import LinearStep, linear_derivatives, linear_step, taps_of
+from avc_casadi.identification._play import SLOWLY, last_went
 from avc_casadi.identification._record import Record
 from avc_casadi.identification._run import run
-from avc_casadi.identification._terms import FRICTION, LINEAR, OFFSET, Structure, offset_of
+from avc_casadi.identification._terms import FRICTION, LINEAR, OFFSET, PLAY, Structure, offset_of
 from avc_casadi.support import FloatArray
 
 _MOST_DOUBLINGS = 60
+# Step of the central difference by play, as a share of the unit in which it is searched for.
+_PLAY_STEP = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +101,7 @@ class Predictor:
         records: of the device, all with one sample time.
         origin_m: position taken as 0.
         logs: names of all logs that the model knows; of the records alone where nothing is said.
+        play_taken_up: how, as a power of the time, while the device turns.
 
     Attributes:
         records: of the device.
@@ -103,12 +109,34 @@ class Predictor:
         sample_time_s: T.
     """
 
-    def __init__(self, records: Sequence[Record], origin_m: float, logs: Sequence[str] = ()) -> None:
+    def __init__(
+        self, records: Sequence[Record], origin_m: float, logs: Sequence[str] = (), play_taken_up: float = SLOWLY
+    ) -> None:
         self.records = tuple(records)
+        self._origin_m, self._play_taken_up = origin_m, play_taken_up
         self.sample_time_s = records[0].sample_time_s
         names = list(logs or dict.fromkeys(record.whole for record in records))
         self.logs = tuple(names.index(record.whole) for record in records)
         self._positions = [np.ascontiguousarray(record.position_m - origin_m) for record in records]
+
+    @cached_property
+    def last_went(self) -> list[FloatArray] | None:
+        """Which way each record last went; None where none of them tells of play."""
+        step_m = encoder_step_m(self.records) or 0.0
+        found = [last_went(record.position_m, step_m, self._play_taken_up) for record in self.records]
+        if all(way is None for way in found):
+            return None
+        return [np.zeros(at.size) if way is None else way for way, at in zip(found, self._positions, strict=True)]
+
+    def of(self, records: Sequence[Record], play_taken_up: float = SLOWLY) -> Predictor:
+        """Return one of other records of the same logs, or one that takes play to be taken up otherwise.
+
+        Args:
+            records: of the same logs.
+            play_taken_up: as a power of the time.
+        """
+        names = tuple(dict.fromkeys(record.whole for record in self.records))
+        return Predictor(records, self._origin_m, names, play_taken_up)
 
     def predict(
         self, structure: Structure, search: FloatArray, observer: Observer, *, slopes: bool = True
@@ -126,10 +154,14 @@ class Predictor:
         outward = structure.slopes(search)
         free = structure.free
         linear = [index for index, one in enumerate(free) if one.name in LINEAR]
-        rough = {one.name: index for index, one in enumerate(free) if not one.linear}
+        rough = {one.name: index for index, one in enumerate(free) if one.part == "friction"}
         found = []
         models: dict[float, tuple[LinearStep, FloatArray, FloatArray]] = {}
-        for record, position, log in zip(self.records, self._positions, self.logs, strict=True):
+        behind = self.last_went if structure.present(PLAY) else None
+        ways = behind or [np.zeros(1)] * len(self.records)
+        by_play = [index for index, one in enumerate(free) if one.name == PLAY] if slopes else []
+        for record, measured, way, log in zip(self.records, self._positions, ways, self.logs, strict=True):
+            position = measured if behind is None else measured + values[PLAY] / 2 * way
             if record.added_mass_kg not in models:
                 whole = {**values, "mass_kg": values["mass_kg"] + record.added_mass_kg}
                 step = linear_step(whole, structure, self.sample_time_s, taps)
@@ -154,12 +186,19 @@ class Predictor:
                 places = [len(by_linear) + at for at, name in enumerate(FRICTION) if own[name] in rough]
                 directions[range(len(linear), len(acting)), places] = 1.0
             state, inputs = _begun(step, record, position, taps)
-            stribeck = structure.present("breakaway_excess_n")
-            out = run(state, inputs, numbers, directions, cuts=len(step.early), stribeck=stribeck)
+            cuts, stribeck = len(step.early), structure.present("breakaway_excess_n")
+            out = run(state, inputs, numbers, directions, cuts=cuts, stribeck=stribeck)
             by = None
             if slopes:
                 by = np.zeros((len(out), len(free)))
                 by[:, acting] = out[:, 1:] * outward[acting]
+                for index in by_play:
+                    aside = _PLAY_STEP * outward[index] / 2 * way
+                    ends = [
+                        run(*_begun(step, record, at, taps), numbers, directions[:0], cuts=cuts, stribeck=stribeck)
+                        for at in (position - aside, position + aside)
+                    ]
+                    by[:, index] = (ends[1][:, 0] - ends[0][:, 0]) / (2 * _PLAY_STEP)
             found.append(Prediction(out[:, 0].copy(), by))
         return found
 

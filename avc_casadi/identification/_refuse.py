@@ -29,7 +29,8 @@ EXCITATION = {
     "force_scale": "two logs, one with a known mass on the device (--added-mass 0,VALUE), or --known mass_kg=VALUE",
     "position_noise_rms_m": "a log in motion; at rest the encoder's step hides it",
     "encoder_resolution_m": "the encoder's own counts, unfiltered",
-    "backlash_m": "reversals under load, with the position measured at the handle",
+    "backlash_m": "strokes with many reversals, the force several times the friction; for play beyond the encoder, the "
+    "position measured at the handle",
     "max_force_n": "the amplifier's data sheet; a log does not tell what was not commanded",
 }
 # Half widths in the coordinates of the search beyond which a number is not told.

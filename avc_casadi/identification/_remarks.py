@@ -8,6 +8,7 @@ from avc_casadi.identification._closed_loop import coloured
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._only_feedback import EXCITATION, OnlyFeedback
 from avc_casadi.identification._spring_side import at_the_other_side
+from avc_casadi.identification._terms import PLAY
 from avc_casadi.support import FloatArray, number
 
 # A structure rings longer than one that is damped by this.
@@ -56,6 +57,13 @@ def remarks(
         notes.append(
             f"a resonance that is damped by {number(fit.values['resonance.damping_ratio'], 2)} is none of a structure: "
             "play in the transmission looks like one; that of a structure stays where it is with half the force"
+        )
+    if "play" in fit.structure.terms:
+        notes.append(
+            "where the device turns, the position stands still and then goes on at speed: the encoder stands behind "
+            f"play of {number(fit.values[PLAY] / radius_m, 2)} m (backlash_m); mass, damping and friction are those "
+            "beside it, and what is found with this file knows of it. Better: take the play up (preload, a tighter "
+            "belt or capstan)"
         )
     if driven is not None:
         notes.append(

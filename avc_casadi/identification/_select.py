@@ -12,22 +12,33 @@ from avc_casadi.identification._fit import Fit, Window, best_observer, fit, judg
 from avc_casadi.identification._frequency import Response, held_guess, likely_resonances
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._share import shared
-from avc_casadi.identification._terms import TERMS, Structure
+from avc_casadi.identification._start import play_guess_m
+from avc_casadi.identification._terms import PLAY, TERMS, Structure
 from avc_casadi.identification._uncertainty import sensitivity
 from avc_casadi.support import SILENT, Progress
 
 # Those that stand together look alike: the better one is taken first.
-_ORDER = (("coulomb",), ("resonance", "amplifier", "stiffness"), ("asymmetry",), ("stribeck",), ("drift",))
+_ORDER = (("coulomb",), ("resonance", "amplifier", "stiffness", "play"), ("asymmetry",), ("stribeck",), ("drift",))
 # A term that a Gauss-Newton step from its absence does not speak for by so many standard errors is not fitted.
 _HOPEFUL = 1.5
 _COLLINEAR = 100.0
 _FIRST_RATE_PER_S = 60.0
 # Terms that may change everything.
-_STRONG = {"coulomb", "resonance", "amplifier", "stiffness"}
+_STRONG = {"coulomb", "resonance", "amplifier", "stiffness", "play"}
 _MOST_STARTS = 2
 # Terms whose number is 0 where they are absent: below this share of what matters they are.
-_VANISHING = {"stribeck": "breakaway_excess_n", "stiffness": "stiffness_n_per_m", "coulomb": "coulomb_friction_n"}
+_VANISHING = {
+    "stribeck": "breakaway_excess_n",
+    "stiffness": "stiffness_n_per_m",
+    "coulomb": "coulomb_friction_n",
+    "play": PLAY,
+}
 _VANISHED = 1e-5
+HIDDEN = "is smaller than what encoder and noise hide"
+"""Of play."""
+_UNSEEN = {"play": "is not told: the log hardly ever turns"}
+# Those for which something beside the model so far speaks: its guess is fitted, whatever a step from 0 says.
+_FROM_AFAR = {"stiffness": "stiffness_n_per_m", "play": PLAY}
 
 
 @dataclass
@@ -101,7 +112,7 @@ def settled(predictor: Predictor, found: Fit, window: Window) -> Fit:
 
 def _prune(predictor: Predictor, chosen: Selection, window: Window) -> None:
     """Drop what the whole model no longer bears out: a term whose size is 0 within its uncertainty."""
-    for term in ("stribeck", "asymmetry", "drift", "stiffness", "amplifier", "resonance", "coulomb"):
+    for term in ("stribeck", "asymmetry", "drift", "stiffness", "amplifier", "resonance", "play", "coulomb"):
         found = chosen.fit
         if term not in found.structure.terms:
             continue
@@ -183,11 +194,11 @@ def _tried(
         chosen.trials[term] = Trial(term, False, 0.0, 0.0, f"says nothing without {', '.join(missing)}")
         return None
     best: Fit | None = None
-    chosen.trials[term] = Trial(term, False, 0.0, 0.0, "is not seen in the frequency response")
+    chosen.trials[term] = Trial(term, False, 0.0, 0.0, _UNSEEN.get(term, "is not seen in the frequency response"))
     for structure, start in _starts(
         simple, _richer(simple.structure, term), term, guess, response, predictor, window, sides
     ):
-        from_afar = term in {"coulomb", "resonance"} or (term == "stiffness" and start["stiffness_n_per_m"] > 0)
+        from_afar = term in {"coulomb", "resonance"} or start.get(_FROM_AFAR.get(term, ""), 0.0) > 0
         if not from_afar:
             at_start = judged(predictor, structure, structure.start(start), simple.observer, window)
             hope = compared(simple, at_start, term)
@@ -235,14 +246,14 @@ def _told_apart(predictor: Predictor, simple: Fit, best: Fit, term: str, window:
 
 
 def _beyond(found: Fit, term: str, response: Response, period: float) -> str:
-    """Say that a frequency came out where the log cannot show it, if it did."""
+    """Say that a frequency, or play, came out where the log cannot show it, if it did."""
     band = response.excited_hz
     top = min(0.45 / period, 1.3 * band[1] if band else 0.0)
     if term == "resonance" and found.values["resonance.frequency_hz"] > top:
         return "lies beyond the frequencies that the force excites"
     if term == "amplifier" and found.values["amplifier_bandwidth_hz"] > 0.6 / period:
         return "is too fast to be told from a shorter delay at this sample rate"
-    return ""
+    return HIDDEN if term == "play" and found.hides_play else ""
 
 
 def _richer(structure: Structure, term: str) -> Structure:
@@ -294,7 +305,18 @@ def _starts(
         found.sort(key=lambda one: one[0])
         return [(with_side, start) for left, with_side, start in found[:_MOST_STARTS] if left < 3 * found[0][0]]
     absent = {**values, **{one.name: 0.0 for one in TERMS[term].parameters}}
-    if term == "stiffness" and (held := held_guess(response, values["delay_samples"] * period)) is not None:
+    starts = [absent]
+    if term == "play":
+        starts = [{**absent, PLAY: likely} for likely in _likely_play(simple, richer, predictor)]
+    elif term == "stiffness" and (held := held_guess(response, values["delay_samples"] * period)) is not None:
         # A free mass in place of a held one is far off: the way from it may end elsewhere.
-        return [(richer, absent), (richer, {**values, "delay_samples": guess["delay_samples"], **held})]
-    return [(richer, absent)]
+        starts.append({**values, "delay_samples": guess["delay_samples"], **held})
+    return [(richer, start) for start in starts]
+
+
+def _likely_play(simple: Fit, richer: Structure, predictor: Predictor) -> list[float]:
+    """Return where the search for play may start: nowhere in a log that hardly ever turns."""
+    if predictor.last_went is None:
+        return []
+    guess = play_guess_m(predictor.records, predictor.last_went, simple.values["delay_samples"])
+    return [0.0, guess] if guess > richer.units[PLAY] else [0.0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import signal
@@ -64,6 +64,26 @@ def cut_force_n(records: Sequence[Record], delay_samples: float) -> float | None
     uncut, cut = left(1.0), {share: left(share) for share in _CUT_AT}
     share = min(cut, key=lambda one: cut[one])
     return share * largest if cut[share] < min(_CUT_LEAVES * uncut, _EXPLAINED) else None
+
+
+def play_guess_m(records: Sequence[Record], last_went: Sequence[FloatArray], delay_samples: float) -> float:
+    """Return the play of which inverse dynamics ask that the encoder stands behind it; below 0 where there is none.
+
+    Args:
+        records: of one device.
+        last_went: which way each of them last went, from -1 to 1.
+        delay_samples: of the force.
+    """
+    motion, period = _Motion.of(records), records[0].sample_time_s
+    smooth = [_filtered(way, period, motion.cutoff_hz) for way in last_went]
+    bent = np.concatenate([np.gradient(np.gradient(way, period), period)[_EDGE:-_EDGE] for way in smooth])[:, None]
+    more = replace(
+        motion,
+        regressors=np.concatenate([motion.regressors, bent], axis=1),
+        instruments=np.concatenate([motion.instruments, bent], axis=1),
+    )
+    found = more.explains(delay_samples)[2]
+    return 2 * float(found[-1] / found[0])
 
 
 @dataclass(frozen=True)

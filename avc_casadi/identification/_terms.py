@@ -12,6 +12,7 @@ import numpy as np
 from avc_casadi.support import FloatArray
 
 Kind = Literal["log", "linear", "share"]
+Part = Literal["loop", "friction", "sensing"]
 
 LONGEST_DELAY = 24.0
 
@@ -25,7 +26,7 @@ class Parameter:
         unit: as the user reads it.
         kind: searched for as its logarithm, as itself, or as the logit of a share.
         lowest, highest: what it may be.
-        linear: whether it belongs to the linear loop rather than to friction and offset.
+        part: of the device that it belongs to: the linear loop, friction and constant force, or what is measured.
     """
 
     name: str
@@ -33,7 +34,7 @@ class Parameter:
     kind: Kind
     lowest: float
     highest: float
-    linear: bool = True
+    part: Part = "loop"
 
 
 @dataclass(frozen=True)
@@ -65,21 +66,23 @@ TERMS: Mapping[str, Term] = {
                 Parameter("mass_kg", "kg", "log", 1e-5, 1e5),
                 Parameter("damping_ns_per_m", "N.s/m", "linear", 0.0, 1e7),
                 Parameter("delay_samples", "samples", "linear", 0.0, LONGEST_DELAY),
-                Parameter("offset_n", "N", "linear", -_INF, _INF, linear=False),
+                Parameter("offset_n", "N", "linear", -_INF, _INF, part="friction"),
             ),
         ),
-        Term("coulomb", "Coulomb friction", (Parameter("coulomb_friction_n", "N", "linear", 0.0, 1e5, linear=False),)),
+        Term(
+            "coulomb", "Coulomb friction", (Parameter("coulomb_friction_n", "N", "linear", 0.0, 1e5, part="friction"),)
+        ),
         Term(
             "asymmetry",
             "damping that depends on the direction",
-            (Parameter("damping_asymmetry_ns_per_m", "N.s/m", "linear", -1e7, 1e7, linear=False),),
+            (Parameter("damping_asymmetry_ns_per_m", "N.s/m", "linear", -1e7, 1e7, part="friction"),),
         ),
         Term(
             "stribeck",
             "Stribeck friction",
             (
-                Parameter("breakaway_excess_n", "N", "linear", 0.0, 1e5, linear=False),
-                Parameter("stribeck_speed_m_per_s", "m/s", "log", 1e-5, 10.0, linear=False),
+                Parameter("breakaway_excess_n", "N", "linear", 0.0, 1e5, part="friction"),
+                Parameter("stribeck_speed_m_per_s", "m/s", "log", 1e-5, 10.0, part="friction"),
             ),
             ("coulomb",),
         ),
@@ -101,7 +104,12 @@ TERMS: Mapping[str, Term] = {
         Term(
             "drift",
             "a constant force that drifts",
-            (Parameter("offset_drift_n_per_s", "N/s", "linear", -_INF, _INF, linear=False),),
+            (Parameter("offset_drift_n_per_s", "N/s", "linear", -_INF, _INF, part="friction"),),
+        ),
+        Term(
+            "play",
+            "play that the encoder stands behind",
+            (Parameter("backlash_m", "m", "linear", 0.0, 1.0, part="sensing"),),
         ),
         Term("scale", "a scale of the force", (Parameter("force_scale", "", "log", 1e-3, 1e3),)),
     )
@@ -117,12 +125,12 @@ _ABSENT = {
     "stribeck_speed_m_per_s": 1.0,
     "force_scale": 1.0,
 }
-FRICTION = tuple(one.name for term in TERMS.values() for one in term.parameters if not one.linear)
-LINEAR = tuple(one.name for term in TERMS.values() for one in term.parameters if one.linear)
+FRICTION = tuple(one.name for term in TERMS.values() for one in term.parameters if one.part == "friction")
+LINEAR = tuple(one.name for term in TERMS.values() for one in term.parameters if one.part == "loop")
 PARAMETERS = {one.name: one for term in TERMS.values() for one in term.parameters}
 
 
-OFFSET = "offset_n"
+OFFSET, PLAY = "offset_n", "backlash_m"
 
 
 def offset_of(log: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import numpy as np
 from scipy import stats
 
 from avc_casadi.identification._fit import Fit
+from avc_casadi.identification._terms import PLAY
 from avc_casadi.support import FloatArray
 
 LEVEL = 0.95
@@ -27,6 +29,8 @@ _LEAST = {
     "resonance.mass_ratio": 4e-2,
     "amplifier_bandwidth_hz": 1e-2,
 }
+# When play is taken up is known to half a sample.
+_TAKEN_UP = 0.5
 _IN_PROPORTION = ("damping_ns_per_m", "coulomb_friction_n", "stiffness_n_per_m")
 
 
@@ -123,6 +127,10 @@ def _inside_a_sample(fit: Fit) -> FloatArray:
     if fit.structure.present("amplifier_bandwidth_hz"):
         lag = 1 / (2 * np.pi * values["amplifier_bandwidth_hz"] * period)
         moved["delay_samples"] += _LEAST["amplifier_bandwidth_hz"] * lag
+    if fit.structure.present(PLAY):
+        # Where play begins and ends is known to what encoder and noise leave, and when to a part of a sample.
+        moved["delay_samples"] += _TAKEN_UP * fit.taking_up
+        moved[PLAY] = math.sqrt(fit.noise_share) * fit.rms_m / fit.structure.units[PLAY]
     return np.array(
         [
             share * abs(q) if one.name in _IN_PROPORTION else max(moved.get(one.name, 0.0), _LEAST.get(one.name, 0.0))
