@@ -97,6 +97,17 @@ def test_ticks_that_are_missed_are_the_cause_of_a_growth_that_is_hardly_there_wi
     assert found.cause == "ticks", found.conclusion
 
 
+def test_a_rate_that_was_halved_is_the_cause_of_a_growth_that_is_hardly_there_at_the_one_that_was_meant():
+    meant = Buzzing(mass=0.05, stiffness=6000.0, damper=1.5, delay=1.0, friction=0.08, encoder=5e-6, hand_damping=4.0)
+    law = find_law(log_of(columns(meant))[0], None)
+    # A hair over the limit: friction holds it at rest at the rate that was meant.
+    meant = replace(meant, stiffness=1.005 * meant.stiffness * limit_of(answer_of(meant), law, "stiffness"))
+    time, position, _ = logged(meant, 1.6)
+    assert np.ptp(position[time > 1.3]) < 1.5 * meant.encoder
+    found = diagnose(columns(replace(meant, period=2 * meant.period), seconds=1.6), device=declared_of(meant))
+    assert found.cause == "rate", found.conclusion
+
+
 @pytest.mark.parametrize(("encoder", "end"), [(1e-4, 0.0045), (1.3e-4, 0.005)])
 def test_a_hand_over_few_steps_is_not_taken_for_none(encoder, end):
     loop = Buzzing(mass=0.21, damping=1.5, delay=1.6, encoder=encoder, stiffness=4500.0, damper=4.0, limit=8.0)

@@ -157,7 +157,8 @@ def _of_even_ticks(
     """Return what a loop would rest but for that does not rest with every tick in time."""
     ticks = log.ticks
     slower, meant, late = timing(answer, law, log, declared)
-    if (slower or ticks.held > 1) and _rests(*at_period(answer, law, meant_period(log, declared))):
+    faster = at_period(answer, law, meant_period(log, declared)) if slower or ticks.held > 1 else None
+    if faster is not None and _rests(*faster):
         return {"rate": 1.0}
     if late and _rests(answer.delayed(meant - law.lag), shorter(law, meant)):
         return {"delay": 1.0}
@@ -169,11 +170,13 @@ def _of_even_ticks(
         if gone == 1:
             return {"let-go": 1.0}
     left = _declared_itself(answer, law)
-    if late and OTHER not in left:
-        # Neither the delay as declared nor a gain below its limit there mends all: each has the share that it adds.
-        share = _share_of_way(answer, answer.delayed(meant - law.lag), law, shorter(law, meant))
+    # Neither rate or delay as declared nor a gain below its limit there mends all: each has the share that it adds.
+    differs = {"rate": faster, "delay": (answer.delayed(meant - law.lag), shorter(law, meant)) if late else None}
+    for cause, mended in differs.items():
+        share = 0.0 if mended is None or OTHER in left else _share_of_way(answer, mended[0], law, mended[1])
         if share > _A_PART:
-            left = {"delay": share} | {cause: part * (1 - share) for cause, part in left.items()}
+            left = {cause: share} | {other: part * (1 - share) for other, part in left.items()}
+            break
     return {cause: share * (1 - gone) for cause, share in left.items()} | ({"let-go": gone} if gone else {})
 
 
