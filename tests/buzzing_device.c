@@ -14,9 +14,9 @@ typedef struct {
 } device_t;
 
 /* Arrays have `samples` entries. `missed` is 1 where the computer does nothing; writes measured position and commanded
- * force along +position, of the missed ticks too. */
+ * force along +position, of the missed ticks too, and where the hand is. */
 void buzzing_device(const device_t *d, int samples, const double *noise, const double *missed, double *position,
-                    double *force)
+                    double *force, double *hand)
 {
     const double pi = 3.14159265358979323846, h = d->period / SUBSTEPS, w = 2 * pi * d->resonance;
     const double part = d->resonance > 0 ? d->share : 0.0, m1 = d->mass * (1 - part), m2 = d->mass * part;
@@ -35,6 +35,7 @@ void buzzing_device(const device_t *d, int samples, const double *noise, const d
         const double y = d->encoder > 0 ? d->encoder * floor(seen / d->encoder + 0.5) : seen;
         const double held = k ? force[k - 1] : 0.0;
         position[k] = y;
+        hand[k] = x2;
         if (missed[k] > 0) {
             force[k] = held;
         } else {

@@ -51,13 +51,18 @@ class Buzzing:
 _Device = doubles(each.name for each in fields(Buzzing))
 
 
-def logged(loop, seconds=1.5, missed=None, noise_m=0.0, random=None):
-    """Return time, measured position and commanded force of the ticks that ran; `missed` marks those that did not."""
+def played(loop, seconds=1.5, missed=None, noise_m=0.0, random=None):
+    """Return time, measured position, commanded force and where the hand is, at every tick; `missed` marks some."""
     samples = round(seconds / loop.period)
     missed = np.zeros(samples) if missed is None else np.ascontiguousarray(missed, dtype=float)
     noise = np.zeros(samples) if random is None else noise_m * random.standard_normal(samples)
-    position, force = np.empty(samples), np.empty(samples)
-    arrays = pointers(noise, missed, position, force)
+    position, force, hand = np.empty(samples), np.empty(samples), np.empty(samples)
+    arrays = pointers(noise, missed, position, force, hand)
     simulator("buzzing_device")(ctypes.byref(_Device(**asdict(loop))), samples, *arrays)
-    ran = missed == 0
-    return (np.arange(samples) * loop.period)[ran], position[ran], force[ran]
+    return np.arange(samples) * loop.period, position, force, hand
+
+
+def logged(loop, seconds=1.5, missed=None, noise_m=0.0, random=None):
+    """Return time, measured position and commanded force of the ticks that ran; `missed` marks those that did not."""
+    columns = played(loop, seconds, missed, noise_m, random)[:3]
+    return columns if missed is None else tuple(column[np.asarray(missed) == 0] for column in columns)

@@ -131,7 +131,7 @@ def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: 
             "resonance": answer.device.resonance is not None and declared.device.resonance is None,
         }
         few = found.steps < _STEPS
-        if irregular and (not few or growth_over(answer, law, log.ran) > 0):
+        if irregular and (not few or growth_over(answer, law, log.pattern) > 0):
             return {"ticks": 1.0}
         if not few:
             return {OTHER: 1.0}
@@ -190,7 +190,7 @@ def timing(answer: Answer, law: Law, log: Log, declared: Declared) -> tuple[bool
 
 def _share_of_ticks(answer: Answer, law: Law, log: Log, even_per_s: float) -> float:
     """Return how much of the growth over the ticks as they ran is not there with every tick in time."""
-    as_ran = growth_over(answer, law, log.ran)
+    as_ran = growth_over(answer, law, log.pattern)
     return max(0.0, 1 - even_per_s / as_ran) if as_ran > 0 else 0.0
 
 

@@ -121,7 +121,7 @@ def _ticks(answer: Answer, law: Law, log: Log) -> list[Cure]:
             stiffness_n_per_m=factor * law.stiffness_n_per_m,
             damping_ns_per_m=factor * law.damping_ns_per_m,
         )
-        growth = growth_over(answer, softer, log.ran)
+        growth = growth_over(answer, softer, log.pattern)
         if growth < 0:
             change = (
                 f"or k = {number(softer.stiffness_n_per_m, 3)} N/m and b = {number(softer.damping_ns_per_m, 3)} N.s/m "

@@ -23,6 +23,7 @@ from avc_casadi.diagnosis._meant import law_differs
 from avc_casadi.diagnosis._model import Diagnosis
 from avc_casadi.diagnosis._oscillation import find_oscillation
 from avc_casadi.diagnosis._plant import fit_plants
+from avc_casadi.diagnosis._repeated import without_repeats
 from avc_casadi.diagnosis._units import other_unit
 from avc_casadi.diagnosis._verdict import Judge
 from avc_casadi.identification import Columns, Layout, read_columns
@@ -79,6 +80,7 @@ def diagnose(
             )
         notes = [*notes, "the position never changes: an encoder that is stuck looks like this too"]
     declared = Declared.of(device, hands, grid.ticks.sample_time_s)
+    grid = without_repeats(grid, declared.device.max_force_n)
     with progress.step("oscillation"):
         swing = find_oscillation(grid)
     law = find_law(grid, declared.device.max_force_n)

@@ -57,7 +57,8 @@ def ticks_sentence(ticks: Ticks, declared: Declared) -> str:
     if declared.known and abs(ticks.period_s / declared.device.sample_time_s - 1) > 0.02:
         parts.append(f"declared {number(1e3 * declared.device.sample_time_s)} ms")
     if ticks.missed_share > 0:
-        parts.append(f"{100 * ticks.missed_share:.2g} % missing, at most {ticks.longest_gap} in a row")
+        how = "did not run: the force stays while the position moves" if ticks.repeats else "missing"
+        parts.append(f"{100 * ticks.missed_share:.2g} % {how}, at most {ticks.longest_gap} in a row")
     if ticks.jitter_rms_s > 0.02 * ticks.sample_time_s:
         parts.append(f"stamps scatter by {number(1e6 * ticks.jitter_rms_s, 2)} us rms")
     return ", ".join(parts)

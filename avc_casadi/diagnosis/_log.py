@@ -22,10 +22,11 @@ class Ticks:
 
     Attributes:
         sample_time_s: usual time from tick to tick, as logged.
-        missed_share: share of the ticks that are not in the log.
+        missed_share: share of the ticks that did not run.
         longest_gap: most ticks missed in a row.
         jitter_rms_s: of the time stamps about their grid.
         held: logged samples that each force is held for; 2 where every other sample has a new one.
+        repeats: whether ticks that did not run are rows of the log, with the force of the row before.
     """
 
     sample_time_s: float
@@ -33,6 +34,7 @@ class Ticks:
     longest_gap: int
     jitter_rms_s: float
     held: int
+    repeats: bool = False
 
     @property
     def period_s(self) -> float:
@@ -49,7 +51,9 @@ class Log:
         ticks: what its time stamps say.
         position_m: measured, shape (n,); on a straight line across missed ticks.
         force_n: as commanded, positive against +x, held across missed ticks, shape (n,).
-        ran: whether the tick is in the log, shape (n,).
+        ran: whether the tick is known to have run, shape (n,).
+        seen: whether its position is in the log, shape (n,).
+        telling: whether it tells that it ran or not, shape (n,).
         encoder_m: step of the lattice that the positions lie on, 0 where they lie on none.
         start_s: time of the first sample.
         reach_m: how far the hand moves for a unit of the position: 1, or the radius of the handle of what turns.
@@ -60,6 +64,8 @@ class Log:
     position_m: FloatArray
     force_n: FloatArray
     ran: BoolArray
+    seen: BoolArray
+    telling: BoolArray
     encoder_m: float
     start_s: float
     reach_m: float = 1.0
@@ -68,6 +74,11 @@ class Log:
     def time_s(self) -> FloatArray:
         """Time of each tick, shape (n,)."""
         return np.asarray(self.start_s + np.arange(self.position_m.size) * self.ticks.period_s)
+
+    @property
+    def pattern(self) -> BoolArray:
+        """Which of the ticks that tell it ran, in their order."""
+        return np.asarray(self.ran[self.telling])
 
 
 def log_of(columns: Columns, *, flip_force: bool = False, reach_m: float = 1.0) -> tuple[Log, list[str]]:
@@ -116,6 +127,8 @@ def log_of(columns: Columns, *, flip_force: bool = False, reach_m: float = 1.0) 
         position_m=np.interp(np.arange(ran.size), at, position),
         force_n=np.asarray(whole[last]),
         ran=ran,
+        seen=ran,
+        telling=np.ones_like(ran),
         encoder_m=_encoder(columns.file, period, position, force),
         start_s=float(time[0]),
         reach_m=reach_m,
@@ -164,5 +177,7 @@ def _thinned(log: Log) -> Log:
         position_m=log.position_m[keep],
         force_n=log.force_n[keep],
         ran=log.ran[keep],
+        seen=log.seen[keep],
+        telling=log.telling[keep],
         start_s=log.start_s + first * log.ticks.sample_time_s,
     )

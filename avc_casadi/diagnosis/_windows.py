@@ -53,7 +53,7 @@ def windows_of(log: Log, swing: Swing) -> list[Window]:
             log.position_m[start : start + size] - log.position_m[start],
             log.force_n[start - lead : start + size],
             np.asarray(rub[start : start + size]),
-            log.ran[start : start + size],
+            log.seen[start : start + size],
             start < swing.first,
         )
         for start in chosen
