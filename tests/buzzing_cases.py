@@ -4,12 +4,13 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from buzzing_device import Buzzing, logged
+from buzzing_device import Buzzing, logged, played
 
 from avc_casadi.coupling import NO_COUPLING
 from avc_casadi.identification import Columns
-from avc_casadi.problem import Device, problem_of
+from avc_casadi.problem import Device, Hands, problem_of
 from avc_casadi.scene import simulate
+from avc_casadi.trial import QUIET, felt_vibration
 
 CAUSES = ("delay", "damping", "encoder", "resonance", "stiffness", "let-go", "ticks", "rate")
 _SECONDS = 1.6
@@ -91,12 +92,12 @@ def changed_loop(random, loop, cause):
 
 
 def healthy_case(seed, index):
-    """A loop with nothing wrong with it, that rests at the end."""
+    """A loop with nothing wrong with it: it rests at the end, or toggles by one step that no hand of the box feels."""
     random = np.random.default_rng([seed, index, len(CAUSES)])
     while True:
         loop = healthy_loop(random)
         time, position, force = logged(loop, _SECONDS)
-        if rests(position, loop.period, loop.encoder):
+        if rests(position, loop.period, loop.encoder) and unfelt(loop, position):
             columns = Columns(f"nothing-{index}", time, position, force)
             return Case("nothing wrong", columns, declared_of(loop), "simulator", loop)
 
@@ -112,6 +113,17 @@ def swings(time, position, step, cause):
 
 def rests(position, period, step):
     return np.ptp(position[-round(0.3 / period) :]) < 1.5 * step
+
+
+def unfelt(loop, position):
+    """Whether a loop stands still, or no hand of the usual box feels how it moves, the one that holds it among them."""
+    if not np.ptp(position[-round(0.3 / loop.period) :]):
+        return True
+    box = Hands()
+    hands = [(loop.hand_mass, loop.hand_damping, loop.hand_stiffness)]
+    hands += itertools.product(box.mass_kg, box.damping_ns_per_m, box.stiffness_n_per_m)
+    loops = [replace(loop, hand_mass=m, hand_damping=b, hand_stiffness=k) for m, b, k in hands]
+    return all(felt_vibration(played(each, _SECONDS)[3], each.period) < QUIET for each in loops)
 
 
 def declared_of(loop):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from buzzing_cases import declared_of
+from buzzing_cases import declared_of, healthy_case, rests, unfelt
 from buzzing_device import Buzzing, logged
 
 from avc_casadi import InputError
@@ -166,6 +166,19 @@ def test_a_toggle_that_its_force_cannot_make_felt_is_nothing_wrong():
     assert found.verdict == "nothing wrong"
     strong = Columns("toggle", time, position, -3.0 - 3.0 * np.sign(np.sin(2 * np.pi * 130 * time)))
     assert diagnose(strong, device=device).verdict != "nothing wrong"
+
+
+def test_a_toggle_by_one_step_that_a_hand_feels_is_no_log_with_nothing_wrong():
+    loop = Buzzing(mass=0.0825, damping=0.571, delay=1.786, encoder=1.616e-5, period=5e-4, limit=20.0, end=0.0111)
+    loop = replace(loop, stiffness=594.0, damper=18.13, hand_mass=0.0748, hand_damping=12.1, hand_stiffness=478.0)
+    coarse, fine = loop, replace(loop, encoder=1e-6)
+    for one, felt in ((coarse, True), (fine, False)):
+        position = logged(one, 1.6)[1]
+        assert rests(position, one.period, one.encoder)
+        assert unfelt(one, position) != felt
+        assert (diagnose(columns(one, seconds=1.6), device=declared_of(one)).verdict != "nothing wrong") == felt
+    drawn = healthy_case(51977, 9)
+    assert unfelt(drawn.loop, drawn.columns.position_m)
 
 
 def test_a_force_that_its_limit_cuts_does_not_jump_where_the_law_begins_at_the_wall():
