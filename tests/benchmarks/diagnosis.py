@@ -9,8 +9,9 @@ the stiffness, an encoder of 20 um and more, a resonance of 60 to 250 Hz that th
 hand taken away and a weight left, 20 to 70 % of the ticks missed, a half or a third of the rate. The logs are made by
 `tests/buzzing_device.c`, which shares no code with the project, and of delay, damping, stiffness, encoder and
 resonance half of them by the project's own scenes. `avc diagnose` gets the log and the device's file. After each eight
-stands a log with nothing wrong. With --write it overwrites results/diagnosis.json and RESULTS_diagnosis.md after every
-log and goes on where it stopped; without it the results are printed only.
+stands a log with nothing wrong: it stands still at the end, or toggles by one step of the encoder that neither its own
+hand nor a corner of the usual box would feel. With --write it overwrites results/diagnosis.json and
+RESULTS_diagnosis.md after every log and goes on where it stopped; without it the results are printed only.
 """
 
 from __future__ import annotations
