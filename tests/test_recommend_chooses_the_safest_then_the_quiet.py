@@ -103,12 +103,14 @@ def test_hands_that_had_no_part_in_the_choice_can_refute_it(monkeypatch):
         return failing.get(coupling.id, trial(10, 10, 10))
 
     monkeypatch.setattr(_choice, "try_on_devices", tried)
-    found = confirmed([lucky, honest], range(HANDS), "others", 3, lean_on_friction=False)
+    others = iter(["some others", "still others"])
+    found = confirmed([lucky, honest], range(HANDS), others, 3, lean_on_friction=False)
     best = best_of(found)
     assert best.coupling is honest.coupling
     assert best.others is not None
     assert [one[0] for one in asked] == [lucky.coupling.id, honest.coupling.id]
-    assert {one[1:] for one in asked} == {("others", 1, 3)}
+    assert [one[1:] for one in asked] == [("some others", 1, 3), ("still others", 1, 3)]
+    assert [one.asked for one in found] == ["some others", "still others"]
     assert found[0].safety == 2
 
 

@@ -58,7 +58,7 @@ def test_what_nothing_helps_is_left(rung):
     assert refined(PROBLEM, rung, one_hand_moves(lambda _: 2.0)) is None
 
 
-def test_where_many_move_nothing_is_tried(rung):
+def test_where_many_move_with_every_law_the_search_ends_early(rung):
     asked = []
 
     def ends(some):
@@ -66,7 +66,8 @@ def test_where_many_move_nothing_is_tried(rung):
         return np.full((len(some), HANDS), 2.0)
 
     assert refined(PROBLEM, rung, ends) is None
-    assert asked == [len(laws(rung))]
+    assert asked[0] == len(laws(rung))
+    assert 60 <= sum(asked[1:]) < 60 + 10
 
 
 def test_a_simulation_that_ends_in_no_number_is_no_rest(rung):

@@ -148,10 +148,19 @@ class RobustCandidates:
             self.rungs.append(rung)
             alternatives = self._with(rung)
             yield alternatives
-            better = refined(self._problem, rung, self._ends(alternatives[0]))
-            if better is not None:
-                self.rungs.append(better)
-                yield self._with(better)
+            yield from self._better(rung)
+
+    def again(self, felt_n_per_m: float) -> Iterator[Alternatives]:
+        """Yield laws near the last one for a wall with which more people rest of those who try first by now."""
+        last = next((rung for rung in reversed(self.rungs) if rung.stiffness_n_per_m == felt_n_per_m), None)
+        if last is not None:
+            yield from self._better(last)
+
+    def _better(self, rung: Rung) -> Iterator[Alternatives]:
+        better = refined(self._problem, rung, self._ends(self._with(rung)[0]))
+        if better is not None:
+            self.rungs.append(better)
+            yield self._with(better)
 
     def _with(self, rung: Rung) -> Alternatives:
         laws = (rung.found.law, *(one.law for one in rung.found.others))

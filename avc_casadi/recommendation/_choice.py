@@ -17,7 +17,7 @@ from avc_casadi.support import SILENT, Progress
 from avc_casadi.trial import CouplingTrial, try_coupling, try_on_devices, unrest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
     from concurrent.futures import Executor
 
     from avc_casadi.coupling import Coupling
@@ -48,12 +48,14 @@ class Judged:
         trial: how they fared.
         order: place among the candidates: the simpler ones come first.
         others: how people fared who had no part in the choice; None before they were asked.
+        asked: these people.
     """
 
     coupling: Coupling
     trial: CouplingTrial
     order: int
     others: CouplingTrial | None = None
+    asked: Hand | None = None
 
     @cached_property
     def safety(self) -> int:
@@ -189,7 +191,7 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
 def confirmed(
     judged: list[Judged],
     people: Hand | StylusHand,
-    others: Hand | StylusHand,
+    others: Iterator[Hand],
     seed: int,
     *,
     lean_on_friction: bool,
@@ -203,7 +205,7 @@ def confirmed(
     Args:
         judged: at least one.
         people: who tries them.
-        others: as many others as may be.
+        others: other people, each time they are asked for.
         seed: of their draws, to be told.
         lean_on_friction: as in `best_of`.
         executor: as in `try_coupling`.
@@ -214,7 +216,9 @@ def confirmed(
             asked = replace(best, trial=try_coupling(best.coupling, people, seed, executor=executor))
         elif best.others is None:
             devices = _devices(best.coupling.problem.device, seed)
-            asked = replace(best, others=try_on_devices(best.coupling, others, devices, seed, executor))
+            strangers = next(others)
+            found = try_on_devices(best.coupling, strangers, devices, seed, executor)
+            asked = replace(best, others=found, asked=strangers)
         else:
             return judged
         judged = [asked if one is best else one for one in judged]

@@ -279,12 +279,12 @@ class Ends:
         conditions: Conditions,
         duration_s: float = DURATION_S,
     ) -> None:
-        self._gains, self._people = gains, len(subjects)
+        self._gains, self.people = gains, len(subjects)
         self._scenes = [prepared(problem, gains, subjects, motion, conditions, duration_s) for motion in motions]
 
     def __call__(self, laws: Sequence[StateFeedback | None]) -> FloatArray:
         """Return the largest speed as of `execute_to_speed`, shape (laws, people)."""
-        found = np.zeros((len(laws), self._people))
+        found = np.zeros((len(laws), self.people))
         for compiled, _, inputs in self._scenes:
             each = [replace(compiled, effects=with_law(compiled.effects, law)) for law in laws]
             parameters = np.concatenate([one.parameter_values(self._gains) for one in each])

@@ -7,6 +7,7 @@ it does not see; laws next to each other differ in it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -24,14 +25,16 @@ if TYPE_CHECKING:
     from avc_casadi.problem import Problem
     from avc_casadi.runtime import StateFeedback
 
-# How far the first laws lie around, and how many are simulated.
-_SPREAD, _EVALUATIONS = 0.1, 40
-# The share of the hands that may move with the law from which to start.
-_HOPELESS = 0.15
-# The speed that is aimed at, over that at which a hand is no longer at rest; the price of a factor of e above it.
-_AIM, _PER_UNREST = 0.5, 4.0
-# Cost of a law over that of the one before, up to which it is simulated, and from which on it is paid for.
-_DEAREST, _FREE = 1.5, 1.15
+# How far the first laws lie around, and how many are looked at.
+_SPREAD, _EVALUATIONS = 0.3, 300
+# So many simulated laws end it if with each of them more than this share of the hands moves.
+_HOPELESS = {60: 0.3, 120: 0.1, 200: 0.03}
+# The speed that is aimed at, over that at which a hand is no longer at rest; beyond the fastest all are as bad. The
+# price of a factor of e between them, of a law's own cost, and of the growth of a loop for each 1/s.
+_AIM, _FASTEST = 0.5, 1e3
+_PER_UNREST, _PER_COST, _PER_GROWTH = 4.0, 0.02, 10.0
+# What no law costs that is simulated: one that lets some loop grow is not.
+_NEVER = 1e4
 _MOST = 3
 
 # Laws to the speed with which each hand ends, over that at which it is no longer at rest, shape (laws, hands).
@@ -47,37 +50,37 @@ def refined(problem: Problem, rung: Rung, unrest: Unrest) -> Rung | None:
         unrest: how fast each hand ends with each of some laws, over the speed at which it is no longer at rest.
 
     Returns:
-        The laws that leave everybody at rest, or the one that leaves the fewest moving; None where too many move with
-        all laws of the wall, or nothing is gained.
+        The laws that leave everybody at rest, or the one that leaves the fewest moving; None where too many move, or
+        nothing is gained.
     """
     known = [rung.found, *rung.found.others]
     speeds = unrest([one.law for one in known])
     start, before = _best(speeds)
-    if before > _HOPELESS * speeds.shape[1]:
-        return None
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
     _, rendering = softened(problem, rung.stiffness_n_per_m)
     stiffness, first = stiffness_at_rest(rendering), known[start]
     hardest = loops.hardest(first.law, rendering)
-    resting: list[tuple[int, float, FloatArray]] = []
+    simulated: list[tuple[int, float, FloatArray]] = []
 
     def weigh(points: FloatArray) -> FloatArray:
         costs = costs_of(space.laws(points, stiffness), rendering, hardest)
         total = np.array([cost.total for cost in costs])
-        value: FloatArray = np.minimum(total, 1e4) + 1e3
-        worth = np.flatnonzero([cost.holds and cost.total < _DEAREST * first.cost.total for cost in costs])
-        if len(worth) == 0:
+        growth = np.nan_to_num([cost.growth_per_s for cost in costs], posinf=0.0)
+        value: FloatArray = _NEVER + np.minimum(total + _PER_GROWTH * growth, _NEVER)
+        damped = np.flatnonzero([cost.holds for cost in costs])
+        if len(damped) == 0:
             return value
-        ends = unrest([space.law(points[row], stiffness) for row in worth])
-        paid = _PER_UNREST * np.log(np.maximum(ends / _AIM, 1.0)).sum(axis=1)
-        value[worth] = paid + np.maximum(0.0, total[worth] - _FREE * first.cost.total)
+        ends = unrest([space.law(points[row], stiffness) for row in damped])
+        paid = np.log(np.clip(np.nan_to_num(ends, nan=_FASTEST) / _AIM, 1.0, _FASTEST)).sum(axis=1)
+        value[damped] = _PER_UNREST * paid + _PER_COST * total[damped]
         moving = (~(ends < 1)).sum(axis=1)
-        resting.extend(zip(moving.tolist(), value[worth].tolist(), points[worth], strict=True))
+        simulated.extend(zip(moving.tolist(), value[damped].tolist(), points[damped], strict=True))
         return value
 
-    evolve(weigh, first.logarithms, space.bounds, _SPREAD, _EVALUATIONS, enough=lambda: _settled(resting))
-    resting.sort(key=lambda one: one[:2])
-    better = (point for moving, _, point in resting if moving < max(1, before))
+    enough = partial(_settled, simulated, speeds.shape[1])
+    evolve(weigh, first.logarithms, space.bounds, _SPREAD, _EVALUATIONS, enough=enough)
+    simulated.sort(key=lambda one: one[:2])
+    better = (point for moving, _, point in simulated if moving < max(1, before))
     whole = (found_at(space, loops, rendering, point) for point in better)
     found = list(islice((one for one in whole if one.cost.holds), _MOST))
     return Rung(rung.gains, rung.stiffness_n_per_m, found[0].beside(found[1:])) if found else None
@@ -90,6 +93,10 @@ def _best(speeds: FloatArray) -> tuple[int, int]:
     return place, int(moving[place])
 
 
-def _settled(resting: list[tuple[int, float, FloatArray]]) -> bool:
-    """Whether a few laws leave nobody moving."""
-    return sum(moving == 0 for moving, _, _ in resting) >= _MOST
+def _settled(simulated: list[tuple[int, float, FloatArray]], people: int) -> bool:
+    """Whether a few laws leave nobody moving, or after so many too many still move with each."""
+    fewest = min((moving for moving, _, _ in simulated), default=people)
+    resting = sum(moving == 0 for moving, _, _ in simulated)
+    return resting >= _MOST or any(
+        len(simulated) >= laws and fewest > share * people for laws, share in _HOPELESS.items()
+    )
