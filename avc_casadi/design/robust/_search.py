@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _FAILED = 1e4
 _POPULATION = 10
-FROM_AFAR, FROM_NEAR, QUICKLY = (0.35, 100), (0.3, 30), (0.2, 30)
+FROM_AFAR, FROM_NEAR, QUICKLY = (0.35, 100), (0.3, 60), (0.2, 30)
 """Spread of the first generation and laws for each knob: from the usual start, from the law of a near wall, and from
 there where many walls are asked for."""
 
