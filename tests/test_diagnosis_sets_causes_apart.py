@@ -268,3 +268,9 @@ def test_the_cycles_of_a_touch_before_long_rest_in_contact_are_nothing_wrong(las
     found = diagnose(Columns("log", time, position, -2000 * position), device=DRIVEN)
     assert found.oscillation.sustained
     assert (found.verdict == "nothing wrong") == nothing
+
+
+@pytest.mark.parametrize(("asked", "taken"), [(-1.0, 0.0), (8.4e-4, 0.0), (1e-3, 1e-3), (0.5, 0.5)])
+def test_a_delay_that_no_device_may_have_is_none(asked, taken):
+    answer = Answer(Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 0.5, "delay_samples": 1}), None)
+    assert answer.delayed(asked).device.delay_samples == taken

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from avc_casadi.loop import Hand
 from avc_casadi.problem import Device
 
+# Samples; what a device may have at least beside none.
+_SHORTEST_DELAY = 1e-3
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -26,8 +29,9 @@ class Answer:
         return Answer(device_as(self.device, {"resonance": None}), self.hand)
 
     def delayed(self, samples: float) -> Answer:
-        """Return the same with another delay."""
-        return Answer(device_as(self.device, {"delay_samples": max(samples, 0.0)}), self.hand)
+        """Return the same with another delay; none where it is too short for a device to have."""
+        taken = samples if samples >= _SHORTEST_DELAY else 0.0
+        return Answer(device_as(self.device, {"delay_samples": taken}), self.hand)
 
 
 def device_as(device: Device, changed: Mapping[str, object]) -> Device:
