@@ -8,8 +8,11 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains, Runtime, near_rigid_n_per_m
 from avc_casadi.design.robust import Loops, Space, _search, refined, robust_at, search
+from avc_casadi.problem import Press
 from avc_casadi.stability import frozen_rendering
-from avc_casadi.trial import ends_of, people_of, try_coupling, unrest
+from avc_casadi.trial import Conditions, ends_of, people_of, try_coupling, unrest
+from avc_casadi.trial._coupling_trial import TRIAL_S
+from avc_casadi.trial._trial import Ends
 
 HANDS = 20
 PROBLEM = avc.load_problem("reference-r1")
@@ -90,6 +93,18 @@ def test_laws_of_one_scene_end_as_each_alone(rung):
             alone = ends_of(one, people, friction=friction)([one.runtime.state_feedback])
             np.testing.assert_array_equal(alone[0], speed)
     assert (speeds[2] > 1).any()
+
+
+def test_who_strikes_too_ends_as_fast_as_in_the_fastest_motion(rung):
+    """A strike drives the device to its force limit: a law that is hardly damped there does not come back."""
+    one, people = coupling(rung, rung.found.law), people_of(PROBLEM.hands, HANDS)
+    laws_asked = [one.runtime.state_feedback]
+    conditions, gains = Conditions.of(one).without_friction(), one.table.at_rest
+    struck = Ends(PROBLEM, gains, people, [Press(speed_m_per_s=0.3)], conditions, TRIAL_S)(laws_asked)
+    calmly = ends_of(one, people, friction=False)(laws_asked)
+    both = ends_of(one, people, friction=False, strike=True)(laws_asked)
+    np.testing.assert_array_equal(both, np.maximum(struck, calmly))
+    assert (struck != calmly).any()
 
 
 @pytest.mark.parametrize(("stiffness", "passes"), [(3753.0, 2), (1000.0, 1)])

@@ -32,10 +32,15 @@ def moving(trial, *rows):
 def masses_asked(one, monkeypatch):
     """Return the masses of those who try a law first, and of those who follow."""
     groups = []
-    monkeypatch.setattr(_jury, "ends_of", lambda _, people, *, friction: groups.append((people.mass_kg, friction)))
+
+    def noted(_, people, *, friction, strike):
+        assert strike
+        assert not friction
+        groups.append(people.mass_kg)
+
+    monkeypatch.setattr(_jury, "ends_of", noted)
     one.ends(coupling(300.0))
-    (first, _), (others, friction) = groups
-    assert not friction
+    first, others = groups
     return first, others
 
 
@@ -86,7 +91,7 @@ def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_
             asked.append((self.people, len(laws)))
             return np.array([[law + 0.001 * hand for hand in range(self.people)] for law in laws])
 
-    monkeypatch.setattr(_jury, "ends_of", lambda _, people, *, friction: Known(len(people)))  # noqa: ARG005
+    monkeypatch.setattr(_jury, "ends_of", lambda _, people, **__: Known(len(people)))
     found = hall.ends(coupling(300.0))([0.1, 2.0, 0.2])
     first, others = 16 + HANDS // 4, HANDS - HANDS // 4
     assert asked == [(first, 3), (others, 2)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -106,7 +107,8 @@ class RobustCandidates:
         problem: device, wall and hands.
         stiffest: the stiffest wall that is stable with everybody and let go.
         ends: how fast those end who try a coupling first.
-        known: a wall from which on to look, with a law for it; None begins where spring and damper end.
+        known: a wall from which on to look, with a law for it, and then for a first answer: of walls near one of those
+            that have a law no other law is searched. None begins where spring and damper end.
     """
 
     def __init__(
@@ -116,7 +118,7 @@ class RobustCandidates:
         ends: Callable[[Coupling], Unrest],
         known: Rung | None = None,
     ) -> None:
-        self._problem, self._ends = problem, ends
+        self._problem, self._ends, self._known = problem, ends, known
         self.rungs: list[Rung] = []
         self.ladder_n_per_m: list[float] = []
         self.softer: list[list[float]] = []
@@ -144,7 +146,12 @@ class RobustCandidates:
         """
         if not self.ladder_n_per_m:
             return
-        for rung in robust_at(self._problem, felt_n_per_m, tuple(self.rungs)):
+        known = self._known
+        if known is not None and known.stiffness_n_per_m == felt_n_per_m and known.found.cost.holds:
+            yield self._with(known)
+            yield from self._better(known)
+            return
+        for rung in islice(robust_at(self._problem, felt_n_per_m, tuple(self.rungs)), None if known is None else 1):
             self.rungs.append(rung)
             alternatives = self._with(rung)
             yield alternatives

@@ -150,12 +150,12 @@ def likeliest(
 
     Args:
         alternatives: equally stiff ones.
-        groups: who press, tap and hold: who follows only tries what all before came to rest with.
+        groups: who press, tap, hold and strike: who follows only tries what all before came to rest with.
         lean_on_friction: whether the declared dry friction may help.
     """
     left = alternatives
     for people in groups if len(left) > 1 else ():
-        restless = (~(unrest(left, people, friction=lean_on_friction) < 1)).sum(axis=1)
+        restless = (~(unrest(left, people, friction=lean_on_friction, strike=True) < 1)).sum(axis=1)
         if restless.min() > 0:
             return [left[int(restless.argmin())]], False
         left = [one for one, moving in zip(left, restless, strict=True) if not moving]

@@ -69,7 +69,7 @@ class Jury:
 
     def ends(self, coupling: Coupling) -> Unrest:
         """Prepare to ask how fast those end who try a coupling first: all of them where a few come to rest."""
-        few, others = (ends_of(coupling, people, friction=self._lean) for people in self._asked_first())
+        few, others = (ends_of(coupling, people, friction=self._lean, strike=True) for people in self._asked_first())
 
         def unrest(laws: Sequence[StateFeedback]) -> FloatArray:
             first = few(laws)

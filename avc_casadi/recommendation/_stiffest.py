@@ -143,19 +143,27 @@ def _best(
 
 
 def _with_change(before: _Best | None, asked: _Asked, changed: Problem) -> dict[str, Any]:
-    """Search anew on a changed device; take the coupling of the device as it is where that does better."""
+    """Search on a changed device, from the coupling of the device as it is on, and anew where that loses by it."""
     simple, walled = _out_of_reach(changed)
-    found = [_best(walled, simple, asked, before=before)]
-    if before is not None and before.rung is not None and _softer(found[0], before):
-        found.append(_best(walled, simple, asked))  # what was good for one may lead the search astray for the other
-    judged = [one.judged for one in found if one is not None]
-    kept = None if before is None else _kept(before.judged.coupling, walled, asked)
-    judged += [] if kept is None else [kept]
-    return _told(best_of(judged, lean_on_friction=asked.lean_on_friction) if judged else None)
+    lean = asked.lean_on_friction
+    found = _best(walled, simple, asked, before=before)
+    judged = [] if found is None else [found.judged]
+    if before is not None:
+        kept = _kept(before.judged.coupling, walled, asked)
+        judged += [] if kept is None else [kept]
+        if before.rung is not None and _loses(
+            best_of(judged, lean_on_friction=lean) if judged else None, before, asked
+        ):
+            # What was good for one may lead the search astray for the other.
+            anew = _best(walled, simple, asked)
+            judged += [] if anew is None else [anew.judged]
+    return _told(best_of(judged, lean_on_friction=lean) if judged else None)
 
 
-def _softer(found: _Best | None, before: _Best) -> bool:
-    return found is None or found.judged.felt_n_per_m < (1 - AS_STIFF) * before.judged.felt_n_per_m
+def _loses(found: Judged | None, before: _Best, asked: _Asked) -> bool:
+    if found is None or not found.complete(lean_on_friction=asked.lean_on_friction):
+        return True
+    return found.felt_n_per_m < (1 - AS_STIFF) * before.judged.felt_n_per_m
 
 
 def _kept(coupling: Coupling, walled: Problem, asked: _Asked) -> Judged | None:

@@ -17,7 +17,7 @@ from avc_casadi.support import BoolArray, Chunked, FloatArray, json_text
 from avc_casadi.trial._binomial import CONFIDENCE, exact_interval
 from avc_casadi.trial._coupling_trial import TRIAL_S
 from avc_casadi.trial._subjects import BLOCK, draw_hands
-from avc_casadi.trial._trial import MOTIONS, Conditions, Ends, motions_at, resting
+from avc_casadi.trial._trial import MOTIONS, STRIKE, Conditions, Ends, at_handle, motions_at, resting
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -121,7 +121,9 @@ def hands_at_rest(
     )
 
 
-def unrest(couplings: Sequence[Coupling], people: Hand | StylusHand, *, friction: bool = True) -> FloatArray:
+def unrest(
+    couplings: Sequence[Coupling], people: Hand | StylusHand, *, friction: bool = True, strike: bool = False
+) -> FloatArray:
     """Return how fast each of many ends the motion that ends fastest, with constant gains.
 
     Couplings in a row that differ in the numbers of their state feedback alone are one scene, run once.
@@ -130,6 +132,7 @@ def unrest(couplings: Sequence[Coupling], people: Hand | StylusHand, *, friction
         couplings: what runs.
         people: who press, tap and hold.
         friction: False leaves the declared dry friction out.
+        strike: whether they also strike the wall.
 
     Returns:
         Largest speed over that at which a hand is no longer at rest, shape (couplings, people).
@@ -137,17 +140,18 @@ def unrest(couplings: Sequence[Coupling], people: Hand | StylusHand, *, friction
     found = [np.zeros((0, len(people)))]
     for _, group in groupby(couplings, _but_for_numbers):
         alike = list(group)
-        ends = ends_of(alike[0], people, friction=friction)
+        ends = ends_of(alike[0], people, friction=friction, strike=strike)
         found.append(ends([one.runtime.state_feedback for one in alike]))
     return np.concatenate(found)
 
 
-def ends_of(coupling: Coupling, people: Hand | StylusHand, *, friction: bool = True) -> Ends:
+def ends_of(coupling: Coupling, people: Hand | StylusHand, *, friction: bool = True, strike: bool = False) -> Ends:
     """Prepare to ask that of couplings that differ from one in nothing but the numbers of their state feedback."""
     conditions = Conditions.of(coupling)
     device, gains = coupling.problem.device, coupling.table.at_rest
     whole = conditions if friction else conditions.without_friction()
-    return Ends(coupling.problem, gains, people, motions_at(device).values(), whole, TRIAL_S)
+    motions = [*motions_at(device).values(), *([at_handle(STRIKE, device)] if strike else [])]
+    return Ends(coupling.problem, gains, people, motions, whole, TRIAL_S)
 
 
 def _but_for_numbers(coupling: Coupling) -> tuple[Any, ...]:

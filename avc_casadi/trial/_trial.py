@@ -51,6 +51,8 @@ if TYPE_CHECKING:
 # A tap leaves the wall and strikes it again twice a second, and ends in contact: where it ended in free space, every
 # coupling would be at rest.
 MOTIONS: dict[str, Motion] = {"press": Press(), "tap": Stroke(frequency_hz=2.0, amplitude_m=0.015), "hold": Hold()}
+STRIKE = Press(speed_m_per_s=0.3)
+"""Beyond what a trial tells: a wall that is struck may be driven to the force limit and not come back."""
 
 DURATION_S = 3.0
 # Up to so many people, the scene's own choice of what runs it is left alone.
@@ -61,14 +63,16 @@ PEOPLE_AT_ONCE = 250
 
 def motions_at(device: Device) -> dict[str, Motion]:
     """Return the same motions of the hand at the handle of a device that turns, as angles."""
+    return {name: at_handle(motion, device) for name, motion in MOTIONS.items()}
+
+
+def at_handle(motion: Motion, device: Device) -> Motion:
+    """Return a motion of the hand as the device counts it."""
     radius = device.metres_per_unit
     lengths = {"start_m", "end_m", "speed_m_per_s", "amplitude_m"}
-    return {
-        name: type(motion).model_validate(
-            {key: value / radius if key in lengths else value for key, value in motion.model_dump().items()}
-        )
-        for name, motion in MOTIONS.items()
-    }
+    return type(motion).model_validate(
+        {key: value / radius if key in lengths else value for key, value in motion.model_dump().items()}
+    )
 
 
 @dataclass(frozen=True)
