@@ -1,7 +1,7 @@
-"""Laws near one with which nearly everybody rests, chosen by what a simulation of the whole device says of them.
+"""Laws near known ones of a wall, chosen by what a simulation of the whole device says of them.
 
-The goal of a law looks at linear loops. What keeps the last hand in a hundred moving, the step of the encoder for one,
-it does not see; laws next to each other differ in it.
+The goal of a law looks at linear loops. What else keeps a hand moving, the step of the encoder or the force limit, it
+does not see; laws near each other differ in it.
 """
 
 from __future__ import annotations
