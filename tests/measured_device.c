@@ -76,14 +76,24 @@ static void advance(const device_t *d, state_t *s, double h, double applied, dou
     *s = after;
 }
 
+/* A time in which the force asked for stays: the amplifier's lag acts with its mean. */
+static void driven(const device_t *d, state_t *s, double h, double asked_for, double push, double *actual)
+{
+    double applied = asked_for, rate = 2 * 3.14159265358979323846 * d->bandwidth * h;
+    if (d->bandwidth > 0) {
+        double keep = exp(-rate);
+        applied += (*actual - asked_for) * (1 - keep) / rate;
+        *actual = asked_for + (*actual - asked_for) * keep;
+    }
+    advance(d, s, h, applied, push);
+}
+
 /* Arrays have `samples` entries; noise and tremble are given. Writes position as measured and force as commanded. */
 void measured_device(const device_t *d, int samples, const double *wanted, const double *noise, const double *tremble,
                      double *position, double *force)
 {
     state_t s = {0, 0, 0, 0};
     double h = d->period / SUBSTEPS, actual = 0, before = 0;
-    double keep = d->bandwidth > 0 ? exp(-2 * 3.14159265358979323846 * d->bandwidth * h) : 0.0;
-    double mean = d->bandwidth > 0 ? (1 - keep) / (2 * 3.14159265358979323846 * d->bandwidth * h) : 0.0;
     for (int k = 0; k < samples; k++) {
         double seen = (d->at_handle > 0 && d->resonance > 0 ? s.xh : s.x) + noise[k];
         double y = d->encoder > 0 ? d->encoder * floor(seen / d->encoder + 0.5) : seen;
@@ -91,14 +101,12 @@ void measured_device(const device_t *d, int samples, const double *wanted, const
         force[k] = wanted[k] - d->spring * y - (k ? d->damper * (y - before) / d->period : 0.0);
         before = y;
         for (int i = 0; i < SUBSTEPS; i++) {
-            /* A force that changes within the step acts with its mean. */
+            /* Where a force arrives within the step, the step has two parts. */
             double from = (double)k * SUBSTEPS + i - d->delay * SUBSTEPS, part = from - floor(from);
-            double older = asked(force, (long)floor(from)), newer = part > 0 ? asked(force, (long)floor(from) + 1) : 0.0;
-            double now = older + part * (newer - older);
+            double older = asked(force, (long)floor(from)), newer = part > 0 ? asked(force, (long)floor(from) + 1) : older;
             double push = d->offset + d->drift * k * d->period + tremble[k];
-            double applied = d->bandwidth > 0 ? now + (actual - now) * mean : now; /* the mean of the lag over the step */
-            actual = now + (actual - now) * keep;
-            advance(d, &s, h, applied, push);
+            driven(d, &s, newer == older ? h : h * (1 - part), older, push, &actual);
+            if (newer != older) driven(d, &s, h * part, newer, push, &actual);
         }
     }
 }

@@ -25,6 +25,8 @@ _SPEED = FRICTION.index("stribeck_speed_m_per_s")
 _OFFSET = FRICTION.index("offset_n")
 _DRIFT = FRICTION.index("offset_drift_n_per_s")
 _TINY = 1e-30
+# Of a velocity at least so much is taken to be left after a sample; a resonance may turn it.
+_LEAST_LEFT = 0.05
 _CLOSE = 1e-3
 _HALF_ROOT_PI = math.sqrt(math.pi) / 2
 
@@ -79,7 +81,9 @@ def sample(states: int, cuts: int, stribeck: bool) -> Sample:
         ease = ca.fmax(row[-1], (1 + cut) * _TINY)
         inside.append(ca.dot(row[:states], corrected) + ca.dot(row[states:-1], forces) + ease * push)
         eases.append(ease)
-    moved = ca.vertcat(speed, *inside, alone[1], *eases, motor[1], parts[_LEVEL], parts[_EXCESS], parts[_SPEED])
+    moved = ca.vertcat(
+        speed, *inside, alone[1], *eases, motor[1], matrix[1, 1], parts[_LEVEL], parts[_EXCESS], parts[_SPEED]
+    )
     after = alone - motor * friction[0]
     # Early friction moves the position further than late friction of the same impulse.
     after[0] -= motor[0] * (friction[1] - friction[0])
@@ -105,30 +109,51 @@ def sample(states: int, cuts: int, stribeck: bool) -> Sample:
 
 
 def _friction_of(moved: Sequence[Any], cuts: int, *, stribeck: bool) -> tuple[Any, Any]:
-    """Return the mean of dry friction over a sample and its moment.
+    """Return the mean of dry friction over a sample, as it weighs in the velocity at the end, and as in the position.
 
-    The sample has parts, cut where the newer force arrives and wherever else: in each the velocity changes evenly.
+    The sample has parts, cut where the newer force arrives and wherever else. A velocity that decays evenly changes in
+    proportion to what 1 N would have changed it by: that is the clock inside the sample.
 
     Args:
         moved: velocity at the start, and without friction at the cuts and at the end; change of velocity by 1 N of
-            friction until each cut and over the sample; the numbers of friction.
+            friction until each cut and over the sample; what is left of a velocity after the sample; the numbers of
+            friction.
         cuts: of the sample.
         stribeck: whether friction depends on the velocity.
     """
-    speeds, eases, (level, excess, slow) = moved[: cuts + 2], (0.0, *moved[cuts + 2 : -3]), moved[-3:]
-    law = _Law(level, excess if stribeck else 0.0, slow if stribeck else None)
-    whole = eases[-1]
+    speeds, eases, left, law = moved[: cuts + 2], (0.0, *moved[cuts + 2 : -4]), moved[-4], moved[-3:]
+    level, excess, slow = law
+    of_motion = _Law(level, excess if stribeck else 0.0, slow if stribeck else None)
+    whole, gone = eases[-1], 1 - ca.fmax(left, _LEAST_LEFT)
     now, mean, moment = speeds[0], 0.0, 0.0
     for before, free, begun, done in zip(speeds[:-1], speeds[1:], eases[:-1], eases[1:], strict=True):
-        ease = ca.fmax(done - begun, _TINY)
-        change = free - before
-        moving, rested, rest = _part(now, now + change, ease, law)
+        slower = 1 - gone * begun / whole
+        kept = (1 - gone * done / whole) / slower
+        ease = ca.fmax((done - begun) / slower, _TINY)
+        change = free - before + (1 - kept) * (before - now)
+        moving, rested, rest = _part(now, now + change, ease, kept, of_motion)
         stop = begun + (done - begun) * (1 - rest)
-        for force, one, other in ((moving, begun / whole, stop / whole), (rested, stop / whole, done / whole)):
-            mean += force * (other - one)
-            moment += force * ((other - one) * (2 - other - one))
-        now += change - ease * ((1 - rest) * moving + rest * rested)
+        weights = [_late(each / whole, gone) for each in (begun, stop, done)]
+        for force, one, other in ((moving, *weights[:2]), (rested, *weights[1:])):
+            mean += force * (one - other)
+            moment += force * (_further(one, gone) - _further(other, gone))
+        now += change - ease * (rested + (moving - rested) * (1 - _late(1 - rest, 1 - kept)))
     return mean, moment
+
+
+def _late(share: Any, gone: Any) -> Any:
+    """Return how much of its weight in the velocity at the end a force has that acts from some time on.
+
+    Args:
+        share: of the change by 1 N that has passed by then.
+        gone: of a velocity after the whole.
+    """
+    return (1 - share) / (1 - gone * share)
+
+
+def _further(late: Any, gone: Any) -> Any:
+    """Return the same of its weight in the position, to first order in what is gone."""
+    return late**2 * (1 - gone * (1 - late) * 2 / 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,16 +182,17 @@ class _Law:
         return away * ca.fmin(away * change / ease, self.level(0.0, going))
 
 
-def _part(before: Any, free: Any, ease: Any, law: _Law) -> Sequence[Any]:
+def _part(before: Any, free: Any, ease: Any, kept: Any, law: _Law) -> Sequence[Any]:
     """Return dry friction over a part of a sample: while moving, from rest on, and the share from rest on.
 
-    The velocity is taken to change evenly: it keeps its sign, or it ends inside the sample, and then friction holds the
-    motor up to its level or lets it go the other way. The level is the mean over the velocities passed.
+    The velocity keeps its sign, or it ends inside the part, and then friction holds the motor up to its level or lets
+    it go the other way. The level is the mean over the velocities passed.
 
     Args:
         before: velocity at the start, m/s.
         free: velocity at the end without friction.
         ease: change of velocity by 1 N of friction over that time.
+        kept: share of a velocity that is left at the end.
         law: of friction.
     """
     sign = ca.if_else(before > 0, 1.0, -1.0)
@@ -174,4 +200,4 @@ def _part(before: Any, free: Any, ease: Any, law: _Law) -> Sequence[Any]:
     level = law.level(before, sign * guess)
     after = free - sign * ease * level
     rest = ca.fmin(ca.fmax(-sign * after / ca.fmax(sign * (before - after), _TINY), 0.0), 1.0)
-    return sign * level, law.held(free - before, ease), ca.if_else(before == 0, 1.0, rest)
+    return sign * level, law.held(free - kept * before, ease), ca.if_else(before == 0, 1.0, rest)

@@ -18,7 +18,7 @@ _DRAWS = 500
 _SEED = 20
 # Fewer records than this say little of how records differ.
 _ENOUGH_RECORDS = 3
-# The mean over a sample of what bends and of what changes evenly differ by a twelfth of the bend, as Simpson's rule
+# The mean over a sample of what bends and of what decays evenly differ by a twelfth of the bend, as Simpson's rule
 # tells; friction changes by twice its level where the motor turns.
 _BENT = 6.0
 # The least that the model leaves out where what rings inside a sample tells a number, or an amplifier's lag does: what
@@ -104,17 +104,17 @@ def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
 def _inside_a_sample(fit: Fit) -> FloatArray:
     """Return how far the model's own samples may move each coordinate, shape (free,).
 
-    The linear part is exact. Dry friction takes the velocity to change evenly over a sample: that matters in samples in
-    which the motor turns, where the velocity bends, by damping or by a resonance, and as friction weighs beside the
-    force. Without friction, and as the sample time falls, nothing is left of it. What an amplifier's lag gains a delay
-    loses.
+    The linear part is exact. Dry friction takes a velocity to decay evenly over a sample: of damping that leaves out
+    the second order, of a resonance the first. It matters in samples in which the motor turns, and as friction weighs
+    beside the force. Without friction, and as the sample time falls, nothing is left of it. What an amplifier's lag
+    gains a delay loses.
     """
     values, period = fit.values, fit.sample_time_s
     dry = (values["coulomb_friction_n"] + values["breakaway_excess_n"]) / fit.structure.units["coulomb_friction_n"]
     angle = 0.0
     if fit.structure.present("resonance.frequency_hz"):
         angle = 2 * np.pi * values["resonance.frequency_hz"] * period
-    bend = values["damping_ns_per_m"] / values["mass_kg"] * period + angle**2
+    bend = (values["damping_ns_per_m"] / values["mass_kg"] * period) ** 2 + angle**2
     share = fit.turning * dry * bend / _BENT
     # A pole and a zero move by this share of their distance from the origin.
     moved = {
