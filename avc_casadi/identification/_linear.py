@@ -28,7 +28,7 @@ _DELAY_STEP = 2e-3
 
 # The force of a fractional delay comes from two samples; a derivative stays between the same two.
 TAPS = 2
-# Even parts of a sample in which dry friction looks at the velocity, where an amplifier bends it.
+# Parts of a sample in which dry friction looks at the velocity, where an amplifier bends it.
 _BENT = 8
 
 
@@ -140,8 +140,8 @@ def linear_steps(
         for device, spring in zip(devices, springs, strict=True)
     ]
     late_s = [(device.delay_samples - int(device.delay_samples)) * sample_time_s for device in devices]
-    parts = _BENT if structure.present("amplifier_bandwidth_hz") else 1
-    motor, early = _inside(plants, late_s, sample_time_s, parts if friction else 0)
+    cuts = [_cuts(one, late, sample_time_s) if friction else [] for one, late in zip(several, late_s, strict=True)]
+    motor, early = _inside(plants, late_s, sample_time_s, cuts)
     found = []
     for place, (values, plant) in enumerate(zip(several, plants, strict=True)):
         made, row = sampled[place]
@@ -169,8 +169,22 @@ def linear_steps(
     return found
 
 
+def _cuts(values: Mapping[str, float], late_s: float, period: float) -> list[float]:
+    """Return when dry friction looks at the velocity inside a sample: when the newer force arrives, s.
+
+    After that an amplifier bends it, the more the sooner: there it looks more often, so that of each part the same is
+    left out.
+    """
+    bandwidth = values["amplifier_bandwidth_hz"]
+    if math.isnan(bandwidth):
+        return [late_s]
+    turn = math.pi * bandwidth * period
+    after = -np.log1p(np.arange(_BENT) / _BENT * math.expm1(-turn)) / turn
+    return sorted(((late_s + after * period) % period).tolist())
+
+
 def _inside(
-    plants: Sequence[LinearPlant], late_s: Sequence[float], period: float, parts: int
+    plants: Sequence[LinearPlant], late_s: Sequence[float], period: float, cuts: Sequence[Sequence[float]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return what a force on the motor does over a sample, and the motor's velocity at the cuts of the sample.
 
@@ -178,13 +192,11 @@ def _inside(
         plants: driven by the force.
         late_s: when the newer force arrives.
         period: T.
-        parts: even ones into which the sample is cut; that moment is one more cut. 0 is no cut at all.
+        cuts: of each plant's sample, s, as many for all.
 
     Returns:
         Of each plant (n,), and by x, the older and the newer force and by f (cuts, n + 3).
     """
-    even = period * np.arange(1, parts) / max(parts, 1)
-    cuts = [np.sort(np.append(even, late)).tolist() if parts else [] for late in late_s]
     asked = {(place, True, period): 0 for place in range(len(plants))}
     for place, (mine, late) in enumerate(zip(cuts, late_s, strict=True)):
         for time in mine:

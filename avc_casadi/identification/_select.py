@@ -34,6 +34,9 @@ _VANISHING = {
     "play": PLAY,
 }
 _VANISHED = 1e-5
+# Bandwidth times sample time up to which an amplifier is told from a delay; less beside a resonance, where what dry
+# friction leaves out of a sample looks like a lag.
+_FASTEST_LAG, _BESIDE_RESONANCE = 1.5, 0.6
 HIDDEN = "is smaller than what encoder and noise hide"
 """Of play."""
 _UNSEEN = {"play": "is not told: the log hardly ever turns"}
@@ -251,7 +254,8 @@ def _beyond(found: Fit, term: str, response: Response, period: float) -> str:
     top = min(0.45 / period, 1.3 * band[1] if band else 0.0)
     if term == "resonance" and found.values["resonance.frequency_hz"] > top:
         return "lies beyond the frequencies that the force excites"
-    if term == "amplifier" and found.values["amplifier_bandwidth_hz"] > 0.6 / period:
+    fastest = _BESIDE_RESONANCE if found.structure.present("resonance.frequency_hz") else _FASTEST_LAG
+    if term == "amplifier" and found.values["amplifier_bandwidth_hz"] > fastest / period:
         return "is too fast to be told from a shorter delay at this sample rate"
     return HIDDEN if term == "play" and found.hides_play else ""
 
@@ -284,7 +288,7 @@ def _starts(
             for share in (0.05, 0.2)
         ]
     if term == "amplifier":
-        rates = [rate for rate in (0.3 / period, 0.1 / period) if rate > 1.0]
+        rates = [rate for rate in (0.8 / period, 0.3 / period, 0.1 / period) if rate > 1.0]
         lag = [1 / (2 * np.pi * rate * period) for rate in rates]
         return [
             (

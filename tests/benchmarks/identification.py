@@ -3,13 +3,15 @@
 nice -n 10 python tests/benchmarks/identification.py --count 1000 --write
 nice -n 10 python tests/benchmarks/identification.py --count 40 --amplifier --write
 nice -n 10 python tests/benchmarks/identification.py --count 40 --lost 0.005 --write
+nice -n 10 python tests/benchmarks/identification.py --count 60 --seconds 30 --write
 
 Each device is simulated by `tests/measured_device.c`, which shares no code with the project: a multisine beside a weak
 controller, an encoder of 2 to 61 um, friction of 0 to 2 N, a delay of 0 to 3 samples, no resonance or one of 60 to 300
 Hz, noise and a drifting force. With --write it overwrites identification.json and RESULTS_identification.md after
 every device and goes on where it stopped; without it the results are printed only. With --amplifier no device has a
 resonance and each an amplifier of 80 to 1000 Hz, and the results are identification_amplifier.json. With --lost this
-share of the rows is missing, which cuts a log into pieces, and the results are identification_lost.json.
+share of the rows is missing, which cuts a log into pieces, and the results are identification_lost.json. Logs of
+another length than 10 s go to identification_long.json: their intervals are narrower, what a model leaves out is not.
 """
 
 from __future__ import annotations
@@ -37,8 +39,11 @@ from avc_casadi.support import BoolArray, FloatArray  # noqa: E402
 OUT = HERE / "results" / "identification.json"
 WITH_AMPLIFIER = HERE / "results" / "identification_amplifier.json"
 WITH_GAPS = HERE / "results" / "identification_lost.json"
+LONGER = HERE / "results" / "identification_long.json"
 PAGE = HERE / "RESULTS_identification.md"
+PARTS = {WITH_AMPLIFIER: "With amplifiers", WITH_GAPS: "With lost rows", LONGER: "Of longer logs"}
 SEED = 15
+SECONDS = 10.0
 KEYS = {
     "mass_kg": "mass",
     "damping_ns_per_m": "damping",
@@ -140,15 +145,13 @@ def _cpu() -> float:
 
 
 def page() -> str:
-    """Return the results as text, those with amplifiers and with gaps last."""
+    """Return the results as text, the main study first."""
     study = json.loads(OUT.read_text(encoding="utf-8"))
     text = table_of(study["rows"], study["about"])
-    if WITH_AMPLIFIER.exists():
-        more = json.loads(WITH_AMPLIFIER.read_text(encoding="utf-8"))
-        text += "\n" + table_of(more["rows"], more["about"], "With amplifiers")
-    if WITH_GAPS.exists():
-        more = json.loads(WITH_GAPS.read_text(encoding="utf-8"))
-        text += "\n" + table_of(more["rows"], more["about"], "With lost rows")
+    for path, heading in PARTS.items():
+        if path.exists():
+            more = json.loads(path.read_text(encoding="utf-8"))
+            text += "\n" + table_of(more["rows"], more["about"], heading)
     return text
 
 
@@ -159,6 +162,7 @@ def table_of(rows: list[dict[str, Any]], made: Mapping[str, Any], of: str = "") 
         "With amplifiers": "As above, but each device has an amplifier of 80 to 1000 Hz and none a resonance. "
         "Where the amplifier is not told, the delay is said to hold its lag, and is compared with both. "
         "Numbers as above.",
+        "Of longer logs": "As above, but of longer logs. Numbers as above.",
         "With lost rows": f"As above, but {100 * made.get('lost', 0.0):g} % of the rows are missing, at random; "
         "of the pieces the longer ones are taken. Numbers as above.",
         "": (__doc__ or "").split("\n\n")[2].partition(" With --write")[0].replace("\n", " ")
@@ -216,7 +220,7 @@ def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--seconds", type=float, default=SECONDS)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--amplifier", action="store_true", help="devices with an amplifier and without resonance")
@@ -225,11 +229,13 @@ def main() -> None:
     args = parser.parse_args()
     more = f"{f' --seed {args.seed}' if args.seed != SEED else ''}{' --amplifier' if args.amplifier else ''}"
     more += f" --lost {args.lost:g}" if args.lost else ""
+    more += f" --seconds {args.seconds:g}" if args.seconds != SECONDS else ""
     made = about(f"python tests/benchmarks/identification.py --count {args.count}{more} --write", args.seed)
     made["seconds"], made["first"] = args.seconds, args.first
     if args.lost:
         made["lost"] = args.lost
     out = WITH_GAPS if args.lost else WITH_AMPLIFIER if args.amplifier else OUT
+    out = LONGER if args.seconds != SECONDS else out
     rows = kept_rows(out, made) if args.write else []
     for index in range(args.first + len(rows), args.first + args.count):
         row = one(index, args.seed, args.seconds, amplifier=args.amplifier, lost=args.lost)
@@ -246,7 +252,7 @@ def main() -> None:
         if args.write:
             write_rows(out, made, rows)
             PAGE.write_text(page(), encoding="utf-8")
-    print(table_of(rows, made, "With lost rows" if args.lost else "With amplifiers" if args.amplifier else ""))
+    print(table_of(rows, made, PARTS.get(out, "")))
 
 
 if __name__ == "__main__":

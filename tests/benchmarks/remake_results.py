@@ -72,6 +72,7 @@ STUDIES = (
     Study("random_devices.py --count 200", 37, ("random_devices",)),
     Study("identification.py", None, ("identification",)),
     Study("identification.py --amplifier --count 40 --write", None, ("identification_amplifier",)),
+    Study("identification.py --seconds 30 --count 60 --write", None, ("identification_long",)),
     Study("identification.py --lost 0.005 --count 40 --seed 2930 --write", None, ("identification_lost",)),
     Study("real_drive.py emps_pulses.csv --write", None, ("real_drive",)),
     Study("diagnosis.py", None, ("diagnosis",)),
