@@ -14,7 +14,7 @@ from avc_casadi.recommendation._candidates import Alternatives, felt_at_rest_n_p
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._rest import proved_first
 from avc_casadi.support import SILENT, Progress
-from avc_casadi.trial import CouplingTrial, try_coupling, try_on_devices, unrest
+from avc_casadi.trial import CouplingTrial, exact_interval, try_coupling, try_on_devices, unrest
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -248,6 +248,8 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
         rest, free = best.others.stable, best.others.stable_without_friction
         where = "" if best.others.devices == 1 else f" on {best.others.devices} devices of [device.range]"
         who += f"; of {len(rest)} others{where} {int(rest.sum())}, without dry friction {int(free.sum())}"
+        fewest = int((free if best.safety == 0 else rest).sum())
+        who += f", so at least {100 * exact_interval(fewest, len(rest))[0]:.3g} % of all such hands, to 95 %"
     if len(judged) == 1:
         return f"the only deployable candidate that was tried, nothing stiffer being asked for: {who}"
     return f"the stiffest of {len(judged)} deployable candidates that are as safe: {who}"

@@ -20,6 +20,7 @@ from avc_casadi.recommendation._edge import edges_m
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
 from avc_casadi.recommendation._hopeless import hopeless
+from avc_casadi.recommendation._off_file import OffFile, off_file
 from avc_casadi.recommendation._rest import RestKnown, with_rest
 from avc_casadi.recommendation._stages import judged_candidates
 from avc_casadi.stability import stiffest_wall
@@ -44,6 +45,8 @@ class Recommendation(Comparable):
         trial: how simulated hands fared with it; None without a coupling.
         confirmed: how hands of [hands] fared that had no part in the choice; None where nothing was chosen.
         beside: how others fared, of whom nothing is promised, by how they hold the device.
+        off_file: how the corner hands fared on devices a tenth off their file; None without a coupling, or where every
+            number of the device has a range.
         deployable: whether the coupling may go into the device.
         rest: what is known of rest with every hand, making and breaking contact; None without a coupling.
         stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every hand and let go: with a plain
@@ -68,6 +71,7 @@ class Recommendation(Comparable):
     trial: CouplingTrial | None
     confirmed: CouplingTrial | None
     beside: Mapping[str, CouplingTrial]
+    off_file: OffFile | None
     deployable: bool
     rest: RestKnown | None
     stiffest_wall_n_per_m: float
@@ -120,6 +124,7 @@ class Recommendation(Comparable):
                 "trial": None if self.trial is None else self.trial.document(),
                 "confirmed": None if self.confirmed is None else self.confirmed.counts(),
                 "other_hands": {holding: trial.counts() for holding, trial in self.beside.items()},
+                "off_file": None if self.off_file is None else self.off_file.document(),
                 "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
                 "what_would_help": [vars(one) for one in self.helps],
                 "considered": self.considered,
@@ -171,6 +176,7 @@ def judged_as_recommended(
         trial=tried,
         confirmed=None,
         beside=_beside(found, hands, seed),
+        off_file=off_file(found, seed),
         deployable=verdict.passed,
         rest=rest,
         stiffest_wall_n_per_m=limit,
@@ -241,6 +247,7 @@ def recommend(
         trial=None if best is None else best.trial,
         confirmed=None if best is None else best.others,
         beside={} if best is None else _beside(best.coupling, hands, seed, executor),
+        off_file=None if best is None else off_file(best.coupling, seed),
         deployable=best is not None,
         rest=rest,
         stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *(felt_at_rest_n_per_m(one.coupling) for one in judged)]),

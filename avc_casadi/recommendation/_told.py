@@ -39,6 +39,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         *_unlike_the_proof(document["rest"], trial),
         *_edge(felt),
         *_limits(document),
+        *_off_file(document["off_file"]),
         f"other hands, to whom nothing is promised: {_other_hands(document['other_hands'])}",
         f"why: {document['reason']}",
     ]
@@ -93,6 +94,24 @@ def _edge(felt: dict[str, Any]) -> list[str]:
 
 def _depth(depth_m: float) -> str:
     return f"{number(depth_m, 3)} m" if depth_m >= 1 else f"{number(1e3 * depth_m, 3)} mm"
+
+
+def _off_file(off: dict[str, Any] | None) -> list[str]:
+    """Say how those fare who hold the device at the corners of [hands] where its file is a little wrong."""
+    if off is None:
+        return []
+    enough = off["at_rest_without_friction"] == off["hands"]
+    advice = "" if enough else "; state in [device.range] how far yours may be off, to have it searched for"
+    line = (
+        f"off its file: on {off['devices']} devices of which {_listed(off['keys'])} are {100 * off['share']:g} % off, "
+        f"{off['at_rest']} of {off['hands']} trials of the corner hands end at rest, {off['at_rest_without_friction']} "
+        f"without friction{advice}"
+    )
+    return [line]
+
+
+def _listed(keys: list[str]) -> str:
+    return keys[0] if len(keys) == 1 else f"{', '.join(keys[:-1])} and {keys[-1]}"
 
 
 def _other_hands(tried: dict[str, Any]) -> str:

@@ -131,6 +131,7 @@ def _deployment(found: Mapping[str, Any]) -> str:
         "those that chose it": found["trial"],
         "others, no part in the choice": found["confirmed"],
         **{f"{holding}, nothing promised": of for holding, of in found["other_hands"].items()},
+        "corner hands on devices off their file, nothing promised": found["off_file"],
     }
     if found["coupling"] is None and not found["what_would_help"]:
         return _table(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])])

@@ -1,0 +1,73 @@
+"""How people fare with a coupling on devices that are not quite what their file says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.loop import device_with, linear_values
+from avc_casadi.problem import declared
+from avc_casadi.recommendation._choice import FIRST
+from avc_casadi.trial import CouplingTrial, people_of, try_on_devices
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.problem import Device, Problem
+
+SHARE = 0.1
+"""So far off is what no range is stated of."""
+_DEVICES = 8
+
+
+@dataclass(frozen=True)
+class OffFile:
+    """What is seen where the file is a little wrong; nothing is promised of it.
+
+    Attributes:
+        keys: of the device that are off.
+        trial: of the corner hands, each on every device.
+    """
+
+    keys: tuple[str, ...]
+    trial: CouplingTrial
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {"share": SHARE, "keys": list(self.keys), "devices": self.trial.devices, **self.trial.counts()}
+
+
+def off_file(coupling: Coupling, seed: int = 0) -> OffFile | None:
+    """Let the corner hands try a coupling on devices a tenth off their file, each number up or down at random.
+
+    Args:
+        coupling: made for the device as its file has it.
+        seed: of hands and devices.
+
+    Returns:
+        What is seen; None where every number of the device has its range, whose devices are tried elsewhere.
+    """
+    problem = coupling.problem
+    keys = _without_range(problem)
+    if not keys:
+        return None
+    people = people_of(problem.hands, FIRST, seed)
+    devices = _off(problem.device, keys, seed)
+    each_on_all = people.pick(np.repeat(np.arange(len(people)), len(devices)))
+    return OffFile(keys, try_on_devices(coupling, each_on_all, devices, seed))
+
+
+def _without_range(problem: Problem) -> tuple[str, ...]:
+    ranged = set(declared(problem))
+    values = linear_values(problem.device)
+    return tuple(key for key, value in values.items() if value > 0 and f"device.range.{key}" not in ranged)
+
+
+def _off(device: Device, keys: tuple[str, ...], seed: int) -> list[Device]:
+    values = linear_values(device)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (_DEVICES, len(keys)))
+    return [
+        device_with(device, {key: values[key] * (1 + SHARE * sign) for key, sign in zip(keys, row, strict=True)})
+        for row in signs
+    ]

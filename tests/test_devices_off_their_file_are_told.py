@@ -1,0 +1,68 @@
+"""What is recommended is tried on devices a tenth off their file too, and it is told how that ends."""
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.coupling import Coupling, Gains, near_rigid_n_per_m
+from avc_casadi.loop import device_corners, hand_corners, linear_values, with_let_go
+from avc_casadi.recommendation import conclusion_lines
+from avc_casadi.recommendation._off_file import off_file
+from avc_casadi.stability import damping_range, stiffest_wall
+
+WALL_N_PER_M = 20e3
+
+
+def rigid(problem):
+    """A contact damper in the middle of what is linearly stable with everybody."""
+    people = with_let_go(hand_corners(problem.hands))
+    found = damping_range(problem.device, people, problem.environment.stiffness_n_per_m)
+    damping = (found.lowest_ns_per_m + found.highest_ns_per_m) / 2
+    return Coupling.constant(problem, Gains(0.0, near_rigid_n_per_m(problem.device), damping), "contact damper")
+
+
+def before(wall, **device):
+    """A bare wall before an ideal device, and hands so light that the device alone matters."""
+    return avc.load_problem("figure5").changed(
+        environment={"stiffness_n_per_m": wall, "damping_ns_per_m": 0.0},
+        device={"coulomb_friction_n": 0.0, "encoder_resolution_m": 0.0, **device},
+        hands={"mass_kg": (1e-3, 2e-3)},
+    )
+
+
+def test_a_wall_at_its_limit_moves_on_lighter_devices_and_one_far_from_it_does_not():
+    bare = before(WALL_N_PER_M)
+    limit = stiffest_wall(bare.device, with_let_go(hand_corners(bare.hands))).stiffness_n_per_m
+    brittle, safe = (off_file(rigid(before(share * limit))) for share in (0.97, 0.5))
+    assert safe.trial.counts()["at_rest_without_friction"] == safe.trial.hands == 128
+    assert brittle.trial.counts()["at_rest_without_friction"] < brittle.trial.hands
+
+
+def test_numbers_with_a_range_stay_and_none_is_left_where_all_have_one():
+    some = off_file(rigid(before(WALL_N_PER_M, range={"mass_kg": (0.09, 0.12)})))
+    assert "mass_kg" not in some.keys
+    assert set(some.keys) < set(linear_values(before(WALL_N_PER_M).device))
+    device = before(WALL_N_PER_M).device
+    ranges = {key: (0.99 * value, 1.01 * value) for key, value in linear_values(device).items() if value > 0}
+    whole = before(WALL_N_PER_M, range=ranges)
+    assert len(device_corners(whole.device)) == 2 ** len(ranges)
+    assert off_file(rigid(whole)) is None
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_document_and_the_text_tell_it(seed):
+    found = avc.recommend("spring", hands=16, seed=seed)
+    document = found.document()
+    off = document["off_file"]
+    assert (off["devices"], off["hands"], off["share"]) == (8, 8 * 16, 0.1)
+    assert off["at_rest"] == int(np.sum(found.off_file.trial.stable))
+    told = [line for line in conclusion_lines(document) if line.startswith("off its file: ")]
+    assert len(told) == 1
+    assert f"{off['at_rest']} of {off['hands']}" in told[0]
+
+
+def test_who_confirms_it_bounds_the_share_that_rests():
+    document = avc.recommend("spring", hands=10).document()
+    # 20 of 20: 1 - p^20 = 0.975 at p = 0.832.
+    assert document["confirmed"]["hands"] == 20
+    assert "so at least 83.2 % of all such hands" in document["reason"]
