@@ -11,6 +11,7 @@ from avc_casadi.identification._evidence import Trial, compared
 from avc_casadi.identification._fit import Fit, Window, best_observer, fit, judged, slowest_observer
 from avc_casadi.identification._frequency import Response, held_guess, likely_resonances
 from avc_casadi.identification._predictor import Observer, Predictor
+from avc_casadi.identification._record import shortened
 from avc_casadi.identification._share import shared
 from avc_casadi.identification._start import play_guess_m
 from avc_casadi.identification._terms import PLAY, TERMS, Structure
@@ -26,6 +27,8 @@ _FIRST_RATE_PER_S = 60.0
 # Terms that may change everything.
 _STRONG = {"coulomb", "resonance", "amplifier", "stiffness", "play"}
 _MOST_STARTS = 2
+# Of so many samples a close fit may start, and no further from the best of them than this.
+_ROUGH_SAMPLES, _NEAR_THE_BEST = 10_000, 1.05
 # Terms whose number is 0 where they are absent: below this share of what matters they are.
 _VANISHING = {
     "stribeck": "breakaway_excess_n",
@@ -196,11 +199,11 @@ def _tried(
         missing = [TERMS[need].words for need in TERMS[term].needs if need not in simple.structure.terms]
         chosen.trials[term] = Trial(term, False, 0.0, 0.0, f"says nothing without {', '.join(missing)}")
         return None
-    best: Fit | None = None
+    near: dict[str, Fit] = {}
     chosen.trials[term] = Trial(term, False, 0.0, 0.0, _UNSEEN.get(term, "is not seen in the frequency response"))
-    for structure, start in _starts(
-        simple, _richer(simple.structure, term), term, guess, response, predictor, window, sides
-    ):
+    # A simpler model that misses much asks for an observer too fast to see the better one from afar.
+    slow = min(simple.observer.rate_per_s, _FIRST_RATE_PER_S)
+    for structure, start in _starts(simple, _richer(simple.structure, term), term, guess, response, predictor, sides):
         from_afar = term in {"coulomb", "resonance"} or start.get(_FROM_AFAR.get(term, ""), 0.0) > 0
         if not from_afar:
             at_start = judged(predictor, structure, structure.start(start), simple.observer, window)
@@ -209,17 +212,16 @@ def _tried(
             if hope.standard_errors < _HOPEFUL:
                 continue
         if term in _STRONG:
-            # A simpler model that misses much asks for an observer too fast to see the better one from afar.
-            rate = max(min(simple.observer.rate_per_s, _FIRST_RATE_PER_S), slowest_observer(predictor))
-            found = fit(predictor, structure, start, Observer(rate), window, steps=12, tolerance=1e-4)
-            observer = best_observer(predictor, found, window)
-            found = fit(predictor, structure, found.values, observer, window, steps=10, tolerance=1e-5)
+            found = _roughly(predictor, structure, start, slow)
         else:
             found = fit(predictor, structure, start, simple.observer, window, steps=12, tolerance=1e-5)
-        if best is None or found.rms_m < best.rms_m:
-            best = found
-    if best is None:
+        side = structure.encoder_at
+        near[side] = min(near.get(side, found), found, key=_rms_m)
+    if not near:
         return None
+    least = min(found.rms_m for found in near.values())
+    likely = [found for found in near.values() if found.rms_m <= _NEAR_THE_BEST * least]
+    best = min((_closely(predictor, found, window) if term in _STRONG else found for found in likely), key=_rms_m)
     best, trial = _told_apart(predictor, simple, best, term, window)
     beyond = _beyond(best, term, response, predictor.sample_time_s)
     if trial.taken and beyond:
@@ -229,6 +231,25 @@ def _tried(
         return best
     chosen.rivals[term] = best
     return None
+
+
+def _roughly(predictor: Predictor, structure: Structure, start: Mapping[str, float], rate_per_s: float) -> Fit:
+    """Fit with a slow observer, from which a close fit may start: to pieces of long records."""
+    records, _ = shortened(predictor.records, _ROUGH_SAMPLES)
+    pieces = predictor.of(records) if len(records) > len(predictor.records) else predictor
+    window = Window.of([record.position_m.size for record in pieces.records], pieces.sample_time_s)
+    observer = Observer(max(rate_per_s, slowest_observer(pieces)))
+    return fit(pieces, structure, start, observer, window, steps=12, tolerance=1e-4)
+
+
+def _rms_m(found: Fit) -> float:
+    return found.rms_m
+
+
+def _closely(predictor: Predictor, found: Fit, window: Window) -> Fit:
+    """Fit on, to all records, under the observer that the model asks for."""
+    observer = best_observer(predictor, found, window)
+    return fit(predictor, found.structure, found.values, observer, window, steps=10, tolerance=1e-5)
 
 
 def _told_apart(predictor: Predictor, simple: Fit, best: Fit, term: str, window: Window) -> tuple[Fit, Trial]:
@@ -272,7 +293,6 @@ def _starts(
     guess: Mapping[str, float],
     response: Response,
     predictor: Predictor,
-    window: Window,
     sides: Sequence[str],
 ) -> list[tuple[Structure, dict[str, float]]]:
     """Return where the search for a term may start."""
@@ -300,8 +320,7 @@ def _starts(
     if term == "resonance":
         found = []
         if simple.observer.rate_per_s > 2 * _FIRST_RATE_PER_S:
-            rate = max(_FIRST_RATE_PER_S, slowest_observer(predictor))
-            values = fit(predictor, simple.structure, values, Observer(rate), window, steps=10, tolerance=1e-4).values
+            values = _roughly(predictor, simple.structure, values, _FIRST_RATE_PER_S).values
         for side in sides:
             with_side = replace(richer, encoder_at="handle" if side == "handle" else "motor")
             for left, one in likely_resonances(response, values, with_side, period):
