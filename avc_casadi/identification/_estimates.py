@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from avc_casadi.identification._closed_loop import autocorrelation, coloured
-from avc_casadi.identification._evidence import SURE, compared
+from avc_casadi.identification._evidence import SURE, WORTH, compared
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._model import Estimate
 from avc_casadi.identification._terms import offset_of
@@ -97,7 +97,7 @@ def _widened(
     for term in dict.fromkeys(("amplifier", "drift", *sorted(inseparable))):
         rival = rivals.get(term)
         places = [] if rival is None else [one.name for one in rival.structure.free]
-        if rival is None or name not in places or rival.rms_m > fit.rms_m:
+        if rival is None or name not in places or rival.rms_m > (1 + WORTH / 2) * fit.rms_m:
             continue
         if term == "amplifier" and name == "delay_samples":
             continue  # told with the lag in it

@@ -210,6 +210,10 @@ def _tried(
             hope = compared(simple, at_start, term)
             chosen.trials[term] = replace(hope, taken=False)
             if hope.standard_errors < _HOPEFUL:
+                if term == "amplifier" and hope.held_out_change < 0:
+                    # As good as none: what it would change is not known better than that.
+                    rival = _roughly(predictor, structure, start, slow)
+                    chosen.rivals[term] = judged(predictor, structure, rival.search, simple.observer, window)
                 continue
         if term in _STRONG:
             found = _roughly(predictor, structure, start, slow)
