@@ -205,6 +205,15 @@ def test_a_sample_time_that_its_own_times_belie_is_refused(tmp_path):
     same(read_logs([path], Layout(sample_time_s=1e-3))[0])
 
 
+def test_a_sample_time_does_not_close_the_gaps_of_a_clock_that_tells_them(tmp_path):
+    path = csv(tmp_path / "a.csv")
+    head, *lines = path.read_text().splitlines()
+    kept = np.random.default_rng(1).random(SIZE) > 0.05
+    path.write_text("\n".join([head, *(line for line, keep in zip(lines, kept, strict=True) if keep)]))
+    (fault,) = faults(path, Layout(sample_time_s=1e-3))
+    assert "gaps, which even ticks would hide; allowed: --sample-time left out" in fault.message
+
+
 @pytest.mark.parametrize("spoilt", ["time of day", "jitter"])
 def test_a_sample_time_stands_for_times_that_say_nothing(tmp_path, spoilt):
     path = csv(tmp_path / "a.csv")

@@ -24,7 +24,7 @@ from avc_casadi.identification._play import EVENLY
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._read import read_logs
 from avc_casadi.identification._record import Record, shortened
-from avc_casadi.identification._refuse import EXCITATION, beyond_force, cannot_tell, refusals
+from avc_casadi.identification._refuse import EXCITATION, beyond_force, cannot_tell, refusals, vague_terms
 from avc_casadi.identification._remarks import remarks
 from avc_casadi.identification._select import HIDDEN, Selection, select, settled, without
 from avc_casadi.identification._share import SHARE, other_shares, share_assumed, share_refused, shared
@@ -166,7 +166,7 @@ def _identified(
     estimates = estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m, logs)
     lags = autocorrelation(fit.error_m)
     absent = chosen.trials.keys() - set(fit.structure.terms)
-    refused |= _never_told(fit, estimates, response.excited_hz, absent, lags) | refused
+    refused |= _never_told(fit, estimates, response.excited_hz, absent, inseparable, lags) | refused
     feedback = feeds_back(records, fit.error_m)
     notes += remarks(fit, lags, feedback, driven, estimates, radius_m)
     names = tuple(one.name for one in fit.structure.free)
@@ -251,12 +251,7 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
         if SHARE in refused:
             chosen.fit = settled(predictor, shared(predictor, fit, window, 1e-6), window)
             continue
-        vague = [
-            term
-            for term in ("amplifier", "resonance", "stribeck")
-            if term in fit.structure.terms
-            and any(one.name.partition(".")[0] in refused for one in TERMS[term].parameters)
-        ]
+        vague = vague_terms(fit, spread, refused)
         if fit.hides_play:
             without(predictor, chosen, "play", HIDDEN, window)
         elif vague:
@@ -338,6 +333,7 @@ def _never_told(
     estimates: Mapping[str, object],
     excited: tuple[float, float] | None,
     absent: set[str],
+    inseparable: set[str],
     lags: FloatArray,
 ) -> dict[str, Refusal]:
     """Return what no fit of these logs could tell, and what they show no trace of."""
@@ -347,6 +343,8 @@ def _never_told(
     band = "at no frequency" if excited is None else f"up to {number(excited[1], 2)} Hz"
     if "resonance" in absent:
         why = f"no trace of one; force and motion are coherent {band}"
+        if "resonance" in inseparable:
+            why = f"the log bears one out beyond what it excites, or an amplifier; force and motion are coherent {band}"
         found["resonance"] = Refusal("resonance", why, EXCITATION["resonance"])
     if "amplifier" in absent:
         why = "its lag cannot be told from delay; the delay given holds both"

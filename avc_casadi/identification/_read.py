@@ -35,6 +35,8 @@ _LONGEST_ROW = 50_000
 _REMARKS = ("#", "%")
 # Steps of time that say what the clock was, and how even they are.
 _FEW_STEPS, _EVEN = 20, 0.02
+# A step so long lacks a row; a share of them that is no chance of a slow clock.
+_GAP, _FEW_GAPS = 1.5, 2e-3
 
 
 def read_logs(
@@ -216,13 +218,21 @@ def _quantities(
 
 
 def _other_clock(file: str, time_s: FloatArray | None, period_s: float) -> list[Fault]:
-    """Refuse a sample time beside times that are even, and step otherwise; uneven ones are those of writing."""
+    """Refuse a sample time beside times that are even, and step otherwise or have gaps; uneven ones tell of writing."""
     steps = np.zeros(0) if time_s is None else np.diff(time_s[np.isfinite(time_s)])
     if steps.size < _FEW_STEPS:
         return []
     low, usual, high = np.quantile(steps, (0.1, 0.5, 0.9))
-    if usual <= 0 or high - low > _EVEN * usual or abs(usual - period_s) <= _EVEN * usual:
+    if usual <= 0 or high - low > _EVEN * usual:
         return []
+    if abs(usual - period_s) <= _EVEN * usual:
+        missing = int(np.sum(steps > _GAP * usual))
+        if missing <= _FEW_GAPS * steps.size:
+            return []
+        message = (
+            f"has {missing} gaps, which even ticks would hide; allowed: --sample-time left out, or a log with every"
+        )
+        return [Fault(file, None, "time", f"{message} row")]
     message = f"steps of {usual:.4g} s, and the sample time is said to be {period_s:.4g} s; allowed: the same, or "
     return [Fault(file, None, "time", f"{message}--sample-time left out, or a log without its times")]
 

@@ -144,7 +144,7 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     if not pieces:
         message = (
             f"has no {_SHORTEST} samples in a row without a gap; allowed: at least one such record; or --sample-time, "
-            "where the ticks are even and the clock is written with too few digits"
+            "where no row is missing and the clock is written with too few digits"
         )
         return [], [Fault(columns.file, None, "time", message)], []
     period = float(np.mean(np.delete(steps, gaps))) if gaps.size else float(steps.mean())

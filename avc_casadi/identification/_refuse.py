@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 import numpy as np
 
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._model import Refusal
+from avc_casadi.identification._terms import PLAY, TERMS
 from avc_casadi.identification._uncertainty import Spread
 from avc_casadi.support import FloatArray, number
 
@@ -49,6 +52,10 @@ _WIDEST = {
     "breakaway_excess_n": 0.4,
     "offset_n": 0.4,
 }
+# Share of the rate beyond which no resonance is told, wherever a fit may have moved it.
+_HIGHEST = 0.45
+# What a term adds, 0 without it.
+_SIZE = {"stribeck": "breakaway_excess_n", "stiffness": "stiffness_n_per_m", "play": PLAY}
 
 
 def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]:
@@ -105,4 +112,27 @@ def cannot_tell(records_force_rms: float, motion_in_steps: float) -> list[Refusa
     if motion_in_steps < 12:
         why = f"the position moves over {number(motion_in_steps, 2)} steps of the encoder only"
         found.append(Refusal("mass_kg", why, "more force, or lower frequencies: a travel of 50 steps and more"))
+    return found
+
+
+def vague_terms(fit: Fit, spread: Spread, refused: Container[str]) -> list[str]:
+    """Return the terms that are not told well enough to stand in a model: refused, or perhaps not there at all.
+
+    Args:
+        fit: at its best.
+        spread: its uncertainty.
+        refused: keys that are not told.
+    """
+    found: list[str] = [
+        term
+        for term in ("amplifier", "resonance", "stribeck")
+        if term in fit.structure.terms and any(one.name.partition(".")[0] in refused for one in TERMS[term].parameters)
+    ]
+    if fit.structure.present("resonance.frequency_hz"):
+        found += ["resonance"] if fit.values["resonance.frequency_hz"] * fit.sample_time_s > _HIGHEST else []
+    names = [one.name for one in fit.structure.free]
+    for term, key in _SIZE.items():
+        if term in fit.structure.terms:
+            place = names.index(key)
+            found += [term] if fit.search[place] <= spread.half_width[place] else []
     return found

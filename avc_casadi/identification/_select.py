@@ -10,8 +10,9 @@ import numpy as np
 from avc_casadi.identification._evidence import Trial, compared
 from avc_casadi.identification._fit import Fit, Window, best_observer, fit, judged, slowest_observer
 from avc_casadi.identification._frequency import Response, held_guess, likely_resonances
+from avc_casadi.identification._mimic import MIMICS, mimic
+from avc_casadi.identification._near import closely, rms_m_of, roughly
 from avc_casadi.identification._predictor import Observer, Predictor
-from avc_casadi.identification._record import shortened
 from avc_casadi.identification._share import shared
 from avc_casadi.identification._start import play_guess_m
 from avc_casadi.identification._terms import PLAY, TERMS, Structure
@@ -27,8 +28,8 @@ _FIRST_RATE_PER_S = 60.0
 # Terms that may change everything.
 _STRONG = {"coulomb", "resonance", "amplifier", "stiffness", "play"}
 _MOST_STARTS = 2
-# Of so many samples a close fit may start, and no further from the best of them than this.
-_ROUGH_SAMPLES, _NEAR_THE_BEST = 10_000, 1.05
+# A close fit starts no further from the best rough one than this.
+_NEAR_THE_BEST = 1.05
 # Terms whose number is 0 where they are absent: below this share of what matters they are.
 _VANISHING = {
     "stribeck": "breakaway_excess_n",
@@ -169,18 +170,22 @@ def _try(
     sides: Sequence[str],
 ) -> bool:
     """Try terms; take the one that explains most where the evidence is for it."""
-    best: Fit | None = None
-    taken = ""
-    for term in terms:
-        found = _tried(predictor, chosen, term, guess, response, window, sides)
-        if found is not None and (best is None or found.rms_m < best.rms_m):
-            best, taken = found, term
-    if best is None:
+    tried = {term: _tried(predictor, chosen, term, guess, response, window, sides) for term in terms}
+    borne_out = {term: found for term, found in tried.items() if found is not None}
+    if "amplifier" in borne_out:
+        # What rings beyond the excited frequencies may have been tried with it, or long before.
+        rival = mimic(predictor, chosen.fit, borne_out["amplifier"], chosen.rivals, response, window, sides)
+        if rival is not None:
+            chosen.rivals |= {"amplifier": borne_out.pop("amplifier"), "resonance": rival}
+            for term in ("amplifier", "resonance"):
+                chosen.trials[term] = replace(chosen.trials[term], taken=False, why=MIMICS[term], inseparable=True)
+    if not borne_out:
         return False
+    taken = min(borne_out, key=lambda term: borne_out[term].rms_m)
     for term in terms:
         if term != taken:
             chosen.trials[term] = replace(chosen.trials[term], taken=False)
-    chosen.fit = best
+    chosen.fit = borne_out[taken]
     return True
 
 
@@ -212,20 +217,20 @@ def _tried(
             if hope.standard_errors < _HOPEFUL:
                 if term == "amplifier" and hope.held_out_change < 0:
                     # As good as none: what it would change is not known better than that.
-                    rival = _roughly(predictor, structure, start, slow)
+                    rival = roughly(predictor, structure, start, slow)
                     chosen.rivals[term] = judged(predictor, structure, rival.search, simple.observer, window)
                 continue
         if term in _STRONG:
-            found = _roughly(predictor, structure, start, slow)
+            found = roughly(predictor, structure, start, slow)
         else:
             found = fit(predictor, structure, start, simple.observer, window, steps=12, tolerance=1e-5)
         side = structure.encoder_at
-        near[side] = min(near.get(side, found), found, key=_rms_m)
+        near[side] = min(near.get(side, found), found, key=rms_m_of)
     if not near:
         return None
     least = min(found.rms_m for found in near.values())
     likely = [found for found in near.values() if found.rms_m <= _NEAR_THE_BEST * least]
-    best = min((_closely(predictor, found, window) if term in _STRONG else found for found in likely), key=_rms_m)
+    best = min((closely(predictor, found, window) if term in _STRONG else found for found in likely), key=rms_m_of)
     best, trial = _told_apart(predictor, simple, best, term, window)
     beyond = _beyond(best, term, response, predictor.sample_time_s)
     if trial.taken and beyond:
@@ -235,25 +240,6 @@ def _tried(
         return best
     chosen.rivals[term] = best
     return None
-
-
-def _roughly(predictor: Predictor, structure: Structure, start: Mapping[str, float], rate_per_s: float) -> Fit:
-    """Fit with a slow observer, from which a close fit may start: to pieces of long records."""
-    records, _ = shortened(predictor.records, _ROUGH_SAMPLES)
-    pieces = predictor.of(records) if len(records) > len(predictor.records) else predictor
-    window = Window.of([record.position_m.size for record in pieces.records], pieces.sample_time_s)
-    observer = Observer(max(rate_per_s, slowest_observer(pieces)))
-    return fit(pieces, structure, start, observer, window, steps=12, tolerance=1e-4)
-
-
-def _rms_m(found: Fit) -> float:
-    return found.rms_m
-
-
-def _closely(predictor: Predictor, found: Fit, window: Window) -> Fit:
-    """Fit on, to all records, under the observer that the model asks for."""
-    observer = best_observer(predictor, found, window)
-    return fit(predictor, found.structure, found.values, observer, window, steps=10, tolerance=1e-5)
 
 
 def _told_apart(predictor: Predictor, simple: Fit, best: Fit, term: str, window: Window) -> tuple[Fit, Trial]:
@@ -324,7 +310,7 @@ def _starts(
     if term == "resonance":
         found = []
         if simple.observer.rate_per_s > 2 * _FIRST_RATE_PER_S:
-            values = _roughly(predictor, simple.structure, values, _FIRST_RATE_PER_S).values
+            values = roughly(predictor, simple.structure, values, _FIRST_RATE_PER_S).values
         for side in sides:
             with_side = replace(richer, encoder_at="handle" if side == "handle" else "motor")
             for left, one in likely_resonances(response, values, with_side, period):
