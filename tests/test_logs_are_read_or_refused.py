@@ -198,6 +198,16 @@ def test_decimal_commas_are_told_as_such(tmp_path):
     assert fault.message.endswith("allowed: a number, with a decimal point")
 
 
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
+def test_a_log_in_another_encoding_is_told_how_to_save_it(tmp_path, encoding):
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "time_s,position_\u00b5m,force_n\n" + "".join(f"{i},0.5,{i}\n" for i in range(300)), encoding=encoding
+    )
+    (fault,) = faults(path)
+    assert "allowed: UTF-8: save it as such" in fault.message
+
+
 def test_a_sample_time_that_its_own_times_belie_is_refused(tmp_path):
     path = csv(tmp_path / "a.csv")
     (fault,) = faults(path, Layout(sample_time_s=2e-3))

@@ -146,6 +146,8 @@ def _columns(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list
             return _READERS[ending](path, file, layout)
     except OSError as error:
         why = f"cannot be read ({error.strerror or error})"
+    except UnicodeDecodeError as error:
+        why = f"is no UTF-8 text (byte {error.start}); allowed: UTF-8: save it as such, or iconv -f FROM -t UTF-8"
     except (ValueError, NotImplementedError, zipfile.BadZipFile, TypeError, MatReadError) as error:
         first = str(error).partition("\n")[0][:200]
         hint = "; save it with -v7" if isinstance(error, NotImplementedError) else ""
