@@ -43,18 +43,19 @@ def test_conclusion_first_then_the_papers_question_and_every_file(results):
         "felt: ",
         "trial: ",
         "rest with every hand: ",
+        "off its file: ",
         "other hands, ",
         "why: ",
         "wall ",
         "direct: 200 of 200 frequencies",
     )
-    assert len(lines) == 16
+    assert len(lines) == 17
     assert all(line.startswith(start) for line, start in zip(lines, starts, strict=False))
-    assert "agree" in lines[10]
-    assert lines[13].startswith("certificate of direct: passes L0")
-    assert "read back equal" in lines[14]
-    assert "it came to rest" in lines[14]
-    assert "avc-figure5" in lines[15]
+    assert "agree" in lines[11]
+    assert lines[14].startswith("certificate of direct: passes L0")
+    assert "read back equal" in lines[15]
+    assert "it came to rest" in lines[15]
+    assert "avc-figure5" in lines[16]
     assert {path.name for path in (folder / "avc-figure5").iterdir()} == FILES
 
 
