@@ -66,3 +66,19 @@ def test_who_confirms_it_bounds_the_share_that_rests():
     # 20 of 20: 1 - p^20 = 0.975 at p = 0.832.
     assert document["confirmed"]["hands"] == 20
     assert "so at least 83.2 % of all such hands" in document["reason"]
+
+
+@pytest.mark.parametrize(
+    "device",
+    [
+        {"resonance": {"frequency_hz": 150.0, "damping_ratio": 10.0, "mass_ratio": 0.95}},
+        {"delay_samples": 1000, "mass_kg": 1e6},
+        {"mass_kg": 1e-9},
+    ],
+)
+def test_a_number_at_the_end_of_what_it_may_be_goes_the_other_way(device):
+    problem = before(1.0, **device)
+    coupling = Coupling.constant(problem, Gains(0.0, 1.0), "by hand")
+    found = off_file(coupling)
+    assert found.trial.devices == 8
+    assert set(found.keys) == {key for key, value in linear_values(problem.device).items() if value > 0}

@@ -65,9 +65,23 @@ def _without_range(problem: Problem) -> tuple[str, ...]:
 
 
 def _off(device: Device, keys: tuple[str, ...], seed: int) -> list[Device]:
+    """Draw devices; where a number is at the end of what it may be, it goes the other way only."""
+    random = np.random.default_rng(seed)
     values = linear_values(device)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (_DEVICES, len(keys)))
+    ends = {key: [end for end in _ends(values[key]) if _possible(device, key, end)] for key in keys}
     return [
-        device_with(device, {key: values[key] * (1 + SHARE * sign) for key, sign in zip(keys, row, strict=True)})
-        for row in signs
+        device_with(device, {key: some[random.integers(len(some))] for key, some in ends.items()})
+        for _ in range(_DEVICES)
     ]
+
+
+def _ends(value: float) -> tuple[float, float]:
+    return (1 - SHARE) * value, (1 + SHARE) * value
+
+
+def _possible(device: Device, key: str, value: float) -> bool:
+    try:
+        device_with(device, {key: value})
+    except ValueError:
+        return False
+    return True
