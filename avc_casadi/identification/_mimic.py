@@ -14,6 +14,7 @@ from avc_casadi.identification._fit import Fit, Window
 from avc_casadi.identification._frequency import Response
 from avc_casadi.identification._near import closely, rms_m_of, roughly
 from avc_casadi.identification._predictor import Predictor
+from avc_casadi.identification._terms import HIGHEST_SEEN
 
 MIMICS = {
     "amplifier": "cannot be told from a resonance beyond the frequencies that the force excites",
@@ -23,8 +24,6 @@ MIMICS = {
 # Where it may lie, as multiples of the highest frequency that is excited, and how it may be.
 _BEYOND = (1.3, 2.5)
 _LIKELY = {"resonance.damping_ratio": 0.03, "resonance.mass_ratio": 0.4}
-# Share of the rate beyond which nothing is seen.
-_TOP = 0.45
 _RATE_PER_S = 60.0
 
 
@@ -59,7 +58,7 @@ def mimic(
     seen = rivals.get("resonance")
     if seen is not None and seen.structure.terms == terms and seen.rms_m <= worst_m:
         return seen
-    places = [share * band[1] for share in _BEYOND if share * band[1] < _TOP / predictor.sample_time_s]
+    places = [share * band[1] for share in _BEYOND if share * band[1] < HIGHEST_SEEN / predictor.sample_time_s]
     rough = [
         roughly(
             predictor,

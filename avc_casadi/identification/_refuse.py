@@ -8,7 +8,7 @@ import numpy as np
 
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._model import Refusal
-from avc_casadi.identification._terms import PLAY, TERMS
+from avc_casadi.identification._terms import HIGHEST_SEEN, SIZE_OF, TERMS
 from avc_casadi.identification._uncertainty import Spread
 from avc_casadi.support import FloatArray, number
 
@@ -52,10 +52,6 @@ _WIDEST = {
     "breakaway_excess_n": 0.4,
     "offset_n": 0.4,
 }
-# Share of the rate beyond which no resonance is told, wherever a fit may have moved it.
-_HIGHEST = 0.45
-# What a term adds, 0 without it.
-_SIZE = {"stribeck": "breakaway_excess_n", "stiffness": "stiffness_n_per_m", "play": PLAY}
 
 
 def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]:
@@ -129,10 +125,11 @@ def vague_terms(fit: Fit, spread: Spread, refused: Container[str]) -> list[str]:
         if term in fit.structure.terms and any(one.name.partition(".")[0] in refused for one in TERMS[term].parameters)
     ]
     if fit.structure.present("resonance.frequency_hz"):
-        found += ["resonance"] if fit.values["resonance.frequency_hz"] * fit.sample_time_s > _HIGHEST else []
+        found += ["resonance"] if fit.values["resonance.frequency_hz"] * fit.sample_time_s > HIGHEST_SEEN else []
     names = [one.name for one in fit.structure.free]
-    for term, key in _SIZE.items():
-        if term in fit.structure.terms:
+    for term, key in SIZE_OF.items():
+        # Whether there is dry friction was weighed with it, and its interval may end at 0.
+        if term in fit.structure.terms and term != "coulomb":
             place = names.index(key)
             found += [term] if fit.search[place] <= spread.half_width[place] else []
     return found

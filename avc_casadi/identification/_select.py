@@ -15,7 +15,7 @@ from avc_casadi.identification._near import closely, rms_m_of, roughly
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._share import shared
 from avc_casadi.identification._start import play_guess_m
-from avc_casadi.identification._terms import PLAY, TERMS, Structure
+from avc_casadi.identification._terms import HIGHEST_SEEN, PLAY, SIZE_OF, TERMS, Structure
 from avc_casadi.identification._uncertainty import sensitivity
 from avc_casadi.support import SILENT, Progress
 
@@ -30,13 +30,7 @@ _STRONG = {"coulomb", "resonance", "amplifier", "stiffness", "play"}
 _MOST_STARTS = 2
 # A close fit starts no further from the best rough one than this.
 _NEAR_THE_BEST = 1.05
-# Terms whose number is 0 where they are absent: below this share of what matters they are.
-_VANISHING = {
-    "stribeck": "breakaway_excess_n",
-    "stiffness": "stiffness_n_per_m",
-    "coulomb": "coulomb_friction_n",
-    "play": PLAY,
-}
+# Share of what matters below which a term is absent.
 _VANISHED = 1e-5
 # Bandwidth times sample time up to which an amplifier is told from a delay; less beside a resonance, where what dry
 # friction leaves out of a sample looks like a lag.
@@ -129,9 +123,7 @@ def _prune(predictor: Predictor, chosen: Selection, window: Window) -> None:
         simpler = replace(found.structure, terms=tuple(one for one in found.structure.terms if one != term))
         without = fit(predictor, simpler, found.values, found.observer, window, steps=15, tolerance=1e-6)
         trial = compared(without, found, term)
-        gone = (
-            term in _VANISHING and found.values[_VANISHING[term]] < _VANISHED * found.structure.units[_VANISHING[term]]
-        )
+        gone = term in SIZE_OF and found.values[SIZE_OF[term]] < _VANISHED * found.structure.units[SIZE_OF[term]]
         if trial.taken and not gone:
             chosen.trials[term] = trial
             continue
@@ -262,7 +254,7 @@ def _told_apart(predictor: Predictor, simple: Fit, best: Fit, term: str, window:
 def _beyond(found: Fit, term: str, response: Response, period: float) -> str:
     """Say that a frequency, or play, came out where the log cannot show it, if it did."""
     band = response.excited_hz
-    top = min(0.45 / period, 1.3 * band[1] if band else 0.0)
+    top = min(HIGHEST_SEEN / period, 1.3 * band[1] if band else 0.0)
     if term == "resonance" and found.values["resonance.frequency_hz"] > top:
         return "lies beyond the frequencies that the force excites"
     fastest = _BESIDE_RESONANCE if found.structure.present("resonance.frequency_hz") else _FASTEST_LAG

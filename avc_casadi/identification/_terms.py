@@ -131,6 +131,15 @@ PARAMETERS = {one.name: one for term in TERMS.values() for one in term.parameter
 
 
 OFFSET, PLAY = "offset_n", "backlash_m"
+SIZE_OF = {
+    "stribeck": "breakaway_excess_n",
+    "stiffness": "stiffness_n_per_m",
+    "coulomb": "coulomb_friction_n",
+    "play": PLAY,
+}
+"""The number of a term that is 0 where it is absent."""
+HIGHEST_SEEN = 0.45
+"""Share of the sample rate up to which a resonance is seen."""
 
 
 def offset_of(log: int) -> str:
