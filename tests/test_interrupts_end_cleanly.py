@@ -1,15 +1,17 @@
 """Ctrl-C ends every command that runs for long, wherever it is, and nothing of it goes on."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import time
 
+import casadi
 import pytest
 from avc_process import AVC, ENVIRONMENT, strict_json, wait_until_begun
 
 from avc_casadi.cli import _main
-from avc_casadi.support import HeldInterrupt
+from avc_casadi.support import HeldInterrupt, undisguised_interrupts
 
 LONG = {
     "table1": ("table1", "--hands", "100000", "--workers", "2"),
@@ -105,6 +107,51 @@ def test_interrupt_is_held_until_the_end_of_the_block():
     with pytest.raises(KeyboardInterrupt):
         interrupted_block(seen)
     assert seen == [False, True]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+class Interrupted:
+    """An argument that Ctrl-C comes in while CasADi reads it."""
+
+    def __init__(self, read=None):
+        self.read = read
+
+    def __DM__(self):  # noqa: N802 - CasADi's name
+        signal.raise_signal(signal.SIGINT)
+        return self.read
+
+
+def doubled(read):
+    """Return what CasADi makes of it; it tries to read the argument as another kind where it could not."""
+    x = casadi.SX.sym("x")
+    return casadi.Function("double", [x], [2 * x])(Interrupted(read))
+
+
+def test_an_interrupt_that_casadi_makes_an_error_of_is_one():
+    with pytest.raises(NotImplementedError):
+        doubled(None)
+    with pytest.raises(KeyboardInterrupt), undisguised_interrupts():
+        doubled(None)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def lost(tidied):
+    with contextlib.suppress(NotImplementedError):
+        doubled(None)
+    try:
+        time.sleep(60.0)
+    finally:
+        time.sleep(0.3)
+        tidied.append(True)
+
+
+def test_an_interrupt_that_casadi_loses_is_raised_again_and_left_alone_while_it_is_handled():
+    tidied = []
+    begun = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), undisguised_interrupts(), undisguised_interrupts():
+        lost(tidied)
+    assert time.monotonic() < begun + 30.0
+    assert tidied == [True]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 

@@ -1,7 +1,12 @@
-"""Ctrl-C: held back where an exception would be lost, passed over where an answer is written, seen in any disguise."""
+"""Ctrl-C: held back where an exception would be lost, passed over where an answer is written, seen in any disguise.
+
+CasADi drops an exception that Ctrl-C raises while it reads an argument or builds an expression, or makes another of it;
+numpy makes others of them too.
+"""
 
 from __future__ import annotations
 
+import _thread
 import signal
 import sys
 import threading
@@ -12,6 +17,8 @@ from typing import Any, Self
 
 # What IPOPT returns where Ctrl-C, or another exception, came while CasADi ran it.
 _THROWN = "NonIpopt_Exception_Thrown"
+# How long an interrupt that fell into CasADi has to come out of it.
+_RAISED_AGAIN_S = 0.05
 
 
 class HeldInterrupt:
@@ -71,12 +78,75 @@ def starting_processes() -> Iterator[None]:
 
 @contextmanager
 def undisguised_interrupts() -> Iterator[None]:
-    """Let Ctrl-C out of a block as itself, whatever a call to foreign code in it has made of it."""
-    try:
-        yield
-    except Exception as error:
-        reraise_interrupt(error)
-        raise
+    """Let Ctrl-C out of a block as itself, whatever a call to foreign code in it has made of it, nothing included."""
+    with _Insistent() as interrupt:
+        try:
+            yield
+        except Exception as error:
+            reraise_interrupt(error)
+            if interrupt.fell_into:
+                raise KeyboardInterrupt from error
+            raise
+
+
+class _Insistent:
+    """Raises an interrupt that fell into CasADi again until the block ends, unless it is being handled.
+
+    Attributes:
+        fell_into: the foreign code that an interrupt fell into, or empty.
+    """
+
+    def __init__(self) -> None:
+        self.fell_into = ""
+        self._previous: Any = None
+        self._over = threading.Event()
+
+    def __enter__(self) -> Self:
+        handler = signal.getsignal(signal.SIGINT)
+        outermost = not isinstance(getattr(handler, "__self__", None), _Insistent)
+        if outermost and callable(handler) and _in_main_thread():
+            self._previous = signal.signal(signal.SIGINT, self._interrupted)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        if self._previous is not None:
+            signal.signal(signal.SIGINT, self._previous)
+
+    def _interrupted(self, number: int, frame: FrameType | None) -> None:
+        if self.fell_into == "casadi":
+            if _interrupt_is_handled():
+                return
+        else:
+            self.fell_into = _foreign(frame)
+            if self.fell_into == "casadi":
+                threading.Thread(target=self._insist, daemon=True).start()
+        self._previous(number, frame)
+
+    def _insist(self) -> None:
+        while not self._over.wait(_RAISED_AGAIN_S):
+            if sys.platform == "win32":
+                _thread.interrupt_main()
+            else:
+                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+
+def _interrupt_is_handled() -> bool:
+    error = sys.exception()
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__context__
+    return False
+
+
+def _foreign(frame: FrameType | None) -> str:
+    while frame is not None:
+        package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        if package in {"casadi", "numpy", "scipy"}:
+            return package
+        frame = frame.f_back
+    return ""
 
 
 def reraise_interrupt(outcome: BaseException | str) -> None:
