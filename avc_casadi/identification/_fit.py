@@ -189,7 +189,7 @@ def judged(predictor: Predictor, structure: Structure, search: FloatArray, obser
         for e, j in zip(np.array_split(error, count), np.array_split(slopes, count), strict=True):
             blocks.append(Block(index, e.size, float(e @ e), j.T @ e, j.T @ j))
     values = structure.values(search)
-    step = linear_step(values, structure, predictor.sample_time_s, taps_of(values), friction=False)
+    step = linear_step(values, structure, predictor.sample_time_s, taps_of(values), parts=0)
     _, share = observer.gain(step, values["mass_kg"], predictor.sample_time_s)
     turning = _turning([record.position_m[window.skip :] for record in predictor.records], errors)
     taking_up = 0.0

@@ -87,7 +87,7 @@ def model_response(
         sample_time_s: T.
         frequency_hz: where.
     """
-    step = linear_step(values, structure, sample_time_s, taps_of(values), friction=False)
+    step = linear_step(values, structure, sample_time_s, taps_of(values), parts=0)
     z = np.exp(2j * np.pi * frequency_hz * sample_time_s)
     forces = step.force @ np.stack([z**-tap for tap in step.taps])
     identity = np.eye(step.matrix.shape[0])

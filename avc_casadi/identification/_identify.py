@@ -16,6 +16,7 @@ from avc_casadi.identification._cut import cut_notes
 from avc_casadi.identification._device import device_file, states
 from avc_casadi.identification._encoder import encoder_step_m
 from avc_casadi.identification._estimates import estimates_of
+from avc_casadi.identification._finer import finer
 from avc_casadi.identification._fit import Fit, Window, judged, slowest_observer
 from avc_casadi.identification._frequency import measured_response, model_response
 from avc_casadi.identification._model import Identification, Refusal, Shown
@@ -257,6 +258,7 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
         elif vague:
             without(predictor, chosen, vague[0], "is not told well enough to stand in a model", window)
         else:
+            chosen.fit, spread = finer(predictor, fit, spread, window)
             return spread, refused
 
 

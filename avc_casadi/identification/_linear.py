@@ -29,7 +29,7 @@ _DELAY_STEP = 2e-3
 # The force of a fractional delay comes from two samples; a derivative stays between the same two.
 TAPS = 2
 # Parts of a sample in which dry friction looks at the velocity, where an amplifier bends it.
-_BENT = 8
+PARTS = 8
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def linear_step(
     sample_time_s: float,
     taps: tuple[int, ...],
     *,
-    friction: bool = True,
+    parts: int = PARTS,
 ) -> LinearStep:
     """Discretise exactly.
 
@@ -114,9 +114,9 @@ def linear_step(
         structure: which terms there are.
         sample_time_s: T.
         taps: delays to give columns of.
-        friction: whether dry friction looks inside the sample; without it there are no cuts.
+        parts: of a sample in which dry friction looks at the velocity where an amplifier bends it; 0: it never looks.
     """
-    return linear_steps([values], structure, sample_time_s, taps, friction=friction)[0]
+    return linear_steps([values], structure, sample_time_s, taps, parts=parts)[0]
 
 
 def linear_steps(
@@ -125,7 +125,7 @@ def linear_steps(
     sample_time_s: float,
     taps: tuple[int, ...],
     *,
-    friction: bool = True,
+    parts: int = PARTS,
 ) -> list[LinearStep]:
     """Do the same for several values in one go."""
     devices = [device_of(values, structure, sample_time_s) for values in several]
@@ -140,7 +140,7 @@ def linear_steps(
         for device, spring in zip(devices, springs, strict=True)
     ]
     late_s = [(device.delay_samples - int(device.delay_samples)) * sample_time_s for device in devices]
-    cuts = [_cuts(one, late, sample_time_s) if friction else [] for one, late in zip(several, late_s, strict=True)]
+    cuts = [_cuts(one, late, sample_time_s, parts) for one, late in zip(several, late_s, strict=True)]
     motor, early = _inside(plants, late_s, sample_time_s, cuts)
     found = []
     for place, (values, plant) in enumerate(zip(several, plants, strict=True)):
@@ -169,7 +169,7 @@ def linear_steps(
     return found
 
 
-def _cuts(values: Mapping[str, float], late_s: float, period: float) -> list[float]:
+def _cuts(values: Mapping[str, float], late_s: float, period: float, parts: int) -> list[float]:
     """Return when dry friction looks at the velocity inside a sample: when the newer force arrives, s.
 
     After that an amplifier bends it, the more the sooner: there it looks more often, so that of each part the same is
@@ -177,9 +177,9 @@ def _cuts(values: Mapping[str, float], late_s: float, period: float) -> list[flo
     """
     bandwidth = values["amplifier_bandwidth_hz"]
     if math.isnan(bandwidth):
-        return [late_s]
+        return [late_s] if parts else []
     turn = math.pi * bandwidth * period
-    after = -np.log1p(np.arange(_BENT) / _BENT * math.expm1(-turn)) / turn
+    after = -np.log1p(np.arange(parts) / parts * math.expm1(-turn)) / turn
     return sorted(((late_s + after * period) % period).tolist())
 
 
@@ -238,9 +238,9 @@ def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:
 
 
 def linear_derivatives(
-    values: Mapping[str, float], structure: Structure, sample_time_s: float, taps: tuple[int, ...]
+    values: Mapping[str, float], structure: Structure, sample_time_s: float, taps: tuple[int, ...], parts: int
 ) -> FloatArray:
-    """Return the derivative of every entry of the step by the free linear parameters.
+    """Return the derivative of every entry of the step, in so many parts, by the free linear parameters.
 
     Returns:
         Shape (entries, parameters), in the order of `structure.free` without those of friction.
@@ -264,5 +264,5 @@ def linear_derivatives(
             places, weighed = (low, low + step), (-1.0, 1.0)
         cases += [{**values, one.name: at} for at in places]
         weights.append(tuple(weight / step for weight in weighed))
-    entries = iter([made.flat() for made in linear_steps(cases, structure, sample_time_s, taps)])
+    entries = iter([made.flat() for made in linear_steps(cases, structure, sample_time_s, taps, parts=parts)])
     return np.stack([sum(weight * next(entries) for weight in some) for some in weights], axis=1)

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from avc_casadi.identification._encoder import encoder_step_m
-from avc_casadi.identification._linear import LinearStep, linear_derivatives, linear_step, taps_of
+from avc_casadi.identification._linear import PARTS, LinearStep, linear_derivatives, linear_step, taps_of
 from avc_casadi.identification._play import SLOWLY, last_went
 from avc_casadi.identification._record import Record
 from avc_casadi.identification._run import run
@@ -102,6 +102,7 @@ class Predictor:
         origin_m: position taken as 0.
         logs: names of all logs that the model knows; of the records alone where nothing is said.
         play_taken_up: how, as a power of the time, while the device turns.
+        parts: of a sample in which dry friction looks at a velocity that an amplifier bends.
 
     Attributes:
         records: of the device.
@@ -110,10 +111,15 @@ class Predictor:
     """
 
     def __init__(
-        self, records: Sequence[Record], origin_m: float, logs: Sequence[str] = (), play_taken_up: float = SLOWLY
+        self,
+        records: Sequence[Record],
+        origin_m: float,
+        logs: Sequence[str] = (),
+        play_taken_up: float = SLOWLY,
+        parts: int = PARTS,
     ) -> None:
         self.records = tuple(records)
-        self._origin_m, self._play_taken_up = origin_m, play_taken_up
+        self._origin_m, self._play_taken_up, self._parts = origin_m, play_taken_up, parts
         self.sample_time_s = records[0].sample_time_s
         names = list(logs or dict.fromkeys(record.whole for record in records))
         self.logs = tuple(names.index(record.whole) for record in records)
@@ -128,15 +134,16 @@ class Predictor:
             return None
         return [np.zeros(at.size) if way is None else way for way, at in zip(found, self._positions, strict=True)]
 
-    def of(self, records: Sequence[Record], play_taken_up: float = SLOWLY) -> Predictor:
-        """Return one of other records of the same logs, or one that takes play to be taken up otherwise.
+    def of(self, records: Sequence[Record], play_taken_up: float = SLOWLY, parts: int = PARTS) -> Predictor:
+        """Return one of other records of the same logs, or one that takes play or parts of a sample otherwise.
 
         Args:
             records: of the same logs.
             play_taken_up: as a power of the time.
+            parts: of a sample.
         """
         names = tuple(dict.fromkeys(record.whole for record in self.records))
-        return Predictor(records, self._origin_m, names, play_taken_up)
+        return Predictor(records, self._origin_m, names, play_taken_up, parts)
 
     def predict(
         self, structure: Structure, search: FloatArray, observer: Observer, *, slopes: bool = True
@@ -164,10 +171,10 @@ class Predictor:
             position = measured if behind is None else measured + values[PLAY] / 2 * way
             if record.added_mass_kg not in models:
                 whole = {**values, "mass_kg": values["mass_kg"] + record.added_mass_kg}
-                step = linear_step(whole, structure, self.sample_time_s, taps)
+                step = linear_step(whole, structure, self.sample_time_s, taps, parts=self._parts)
                 gain, _ = observer.gain(step, whole["mass_kg"], self.sample_time_s)
                 by_linear = (
-                    linear_derivatives(whole, structure, self.sample_time_s, taps)
+                    linear_derivatives(whole, structure, self.sample_time_s, taps, self._parts)
                     if slopes and linear
                     else np.zeros((step.flat().size, 0))
                 )
