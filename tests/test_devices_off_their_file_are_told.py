@@ -7,7 +7,7 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains, near_rigid_n_per_m
 from avc_casadi.loop import device_corners, hand_corners, linear_values, with_let_go
 from avc_casadi.recommendation import conclusion_lines
-from avc_casadi.recommendation._off_file import off_file
+from avc_casadi.recommendation._off_file import _off, off_file
 from avc_casadi.stability import damping_range, stiffest_wall
 
 WALL_N_PER_M = 20e3
@@ -36,6 +36,33 @@ def test_a_wall_at_its_limit_moves_on_lighter_devices_and_one_far_from_it_does_n
     brittle, safe = (off_file(rigid(before(share * limit))) for share in (0.97, 0.5))
     assert safe.trial.counts()["at_rest_without_friction"] == safe.trial.hands == 128
     assert brittle.trial.counts()["at_rest_without_friction"] < brittle.trial.hands
+
+
+def radius_let_go(device, stiffness, damping):
+    """Of a mass before a spring and a damper on the sampled position, held over each sample; by hand."""
+    mass, rubs, period = device.mass_kg, device.damping_ns_per_m, device.sample_time_s
+    left = np.exp(-rubs / mass * period)
+    coast = (1 - left) * mass / rubs
+    push = np.array([(period - coast) / rubs, (1 - left) / rubs, 0.0])
+    free = np.array([[1.0, coast, 0.0], [0.0, left, 0.0], [1.0, 0.0, 0.0]])
+    law = -np.array([stiffness + damping / period, 0.0, -damping / period])
+    return max(abs(np.linalg.eigvals(free + np.outer(push, law))))
+
+
+def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
+    bare = before(WALL_N_PER_M)
+    wall = 0.99 * stiffest_wall(bare.device, with_let_go(hand_corners(bare.hands))).stiffness_n_per_m
+    held = bare.changed(
+        hands={"mass_kg": (1.0, 1.2), "damping_ns_per_m": (20.0, 25.0)}, environment={"stiffness_n_per_m": wall}
+    )
+    coupling = rigid(held)
+    assert avc.deployable(coupling).passed
+    found = off_file(coupling)
+    assert found.trial.counts()["at_rest_without_friction"] == found.trial.hands
+    damping = float(coupling.table.gains[2, 0])
+    expected = [radius_let_go(device, wall, damping) > 1 for device in _off(held.device, found.keys, 0)]
+    assert found.unstable == found.document()["linearly_unstable"] == sum(expected)
+    assert 0 < sum(expected) < len(expected)
 
 
 def test_numbers_with_a_range_stay_and_none_is_left_where_all_have_one():

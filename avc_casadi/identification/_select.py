@@ -23,7 +23,8 @@ from avc_casadi.support import SILENT, Progress
 _ORDER = (("coulomb",), ("resonance", "amplifier", "stiffness", "play"), ("asymmetry",), ("stribeck",), ("drift",))
 # A term that a Gauss-Newton step from its absence does not speak for by so many standard errors is not fitted.
 _HOPEFUL = 1.5
-_COLLINEAR = 100.0
+# Of an amplifier and the delay that it gains, with friction that turns inside a sample, more is told.
+_COLLINEAR, _COLLINEAR_LAG = 100.0, 300.0
 _FIRST_RATE_PER_S = 60.0
 # Terms that may change everything.
 _STRONG = {"coulomb", "resonance", "amplifier", "stiffness", "play"}
@@ -237,12 +238,13 @@ def _tried(
 def _told_apart(predictor: Predictor, simple: Fit, best: Fit, term: str, window: Window) -> tuple[Fit, Trial]:
     """Weigh a term, and leave it out where the rest of the model could do the same."""
     trial = compared(simple, best, term)
+    most = _COLLINEAR_LAG if term == "amplifier" else _COLLINEAR
     _, collinear = sensitivity(best)
-    if trial.taken and collinear > _COLLINEAR and term == "resonance":
+    if trial.taken and collinear > most and term == "resonance":
         best = shared(predictor, best, window, 1e-5)
         trial = compared(simple, best, term)
         _, collinear = sensitivity(best)
-    if trial.taken and collinear > _COLLINEAR:
+    if trial.taken and collinear > most:
         # Under the observer of the richer model the simpler one may do as well.
         trial = compared(fit(predictor, simple.structure, simple.values, best.observer, window), best, term)
         if trial.taken:

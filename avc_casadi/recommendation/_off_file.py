@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi.certificate import deployable
 from avc_casadi.loop import device_with, linear_values
 from avc_casadi.problem import declared
 from avc_casadi.recommendation._choice import FIRST
@@ -28,14 +29,17 @@ class OffFile:
     Attributes:
         keys: of the device that are off.
         trial: of the corner hands, each on every device.
+        unstable: on how many of the devices the coupling is not deployable, though hands that hold it may rest.
     """
 
     keys: tuple[str, ...]
     trial: CouplingTrial
+    unstable: int
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        return {"share": SHARE, "keys": list(self.keys), "devices": self.trial.devices, **self.trial.counts()}
+        told = {"share": SHARE, "keys": list(self.keys), "devices": self.trial.devices}
+        return told | {"linearly_unstable": self.unstable, **self.trial.counts()}
 
 
 def off_file(coupling: Coupling, seed: int = 0) -> OffFile | None:
@@ -55,7 +59,9 @@ def off_file(coupling: Coupling, seed: int = 0) -> OffFile | None:
     people = people_of(problem.hands, FIRST, seed)
     devices = _off(problem.device, keys, seed)
     each_on_all = people.pick(np.repeat(np.arange(len(people)), len(devices)))
-    return OffFile(keys, try_on_devices(coupling, each_on_all, devices, seed))
+    theirs = [replace(coupling, problem=problem.changed(device=device)) for device in devices]
+    unstable = sum(not deployable(one).passed for one in theirs)
+    return OffFile(keys, try_on_devices(coupling, each_on_all, devices, seed), unstable)
 
 
 def _without_range(problem: Problem) -> tuple[str, ...]:

@@ -100,12 +100,13 @@ def _off_file(off: dict[str, Any] | None) -> list[str]:
     """Say how those fare who hold the device at the corners of [hands] where its file is a little wrong."""
     if off is None:
         return []
-    enough = off["at_rest_without_friction"] == off["hands"]
+    enough = off["at_rest_without_friction"] == off["hands"] and not off["linearly_unstable"]
+    shaky = f"; linearly unstable with somebody, or let go, on {off['linearly_unstable']} of them"
     advice = "" if enough else "; state in [device.range] how far yours may be off, to have it searched for"
     line = (
         f"off its file: on {off['devices']} devices of which {_listed(off['keys'])} are {100 * off['share']:g} % off, "
         f"{off['at_rest']} of {off['hands']} trials of the corner hands end at rest, {off['at_rest_without_friction']} "
-        f"without friction{advice}"
+        f"without friction{shaky if off['linearly_unstable'] else ''}{advice}"
     )
     return [line]
 
