@@ -28,6 +28,25 @@ def test_both_intervals_hold_what_was_there(friction, delay, bandwidth, encoder)
     assert abs(late.value - delay) < 0.012
 
 
+@pytest.mark.parametrize(
+    ("friction", "delay", "bandwidth", "encoder"), [(0.5, 0.8, 700.0, 2e-6), (1.0, 1.3, 600.0, 5e-6)]
+)
+def test_a_fast_lag_does_not_lean_by_the_parts_that_a_sample_is_cut_into(friction, delay, bandwidth, encoder):
+    _, found = told(4, coulomb=friction, delay=delay, bandwidth=bandwidth, encoder=encoder)
+    # Eight parts alone put it 0.7 to 1 per cent too high.
+    assert found.estimates["amplifier_bandwidth_hz"].value == pytest.approx(bandwidth, rel=4e-3)
+    assert abs(found.estimates["delay_samples"].value - delay) < 1e-3
+
+
+def test_a_fast_lag_beside_little_friction_is_told():
+    """It and the delay do nearly the same: what either adds is worth a hundred times its own."""
+    _, found = told(4, coulomb=0.05, delay=1.3, bandwidth=600.0, encoder=2e-6)
+    late, lag = (found.estimates[key] for key in ("delay_samples", "amplifier_bandwidth_hz"))
+    assert late.low <= 1.3 <= late.high
+    assert lag.low <= 600.0 <= lag.high
+    assert found.terms == ("base", "coulomb", "amplifier")
+
+
 def test_a_lag_that_hides_is_counted_as_delay_and_said_to_be():
     truth, found = told(5, delay=1.7, bandwidth=750.0, encoder=20e-6)
     assert "amplifier_bandwidth_hz" in {one.key for one in found.refused}

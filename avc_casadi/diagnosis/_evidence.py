@@ -92,7 +92,12 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
         lines.append("the device answers its force as it does when nobody holds it")
     else:
         mass, damping, stiffness = measured.hand.values()
-        lines.append(f"held by about {number(1e3 * mass, 2)} g, {number(damping, 2)} N.s/m, {number(stiffness, 2)} N/m")
+        held = "held by about {} kg, {} N.s/m, {} N/m"
+        if not declared.known:
+            own_mass, own_damping = measured.device.values()
+            mass, damping = mass + own_mass, damping + own_damping
+            held = "device and hand, which the log does not tell apart: about {} kg, {} N.s/m, {} N/m"
+        lines.append(held.format(number(mass, 2), number(damping, 2), number(stiffness, 2)))
     if measured.resonance is not None:
         frequency, ratio, share = measured.resonance.values()
         lines.append(

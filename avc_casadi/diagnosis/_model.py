@@ -42,6 +42,7 @@ class Measured:
             of the log, and the standard error.
         declared_delay_samples: as declared, or assumed, in the same samples.
         lag_samples: the part of it that lies between position and logged force.
+        device: mass and damping of the device by name, as declared while somebody holds it.
         hand: mass, damping and stiffness of the hand by name, None let go.
         resonance: frequency_hz, damping_ratio and mass_ratio, None with rigid mechanics.
         misfit: what the model leaves of the position where it explains it best, over what encoder and noise leave.
@@ -52,6 +53,7 @@ class Measured:
     delay_error_samples: float
     declared_delay_samples: float
     lag_samples: int
+    device: Mapping[str, float]
     hand: Mapping[str, float] | None
     resonance: Mapping[str, float] | None
     misfit: float

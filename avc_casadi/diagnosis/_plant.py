@@ -41,7 +41,7 @@ def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int,
     # One thing at a time is wrong: the delay, a hand that is not there, or a resonance that nobody declared.
     structures = [(True, mode, True), (True, mode, False)]
     if declared.known:
-        structures.append((False, mode, False))
+        structures += [(False, mode, False), (False, mode, True)]
     searches = [Search(windows, log, declared, lag, *structure, hertz) for structure in structures]
     points = [search.begin(noise) for search in searches]
     left = [search.left(point) for search, point in zip(searches, points, strict=True)]

@@ -32,6 +32,8 @@ _MOST_DAMPED = 0.15
 _LATE, _PUNCTUAL = 4.0, 0.15
 # Numbers that have died away further only make the arithmetic slow.
 _NOTHING = 1e-60
+# Spread of ln mass and damping of a device that nobody is said to hold: of one that was declared, of one assumed.
+_DECLARED, _ASSUMED = [0.06, 0.5], [1.1, 1.1]
 _MODE = ("ln_frequency", "ln_ratio", "share")
 
 
@@ -94,10 +96,10 @@ class Search:
             centre, width = declared.hand_prior()
             middle += centre.tolist()
             spread += width.tolist()
-        else:
+        if not (held and declared.known):
             self.names += ["ln_device_mass", "ln_device_damping"]
             middle += [0.0, 0.0]
-            spread += [0.06, 0.5]
+            spread += _DECLARED if declared.known else _ASSUMED
         if mode == "declared":
             self.names.append("ln_frequency")
             middle.append(math.log(device.resonance.frequency_hz if device.resonance else 1.0))
@@ -122,7 +124,7 @@ class Search:
             "delay_samples": max(value["delay"], _SHORTEST_DELAY),
             "sample_time_s": self._log.ticks.period_s,
         }
-        if not self.held:
+        if "ln_device_mass" in value:
             changed["mass_kg"] = device.mass_kg * math.exp(value["ln_device_mass"])
             changed["damping_ns_per_m"] = device.damping_ns_per_m * math.exp(value["ln_device_damping"])
         if self.mode == "declared":

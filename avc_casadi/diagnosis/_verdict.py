@@ -249,6 +249,7 @@ def _measured(answer: Answer, fit: Fit, law: Law, log: Log, declared: Declared) 
         delay_error_samples=float(np.std([float(draw.device.delay_samples) for draw in fit.draws])),
         declared_delay_samples=declared.longest_delay * declared.device.sample_time_s / log.ticks.period_s,
         lag_samples=law.lag,
+        device={"mass_kg": answer.device.mass_kg, "damping_ns_per_m": answer.device.damping_ns_per_m},
         hand=None if answer.hand is None else answer.hand.values(0),
         resonance=None if shape is None else shape.model_dump(),
         misfit=fit.misfit,
