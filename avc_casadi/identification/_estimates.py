@@ -13,7 +13,7 @@ from avc_casadi.identification._closed_loop import autocorrelation, coloured
 from avc_casadi.identification._evidence import SURE, WORTH, compared
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._model import Estimate
-from avc_casadi.identification._terms import offset_of
+from avc_casadi.identification._terms import SIZE_OF, offset_of
 from avc_casadi.identification._uncertainty import LEVEL, Spread, spread_of
 
 # A step of the encoder is known to this share of it.
@@ -46,11 +46,11 @@ def estimates_of(
     """
     of_log = {offset_of(index): f"output error, in {name}" for index, name in enumerate(logs)} if len(logs) > 1 else {}
     found: dict[str, Estimate] = {}
+    halves = widened(fit, spread, rivals, inseparable)
     for index, one in enumerate(fit.structure.free):
         if one.name.partition(".")[0] in refused:
             continue
-        q, half = float(fit.search[index]), float(spread.half_width[index])
-        half = _widened(fit, rivals, inseparable, one.name, q, half)
+        q, half = float(fit.search[index]), halves[index]
         down, up = (float(each) for each in half + spread.beyond[:, index])
         ends = [fit.structure.outward(one, end) for end in (q - down, q + up)]
         low, high = (min(max(end, one.lowest), one.highest) for end in ends)
@@ -85,6 +85,21 @@ def estimates_of(
     return found
 
 
+def widened(fit: Fit, spread: Spread, rivals: Mapping[str, Fit], inseparable: AbstractSet[str]) -> list[float]:
+    """Return half the interval of each coordinate, which also holds what rivals find that are not excluded.
+
+    Args:
+        fit: at its best.
+        spread: its uncertainty.
+        rivals: richer models that were not borne out.
+        inseparable: terms of rivals that are borne out and not told from the rest of the model.
+    """
+    return [
+        _widened(fit, rivals, inseparable, one.name, float(fit.search[index]), float(spread.half_width[index]))
+        for index, one in enumerate(fit.structure.free)
+    ]
+
+
 def _widened(
     fit: Fit, rivals: Mapping[str, Fit], inseparable: AbstractSet[str], name: str, coordinate: float, half: float
 ) -> float:
@@ -96,8 +111,13 @@ def _widened(
     """
     for term in dict.fromkeys(("amplifier", "drift", *sorted(inseparable))):
         rival = rivals.get(term)
-        places = [] if rival is None else [one.name for one in rival.structure.free]
-        if rival is None or name not in places or rival.rms_m > (1 + WORTH / 2) * fit.rms_m:
+        if rival is None or rival.rms_m > (1 + WORTH / 2) * fit.rms_m:
+            continue
+        places = [one.name for one in rival.structure.free]
+        if name not in places:
+            # What does as well without it leaves open whether it is there.
+            without = term in inseparable and name in SIZE_OF.values()
+            half = max(half, abs(coordinate)) if without else half
             continue
         if term == "amplifier" and name == "delay_samples":
             continue  # told with the lag in it

@@ -15,7 +15,7 @@ from avc_casadi.identification._closed_loop import autocorrelation, coloured, fe
 from avc_casadi.identification._cut import cut_notes
 from avc_casadi.identification._device import device_file, states
 from avc_casadi.identification._encoder import encoder_step_m
-from avc_casadi.identification._estimates import estimates_of
+from avc_casadi.identification._estimates import estimates_of, widened
 from avc_casadi.identification._finer import finer
 from avc_casadi.identification._fit import Fit, Window, judged, slowest_observer
 from avc_casadi.identification._frequency import measured_response, model_response
@@ -148,7 +148,7 @@ def _identified(
             share = (fit.values[SHARE], *ends)
             refused[SHARE] = share_refused(share[0], ends)
     normal, collinear = sensitivity(fit)
-    inseparable = {term for term, trial in chosen.trials.items() if trial.inseparable}
+    inseparable = chosen.inseparable
     if "coulomb" in inseparable:
         key, why = "coulomb_friction_n", "the log bears it out, and does not tell it from damping and mass"
         refused[key] = Refusal(key, f"{why}, whose intervals hold it", EXCITATION[key])
@@ -252,7 +252,7 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
         if SHARE in refused:
             chosen.fit = settled(predictor, shared(predictor, fit, window, 1e-6), window)
             continue
-        vague = vague_terms(fit, spread, refused)
+        vague = vague_terms(fit, widened(fit, spread, chosen.rivals, chosen.inseparable), refused)
         if fit.hides_play:
             without(predictor, chosen, "play", HIDDEN, window)
         elif vague:

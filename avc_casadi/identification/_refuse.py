@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 
 import numpy as np
 
@@ -111,12 +111,12 @@ def cannot_tell(records_force_rms: float, motion_in_steps: float) -> list[Refusa
     return found
 
 
-def vague_terms(fit: Fit, spread: Spread, refused: Container[str]) -> list[str]:
+def vague_terms(fit: Fit, half_width: Sequence[float], refused: Container[str]) -> list[str]:
     """Return the terms that are not told well enough to stand in a model: refused, or perhaps not there at all.
 
     Args:
         fit: at its best.
-        spread: its uncertainty.
+        half_width: of the interval of each coordinate, with what rivals find in it.
         refused: keys that are not told.
     """
     found: list[str] = [
@@ -131,5 +131,5 @@ def vague_terms(fit: Fit, spread: Spread, refused: Container[str]) -> list[str]:
         # Whether there is dry friction was weighed with it, and its interval may end at 0.
         if term in fit.structure.terms and term != "coulomb":
             place = names.index(key)
-            found += [term] if fit.search[place] <= spread.half_width[place] else []
+            found += [term] if fit.search[place] <= half_width[place] else []
     return found

@@ -57,6 +57,11 @@ class Selection:
     trials: dict[str, Trial] = field(default_factory=dict)
     rivals: dict[str, Fit] = field(default_factory=dict)
 
+    @property
+    def inseparable(self) -> set[str]:
+        """Terms that are borne out and not told from the rest of the model."""
+        return {term for term, trial in self.trials.items() if trial.inseparable}
+
 
 def select(
     predictor: Predictor,
@@ -227,7 +232,8 @@ def _tried(
     best, trial = _told_apart(predictor, simple, best, term, window)
     beyond = _beyond(best, term, response, predictor.sample_time_s)
     if trial.taken and beyond:
-        trial = replace(trial, taken=False, why=beyond)
+        # What rings beyond the excited band is there all the same: what it would change is not known better than that.
+        trial = replace(trial, taken=False, why=beyond, inseparable=term == "resonance")
     chosen.trials[term] = trial
     if trial.taken:
         return best
