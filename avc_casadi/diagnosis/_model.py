@@ -42,7 +42,7 @@ class Measured:
             of the log, and the standard error.
         declared_delay_samples: as declared, or assumed, in the same samples.
         lag_samples: the part of it that lies between position and logged force.
-        device: mass and damping of the device by name, as declared while somebody holds it.
+        device: mass_kg and damping_ns_per_m of the device: as declared where somebody holds one that was, else found.
         hand: mass, damping and stiffness of the hand by name, None let go.
         resonance: frequency_hz, damping_ratio and mass_ratio, None with rigid mechanics.
         misfit: what the model leaves of the position where it explains it best, over what encoder and noise leave.

@@ -38,7 +38,7 @@ def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int,
     noise = math.hypot(log.encoder_m / math.sqrt(12), declared.device.position_noise_rms_m, _NEVER_BETTER * swings)
     mode = "declared" if declared.device.resonance else "none"
     hertz = swing.found.frequency_hz
-    # One thing at a time is wrong: the delay, a hand that is not there, or a resonance that nobody declared.
+    # What may be wrong: the delay, a hand that is not there, both, or a resonance that nobody declared.
     structures = [(True, mode, True), (True, mode, False)]
     if declared.known:
         structures += [(False, mode, False), (False, mode, True)]

@@ -32,7 +32,7 @@ _MOST_DAMPED = 0.15
 _LATE, _PUNCTUAL = 4.0, 0.15
 # Numbers that have died away further only make the arithmetic slow.
 _NOTHING = 1e-60
-# Spread of ln mass and damping of a device that nobody is said to hold: of one that was declared, of one assumed.
+# Spread of ln mass and damping of a device, where they are searched for: of one that was declared, of one assumed.
 _DECLARED, _ASSUMED = [0.06, 0.5], [1.1, 1.1]
 _MODE = ("ln_frequency", "ln_ratio", "share")
 
