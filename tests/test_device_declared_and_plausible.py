@@ -68,6 +68,16 @@ def test_every_range_is_named():
         ({"device": {"encoder_at": "handle"}}, "device.encoder_at is"),
         ({"device": {"amplifier_order": 2}}, "device.amplifier_order is 2, which says nothing without"),
         (
+            {
+                "device": {
+                    "backlash_m": 1e-4,
+                    "encoder_at": "handle",
+                    "resonance": {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.4},
+                }
+            },
+            "device.backlash_m is play between motor and encoder",
+        ),
+        (
             {"device": {"coulomb_friction_n": 3.0, "max_force_n": 2.0}},
             "device.coulomb_friction_n is 3, and device.max_force_n 2: no force that it gives",
         ),

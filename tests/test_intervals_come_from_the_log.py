@@ -37,7 +37,7 @@ def made(period, **values):
     free = len(structure.free)
     signs = np.tile([1.0, -1.0], 20)
     blocks = tuple(Block(0, 100, 100.0, 1e-9 * sign * np.ones(free), np.eye(free)) for sign in signs)
-    return Fit(structure, structure.start(known), Observer(8.0), (), blocks, 1e-6, 1.0, 0.02, 0.0, period)
+    return Fit(structure, structure.start(known), Observer(8.0), (), blocks, 1e-6, 1.0, 0.02, 0.0, period, False)
 
 
 def widths(fit):

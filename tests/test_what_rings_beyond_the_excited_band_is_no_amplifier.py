@@ -42,6 +42,35 @@ def test_an_amplifier_is_told_where_the_force_reaches_it():
     assert found.estimates["amplifier_bandwidth_hz"].value == pytest.approx(250.0, rel=0.03)
 
 
+@pytest.mark.parametrize("friction", [0.02, 0.05])
+def test_friction_tells_them_apart(friction):
+    # Without friction a resonance does as well; the model then stayed without both, and damping was 4 per cent off.
+    truth = Truth(
+        mass=0.3,
+        damping=1.0,
+        coulomb=friction,
+        delay=3.0,
+        bandwidth=240.0,
+        encoder=1e-6,
+        spring=47.0,
+        period=5e-4,
+    )
+    random = np.random.default_rng(12)
+    wanted = multisine(random, 10.0, truth.period, 1.0, 120.0, 4.0)
+    _, position, force = measured(truth, wanted, random)
+    found = identify([Record("log", truth.period, position, force)])
+    told = {
+        "mass_kg": 0.3,
+        "damping_ns_per_m": 1.0,
+        "coulomb_friction_n": friction,
+        "delay_samples": 3.0,
+        "amplifier_bandwidth_hz": 240.0,
+    }
+    for key, value in told.items():
+        assert found.estimates[key].low <= value <= found.estimates[key].high
+        assert found.estimates[key].value == pytest.approx(value, rel=0.02)
+
+
 @pytest.mark.parametrize(("seed", "bandwidth", "resonance"), [(5, 300.0, 140.0), (6, 0.0, 120.0)])
 def test_what_it_would_change_is_not_known_better_than_that(seed, bandwidth, resonance):
     # Seen behind it, the mass comes out 4 to 6 per cent too small: a log of up to 80 Hz does not show where it rings.

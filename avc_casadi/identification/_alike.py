@@ -10,6 +10,7 @@ import numpy as np
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._predictor import Predictor
 from avc_casadi.identification._uncertainty import moves_of
+from avc_casadi.problem import power_at_handle
 from avc_casadi.support import FloatArray, number
 
 # Logs differ that ask for values so many standard errors apart, and this share of the value.
@@ -18,16 +19,27 @@ _FEWEST_BLOCKS = 5
 _COMPARED = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n")
 
 
-def differences(fit: Fit, predictor: Predictor, names: Sequence[str], unit_of: dict[str, float]) -> list[str]:
-    """Say which numbers two logs ask for differently.
-
-    A Gauss-Newton step from what was found of all, with the curvature of each log alone, is what that log asks for.
+def unlike_notes(fit: Fit, predictor: Predictor, names: Sequence[str], radius_m: float) -> list[str]:
+    """Say that logs do not agree; nothing where they do.
 
     Args:
         fit: of all logs, at its best.
         predictor: of their records.
         names: of the logs.
-        unit_of: by key: what a value at the handle is multiplied by where it is told.
+        radius_m: how far the handle goes for a unit of the position.
+    """
+    unlike = _differences(fit, predictor, names, {key: radius_m ** -power_at_handle(key) for key in _COMPARED})
+    if not unlike:
+        return []
+    between = f"the logs do not agree ({'; '.join(unlike)}): the values are between those of two devices"
+    why = "Something may have been on it (--added-mass), or the force been scaled otherwise"
+    return [f"{between}. {why}; identify each alone"]
+
+
+def _differences(fit: Fit, predictor: Predictor, names: Sequence[str], unit_of: dict[str, float]) -> list[str]:
+    """Say which numbers two logs ask for differently.
+
+    A Gauss-Newton step from what was found of all, with the curvature of each log alone, is what that log asks for.
     """
     asked = [_asked(fit, {at for at, log in enumerate(predictor.logs) if log == place}) for place in range(len(names))]
     told = []

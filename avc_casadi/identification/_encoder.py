@@ -7,11 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from avc_casadi.identification._record import Record
+from avc_casadi.support import FloatArray
 
 _MOST_VALUES = 4000
 # Readings off the lattice by this share of a step, root mean square, are still on it: clocks and files round.
 _OFF = 0.08
 _FEWEST = 6
+# A fast hand passes many steps between two readings: the nearest two may be so many steps apart.
+_APART = 6
 
 
 def encoder_step_m(records: Sequence[Record]) -> float | None:
@@ -23,21 +26,30 @@ def encoder_step_m(records: Sequence[Record]) -> float | None:
     values = np.unique(np.concatenate([record.position_m for record in records]))
     if values.size < _FEWEST:
         return None
-    steps = np.diff(values)
+    gaps = np.diff(values)
     # Values that differ by rounding only are one.
-    span = values[-1] - values[0]
-    steps = steps[steps > 1e-9 * span]
-    guess = float(np.median(steps[steps < 1.5 * np.quantile(steps, 0.1)]))
-    spread = values[:: max(1, values.size // _MOST_VALUES)] - values[0]
-    # Refined by counting steps over ever longer spans.
-    step = guess
+    gaps = gaps[gaps > 1e-9 * (values[-1] - values[0])]
+    usual = float(np.median(gaps[gaps < 1.5 * np.quantile(gaps, 0.1)]))
+    guesses = {guess / apart for guess in (usual, float(gaps.min())) for apart in range(1, _APART + 1)}
+    for guess in sorted(guesses, reverse=True):
+        step = _refined(guess, gaps, values)
+        steps = (values[:: max(1, values.size // _MOST_VALUES)] - values[0]) / step
+        off = steps - np.round(steps)
+        if steps.max() >= _FEWEST - 0.5 and float(np.sqrt(np.mean(off**2))) < _OFF:
+            return step
+    return None
+
+
+def _refined(step: float, gaps: FloatArray, values: FloatArray) -> float:
+    """Return a step by counting steps over ever longer spans."""
     reach = 20 * step
-    while reach < 4 * span:
-        some = spread[spread <= reach]
+    some = gaps[gaps <= reach]
+    while True:
         counts = np.round(some / step)
         if counts.any():
             step = float(some @ counts / (counts @ counts))
+        if reach > 4 * (values[-1] - values[0]):
+            return step
         reach *= 3
-    off = spread / step - np.round(spread / step)
-    many = spread.size >= _FEWEST and np.round(spread / step).max() >= _FEWEST
-    return step if many and float(np.sqrt(np.mean(off**2))) < _OFF else None
+        some = values[: np.searchsorted(values, values[0] + reach, side="right")] - values[0]
+        some = some[:: max(1, some.size // _MOST_VALUES)]

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from avc_casadi.identification._linear import linear_step, taps_of
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._terms import PLAY, Structure
-from avc_casadi.support import FloatArray
+from avc_casadi.support import FloatArray, IndexArray
 
 _MOST_STEPS = 30
 # A record is judged from so many seconds on, or from this share of it; the start must be forgotten by then, but for
@@ -19,6 +19,8 @@ _MOST_STEPS = 30
 _START_S = 1.0
 _START_SHARE = 0.1
 _FORGOTTEN = 8.0
+# What repeats itself is cut into so many parts, none shorter than so many samples.
+_PARTS, _SHORTEST_PART = 25, 5
 # Errors and slopes beyond it are those of a model that has run away.
 _LOST = 1e100
 
@@ -57,6 +59,7 @@ class Fit:
         turning: share of samples in which the model's motion turns.
         taking_up: share of samples in which the device turns and takes up play.
         sample_time_s: T.
+        repeated: whether a block holds the same part of several repeats.
     """
 
     structure: Structure
@@ -69,6 +72,7 @@ class Fit:
     turning: float
     taking_up: float
     sample_time_s: float
+    repeated: bool
 
     @property
     def values(self) -> dict[str, float]:
@@ -93,17 +97,30 @@ class Window:
     Attributes:
         skip: samples at the start of each record that are not judged.
         block: samples of a block.
+        repeats: samples after which each record repeats itself to the encoder's step, or 0; a block of it holds the
+            same part of every repeat, whose errors are the same. Empty where none does.
     """
 
     skip: int
     block: int
+    repeats: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, sizes: Sequence[int], period: float) -> Window:
+    def of(cls, sizes: Sequence[int], period: float, repeats: tuple[int, ...] = ()) -> Window:
         """Choose the blocks: 30 of them at least where the records are long enough, of a second at most."""
         total = sum(sizes)
         block = int(min(max(total // 40, 0.1 / period), 2.0 / period, min(sizes) // 2))
-        return cls(skip=int(min(_START_S / period, _START_SHARE * min(sizes))), block=max(block, 20))
+        return cls(skip=int(min(_START_S / period, _START_SHARE * min(sizes))), block=max(block, 20), repeats=repeats)
+
+    def parts(self, record: int, size: int) -> list[IndexArray]:
+        """Return the samples of each block of a record, counted from the first that is judged."""
+        repeat = self.repeats[record] if self.repeats else 0
+        samples = np.arange(size)
+        if not repeat:
+            return np.array_split(samples, max(1, size // self.block))
+        count = min(_PARTS, max(1, repeat // _SHORTEST_PART))
+        part = samples % repeat * count // repeat
+        return [samples[part == one] for one in range(min(count, int(part.max()) + 1))]
 
 
 def slowest_observer(predictor: Predictor) -> float:
@@ -185,8 +202,8 @@ def judged(predictor: Predictor, structure: Structure, search: FloatArray, obser
     for index, one in enumerate(found):
         assert one.slopes is not None  # noqa: S101 - they were asked for
         error, slopes = errors[index] / unit, _bounded(one.slopes[window.skip :]) / unit
-        count = max(1, error.size // window.block)
-        for e, j in zip(np.array_split(error, count), np.array_split(slopes, count), strict=True):
+        for part in window.parts(index, error.size):
+            e, j = error[part], slopes[part]
             blocks.append(Block(index, e.size, float(e @ e), j.T @ e, j.T @ j))
     values = structure.values(search)
     step = linear_step(values, structure, predictor.sample_time_s, taps_of(values), parts=0)
@@ -196,7 +213,17 @@ def judged(predictor: Predictor, structure: Structure, search: FloatArray, obser
     if structure.present(PLAY) and predictor.last_went is not None:
         taking_up = float(np.mean(np.abs(np.concatenate(predictor.last_went)) < 1))
     return Fit(
-        structure, search, observer, errors, tuple(blocks), unit, share, turning, taking_up, predictor.sample_time_s
+        structure,
+        search,
+        observer,
+        errors,
+        tuple(blocks),
+        unit,
+        share,
+        turning,
+        taking_up,
+        predictor.sample_time_s,
+        any(window.repeats),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.identification._against_base import check_against, differs_from
-from avc_casadi.identification._alike import differences
+from avc_casadi.identification._alike import unlike_notes
 from avc_casadi.identification._closed_loop import autocorrelation, coloured, feeds_back
 from avc_casadi.identification._cut import cut_notes
 from avc_casadi.identification._device import device_file, states
@@ -27,6 +27,7 @@ from avc_casadi.identification._read import read_logs
 from avc_casadi.identification._record import Record, shortened
 from avc_casadi.identification._refuse import EXCITATION, beyond_force, cannot_tell, refusals, vague_terms
 from avc_casadi.identification._remarks import remarks
+from avc_casadi.identification._repeats import repeat_notes, repeats_of
 from avc_casadi.identification._select import HIDDEN, Selection, select, settled, without
 from avc_casadi.identification._share import SHARE, other_shares, share_assumed, share_refused, shared
 from avc_casadi.identification._spring_side import moved as beyond_side
@@ -129,8 +130,8 @@ def _identified(
         guess = _guess(records, force_rms, radius_m, pushed=driven is not None)
     structure = _simplest(records, known, force_rms, travel, step_m)
     guess |= known
-    sizes = [record.position_m.size for record in records]
-    window = Window.of(sizes, records[0].sample_time_s)
+    repeats = repeats_of(records, step_m)
+    window = Window.of([record.position_m.size for record in records], records[0].sample_time_s, repeats)
     predictor = Predictor(records, float(records[0].position_m[0]))
     response = measured_response(records)
     if encoder_at is None and base is not None and base.device.resonance is not None:
@@ -154,22 +155,13 @@ def _identified(
         refused[key] = Refusal(key, f"{why}, whose intervals hold it", EXCITATION[key])
     logs = tuple(dict.fromkeys(record.whole for record in records))
     refused |= {} if driven is None else refused_beside([one.name for one in fit.structure.free])
-    unlike = (
-        []
-        if driven
-        else differences(fit, predictor, logs, {key: radius_m ** -power_at_handle(key) for key in PARAMETERS})
-    )
-    if unlike:
-        notes.append(
-            f"the logs do not agree ({'; '.join(unlike)}): the values are between those of two devices. Something may "
-            "have been on it (--added-mass), or the force been scaled otherwise; identify each alone"
-        )
+    notes += [] if driven else unlike_notes(fit, predictor, logs, radius_m)
     estimates = estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m, logs)
     lags = autocorrelation(fit.error_m)
     absent = chosen.trials.keys() - set(fit.structure.terms)
     refused |= _never_told(fit, estimates, response.excited_hz, absent, inseparable, lags) | refused
     feedback = feeds_back(records, fit.error_m)
-    notes += remarks(fit, lags, feedback, driven, estimates, radius_m)
+    notes += repeat_notes(records, repeats) + remarks(fit, lags, feedback, driven, estimates, radius_m)
     names = tuple(one.name for one in fit.structure.free)
     return Identification(
         sources=tuple(dict.fromkeys(record.name for record in records)),

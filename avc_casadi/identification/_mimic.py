@@ -6,21 +6,23 @@ less and less, or more and more. With a delay that makes up for the phase, a log
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from avc_casadi.identification._evidence import WORTH
-from avc_casadi.identification._fit import Fit, Window
+from avc_casadi.identification._fit import Fit, Window, fit
 from avc_casadi.identification._frequency import Response
 from avc_casadi.identification._near import closely, rms_m_of, roughly
 from avc_casadi.identification._predictor import Predictor
-from avc_casadi.identification._terms import HIGHEST_SEEN
+from avc_casadi.identification._terms import HIGHEST_SEEN, LINEAR
 
 MIMICS = {
     "amplifier": "cannot be told from a resonance beyond the frequencies that the force excites",
     "resonance": "lies beyond the frequencies that the force excites, where an amplifier's lag looks like it",
 }
 """Why neither is told."""
+ALIKE = 1.02
+"""The error of one beside that of the other up to which more terms may tell them apart."""
 # Where it may lie, as multiples of the highest frequency that is excited, and how it may be.
 _BEYOND = (1.3, 2.5)
 _LIKELY = {"resonance.damping_ratio": 0.03, "resonance.mass_ratio": 0.4}
@@ -29,9 +31,8 @@ _RATE_PER_S = 60.0
 
 def mimic(
     predictor: Predictor,
-    simple: Fit,
     lagging: Fit,
-    rivals: Mapping[str, Fit],
+    seen: Fit | None,
     response: Response,
     window: Window,
     sides: Sequence[str],
@@ -40,9 +41,8 @@ def mimic(
 
     Args:
         predictor: of the records.
-        simple: the model without either.
         lagging: the model with the amplifier.
-        rivals: models that were not taken; one with a resonance of the same other terms may be among them.
+        seen: a model with a resonance and no amplifier, perhaps beside other terms.
         response: of the log.
         window: of the fits.
         sides: where the encoder may sit.
@@ -51,19 +51,24 @@ def mimic(
         None where there is none, beside a resonance, or where all frequencies are excited.
     """
     band = response.excited_hz
-    if band is None or "resonance" in simple.structure.terms:
+    if band is None or "resonance" in lagging.structure.terms:
         return None
-    terms = simple.structure.ordered((*simple.structure.terms, "resonance"))
+    others = [one for one in lagging.structure.terms if one != "amplifier"]
+    terms = lagging.structure.ordered((*others, "resonance"))
     worst_m = (1 + WORTH / 2) * lagging.rms_m
-    seen = rivals.get("resonance")
-    if seen is not None and seen.structure.terms == terms and seen.rms_m <= worst_m:
-        return seen
+    if seen is not None:
+        if seen.structure.terms != terms:
+            start = {**lagging.values, **{key: seen.values[key] for key in LINEAR}}
+            beside = replace(seen.structure, terms=terms)
+            seen = closely(predictor, fit(predictor, beside, start, seen.observer, window, steps=15), window)
+        if seen.rms_m <= worst_m:
+            return seen
     places = [share * band[1] for share in _BEYOND if share * band[1] < HIGHEST_SEEN / predictor.sample_time_s]
     rough = [
         roughly(
             predictor,
-            replace(simple.structure, terms=terms, encoder_at="handle" if side == "handle" else "motor"),
-            {**simple.values, **_LIKELY, "resonance.frequency_hz": place},
+            replace(lagging.structure, terms=terms, encoder_at="handle" if side == "handle" else "motor"),
+            {**lagging.values, **_LIKELY, "resonance.frequency_hz": place},
             _RATE_PER_S,
         )
         for side in sides

@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi.identification._evidence import Trial, compared
 from avc_casadi.identification._fit import Fit, Window, best_observer, fit, judged, slowest_observer
 from avc_casadi.identification._frequency import Response, held_guess, likely_resonances
-from avc_casadi.identification._mimic import MIMICS, mimic
+from avc_casadi.identification._mimic import ALIKE, MIMICS, mimic
 from avc_casadi.identification._near import closely, rms_m_of, roughly
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._share import shared
@@ -51,16 +51,24 @@ class Selection:
         fit: the model at its best.
         trials: of every term, the last of each.
         rivals: the fit of each term that was tried in full and not taken.
+        mimic: a resonance beyond the excited frequencies that did as well as the amplifier when that was taken.
     """
 
     fit: Fit
     trials: dict[str, Trial] = field(default_factory=dict)
     rivals: dict[str, Fit] = field(default_factory=dict)
+    mimic: Fit | None = None
 
     @property
     def inseparable(self) -> set[str]:
         """Terms that are borne out and not told from the rest of the model."""
         return {term for term, trial in self.trials.items() if trial.inseparable}
+
+    def not_told(self, lagging: Fit, ringing: Fit) -> None:
+        """Write down that an amplifier and a resonance do the same."""
+        for term, found in (("amplifier", lagging), ("resonance", ringing)):
+            self.rivals[term] = found
+            self.trials[term] = replace(self.trials[term], taken=False, why=MIMICS[term], inseparable=True)
 
 
 def select(
@@ -101,6 +109,7 @@ def select(
         if term not in chosen.fit.structure.terms:
             _try(predictor, chosen, (term,), guess, response, window, sides)
     chosen.fit = settled(predictor, chosen.fit, window)
+    _no_mimic(predictor, chosen, response, window, sides)
     _prune(predictor, chosen, window)
     return chosen
 
@@ -115,6 +124,23 @@ def settled(predictor: Predictor, found: Fit, window: Window) -> Fit:
     """
     observer = best_observer(predictor, found, window)
     return fit(predictor, found.structure, found.values, observer, window, tolerance=1e-10)
+
+
+def _no_mimic(
+    predictor: Predictor, chosen: Selection, response: Response, window: Window, sides: Sequence[str]
+) -> None:
+    """Drop an amplifier that could be a resonance beyond the excited frequencies, which beside friction few could."""
+    lagging = chosen.fit
+    if chosen.mimic is None or "amplifier" not in lagging.structure.terms:
+        return
+    rival = mimic(predictor, lagging, chosen.mimic, response, window, sides)
+    if rival is None:
+        return
+    chosen.not_told(lagging, rival)
+    terms = tuple(one for one in lagging.structure.terms if one != "amplifier")
+    simpler = replace(lagging.structure, terms=terms)
+    without = fit(predictor, simpler, lagging.values, lagging.observer, window, tolerance=1e-6)
+    chosen.fit = settled(predictor, without, window)
 
 
 def _prune(predictor: Predictor, chosen: Selection, window: Window) -> None:
@@ -172,11 +198,14 @@ def _try(
     borne_out = {term: found for term, found in tried.items() if found is not None}
     if "amplifier" in borne_out:
         # What rings beyond the excited frequencies may have been tried with it, or long before.
-        rival = mimic(predictor, chosen.fit, borne_out["amplifier"], chosen.rivals, response, window, sides)
-        if rival is not None:
-            chosen.rivals |= {"amplifier": borne_out.pop("amplifier"), "resonance": rival}
-            for term in ("amplifier", "resonance"):
-                chosen.trials[term] = replace(chosen.trials[term], taken=False, why=MIMICS[term], inseparable=True)
+        seen = chosen.rivals.get("resonance")
+        lagging = borne_out["amplifier"]
+        beside = seen is not None and "amplifier" not in seen.structure.terms
+        rival = mimic(predictor, lagging, seen if beside else None, response, window, sides)
+        chosen.mimic = rival
+        if rival is not None and lagging.rms_m > ALIKE * rival.rms_m:
+            chosen.not_told(lagging, rival)
+            del borne_out["amplifier"]
     if not borne_out:
         return False
     taken = min(borne_out, key=lambda term: borne_out[term].rms_m)

@@ -81,7 +81,8 @@ def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
         curvature = curvatures[drawn].sum(axis=0) / scale / scale[:, None]
         moves.append(-np.linalg.lstsq(curvature, gradients[drawn].sum(axis=0) / scale, rcond=1e-12)[0] / scale)
     covariance = np.atleast_2d(np.cov(np.array(moves).T)) * count / max(1, count - 1)
-    degrees, source = max(1, count - 1), f"{count} stretches drawn anew"
+    repeats = ", each with its repeats" if fit.repeated else ""
+    degrees, source = max(1, count - 1), f"{count} stretches drawn anew{repeats}"
     records = sorted({block.record for block in fit.blocks})
     if len(records) >= _ENOUGH_RECORDS:
         each = []

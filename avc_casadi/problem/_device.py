@@ -92,7 +92,7 @@ class Device(Table):
         amplifier_bandwidth_hz: of the actuator's force; None: ideal.
         amplifier_order: 1, a lag; 2, a current loop with a damping ratio of 0.7.
         max_force_n: largest force of the actuator; None: no limit.
-        backlash_m: play of the measured position.
+        backlash_m: play of the measured position; nothing beyond a resonance with the encoder at the handle.
         resonance: motor and handle joined by a spring; None: rigid.
         encoder_at: the side of the resonance on which the position is measured.
         range: how well the device is known.

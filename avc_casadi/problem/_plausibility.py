@@ -103,6 +103,9 @@ def _idle(problem: Problem) -> Iterator[tuple[str, str]]:
         yield "device.encoder_at", 'is "handle", which says nothing without device.resonance: motor and handle are one'
     if device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None:
         yield "device.amplifier_order", "is 2, which says nothing without device.amplifier_bandwidth_hz"
+    if device.backlash_m > 0 and device.encoder_at == "handle" and device.resonance is not None:
+        seen = "between motor and encoder; an encoder at the handle stands beyond it, and nothing here simulates it"
+        yield "device.backlash_m", f"is play {seen}"
 
 
 def _other_unit(problem: Problem) -> Iterator[tuple[str, str]]:

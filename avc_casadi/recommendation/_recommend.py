@@ -235,7 +235,8 @@ def recommend(
         )
         judged, considered = found.judged, found.considered
     best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
-    leaning = best_of(judged, lean_on_friction=True) if judged else None
+    declared_n = problem.device.coulomb_friction_n
+    leaning = best_of(judged, lean_on_friction=True) if judged and declared_n > 0 else None
     coupling, rest = None, None
     if best is not None:
         known = certified(best.coupling, progress, prove=prove)
