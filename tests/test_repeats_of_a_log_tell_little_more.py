@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from excited import planned
 from measured_device import Truth, measured, multisine
 
+from avc_casadi.excitation import FULL
 from avc_casadi.identification import Record, identify
 from avc_casadi.identification._repeats import repeats_of
 
@@ -53,3 +55,12 @@ def test_intervals_hold_the_truth_and_the_user_is_told():
     # Of stretches taken one by one three of them missed it, by up to 0.6 half widths; 0.5 belongs to 95 %.
     assert np.sqrt(np.mean(np.square(errors))) < 0.6
     assert max(map(abs, errors)) < 1
+
+
+def test_the_multisine_of_excite_never_repeats():
+    # On a grid of 1/4 Hz a third of the readings came back after 4 s, and half of the error with them.
+    truth = replace(TRUTH, mass=0.1, damping=1.0)
+    plan = planned(seconds=10.0)
+    wanted = plan.signal.units(plan.ticks) / FULL * plan.max_force_n
+    _, position, force = measured(replace(truth, spring=plan.spring_n_per_m), wanted, np.random.default_rng(3))
+    assert repeats_of([Record("log", truth.period, position, force)], truth.encoder) == (0,)

@@ -34,6 +34,10 @@ _FORCE_SHARE = 0.5  # of the device's limit, where none is given
 _USUAL_ENCODER_M = 2e-6
 _TONES = 48
 _PERIOD_S = 4.0
+# Turns by which tones are moved against each other in a period, and what spreads them evenly.
+_DETUNED, _GOLDEN = 0.03, 0.6180339887
+# A peak is seen to 1 per cent at so many points of a period of the fastest tone.
+_SEEN = 24.0
 _RAMP_S = 0.3
 _LOWEST_HZ, _HIGHEST_HZ, _HIGHEST_SHARE = 0.5, 300.0, 0.3
 _MARGIN = 0.85  # of the limits that a forecast may reach
@@ -295,8 +299,13 @@ def _multisine(
 ) -> Signal:
     period_s = min(_PERIOD_S, plan.seconds)
     lines = np.unique(np.round(np.geomspace(*band_hz, _TONES) * period_s))
-    frequency = lines[lines >= 1] / period_s
-    time = np.asarray(np.arange(round(period_s / plan.sample_time_s)) * plan.sample_time_s, dtype=np.float64)
+    lines = lines[lines >= 1]
+    if plan.seconds > period_s:
+        # Of what repeats itself to the encoder's step the rounding is the same in each repeat.
+        lines += _DETUNED * (2 * np.modf(np.arange(1, lines.size + 1) * _GOLDEN)[0] - 1)
+    frequency = lines / period_s
+    step_s = max(plan.sample_time_s, 1 / (_SEEN * frequency[-1]))
+    time = np.asarray(np.arange(0, plan.seconds, step_s), dtype=np.float64)
     # Delay moves the information little.
     unlike = list(
         {(one.mass_kg, one.damping_ns_per_m, one.coulomb_friction_n): one for one in reversed(devices)}.values()
