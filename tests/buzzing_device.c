@@ -11,6 +11,7 @@ typedef struct {
     double hand_mass, hand_damping, hand_stiffness;     /* until `release` (s) */
     double release, weight, start, speed, end, sway;    /* weight from `release` on; target from start to end */
     double grab, bias, bias_from, notch, depth, width;
+    double grip_stiffness, grip_damping;                /* between the device and the hand's mass; 0 joins them */
 } device_t;
 
 /* Arrays have `samples` entries. `missed` is 1 where the computer does nothing; writes measured position and commanded
@@ -23,6 +24,9 @@ void buzzing_device(const device_t *d, int samples, const double *noise, const d
     const double spring = m1 * part * w * w, damper = 2 * d->ratio * w * m1 * part;
     const double lag = d->bandwidth > 0 ? 1 - exp(-2 * pi * d->bandwidth * h) : 1.0;
     double x1 = d->start, x2 = d->start, v1 = 0, v2 = 0, actual = 0, before = d->start, rate = 0, asked[16] = {0};
+    double x3 = d->start, v3 = 0; /* of the hand's mass, behind a grip */
+    const int behind = d->grip_stiffness > 0;
+    const double held_mass = behind ? 0.0 : d->hand_mass;
     const long late = lround(d->delay * SUBSTEPS);
     /* (s^2 + depth width w s + w^2)/(s^2 + width w s + w^2), s = c (z - 1)/(z + 1), c for the right frequency */
     const double wn = 2 * pi * d->notch, c = d->notch > 0 ? wn / tan(wn * d->period / 2) : 0, cc = c * c + wn * wn;
@@ -63,14 +67,21 @@ void buzzing_device(const device_t *d, int samples, const double *noise, const d
             const int free = t >= d->release;
             double target = d->start + d->speed * t, moving = d->speed;
             if (target > d->end) { target = d->end + d->sway * sin(2 * pi * 0.7 * t); moving = 0; }
-            const double grip = free ? d->weight : d->hand_stiffness * (target - (part > 0 ? x2 : x1)) +
-                                                   d->hand_damping * (moving - (part > 0 ? v2 : v1));
+            const double xh = part > 0 ? x2 : x1, vh = part > 0 ? v2 : v1;
+            const double arm = d->hand_stiffness * (target - (behind ? x3 : xh)) +
+                               d->hand_damping * (moving - (behind ? v3 : vh));
+            const double joined = behind ? d->grip_stiffness * (x3 - xh) + d->grip_damping * (v3 - vh) : arm;
+            const double grip = free ? d->weight : joined;
+            if (behind) {
+                v3 += h / d->hand_mass * (arm - joined);
+                x3 += h * v3;
+            }
             const double joint = part > 0 ? spring * (x2 - x1) + damper * (v2 - v1) : 0.0;
-            const double moved = m1 + (part > 0 || free ? 0.0 : d->hand_mass), loss = h * d->friction / moved;
+            const double moved = m1 + (part > 0 || free ? 0.0 : held_mass), loss = h * d->friction / moved;
             actual += lag * (want - actual);
             v1 += h / moved * (actual + joint - d->damping * v1 + (part > 0 ? 0.0 : grip));
             v1 = fabs(v1) > loss ? v1 - copysign(loss, v1) : 0;
-            if (part > 0) v2 += h / (m2 + (free ? 0.0 : d->hand_mass)) * (grip - joint);
+            if (part > 0) v2 += h / (m2 + (free ? 0.0 : held_mass)) * (grip - joint);
             x1 += h * v1;
             x2 = part > 0 ? x2 + h * v2 : x1;
             if (!(part > 0)) v2 = v1;

@@ -12,7 +12,8 @@ class Buzzing:
     """A loop in SI units; `lag` delays the force before it is logged, `delay` after that, both in samples.
 
     From `grab` on (s) the spring holds the place where the device is then; from `bias_from` on a force of `bias` stands
-    beside it while it touches. `notch` is a filter of the measured position (Hz, 0 none).
+    beside it while it touches. `notch` is a filter of the measured position (Hz, 0 none). With a grip the hand is a
+    mass behind it, as on a stylus.
     """
 
     mass: float = 0.1
@@ -46,6 +47,8 @@ class Buzzing:
     notch: float = 0.0
     depth: float = 0.1
     width: float = 1.0
+    grip_stiffness: float = 0.0
+    grip_damping: float = 0.0
 
 
 _Device = doubles(each.name for each in fields(Buzzing))

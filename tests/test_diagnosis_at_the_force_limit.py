@@ -61,6 +61,8 @@ def test_a_delay_is_named_with_its_number_where_nobody_holds_the_device(stiffnes
     assert found.cause == "delay"
     assert abs(found.measured.delay_samples - delay) < 0.03 * delay
     assert found.measured.hand is None
+    assert 0.1 < found.oscillation.at_force_limit_share < 1
+    assert any(f"with the force at its limit of {LIMIT_N:g} N, which bounds it" in line for line in found.evidence)
 
 
 def test_a_delay_and_a_hand_that_is_missing_are_both_named(device):
@@ -75,6 +77,9 @@ def test_a_delay_and_a_hand_that_is_missing_are_both_named(device):
 def test_a_device_that_nobody_declared_is_not_taken_for_the_assumed_one(mass):
     found = diagnose(swinging(3000.0, 10.0, 6, mass=mass))
     assert found.cause == "delay"
+    assert ", assumed 1, with which" in found.conclusion
+    assert found.oscillation.largest_force_n == LIMIT_N
+    assert found.oscillation.at_force_limit_share > 0.1
     assert abs(found.measured.delay_samples - 6) < 0.3
     moved = found.measured.device["mass_kg"] + found.measured.hand["mass_kg"]
     assert abs(moved - mass) < 0.1 * mass

@@ -118,6 +118,28 @@ def test_a_hand_over_few_steps_is_not_taken_for_none(encoder, end):
     assert found.cause == "encoder" or found.candidates[0] == "encoder"
 
 
+GRIPPED = Buzzing(
+    damping=1.0, friction=0.1, encoder=1e-5, hand_mass=0.4, hand_damping=10.0, hand_stiffness=300.0, end=0.012
+)
+
+
+@pytest.mark.parametrize(
+    ("cause", "changed"),
+    [
+        ("damping", {"delay": 2.0, "stiffness": 6000.0, "damper": 58.0, "limit": 5.0}),
+        ("damping", {"delay": 2.0, "stiffness": 5000.0, "damper": 62.0, "limit": 20.0}),
+        ("stiffness", {"delay": 3.0, "stiffness": 8000.0, "damper": 10.0, "limit": 8.0}),
+    ],
+)
+@pytest.mark.parametrize("grip", [(400.0, 4.0), (600.0, 6.0)])
+def test_a_hand_behind_a_grip_is_not_one_that_let_go(grip, cause, changed):
+    # Its mass hardly moves where the loop swings: named "hand let go" where only a mass on the device was a hand.
+    loop = replace(GRIPPED, grip_stiffness=grip[0], grip_damping=grip[1], **changed)
+    found = diagnose(columns(loop), device=declared_of(loop))
+    assert found.cause == cause, found.conclusion
+    assert found.measured.hand["damping_ns_per_m"] == pytest.approx(grip[1], rel=0.2)
+
+
 def test_what_rounding_cannot_leave_weighs_more_than_its_size():
     random = np.random.default_rng(0)
     rounded = random.uniform(-0.5, 0.5, STEPS)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avc_casadi.loop import Hand, hand_corners, joined
+from avc_casadi.loop import STYLUS_RANGES, Hand, hand_corners, joined
 from avc_casadi.problem import Device, Hands, turned_hands
 from avc_casadi.support import FloatArray
 
@@ -74,6 +74,12 @@ class Declared:
         ends = np.log(np.maximum(self._ends(), self.device.metres_per_unit**2 * _LEAST_HAND))
         spread = np.maximum((ends[:, 1] - ends[:, 0]) / 2, 0.4)
         return ends.mean(axis=1), spread if self.known else np.maximum(spread, 1.1)
+
+    def grip_prior(self) -> tuple[FloatArray, FloatArray]:
+        """Return middle and spread of ln damping and stiffness of the grip of a hand on a stylus."""
+        keys = ("grip_damping_ns_per_m", "grip_stiffness_n_per_m")
+        ends = np.log(self.device.metres_per_unit**2 * np.array([STYLUS_RANGES[key] for key in keys]))
+        return ends.mean(axis=1), (ends[:, 1] - ends[:, 0]) / 2
 
     def _ends(self) -> FloatArray:
         return np.array([self.hands.mass_kg, self.hands.damping_ns_per_m, self.hands.stiffness_n_per_m])

@@ -18,6 +18,7 @@ from avc_casadi.diagnosis._evidence import (
 )
 from avc_casadi.diagnosis._felt import felt
 from avc_casadi.diagnosis._law import find_law
+from avc_casadi.diagnosis._limited import limited
 from avc_casadi.diagnosis._log import log_of
 from avc_casadi.diagnosis._meant import law_differs
 from avc_casadi.diagnosis._model import Diagnosis
@@ -82,7 +83,7 @@ def diagnose(
     declared = Declared.of(device, hands, grid.ticks.sample_time_s)
     grid = without_repeats(grid, declared.device.max_force_n)
     with progress.step("oscillation"):
-        swing = find_oscillation(grid)
+        swing = limited(grid, find_oscillation(grid), declared.device.max_force_n)
     law = find_law(grid, declared.device.max_force_n)
     if law is not None and law.told and law.stiffness_n_per_m < 0 and law.damping_ns_per_m < 0:
         raise InputError.of(

@@ -26,6 +26,8 @@ _DECIDES = {
     "rate": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
 }
 _FILE = ", or the device's file (--device)"
+# A force at its limit for less than this share of a swing hardly bounds it.
+_CUT = 0.02
 # The largest force is a limit where it comes again and again: in so many samples, seldom and nearly all of them with a
 # new count, or in so large a share of the contact.
 _TOP, _FEW, _NEARLY_ALL, _SELDOM, _OFTEN = 0.999, 8, 0.9, 0.3, 0.3
@@ -41,11 +43,14 @@ def oscillation_sentence(found: Oscillation, felt: float) -> str:
     if math.isfinite(found.growth_per_s) and found.growth_error_per_s < 0.5 * abs(found.growth_per_s):
         what = "grew" if found.growth_per_s > 0 else "decays"
         grows = f"; it {what} by {number(abs(found.growth_per_s), 2)} +- {number(found.growth_error_per_s, 1)} 1/s"
+    share = found.at_force_limit_share
+    stands = f", {100 * share:.0f} % of it with the force at its limit of {number(found.largest_force_n, 3)} N"
+    bounded = f"{stands}, which bounds it" if share > _CUT else ""
     return (
         f"{found.kind} at {number(found.frequency_hz, 3)} +- {number(found.frequency_error_hz, 1)} Hz from "
         f"{number(found.begins_s, 3)} to {number(found.ends_s, 3)} s: {_um(found.peak_to_peak_m)} peak to peak{steps}, "
         f"{number(found.force_peak_to_peak_n, 3)} N, in contact {100 * found.contact_share:.0f} % of the time, "
-        f"{number(felt, 2)} times what a hand on a stylus detects{grows}"
+        f"{number(felt, 2)} times what a hand on a stylus detects{bounded}{grows}"
     )
 
 
@@ -97,6 +102,8 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
             own_mass, own_damping = measured.device.values()
             mass, damping = mass + own_mass, damping + own_damping
             held = "device and hand, which the log does not tell apart: about {} kg, {} N.s/m, {} N/m"
+        elif mass == 0:
+            held = "held by a grip of about {1} N.s/m, {2} N/m, as on a stylus, its mass behind it"
         lines.append(held.format(number(mass, 2), number(damping, 2), number(stiffness, 2)))
     if measured.resonance is not None:
         frequency, ratio, share = measured.resonance.values()
@@ -112,22 +119,33 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
     return lines
 
 
-def named_sentence(cause: str, measured: Measured, law: Law, log: Log) -> str:
+def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared: Declared) -> str:
     """Say what the cause is and why."""
     words = CAUSES[cause]
     smallest = "is more than the loop bears, and less of it is the smallest change that brings it to rest"
     shape, meant = measured.resonance, measured.declared_delay_samples
+    known = "meant" if declared.known else "assumed"
     why = {
-        "delay": f"{number(measured.delay_samples, 3)} samples, meant {number(meant, 3)}, with which the loop rests",
+        "delay": f"{number(measured.delay_samples, 3)} samples, {known} {number(meant, 3)}, with which the loop rests",
         "damping": f"b = {number(law.damping_ns_per_m, 3)} N.s/m {smallest}",
         "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} N/m {smallest}",
         "encoder": f"the loop rests without steps of {number(1e6 * log.encoder_m, 3)} um, and swings with them",
         "resonance": f"{'' if shape is None else number(shape['frequency_hz'], 3)} Hz; with rigid mechanics it rests",
-        "let-go": "nobody holds the device; with a hand the loop rests",
+        "let-go": f"nobody holds the device; with a hand of {_box(declared)} on it the loop rests",
         "ticks": f"{100 * log.ticks.missed_share:.2g} % of the ticks are missing; with all of them {_rests(measured)}",
         "rate": f"a new force every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was meant it rests",
     }[cause]
     return f"{words}: {why}"
+
+
+def _box(declared: Declared) -> str:
+    """Return the hands that were meant."""
+    ends = (
+        (declared.hands.mass_kg, "kg"),
+        (declared.hands.damping_ns_per_m, "N.s/m"),
+        (declared.hands.stiffness_n_per_m, "N/m"),
+    )
+    return ", ".join(f"{number(low, 3)} to {number(high, 3)} {unit}" for (low, high), unit in ends)
 
 
 def _rests(measured: Measured) -> str:

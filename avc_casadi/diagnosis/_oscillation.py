@@ -51,6 +51,8 @@ class Oscillation:
         begins_s, ends_s: time of the log.
         contact_share: share of its time with a force.
         at_rest_m: what is left elsewhere in the log, root mean square above `LOWEST_HZ`.
+        largest_force_n: commanded while it lasts.
+        at_force_limit_share: share of its time in which the force stands at its limit, which bounds it.
     """
 
     kind: Kind
@@ -65,6 +67,8 @@ class Oscillation:
     ends_s: float = math.nan
     contact_share: float = math.nan
     at_rest_m: float = math.nan
+    largest_force_n: float = math.nan
+    at_force_limit_share: float = 0.0
 
     @property
     def sustained(self) -> bool:

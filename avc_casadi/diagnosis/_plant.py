@@ -43,6 +43,8 @@ def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int,
     if declared.known:
         structures += [(False, mode, False), (False, mode, True)]
     searches = [Search(windows, log, declared, lag, *structure, hertz) for structure in structures]
+    if declared.known:
+        searches.append(Search(windows, log, declared, lag, True, mode, False, hertz, grip=True))
     points = [search.begin(noise) for search in searches]
     left = [search.left(point) for search, point in zip(searches, points, strict=True)]
     if mode == "none" and min(_most(one) for one in left) > _UNEXPLAINED * noise:

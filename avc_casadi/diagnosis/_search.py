@@ -1,4 +1,4 @@
-"""The search for device and hand of one structure: held or let go, rigid or with a resonance, in time or late."""
+"""The search for device and hand of one structure: held, gripped or let go, rigid or resonant, in time or late."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Fit:
     """One structure fitted to a log.
 
     Attributes:
-        held: whether a hand holds the device.
+        held: whether a hand holds the device, by its mass or by a grip.
         mode: "none", "declared" or "found": where its resonance comes from.
         late: whether the delay was free to be another than the declared one.
         point: the best, in the unknowns of the search.
@@ -77,8 +77,10 @@ class Search:
         mode: str,
         late: bool,
         hertz: float,
+        *,
+        grip: bool = False,
     ) -> None:
-        self.held, self.mode, self.late = held, mode, late
+        self.held, self.mode, self.late, self.grip = held, mode, late, grip
         self._hertz = hertz
         self._slow_hz = float(np.clip(hertz / 3, *_SLOW_HZ))
         # The first window is the end of the oscillation.
@@ -92,8 +94,9 @@ class Search:
         meant = declared.longest_delay * device.sample_time_s / log.ticks.period_s - lag
         middle, spread = [max(meant, 0.0)], [_LATE if late else _PUNCTUAL]
         if held:
-            self.names += ["ln_mass", "ln_damping", "ln_stiffness"]
-            centre, width = declared.hand_prior()
+            # The mass behind a grip hardly moves where a loop swings.
+            self.names += [*([] if grip else ["ln_mass"]), "ln_damping", "ln_stiffness"]
+            centre, width = declared.grip_prior() if grip else declared.hand_prior()
             middle += centre.tolist()
             spread += width.tolist()
         if not (held and declared.known):
@@ -138,7 +141,8 @@ class Search:
             }
         hand = None
         if self.held:
-            hand = Hand(*(math.exp(value[name]) for name in ("ln_mass", "ln_damping", "ln_stiffness")))
+            mass = math.exp(value["ln_mass"]) if "ln_mass" in value else 0.0
+            hand = Hand(mass, math.exp(value["ln_damping"]), math.exp(value["ln_stiffness"]))
         return Answer(device_as(device, changed), hand)
 
     def left(self, point: FloatArray) -> dict[int, FloatArray]:
@@ -182,10 +186,11 @@ class Search:
         seconds = n * period
         orders = np.arange(int(2 * self._slow_hz * seconds) + 2)
         slow = np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n)
-        columns = [free, slow]
-        if not self.held:
-            # A weight is a force that the log does not hold; a hand's spring gives in to it at once.
-            pushes = (np.ones(n), np.arange(n) / n)
+        columns = [free] if self.grip else [free, slow]
+        if self.grip or not self.held:
+            # A weight is a force that the log does not hold; a hand's spring gives in to it at once. What a hand
+            # behind a grip does slowly is one too.
+            pushes = [np.ones(n), np.arange(n) / n, *(slow.T[1:] if self.grip else ())]
             columns.append(np.stack([_filtered(matrix, new + old, row, poles, push) for push in pushes], axis=1))
         basis = np.concatenate(columns, axis=1)[window.use]
         basis = basis / np.sqrt(np.mean(basis**2, axis=0) + 1e-300)

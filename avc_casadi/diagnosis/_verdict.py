@@ -177,7 +177,7 @@ class Judge:
             self._notes.append(declared_resonance(measured))
         return self._made(
             "named",
-            named_sentence(first, measured, law, log),
+            named_sentence(first, measured, law, log, declared),
             cause=first,
             candidates=(first,),
             shares=shares,
