@@ -118,6 +118,15 @@ def test_a_hand_over_few_steps_is_not_taken_for_none(encoder, end):
     assert found.cause == "encoder" or found.candidates[0] == "encoder"
 
 
+def test_what_goes_on_counts_before_what_swung_faster_and_ended():
+    time = np.arange(3000) * 1e-3
+    # It flies to and fro at first, and then swings at another frequency.
+    swings = np.where(time < 1, 1.4e-3 * np.sin(2 * np.pi * 32 * time), 1.2e-3 * np.sin(2 * np.pi * 21 * time))
+    position = 1e-6 * np.round(swings / 1e-6)
+    found = find_oscillation(log_of(Columns("log", time, position, -1000 * position))[0]).found
+    assert found.ends_s == pytest.approx(3.0, abs=0.1)
+
+
 GRIPPED = Buzzing(
     damping=1.0, friction=0.1, encoder=1e-5, hand_mass=0.4, hand_damping=10.0, hand_stiffness=300.0, end=0.012
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -32,6 +33,8 @@ _RESTLESS_HZ, _RESTLESS_STEPS = 8.0, 1.2
 # At the end it falls to this share of its beginning, or goes on: over so many cycles its logarithm changes little.
 _FALLS = 0.55
 _LEVEL_S, _LEVEL_CYCLES, _LEVEL = 0.35, 10.0, 0.25
+# One that goes on to the end of the log counts before a faster one that ended, but where it has less of its speed.
+_NO_SLIGHT = 0.5
 _FEWEST_CYCLES = 5.0
 _SHORTEST_S = 0.25
 
@@ -118,16 +121,27 @@ def find_oscillation(log: Log) -> Swing:
     if not dying and not any(swing.found.sustained for swing in found):
         restless = np.array([_restless(log, fast, slice(start, start + size)) for start in starts])
         found += _swings(log, fast, starts, size, restless, amplitude, frequency, kind="irregular")
-    # Of several the one that goes on counts, and of those the fastest motion.
-    best = max(
-        found,
-        key=lambda swing: (swing.found.sustained, swing.found.peak_to_peak_m * swing.found.frequency_hz),
-        default=None,
-    )
-    if best is not None:
-        return best
+    if found:
+        return _that_counts(found, n - 2 * hop)
     rest = fast[n // 2 :]
     return Swing(Oscillation("none", at_rest_m=_rms(rest)), 0, n, fast, np.abs(signal.hilbert(fast)))
+
+
+def _that_counts(found: Sequence[Swing], end: int) -> Swing:
+    """Return of several the one that goes on, until the end of the log where it is no slight one, or the fastest."""
+    going = [swing for swing in found if swing.found.sustained] or list(found)
+    fastest = max(map(_speed, going))
+    return max(
+        going,
+        key=lambda swing: (
+            swing.last >= end and _speed(swing) > _NO_SLIGHT * fastest,
+            _speed(swing),
+        ),
+    )
+
+
+def _speed(swing: Swing) -> float:
+    return swing.found.peak_to_peak_m * swing.found.frequency_hz
 
 
 def _swings(

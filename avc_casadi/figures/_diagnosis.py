@@ -23,6 +23,7 @@ _TITLES = (
     "(c) force against position, some cycles",
     "(d) amplitudes while it swings",
 )
+_LOWEST_HZ = 2.0
 _CYCLES = 6.0
 _EDGE_CYCLES = 2.0
 _STILL_S = 0.2
@@ -87,7 +88,7 @@ def _some_cycles(axes: Axes, found: Diagnosis) -> None:
 
 def _spectrum(axes: Axes, found: Diagnosis) -> None:
     trace, size, unit = found.trace, *_unit(found)
-    use = trace.frequency_hz >= 2.0
+    use = trace.frequency_hz >= _LOWEST_HZ
     axes.plot(trace.frequency_hz[use], size * trace.spectrum_m[use], color=_BLUE, linewidth=0.9)
     axes.set_yscale("log")
     axes.set_xscale("log")
@@ -96,14 +97,15 @@ def _spectrum(axes: Axes, found: Diagnosis) -> None:
     axes.set_ylim(1e-4 * top, 3 * top)
     if found.encoder_m:
         axes.axhline(size * found.encoder_m / 2, color=_GREY, linewidth=0.9, linestyle=(0, (4, 2)))
-        # Where an oscillation seldom has anything to say: at the right, above the line.
+        # On the side of the axis on which nothing swings, above the line.
+        swings_left = not found.oscillation.frequency_hz > math.sqrt(_LOWEST_HZ * float(trace.frequency_hz[-1]))
         axes.text(
-            0.98,
+            0.98 if swings_left else 0.02,
             1.15 * size * found.encoder_m / 2,
             "half an encoder step",
             transform=axes.get_yaxis_transform(),
             fontsize=7,
-            ha="right",
+            ha="right" if swings_left else "left",
         )
     measured = found.measured
     if measured is not None and math.isfinite(measured.frequency_hz) and measured.frequency_hz > 2:
