@@ -64,3 +64,18 @@ def test_hands_at_the_force_limit_are_no_part_of_what_is_felt(document):
 def test_a_press_with_friction_is_where_no_vibration_is_felt(document):
     (line,) = lines_of(document, "trial")
     assert "10 press without a vibration that is felt, with the declared friction" in line
+
+
+def test_an_error_of_a_law_that_nobody_feels_is_said_to_be_that(document):
+    changed = copy.deepcopy(document)
+    assert "; complex error against the physical wall" in lines_of(changed, "felt")[0]
+    changed["felt"]["stiffness_n_per_m"] = None
+    assert "; complex error of the law alone, which nobody feels, against" in lines_of(changed, "felt")[0]
+
+
+def test_friction_that_nobody_declared_is_nothing_to_lean_on(document):
+    assert document["felt"]["friction_n"] == 0
+    assert document["with_friction_n_per_m"] is None
+    changed = copy.deepcopy(document)
+    changed["with_friction_n_per_m"] = 2 * changed["felt"]["stiffness_n_per_m"]
+    assert lines_of(changed, "friction")

@@ -26,9 +26,10 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         first = f"the least bad, which {hands - at_rest} of {hands} hands do not rest at, on"
     springy = coupling["wall"]["stiffness_n_per_m"] > 0
     stiffness = _felt(felt, springy=springy, limited=trial["at_force_limit"], hands=trial["hands"])
+    alone = "" if felt["stiffness_n_per_m"] is not None or not springy else " of the law alone, which nobody feels,"
     return [
         f"{first} {document['problem']}: {gains_line(coupling)}",
-        f"felt: {stiffness}; complex error against the physical wall {errors}",
+        f"felt: {stiffness}; complex error{alone} against the physical wall {errors}",
         (
             f"trial: {trial['at_rest']} of {trial['hands']} hands at rest, {trial['at_rest_without_friction']} without "
             f"friction; {trial['quiet']} press without a vibration that is felt, with the declared friction"
