@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from buzzing_cases import declared_of, healthy_case, rests, unfelt
+from buzzing_cases import case_of, declared_of, healthy_case, rests, unfelt
 from buzzing_device import Buzzing, logged
 
 from avc_casadi import InputError
@@ -116,6 +116,13 @@ def test_a_hand_over_few_steps_is_not_taken_for_none(encoder, end):
     assert found.oscillation.steps < 4
     assert found.shares.get("let-go", 0.0) < 0.1, found.conclusion
     assert found.cause == "encoder" or found.candidates[0] == "encoder"
+
+
+def test_a_resonance_is_no_stiff_grip():
+    # A grip of 6 kN/m explained it so well that no resonance was looked for.
+    case = case_of("resonance", 8484, 22)
+    found = diagnose(case.columns, device=case.declared)
+    assert found.cause == "resonance", found.conclusion
 
 
 def test_what_goes_on_counts_before_what_swung_faster_and_ended():

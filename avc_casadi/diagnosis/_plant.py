@@ -47,7 +47,9 @@ def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int,
         searches.append(Search(windows, log, declared, lag, True, mode, False, hertz, grip=True))
     points = [search.begin(noise) for search in searches]
     left = [search.left(point) for search, point in zip(searches, points, strict=True)]
-    if mode == "none" and min(_most(one) for one in left) > _UNEXPLAINED * noise:
+    # What a grip explains a resonance may explain better.
+    plain = [_most(one) for search, one in zip(searches, left, strict=True) if not search.grip]
+    if mode == "none" and min(plain) > _UNEXPLAINED * noise:
         searches.append(Search(windows, log, declared, lag, True, "found", False, hertz))
         points.append(searches[-1].begin(noise))
         left.append(searches[-1].left(points[-1]))
