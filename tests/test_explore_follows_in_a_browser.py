@@ -254,6 +254,15 @@ def test_an_address_that_holds_no_settings_says_so(page):
         until(lambda: by_id(page, "address-says").text == "")
 
 
+def test_an_address_is_read_though_the_page_was_about_to_write_its_own(page):
+    page.execute_script(
+        "location.hash = arguments[0]; history.replaceState(null, '', '#%7B%7D')",
+        '{"a": {"values": {"environment.stiffness_n_per_m": 7000}}}',
+    )
+    until(lambda: by_id(page, WALL).get_attribute("value") == "7000", 60)
+    settled(page)
+
+
 def test_the_pointer_presses_the_wall_and_its_vibration_is_heard(page):
     """Without a coupling this wall buzzes: what is played is the shaking of the force."""
     page.execute_script(

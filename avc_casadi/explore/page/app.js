@@ -40,9 +40,9 @@ const columns = () => (state.b ? ["a", "b"] : ["a"]);
 
 // ---- state, undo, address
 
-function readAddress() {
+function readAddress(hash) {
   const left = new Set();
-  const found = parsed(location.hash, left);
+  const found = parsed(hash, left);
   const [a, b] = [known(found.a, left), found.b ? known(found.b, left) : null];
   get("address-says").textContent = left.size ? `The address holds what this page does not know, and left out: ${[...left].join(", ")}.` : "";
   return { a, b, on: b && found.on === "b" ? "b" : "a" };
@@ -376,15 +376,16 @@ async function begin() {
   if (!about) return;
   speak(about.words);
   if (turns()) get("toy-about").textContent = "Your pointer, or the arrow keys left and right, is the hand at the rim: to the right it turns towards the wall, which begins in the middle.";
-  state = readAddress();
+  state = readAddress(location.hash);
   buildControls();
   toy = new Toy((without) => client.ask("toy", { settings: current(), without_coupling: without }));
-  window.addEventListener("hashchange", () => {
+  window.addEventListener("hashchange", (event) => {
     document.activeElement.blur();
     past.push(copy(state));
     future.length = 0;
     joined = { kind: "", time: 0 };
-    state = readAddress();
+    // Not location.hash: a write of this page that was due may have taken its place.
+    state = readAddress(new URL(event.newURL).hash);
     restate();
   });
   let width = window.innerWidth;
