@@ -8,7 +8,7 @@ prediction error stays free of bias where the gain fits the disturbance.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,13 +18,15 @@ from avc_casadi.identification._encoder import encoder_step_m
 from avc_casadi.identification._linear import PARTS, LinearStep, linear_derivatives, linear_step, taps_of
 from avc_casadi.identification._play import SLOWLY, last_went
 from avc_casadi.identification._record import Record
-from avc_casadi.identification._run import run
+from avc_casadi.identification._run import Kind, prepare, run
 from avc_casadi.identification._terms import FRICTION, LINEAR, OFFSET, PLAY, Structure, offset_of
 from avc_casadi.support import FloatArray
 
 _MOST_DOUBLINGS = 60
 # Step of the central difference by play, as a share of the unit in which it is searched for.
 _PLAY_STEP = 1e-2
+# Records of so many samples in all are run through often enough to compile it.
+_WORTH_PREPARING = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +147,19 @@ class Predictor:
         names = tuple(dict.fromkeys(record.whole for record in self.records))
         return Predictor(records, self._origin_m, names, play_taken_up, parts)
 
+    def prepare(self, structures: Iterable[Structure]) -> None:
+        """Begin to compile what predictions with some structures run through, where the records are worth it.
+
+        Args:
+            structures: in the order in which they are asked for.
+        """
+        if sum(at.size for at in self._positions) >= _WORTH_PREPARING:
+            prepare(list(dict.fromkeys(map(self._kind, structures))))
+
+    def _kind(self, structure: Structure) -> Kind:
+        rings, lags = (structure.present(name) for name in ("resonance.frequency_hz", "amplifier_bandwidth_hz"))
+        return Kind(2 + 2 * rings + lags, self._parts if lags else 1, structure.present("breakaway_excess_n"))
+
     def predict(
         self, structure: Structure, search: FloatArray, observer: Observer, *, slopes: bool = True
     ) -> list[Prediction]:
@@ -193,8 +208,8 @@ class Predictor:
                 places = [len(by_linear) + at for at, name in enumerate(FRICTION) if own[name] in rough]
                 directions[range(len(linear), len(acting)), places] = 1.0
             state, inputs = _begun(step, record, position, taps)
-            cuts, stribeck = len(step.early), structure.present("breakaway_excess_n")
-            out = run(state, inputs, numbers, directions, cuts=cuts, stribeck=stribeck)
+            kind = self._kind(structure)
+            out = run(state, inputs, numbers, directions, kind)
             by = None
             if slopes:
                 by = np.zeros((len(out), len(free)))
@@ -202,7 +217,7 @@ class Predictor:
                 for index in by_play:
                     aside = _PLAY_STEP * outward[index] / 2 * way
                     ends = [
-                        run(*_begun(step, record, at, taps), numbers, directions[:0], cuts=cuts, stribeck=stribeck)
+                        run(*_begun(step, record, at, taps), numbers, directions[:0], kind)
                         for at in (position - aside, position + aside)
                     ]
                     by[:, index] = (ends[1][:, 0] - ends[0][:, 0]) / (2 * _PLAY_STEP)

@@ -90,8 +90,9 @@ def sample(states: int, cuts: int, stribeck: bool) -> Sample:
 
     given = ca.SX.sym("moved", moved.numel())
     through = ca.vertcat(*_friction_of(ca.vertsplit(given), cuts, stribeck=stribeck))
-    gradient = ca.Function("gradient", [given], [through, ca.densify(ca.jacobian(through, given))])
-    value, by_moved = gradient(moved)
+    # What the loop over the parts of a sample writes twice is found once.
+    both = ca.cse([through, ca.densify(ca.jacobian(through, given))])
+    value, by_moved = ca.Function("gradient", [given], both)(moved)
     held = ca.substitute(after, friction, value)
 
     direction, of_state = ca.SX.sym("direction", numbers.numel()), ca.SX.sym("s", states)

@@ -29,8 +29,9 @@ _FIRST_RATE_PER_S = 60.0
 # Terms that may change everything.
 _STRONG = {"coulomb", "resonance", "amplifier", "stiffness", "play"}
 _MOST_STARTS = 2
-# A close fit starts no further from the best rough one than this.
-_NEAR_THE_BEST = 1.05
+# A close fit starts no further from the best rough one than this; nor from one of another term that is borne out, which
+# is then taken first.
+_NEAR_THE_BEST, _NEAR_ANOTHER = 1.05, 1.5
 # Share of what matters below which a term is absent.
 _VANISHED = 1e-5
 # Bandwidth times sample time up to which an amplifier is told from a delay; less beside a resonance, where what dry
@@ -52,12 +53,14 @@ class Selection:
         trials: of every term, the last of each.
         rivals: the fit of each term that was tried in full and not taken.
         mimic: a resonance beyond the excited frequencies that did as well as the amplifier when that was taken.
+        rough_m: error of the best rough fit of each term that was tried last.
     """
 
     fit: Fit
     trials: dict[str, Trial] = field(default_factory=dict)
     rivals: dict[str, Fit] = field(default_factory=dict)
     mimic: Fit | None = None
+    rough_m: dict[str, float] = field(default_factory=dict)
 
     @property
     def inseparable(self) -> set[str]:
@@ -91,6 +94,7 @@ def select(
         sides: where the encoder may sit.
         progress: who is told.
     """
+    _prepare(predictor, structure, _ORDER[1])
     observer = Observer(max(_FIRST_RATE_PER_S, slowest_observer(predictor)))
     simplest = fit(predictor, structure, guess, observer, window, tolerance=1e-5)
     simplest = fit(
@@ -100,7 +104,10 @@ def select(
     late: list[str] = []
     for index, terms in enumerate(_ORDER):
         progress.advance(index, len(_ORDER), ", ".join(TERMS[term].words for term in terms))
-        if _try(predictor, chosen, terms, guess, response, window, sides):
+        taken = _try(predictor, chosen, terms, guess, response, window, sides)
+        following = [one for later in _ORDER[index + 1 :] for one in later]
+        _prepare(predictor, chosen.fit.structure, [*following, *(terms if taken and index else ())])
+        if taken:
             late += [one for earlier in _ORDER[: index + 1] for one in earlier if not chosen.trials[one].taken]
     if late:
         # What another term seems to gain may be what this model lacks to its own best.
@@ -112,6 +119,11 @@ def select(
     _no_mimic(predictor, chosen, response, window, sides)
     _prune(predictor, chosen, window)
     return chosen
+
+
+def _prepare(predictor: Predictor, structure: Structure, terms: Sequence[str]) -> None:
+    """Begin to compile what will be tried."""
+    predictor.prepare([structure, *(_richer(structure, one) for one in terms if one not in structure.terms)])
 
 
 def settled(predictor: Predictor, found: Fit, window: Window) -> Fit:
@@ -194,8 +206,11 @@ def _try(
     sides: Sequence[str],
 ) -> bool:
     """Try terms; take the one that explains most where the evidence is for it."""
-    tried = {term: _tried(predictor, chosen, term, guess, response, window, sides) for term in terms}
-    borne_out = {term: found for term, found in tried.items() if found is not None}
+    borne_out: dict[str, Fit] = {}
+    for term in terms:
+        before = min((chosen.rough_m[one] for one in borne_out), default=np.inf)
+        found = _tried(predictor, chosen, term, guess, response, window, sides, before)
+        borne_out |= {} if found is None else {term: found}
     if "amplifier" in borne_out:
         # What rings beyond the excited frequencies may have been tried with it, or long before.
         seen = chosen.rivals.get("resonance")
@@ -224,8 +239,12 @@ def _tried(
     response: Response,
     window: Window,
     sides: Sequence[str],
+    before_m: float,
 ) -> Fit | None:
-    """Return the model with a term where the evidence is for it, and write down what came of it."""
+    """Return the model with a term where the evidence is for it, and write down what came of it.
+
+    Where a term before it, that is borne out, left far less roughly, it is not tried beside that: it will be later.
+    """
     simple = chosen.fit
     if not simple.structure.admits(term):
         missing = [TERMS[need].words for need in TERMS[term].needs if need not in simple.structure.terms]
@@ -255,7 +274,9 @@ def _tried(
         near[side] = min(near.get(side, found), found, key=rms_m_of)
     if not near:
         return None
-    least = min(found.rms_m for found in near.values())
+    least = chosen.rough_m[term] = min(found.rms_m for found in near.values())
+    if least > _NEAR_ANOTHER * before_m:
+        return None
     likely = [found for found in near.values() if found.rms_m <= _NEAR_THE_BEST * least]
     best = min((closely(predictor, found, window) if term in _STRONG else found for found in likely), key=rms_m_of)
     best, trial = _told_apart(predictor, simple, best, term, window)

@@ -29,9 +29,9 @@ class Transition:
     target: FloatArray
 
 
-def time_scale(plant: LinearPlant, step_s: float) -> FloatArray:
+def time_scale(plant: LinearPlant, step_s: float | FloatArray) -> FloatArray:
     """Return the diagonal that counts rates by the step, velocities in metres a step, which balances A."""
-    return np.array([step_s if name.endswith("_per_s") else 1.0 for name in plant.names])
+    return np.where([name.endswith("_per_s") for name in plant.names], step_s, 1.0)
 
 
 def transition(plant: LinearPlant, step_s: float) -> Transition:
@@ -50,21 +50,34 @@ def transitions(cases: Sequence[tuple[LinearPlant, float]]) -> list[Transition]:
     Args:
         cases: plants and lengths of steps.
     """
-    augmented, scales = (np.stack(parts) for parts in zip(*(_augmented(*case) for case in cases), strict=True))
+    steps_s = np.array([step_s for _, step_s in cases])
+    augmented, scales = _augmented([plant for plant, _ in cases], steps_s)
     scale = scales.reshape(len(cases), *(1,) * (augmented.ndim - 3), -1)
     wholes = expm(augmented * scale[..., None] / scale[..., None, :]) / scale[..., None] * scale[..., None, :]
     n = wholes.shape[-1] - 3
     return [Transition(one[..., :n, :n], one[..., :n, n], one[..., :n, n + 1 :]) for one in wholes]
 
 
-def _augmented(plant: LinearPlant, step_s: float) -> tuple[FloatArray, FloatArray]:
-    """Return the matrix whose exponential is sought, shape (..., n + 3, n + 3), and the scale that balances it."""
-    n = plant.states
+def _augmented(plants: Sequence[LinearPlant], steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return matrices whose exponentials are sought, shape (cases, ..., n + 3, n + 3), and scales that balance them.
+
+    Args:
+        plants: of one shape.
+        steps_s: length of the step of each.
+    """
+    n = plants[0].states
+    matrix, force, target = (
+        np.stack([getattr(plant, name) for plant in plants]) for name in ("matrix", "force", "target")
+    )
+    step = steps_s.reshape(-1, *(1,) * (matrix.ndim - 3))
+    augmented = np.zeros((*matrix.shape[:-2], n + 3, n + 3))
+    augmented[..., :n, :n] = matrix * step[..., None, None]
+    augmented[..., :n, n] = force * step[..., None]
+    augmented[..., :n, n + 1 :] = target * step[..., None, None]
+    augmented[..., n + 1, n + 2] = step
+    scales = np.ones((len(plants), n + 3))
+    scales[:, :n] = time_scale(plants[0], steps_s[:, None])
     # The unit of force is chosen so that its column does not dominate the norm.
-    unit = float(max(1.0, np.abs(plant.force).max() * step_s**2))
-    augmented = np.zeros((*plant.matrix.shape[:-2], n + 3, n + 3))
-    augmented[..., :n, :n] = plant.matrix * step_s
-    augmented[..., :n, n] = plant.force * step_s
-    augmented[..., :n, n + 1 :] = plant.target * step_s
-    augmented[..., n + 1, n + 2] = step_s
-    return augmented, np.concatenate([time_scale(plant, step_s), [unit, 1.0, step_s]])
+    scales[:, n] = np.maximum(1.0, np.abs(force).reshape(len(plants), -1).max(axis=1) * steps_s**2)
+    scales[:, n + 2] = steps_s
+    return augmented, scales

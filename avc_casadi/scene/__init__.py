@@ -14,13 +14,16 @@ from avc_casadi.scene._judge import Judgement as Judgement
 from avc_casadi.scene._judge import criterion as criterion
 from avc_casadi.scene._judge import judge as judge
 from avc_casadi.scene._lanes import LANES as LANES
+from avc_casadi.scene._lanes import LANES_HEAD as LANES_HEAD
 from avc_casadi.scene._lanes import SideBySide as SideBySide
+from avc_casadi.scene._lanes import in_lanes as in_lanes
 from avc_casadi.scene._ledger import Ledger as Ledger
 from avc_casadi.scene._ledger import energy_ledger as energy_ledger
 from avc_casadi.scene._motion import target_of as target_of
 from avc_casadi.scene._native import NativeScene as NativeScene
-from avc_casadi.scene._native import compiled as compiled
+from avc_casadi.scene._native import c_of as c_of
 from avc_casadi.scene._native import compiler as compiler
+from avc_casadi.scene._native import library as library
 from avc_casadi.scene._run import Run as Run
 from avc_casadi.scene._screen import Screening as Screening
 from avc_casadi.scene._screen import screen as screen

@@ -7,6 +7,7 @@ run in a lane has the bits of the same run alone.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -59,7 +60,6 @@ _HEAD = """
 #else
 #define WIDTH 2
 #endif
-#define VECTORS (LANES / WIDTH)
 typedef double Lanes __attribute__((vector_size(8 * WIDTH)));
 typedef long long Bits __attribute__((vector_size(8 * WIDTH)));
 /* Takes 0 away, which changes no number, not even -0. */
@@ -82,15 +82,20 @@ _PAIRS = """
 #endif
 """
 
+LANES_HEAD = "\n".join(
+    [_HEAD, *(f"EACH({name})" for name in _OF_ONE), *(f"EACH_PAIR({name})" for name in _OF_TWO), _PAIRS]
+)
+"""What the C of a function in lanes needs before it: `Lanes` of `WIDTH` numbers, and what is done with them."""
+
 _SAMPLE = """
 static inline void sample(const Lanes* restrict now, const double* restrict u, const Lanes* restrict p,
                           Lanes* restrict next, Lanes* restrict traces) {{
-  Lanes {work};
   {body}
 }}
 """
 
 _LOOP = """
+#define VECTORS (LANES / WIDTH)
 /* The largest so far; once not a number, always not a number. */
 static inline Lanes peak(Lanes value, Lanes before) {{
   const Lanes size = (Lanes)((Bits)value & 0x7fffffffffffffffLL);
@@ -211,27 +216,42 @@ def _names() -> dict[int, str]:
     return {getattr(ca, name): name.removeprefix("OP_") for name in dir(ca) if name.startswith("OP_")}
 
 
-def _code(function: Any) -> str:
-    """Return the C of a sample and its loop."""
+def in_lanes(function: Any, given: Sequence[str], results: Sequence[str]) -> str:
+    """Return the C of a function in lanes, to follow `LANES_HEAD`.
+
+    Args:
+        function: of SX.
+        given: how an element of each argument is read, with {} for its index: ``SPREAD(u[{}])`` is one for all lanes.
+        results: how an element of each result is named.
+
+    Raises:
+        LookupError: an instruction that has no form in lanes.
+    """
     lines, names = [], _names()
     for index in range(function.n_instructions()):
-        name, taken, given = (
+        name, taken, to = (
             names[function.instruction_id(index)],
             function.instruction_input(index),
             function.instruction_output(index),
         )
         if name == "INPUT":
             which, element = taken
-            value = (f"now[{element}]", f"SPREAD(u[{element}])", f"p[{element}]")[which]
+            value = given[which].format(element)
         elif name == "CONST":
             value = f"SPREAD({float(function.instruction_constant(index)).hex()})"
         elif name == "OUTPUT":
-            lines.append(f"{('next', 'traces')[given[0]]}[{given[1]}] = w{taken[0]};")
+            lines.append(f"{results[to[0]].format(to[1])} = w{taken[0]};")
             continue
         else:
             value = _OPERATIONS[name].format(*(f"w{one}" for one in taken))
-        lines.append(f"w{given[0]} = {value};")
-    each = [f"EACH({name})" for name in _OF_ONE] + [f"EACH_PAIR({name})" for name in _OF_TWO]
+        lines.append(f"w{to[0]} = {value};")
+    work = ", ".join(f"w{index}" for index in range(max(1, function.sz_w())))
+    return "\n  ".join([f"Lanes {work};", *lines])
+
+
+def _code(function: Any) -> str:
+    """Return the C of a sample and its loop."""
+    body = in_lanes(function, ("now[{}]", "SPREAD(u[{}])", "p[{}]"), ("next[{}]", "traces[{}]"))
     sizes = {
         "states": function.numel_in(0),
         "inputs": function.numel_in(1),
@@ -241,6 +261,4 @@ def _code(function: Any) -> str:
     loop = _LOOP.format(
         **{name: max(1, size) for name, size in sizes.items()}, **{f"n_{name}": size for name, size in sizes.items()}
     )
-    work = ", ".join(f"w{index}" for index in range(max(1, function.sz_w())))
-    head = [f"#define LANES {LANES}", _HEAD, *each, _PAIRS, _SAMPLE.format(work=work, body="\n  ".join(lines)), loop]
-    return "\n".join(head)
+    return "\n".join([LANES_HEAD, f"#define LANES {LANES}", _SAMPLE.format(body=body), loop])

@@ -109,7 +109,7 @@ class NativeScene:
         self._traces = int(scene.function.numel_out(1))
         whole, split = scene.function, scene.split()
         functions = [whole] if split is None else [split.computer, split.until_event, split.to_the_end]
-        self._run = compiled(functions, _loop(whole, split)).avc_run
+        self._run = library(c_of(functions, _loop(whole, split)), _FLAGS).avc_run
         self._run.restype = ctypes.c_int
         self._run.argtypes = [ctypes.c_longlong, ctypes.c_longlong] + [ctypes.c_void_p] * 4
 
@@ -163,22 +163,19 @@ def in_threads(work: Callable[[slice], None], rows: int, workers: int, whole: in
             list(pool.map(work, parts))
 
 
-def compiled(functions: Sequence[Any], loop: str) -> ctypes.CDLL:
-    """Compile CasADi functions of at most three results and a loop in C that calls them.
+def c_of(functions: Sequence[Any], loop: str) -> str:
+    """Return CasADi functions of at most three results and a loop that calls them, in C.
 
     Args:
         functions: each is ``call_NAME(arguments, three results)`` in C, a result that is 0 is not wanted.
         loop: C that follows them.
-
-    Raises:
-        FileNotFoundError: there is no compiler.
     """
     import casadi as ca  # noqa: PLC0415
 
     generator = ca.CodeGenerator("scene", {"with_header": False, "main": False, "mex": False})
     for function in functions:
         generator.add(function)
-    return library("".join([str(generator.dump()), *map(_call, functions), loop]), _FLAGS)
+    return "".join([str(generator.dump()), *map(_call, functions), loop])
 
 
 def _loop(whole: Any, split: Any) -> str:
