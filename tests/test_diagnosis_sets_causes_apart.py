@@ -312,3 +312,14 @@ def test_the_cycles_of_a_touch_before_long_rest_in_contact_are_nothing_wrong(las
 def test_a_delay_that_no_device_may_have_is_none(asked, taken):
     answer = Answer(Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 0.5, "delay_samples": 1}), None)
     assert answer.delayed(asked).device.delay_samples == taken
+
+
+@pytest.mark.parametrize(("damper", "speed", "hand"), [(145.0, 0.03, 3.0), (145.0, 0.07, 8.0), (160.0, 0.07, 3.0)])
+def test_what_buzzes_over_a_few_counts_after_a_push_into_the_wall_has_its_own_frequency(damper, speed, hand):
+    """The push itself is slow, large and soon over; the force then swings to the end of the log."""
+    loop = Buzzing(mass=0.12, damping=0.8, friction=0.1, delay=1.0, encoder=2e-5, limit=8.0, stiffness=1000.0)
+    loop = replace(loop, hand_mass=0.06, hand_damping=hand, hand_stiffness=500.0, start=-0.01, end=0.007)
+    log = columns(replace(loop, damper=damper, speed=speed), seconds=4.0)
+    assert np.ptp(log.force_n[-500:]) > 3
+    found = diagnose(log)
+    assert found.cause == "encoder" or set(found.candidates) == {"damping", "encoder"}

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import signal
 
 from avc_casadi.diagnosis._log import Log
+from avc_casadi.diagnosis._passing import passes
 from avc_casadi.diagnosis._toggling import Toggling, find_toggling
 from avc_casadi.support import BoolArray, FloatArray, IndexArray
 
@@ -115,12 +116,23 @@ def find_oscillation(log: Log) -> Swing:
     least = max(_LEAST_STEPS * log.encoder_m, _LEAST_M / log.reach_m)
     swings = (amplitude > least) & (share > _LINE)
     found = _swings(log, fast, starts, size, swings, amplitude, frequency, kind=None)
-    if not any(swing.found.sustained for swing in found) and (toggling := find_toggling(log)) is not None:
+    going = [swing for swing in found if swing.found.sustained]
+    toggling = None if any(swing.last >= n - 2 * hop for swing in going) else find_toggling(log)
+    if not going and toggling is not None:
         return _toggled(log, fast, toggling)
     dying = any(swing.found.kind == "decaying" and swing.last >= n - 2 * hop for swing in found)
-    if not dying and not any(swing.found.sustained for swing in found):
-        restless = np.array([_restless(log, fast, slice(start, start + size)) for start in starts])
-        found += _swings(log, fast, starts, size, restless, amplitude, frequency, kind="irregular")
+    # What a touch leaves is looked for after it.
+    after = max((swing.last for swing in going), default=0)
+    if not dying and all(_passes(log, swing) for swing in going):
+        left = [start for start in starts if start >= after]
+        restless = np.isin(starts, [start for start in left if _restless(log, fast, slice(start, start + size))])
+        # Beside slow beats, as over a few counts, it is the speed that has the frequency of the loop.
+        speed = np.gradient(fast)
+        quick = np.array([_line(speed[start : start + size], period) for start in starts]).T
+        more = _swings(log, fast, starts, size, restless, quick[0], quick[1], kind="irregular")
+        if toggling is not None:
+            more = [_toggled(log, fast, toggling)]
+        found = more if going and more else [*found, *more]
     if found:
         return _that_counts(found, n - 2 * hop)
     rest = fast[n // 2 :]
@@ -138,6 +150,11 @@ def _that_counts(found: Sequence[Swing], end: int) -> Swing:
             _speed(swing),
         ),
     )
+
+
+def _passes(log: Log, swing: Swing) -> bool:
+    found = swing.found
+    return passes(log, found.begins_s, found.ends_s, swing.last, found.frequency_hz)
 
 
 def _speed(swing: Swing) -> float:

@@ -26,6 +26,7 @@ from avc_casadi.diagnosis._log import Log
 from avc_casadi.diagnosis._loop import worst_mode
 from avc_casadi.diagnosis._model import Cure, Diagnosis, Measured, Trace, Verdict
 from avc_casadi.diagnosis._oscillation import Swing
+from avc_casadi.diagnosis._passing import passes
 from avc_casadi.diagnosis._played import doubts_of_encoder, settled
 from avc_casadi.diagnosis._search import Fit
 from avc_casadi.support import number
@@ -35,8 +36,6 @@ _SURE, _RIVAL = 0.8, 0.12
 # Logarithm of the ratio of measured and modelled frequency, in contact throughout, beyond which the model is not it.
 _FREQUENCY = 0.3
 _FORCE_OFF = "the same log with the force off: what a force from outside drives goes on"
-# So few cycles are those of a touch, where contact goes on for so long without any.
-_FEW_CYCLES, _RESTS_S = 8.0, 1.0
 # The tremor of a hand: its frequencies, and more than its size.
 _TREMOR_HZ, _TREMOR_M = (6.0, 13.0), 2e-3
 # Of a delay so much longer than declared, in samples, a strong tremor is as likely a reason.
@@ -63,7 +62,7 @@ class Judge:
         if toggles(found) and felt(log, self._swing, self._declared) < 1:
             said = "nothing wrong: it toggles by one step of the encoder, which no hand feels; a finer one would rest"
             return self._made("nothing wrong", said)
-        if self._rests_after_all():
+        if passes(log, found.begins_s, found.ends_s, self._swing.last, found.frequency_hz):
             cycles = number(found.frequency_hz * (found.ends_s - found.begins_s), 2)
             said = f"nothing wrong: after {cycles} cycles until {number(found.ends_s, 3)} s it rests in contact"
             return self._made("nothing wrong", said)
@@ -71,14 +70,6 @@ class Judge:
             said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
             return self._made("not the loop", said)
         return None
-
-    def _rests_after_all(self) -> bool:
-        """Whether a few cycles, as of a touch, are followed by long contact without any."""
-        found, after = self._swing.found, self._log.force_n[self._swing.last :]
-        few = found.frequency_hz * (found.ends_s - found.begins_s) < _FEW_CYCLES
-        touching = np.count_nonzero(after) * self._log.ticks.period_s
-        whole = self._log.ticks.missed_share == 0
-        return bool(whole and few and touching > _RESTS_S and touching * found.frequency_hz > _FEW_CYCLES)
 
     def in_another_unit(self, told: str) -> Diagnosis | None:
         """Return the verdict where no model can fit because the positions are not in metres."""

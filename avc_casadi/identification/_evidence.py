@@ -71,8 +71,10 @@ def compared(simple: Fit, rich: Fit, term: str) -> Trial:
     gain = one - other
     size = float(np.sum(one))
     # Where a simple model fails in a few stretches, their gains differ by orders: then the logarithm decides.
-    sure = max(_sure(gain), _sure(np.log(one / other)))
-    change = -float(np.sum(gain)) / size
+    # Where the device stands still both may be exact.
+    least = 1e-12 * size / one.size or 1e-300
+    sure = max(_sure(gain), _sure(np.log((one + least) / (other + least))))
+    change = -float(np.sum(gain)) / (size or 1.0)
     taken = sure > SURE and -change > WORTH
     if taken:
         why = "the error on held-out stretches falls"

@@ -201,6 +201,12 @@ def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, floa
     nothing = cannot_tell(force, travel / step_m if step_m else float(places))
     if nothing:
         raise InputError.of("; ".join(f"{one.why}; allowed: {one.excitation}" for one in nothing), key="logs")
+    sizes = [record.position_m.size for record in records]
+    skip = Window.of(sizes, records[0].sample_time_s).skip
+    if not any(np.ptp(record.position_m[skip:]) for record in records):
+        start = number(skip * records[0].sample_time_s)
+        message = f"move in the first {start} s only, which the model needs to begin, and stand still after; allowed: "
+        raise InputError.of(message + "motion that goes on (a multisine, as avc excite plays one)", key="logs")
     return force, travel
 
 
