@@ -7,7 +7,7 @@ enum { SUBSTEPS = 200 };
 
 typedef struct {
     double mass, damping, coulomb, asymmetry, breakaway, slow, delay, bandwidth, resonance, ratio, share, at_handle,
-        encoder, offset, drift, scale, ground, period, spring, damper, rooted;
+        encoder, offset, drift, scale, ground, period, spring, damper, rooted, loop_damping;
 } device_t;
 
 typedef struct {
@@ -76,14 +76,21 @@ static void advance(const device_t *d, state_t *s, double h, double applied, dou
     *s = after;
 }
 
-/* A time in which the force asked for stays: the amplifier's lag acts with its mean. */
-static void driven(const device_t *d, state_t *s, double h, double asked_for, double push, double *actual)
+/* A time in which the force asked for stays: the amplifier's lag acts with its mean. A current loop is stepped by the
+ * trapezoidal rule, solved for its rate. */
+static void driven(const device_t *d, state_t *s, double h, double asked_for, double push, double actual[2])
 {
     double applied = asked_for, rate = 2 * 3.14159265358979323846 * d->bandwidth * h;
-    if (d->bandwidth > 0) {
+    if (d->bandwidth > 0 && d->loop_damping > 0) {
+        double w = rate / h, z = d->loop_damping, was = actual[0], slope = actual[1];
+        double pull = w * w * (asked_for - was - h * slope / 4) - z * w * slope;
+        actual[1] = (slope + h * pull) / (1 + z * w * h + w * w * h * h / 4);
+        actual[0] = was + h * (slope + actual[1]) / 2;
+        applied = (was + actual[0]) / 2;
+    } else if (d->bandwidth > 0) {
         double keep = exp(-rate);
-        applied += (*actual - asked_for) * (1 - keep) / rate;
-        *actual = asked_for + (*actual - asked_for) * keep;
+        applied += (actual[0] - asked_for) * (1 - keep) / rate;
+        actual[0] = asked_for + (actual[0] - asked_for) * keep;
     }
     advance(d, s, h, applied, push);
 }
@@ -93,7 +100,7 @@ void measured_device(const device_t *d, int samples, const double *wanted, const
                      double *position, double *force)
 {
     state_t s = {0, 0, 0, 0};
-    double h = d->period / SUBSTEPS, actual = 0, before = 0;
+    double h = d->period / SUBSTEPS, actual[2] = {0, 0}, before = 0;
     for (int k = 0; k < samples; k++) {
         double seen = (d->at_handle > 0 && d->resonance > 0 ? s.xh : s.x) + noise[k];
         double y = d->encoder > 0 ? d->encoder * floor(seen / d->encoder + 0.5) : seen;
@@ -105,8 +112,8 @@ void measured_device(const device_t *d, int samples, const double *wanted, const
             double from = (double)k * SUBSTEPS + i - d->delay * SUBSTEPS, part = from - floor(from);
             double older = asked(force, (long)floor(from)), newer = part > 0 ? asked(force, (long)floor(from) + 1) : older;
             double push = d->offset + d->drift * k * d->period + tremble[k];
-            driven(d, &s, newer == older ? h : h * (1 - part), older, push, &actual);
-            if (newer != older) driven(d, &s, h * part, newer, push, &actual);
+            driven(d, &s, newer == older ? h : h * (1 - part), older, push, actual);
+            if (newer != older) driven(d, &s, h * part, newer, push, actual);
         }
     }
 }

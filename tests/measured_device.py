@@ -11,7 +11,8 @@ from simulator_in_c import doubles, pointers, simulator
 class Truth:
     """A device in SI units; 0 is what it does not have. The controller adds -spring*y - damper*dy/dt to the force.
 
-    A spring to ground is `ground` at the handle, `rooted` at the motor.
+    A spring to ground is `ground` at the handle, `rooted` at the motor. With a `loop_damping` ratio the amplifier is a
+    current loop of the second order.
     """
 
     mass: float = 0.1
@@ -35,6 +36,7 @@ class Truth:
     spring: float = 0.0
     damper: float = 0.0
     rooted: float = 0.0
+    loop_damping: float = 0.0
 
 
 _Device = doubles(each.name for each in fields(Truth))

@@ -323,3 +323,16 @@ def test_what_buzzes_over_a_few_counts_after_a_push_into_the_wall_has_its_own_fr
     assert np.ptp(log.force_n[-500:]) > 3
     found = diagnose(log)
     assert found.cause == "encoder" or set(found.candidates) == {"damping", "encoder"}
+
+
+def test_a_loop_that_a_slow_filter_of_the_velocity_swings_is_offered_a_quicker_one():
+    loop = Buzzing(mass=0.12, damping=0.8, friction=0.1, encoder=5e-6, limit=20.0, stiffness=4000.0, damper=15.0)
+    loop = replace(loop, hand_mass=0.06, hand_damping=3.0, hand_stiffness=500.0, end=0.005)
+    slow = replace(loop, keep=float(np.exp(-2 * np.pi * 8.0 * loop.period)))
+    found = diagnose(columns(slow), device=declared_of(slow))
+    quicker = [cure for cure in found.cures if cure.key == "velocity_filter_hz"]
+    assert quicker
+    assert quicker[0].value > 30
+    mended = replace(loop, keep=float(np.exp(-2 * np.pi * quicker[0].value * loop.period)))
+    assert np.ptp(columns(slow).position_m[-300:]) > 1e-4
+    assert np.ptp(columns(mended).position_m[-300:]) < 2e-5

@@ -47,6 +47,27 @@ def test_a_fast_lag_beside_little_friction_is_told():
     assert found.terms == ("base", "coulomb", "amplifier")
 
 
+@pytest.mark.parametrize(
+    ("friction", "delay", "bandwidth", "ring"),
+    [(0.3, 1.0, 200.0, {}), (0.5, 0.5, 350.0, {}), (0.3, 1.0, 250.0, {"resonance": 120.0, "ratio": 0.04})],
+)
+def test_a_current_loop_of_the_second_order_is_no_lag_of_the_first(friction, delay, bandwidth, ring):
+    """Taken for one it put the delay up by a sample and the bandwidth up by half, with narrow intervals."""
+    truth, found = told(5, coulomb=friction, delay=delay, bandwidth=bandwidth, encoder=5e-6, loop_damping=0.7, **ring)
+    true = {"delay_samples": delay, "amplifier_bandwidth_hz": bandwidth, "mass_kg": truth.mass}
+    true |= {"resonance.frequency_hz": ring["resonance"], "resonance.damping_ratio": ring["ratio"]} if ring else {}
+    for key, value in true.items():
+        assert found.estimates[key].low <= value <= found.estimates[key].high, key
+    assert found.amplifier_order == 2
+    assert found.device.device.amplifier_order == 2
+    assert found.estimates["amplifier_bandwidth_hz"].value == pytest.approx(bandwidth, rel=0.03)
+
+
+def test_a_lag_of_the_first_order_stays_one():
+    _, found = told(3, coulomb=0.3, delay=1.0, bandwidth=300.0, encoder=10e-6)
+    assert (found.amplifier_order, found.device.device.amplifier_order) == (1, 1)
+
+
 def test_a_lag_that_hides_is_counted_as_delay_and_said_to_be():
     truth, found = told(5, delay=1.7, bandwidth=750.0, encoder=20e-6)
     assert "amplifier_bandwidth_hz" in {one.key for one in found.refused}

@@ -89,7 +89,7 @@ def test_what_is_watched_of_a_knob_is_read_as_that_of_a_knob(tmp_path, capsys):
         assert f"{columns[1]} along +{columns[0].partition('_')[0]};" in comment
         assert linear_words(log.read_text(encoding="utf-8")) == [] or motion == "linear"
         with pytest.raises(
-            avc.InputError, match=f"{what}: is 0 throughout; allowed: .* {unit}$"
+            avc.InputError, match=f"{what}: is 0 throughout; allowed: .* {unit}; without"
         ):  # no coupling, no wall
             read_logs([log], Layout())
     capsys.readouterr()

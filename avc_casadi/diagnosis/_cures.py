@@ -21,6 +21,7 @@ from avc_casadi.support import number
 # Of a limit, so much is left.
 _RESERVE = 0.8
 _FILTERS_HZ = (150.0, 60.0, 25.0)
+_QUICKER = (2.0, 4.0, 8.0, 16.0, 32.0)
 _FINER = (2.0, 4.0, 8.0)
 _SOFTER = (0.7, 0.5, 0.35)
 # Notches that are tried: frequency over that of the swing, gain there, band as a share of the frequency.
@@ -55,6 +56,8 @@ def cures_of(cause: str, answer: Answer, law: Law, log: Log, declared: Declared)
     if cause != "encoder":
         gains = ["damping", "stiffness"] if cause == "damping" else ["stiffness", "damping"]
         found += [cure for gain in gains for cure in _gain(gain, answer, law)]
+    if cause != "encoder":
+        found += _quicker(answer, law)
     if cause in {"stiffness", "damping"}:
         found += _delay(answer, law, log, declared)
     return tuple(cure for cure in found if cure.rests)
@@ -89,6 +92,26 @@ def _delay(answer: Answer, law: Law, log: Log, declared: Declared) -> list[Cure]
     most = meant if meant <= longest else _RESERVE * longest
     change = f"a delay of {number(most, 2)} samples in place of {number(own, 3)} (it rests below {number(longest, 3)})"
     return [_of(change, "delay_samples", most, answer.delayed(most), shorter(law, 0.0))]
+
+
+def _quicker(answer: Answer, law: Law) -> list[Cure]:
+    """Return the quicker filter of the velocity with which the loop decays fastest."""
+    period = answer.device.sample_time_s
+    now = law.filter_hz(period)
+    if now is None:
+        return []
+    tried = [
+        _of(
+            f"a velocity filter of {number(times * now, 3)} Hz in place of {number(now, 3)}",
+            "velocity_filter_hz",
+            times * now,
+            answer,
+            replace(law, keep=law.keep**times),
+        )
+        for times in _QUICKER
+        if times * now < _HIGHEST / period
+    ]
+    return sorted(tried, key=lambda cure: cure.growth_per_s)[:1]
 
 
 def _notch(answer: Answer, law: Law) -> list[Cure]:

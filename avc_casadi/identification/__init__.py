@@ -14,6 +14,7 @@ from avc_casadi.identification._read import read_logs as read_logs
 from avc_casadi.identification._record import Columns as Columns
 from avc_casadi.identification._record import Record as Record
 from avc_casadi.identification._terms import TERMS as TERMS
+from avc_casadi.identification._terms import words_of as words_of
 from avc_casadi.identification._told import identification_document as identification_document
 from avc_casadi.identification._told import identification_text as identification_text
 from avc_casadi.identification._units import Layout as Layout

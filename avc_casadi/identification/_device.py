@@ -80,8 +80,8 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         elif key in _CAUTIOUS:
             device[key], ranges[key], why = _CAUTIOUS[key]
             sources[key] = {"grade": "assumed", "source": why}
-    if base is not None and "amplifier_bandwidth_hz" in device:
-        device["amplifier_order"] = base.device.amplifier_order
+    if "amplifier_bandwidth_hz" in device:
+        device["amplifier_order"] = _order(found, base)
         _without_lag(found, device, ranges, sources, gaps)
     if "mass_kg" not in device or "damping_ns_per_m" not in device:
         return None
@@ -127,6 +127,13 @@ def _widened(found: Identification, device: dict[str, Any], ranges: dict[str, An
     low, high = ranges["damping_ns_per_m"]
     more = max(abs(one.low), abs(one.high))
     ranges["damping_ns_per_m"] = (max(low - more, 0.0), high + more)
+
+
+def _order(found: Identification, base: DeviceFile | None) -> int:
+    """Return the order of the amplifier whose bandwidth the file gives."""
+    if base is None or "amplifier_bandwidth_hz" in found.estimates:
+        return found.amplifier_order
+    return base.device.amplifier_order
 
 
 def _without_lag(

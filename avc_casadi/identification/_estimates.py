@@ -119,7 +119,7 @@ def _widened(
             without = term in inseparable and name in SIZE_OF.values()
             half = max(half, abs(coordinate)) if without else half
             continue
-        if term == "amplifier" and name == "delay_samples":
+        if term == "amplifier" and name == "delay_samples" and term not in fit.structure.terms:
             continue  # told with the lag in it
         place = places.index(name)
         moved = abs(float(rival.search[place]) - coordinate)

@@ -170,6 +170,7 @@ def _identified(
         sample_time_s=records[0].sample_time_s,
         terms=fit.structure.terms,
         encoder_at=fit.structure.encoder_at,
+        amplifier_order=fit.structure.amplifier_order if "amplifier" in fit.structure.terms else 1,
         assumed_share=share,
         estimates=estimates,
         refused=tuple(_from(base, one) for one in refused.values()),

@@ -88,6 +88,7 @@ def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: 
         sample_time_s=sample_time_s,
         delay_samples=delay if delay > 1e-3 else 0.0,
         amplifier_bandwidth_hz=None if math.isnan(bandwidth) else bandwidth,
+        amplifier_order=structure.amplifier_order,
         resonance=None
         if math.isnan(frequency)
         else Resonance(

@@ -88,6 +88,7 @@ class Identification:
         sample_time_s: T.
         terms: what the model is made of.
         encoder_at: where the position is measured.
+        amplifier_order: 1, a lag; 2, a current loop.
         assumed_share: of the mass at the handle, and the least and most, where a resonance is told and this is not.
         estimates: by key.
         refused: what the logs cannot tell.
@@ -117,6 +118,7 @@ class Identification:
     sample_time_s: float
     terms: tuple[str, ...]
     encoder_at: str
+    amplifier_order: int
     assumed_share: tuple[float, float, float] | None
     estimates: Mapping[str, Estimate]
     refused: tuple[Refusal, ...]

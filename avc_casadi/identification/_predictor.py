@@ -158,7 +158,11 @@ class Predictor:
 
     def _kind(self, structure: Structure) -> Kind:
         rings, lags = (structure.present(name) for name in ("resonance.frequency_hz", "amplifier_bandwidth_hz"))
-        return Kind(2 + 2 * rings + lags, self._parts if lags else 1, structure.present("breakaway_excess_n"))
+        return Kind(
+            2 + 2 * rings + lags * structure.amplifier_order,
+            self._parts if lags else 1,
+            structure.present("breakaway_excess_n"),
+        )
 
     def predict(
         self, structure: Structure, search: FloatArray, observer: Observer, *, slopes: bool = True

@@ -16,6 +16,7 @@ from avc_casadi.support import FloatArray, IndexArray, MotionKind, number
 _JITTER = 0.25
 # Places that are told of the same fault.
 _TOLD = 3
+_TWICE = "; of a row that is written twice, leave one out"
 _SHORTEST = 200
 # A piece shorter than this share of the longest would have every record judged from too early on.
 _SHORT = 0.1
@@ -188,7 +189,7 @@ def backwards_of(columns: Columns) -> list[Fault]:
             columns.at(int(after)),
             "time",
             f"is {number(columns.time_s[after])} s after {number(columns.time_s[before])} s; allowed: increasing "
-            "times, or one file for each record",
+            f"times{_TWICE if columns.time_s[after] == columns.time_s[before] else ', or one file for each record'}",
         )
         for before, after in zip(there[backwards[:_TOLD]], there[backwards[:_TOLD] + 1], strict=True)
     ]
@@ -265,8 +266,11 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
             what = "never changes" if key == "position" and size == 0 else "is 0 throughout" if size == 0 else ""
             message = what or f"{verb} {number(size)} {unit}"
             question = "" if size == 0 else "; is the unit right?"
-            if key == "position" and size == 0:
-                question = "; log a multisine with several times the force, more than dry friction holds"
+            if size == 0:
+                question = {
+                    "position": "; log a multisine with several times the force, more than dry friction holds",
+                    "force": "; without a force no mass is told: log a multisine, as avc excite plays one",
+                }[key]
             faults.append(Fault(columns.file, None, key, f"{message}; allowed: {low:g} to {high:g} {unit}{question}"))
     return faults
 

@@ -13,6 +13,8 @@ from avc_casadi.support import FloatArray, number
 
 # A structure rings longer than one that is damped by this.
 _PLAYS = 0.2
+# No link and no amplifier is as quick as this, in samples.
+_NO_DELAY = 5e-3
 
 
 def remarks(
@@ -90,9 +92,10 @@ def remarks(
             "cable, "
             "an unmodelled mode)"
         )
-    no_lag = fit.values["delay_samples"] < 1e-3 and "amplifier" not in fit.structure.terms
+    no_lag = fit.values["delay_samples"] < _NO_DELAY and "amplifier" not in fit.structure.terms
     if estimates.get("delay_samples") is not None and no_lag:
         notes.append(
-            "the delay came out at 0: does the log pair each force with the position that it was computed from?"
+            "the delay came out at 0: does the log pair each force with the position that it was computed from, and "
+            "hold every tick? Of every second or tenth one, delay and friction lean"
         )
     return notes

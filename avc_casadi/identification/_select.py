@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from avc_casadi.identification._amplifier import of_the_other_order
 from avc_casadi.identification._evidence import Trial, compared
 from avc_casadi.identification._fit import Fit, Window, best_observer, fit, judged, slowest_observer
 from avc_casadi.identification._frequency import Response, held_guess, likely_resonances
@@ -117,6 +118,12 @@ def select(
             _try(predictor, chosen, (term,), guess, response, window, sides)
     chosen.fit = settled(predictor, chosen.fit, window)
     _no_mimic(predictor, chosen, response, window, sides)
+    if "amplifier" in chosen.fit.structure.terms:
+        other = of_the_other_order(predictor, chosen.fit, window)
+        if compared(chosen.fit, other, "amplifier").taken:
+            chosen.fit = settled(predictor, other, window)
+        else:
+            chosen.rivals["amplifier"] = other
     _prune(predictor, chosen, window)
     return chosen
 
@@ -280,6 +287,8 @@ def _tried(
     likely = [found for found in near.values() if found.rms_m <= _NEAR_THE_BEST * least]
     best = min((closely(predictor, found, window) if term in _STRONG else found for found in likely), key=rms_m_of)
     best, trial = _told_apart(predictor, simple, best, term, window)
+    if term == "amplifier" and not trial.taken and trial.standard_errors > _HOPEFUL:
+        best, trial = _told_apart(predictor, simple, of_the_other_order(predictor, best, window), term, window)
     beyond = _beyond(best, term, response, predictor.sample_time_s)
     if trial.taken and beyond:
         # What rings beyond the excited band is there all the same: what it would change is not known better than that.

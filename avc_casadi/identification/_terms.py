@@ -130,6 +130,17 @@ LINEAR = tuple(one.name for term in TERMS.values() for one in term.parameters if
 PARAMETERS = {one.name: one for term in TERMS.values() for one in term.parameters}
 
 
+def words_of(terms: Sequence[str], amplifier_order: int) -> str:
+    """Return the terms of a model as a sentence calls them.
+
+    Args:
+        terms: names of TERMS.
+        amplifier_order: of the amplifier, if there is one.
+    """
+    order = " (a current loop of the second order)" if amplifier_order != 1 else ""
+    return ", ".join(TERMS[term].words + (order if term == "amplifier" else "") for term in terms)
+
+
 OFFSET, PLAY = "offset_n", "backlash_m"
 SIZE_OF = {
     "stribeck": "breakaway_excess_n",
@@ -157,6 +168,7 @@ class Structure:
         units: size of each linear parameter that matters, which scales the search.
         encoder_at: the side of the resonance on which the position is measured.
         assumed: values that the log does not tell and the model cannot do without.
+        amplifier_order: 1, a lag; 2, a current loop with a damping ratio of 0.7.
         logs: number of logs; each has a constant force of its own, as pose and amplifier have it on that day.
     """
 
@@ -165,6 +177,7 @@ class Structure:
     units: Mapping[str, float]
     encoder_at: Literal["motor", "handle"] = "motor"
     assumed: Mapping[str, float] = field(default_factory=dict)
+    amplifier_order: Literal[1, 2] = 1
     logs: int = 1
 
     @property

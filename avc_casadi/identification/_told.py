@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from avc_casadi.identification._model import Identification
-from avc_casadi.identification._terms import TERMS
+from avc_casadi.identification._terms import words_of
 from avc_casadi.support import number, plain, text_table
 
 SCHEMA = "avc-identify/1"
@@ -26,6 +26,7 @@ def identification_document(found: Identification) -> dict[str, Any]:
         "sample_time_s": found.sample_time_s,
         "terms": list(found.terms),
         "encoder_at": found.encoder_at,
+        "amplifier_order": found.amplifier_order,
         "estimates": {
             key: {
                 "value": one.value,
@@ -82,7 +83,7 @@ def identification_text(found: Identification) -> str:
         found: what the logs tell.
     """
     records = f"{found.records} record{'' if found.records == 1 else 's'}"
-    terms = ", ".join(TERMS[term].words for term in found.terms)
+    terms = words_of(found.terms, found.amplifier_order)
     lines = [
         f"{number(found.seconds, 3)} s in {records} at {number(1 / found.sample_time_s)} Hz; fitted: {terms}",
         "",

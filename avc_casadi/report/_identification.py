@@ -21,7 +21,7 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
         found: the identification.
         versions: versions by package.
     """
-    from avc_casadi.identification import TERMS, device_text  # noqa: PLC0415 - SciPy, which no other page needs
+    from avc_casadi.identification import TERMS, device_text, words_of  # noqa: PLC0415 - SciPy, which no other page needs
 
     estimates = Table(
         ("what", "value", "from", "to", "unit", "how"),
@@ -63,8 +63,7 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
     body = filled(
         "identification",
         model=escape(
-            f"Model: {', '.join(TERMS[term].words for term in found.terms)}. Intervals of 95 % from "
-            f"{found.spread_from}."
+            f"Model: {words_of(found.terms, found.amplifier_order)}. Intervals of 95 % from {found.spread_from}."
         ),
         estimates=table_html(estimates),
         notes=items_html(found.notes),

@@ -89,6 +89,7 @@ def drawn(index: int, seed: int, *, amplifier: bool = False) -> tuple[dict[str, 
     excited = {"rms": max(1.0, float(random.uniform(1.2, 3.0)) * device["coulomb"]), "noise": noise}
     if amplifier:
         device["bandwidth"] = log(80.0, 1000.0)
+        device["loop_damping"] = 0.7 * (index % 2)
     return device, excited
 
 
@@ -106,7 +107,7 @@ def one(index: int, seed: int, seconds: float, *, amplifier: bool = False, lost:
     true = {key: device.get(name, 0.0) for key, name in KEYS.items()}
     if amplifier and "amplifier_bandwidth_hz" not in found.estimates:
         # Its lag is then said to be part of the delay.
-        true["delay_samples"] += 1 / (2 * np.pi * device["bandwidth"] * truth.period)
+        true["delay_samples"] += max(1.0, 2 * truth.loop_damping) / (2 * np.pi * truth.bandwidth * truth.period)
     true["position_noise_rms_m"] = excited["noise"]
     if not device.get("resonance"):
         true = {key: value for key, value in true.items() if not key.startswith("resonance")}
@@ -159,7 +160,8 @@ def table_of(rows: list[dict[str, Any]], made: Mapping[str, Any], of: str = "") 
     """Return one study as text."""
     seconds = made["seconds"]
     devices = {
-        "With amplifiers": "As above, but each device has an amplifier of 80 to 1000 Hz and none a resonance. "
+        "With amplifiers": "As above, but each device has an amplifier of 80 to 1000 Hz, every other "
+        "one of the second order, and none a resonance. "
         "Where the amplifier is not told, the delay is said to hold its lag, and is compared with both. "
         "Numbers as above.",
         "Of longer logs": "As above, but of longer logs. Numbers as above.",
