@@ -93,3 +93,19 @@ def test_what_it_would_change_is_not_known_better_than_that(seed, bandwidth, res
     for key, value in {"mass_kg": 0.08, "delay_samples": 0.6 + lag, "damping_ns_per_m": 0.8}.items():
         assert found.estimates[key].low <= value <= found.estimates[key].high
     assert any("bears one out beyond what it excites" in one.why for one in found.refused)
+
+
+def test_what_rings_far_beyond_the_excited_band_leaves_no_interval_wide():
+    """Ticks that jitter by 20 us look like a mode at many times the sample rate, of which nothing at all is told."""
+    truth = Truth(mass=0.15, damping=1.0, coulomb=0.2, delay=0.7, encoder=0.0, spring=300.0, damper=2.0)
+    random = np.random.default_rng(1)
+    wanted = multisine(random, 12.0, truth.period, 0.5, 40.0, 3.0)
+    _, position, force = measured(truth, wanted, random)
+    late = 2e-5 * random.standard_normal(position.size) + 1e-5 * np.abs(position) / np.abs(position).max()
+    position = position + np.gradient(position, truth.period) * late
+    found = identify([Record("log", truth.period, 2e-5 * np.round(position / 2e-5), force)])
+    mass, friction = (found.estimates[key] for key in ("mass_kg", "coulomb_friction_n"))
+    assert mass.value == pytest.approx(0.15, rel=1e-4)
+    # It was 1e-5 to 1e5 kg.
+    assert mass.high - mass.low < 1e-3 * 0.15
+    assert friction.low <= 0.2 <= friction.high

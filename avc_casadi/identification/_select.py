@@ -38,6 +38,8 @@ _VANISHED = 1e-5
 # Bandwidth times sample time up to which an amplifier is told from a delay; less beside a resonance, where what dry
 # friction leaves out of a sample looks like a lag.
 _FASTEST_LAG, _BESIDE_RESONANCE = 1.5, 0.6
+# What rings further beyond the excited frequencies, as a multiple of the highest, moves nothing among them.
+_FURTHEST = 10.0
 HIDDEN = "is smaller than what encoder and noise hide"
 """Of play."""
 _UNSEEN = {"play": "is not told: the log hardly ever turns"}
@@ -292,7 +294,8 @@ def _tried(
     beyond = _beyond(best, term, response, predictor.sample_time_s)
     if trial.taken and beyond:
         # What rings beyond the excited band is there all the same: what it would change is not known better than that.
-        trial = replace(trial, taken=False, why=beyond, inseparable=term == "resonance")
+        seen = best.values["resonance.frequency_hz"] < _FURTHEST * (response.excited_hz or (0, 0))[1]
+        trial = replace(trial, taken=False, why=beyond, inseparable=term == "resonance" and seen)
     chosen.trials[term] = trial
     if trial.taken:
         return best
