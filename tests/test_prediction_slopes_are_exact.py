@@ -51,6 +51,7 @@ def test_compiled_and_evaluated_agree(predictor, terms, monkeypatch):
     monkeypatch.setattr(_run, "_WORTH_COMPILING", 0)
     (compiled,) = predictor.predict(structure, search, Observer(40.0))
     monkeypatch.setattr(_run, "compiler", lambda: None)
+    monkeypatch.setattr(_run, "_COMPILING", {})
     (evaluated,) = predictor.predict(structure, search, Observer(40.0))
     (alone,) = predictor.predict(structure, search, Observer(40.0), slopes=False)
     np.testing.assert_array_equal(compiled.error_m, evaluated.error_m)
@@ -59,10 +60,25 @@ def test_compiled_and_evaluated_agree(predictor, terms, monkeypatch):
     assert alone.slopes is None
 
 
+def test_a_compiler_that_does_not_know_the_machine_s_own_vectors_will_do(predictor, monkeypatch):
+    structure = Structure(MODELS["friction"], {}, {"backlash_m": 2e-5})
+    asked = (structure, structure.start(VALUES), Observer(40.0))
+    monkeypatch.setattr(_run, "_WORTH_COMPILING", 0)
+    (own,) = predictor.predict(*asked)
+    monkeypatch.setattr(_run, "_VECTORS", "-march=no-such-machine")
+    monkeypatch.setattr(_run, "_COMPILING", {})
+    _run._native.cache_clear()
+    (common,) = predictor.predict(*asked)
+    _run._native.cache_clear()
+    np.testing.assert_array_equal(own.error_m, common.error_m)
+    np.testing.assert_array_equal(own.slopes, common.slopes)
+
+
+@pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("side", ["motor", "handle"])
-def test_slopes_are_those_of_differences(predictor, side):
+def test_slopes_are_those_of_differences(predictor, side, order):
     """The observer's gain counts as constant in the slopes: it is all but off here."""
-    structure = Structure(MODELS["all"], {}, {"backlash_m": 2e-5}, side)
+    structure = Structure(MODELS["all"], {}, {"backlash_m": 2e-5}, side, amplifier_order=order)
     search, still = structure.start(VALUES), Observer(1e-3)
     (found,) = predictor.predict(structure, search, still)
     for index, one in enumerate(structure.free):

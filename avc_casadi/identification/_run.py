@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import subprocess
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -18,7 +19,9 @@ from avc_casadi.support import FloatArray
 # Samples after which a function that runs on is compiled.
 _WORTH_COMPILING = 20_000
 # Of statements without a branch more than -O1 takes half as long again to compile, and they run no faster.
-_FLAGS = ("-O1", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
+_FLAGS = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
+# The machine's own vectors, which not every compiler knows by this name.
+_VECTORS = "-march=native"
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ def prepare(kinds: Sequence[Kind]) -> None:
     """
     for kind in kinds:
         if kind not in _COMPILING and compiler() is not None:
-            _COMPILING[kind] = _COMPILERS.submit(library, _source(kind), _FLAGS)
+            _COMPILING[kind] = _COMPILERS.submit(_library, _source(kind))
 
 
 def run(state: FloatArray, inputs: FloatArray, numbers: FloatArray, directions: FloatArray, kind: Kind) -> FloatArray:
@@ -137,6 +140,13 @@ def _source(kind: Kind) -> str:
         numbers=one.plain.numel_in(2),
     )
     return c_of([one.plain, one.seen], loop)
+
+
+def _library(source: str) -> ctypes.CDLL:
+    try:
+        return library(source, (*_FLAGS, _VECTORS))
+    except subprocess.CalledProcessError:
+        return library(source, _FLAGS)
 
 
 @lru_cache(maxsize=16)
