@@ -40,15 +40,14 @@ def page(driver, server):
     settled(driver)
     yield driver
     assert console_errors(driver) == []
-    own = f"http://127.0.0.1:{server.port}/"
-    assert [url for url in requested(driver) if not url.startswith((own, "data:", "blob:", "about:"))] == []
+    own = (f"http://127.0.0.1:{server.port}/", "data:", "blob:", "about:")
+    assert [url for url in requested(driver) if not url.startswith(own)] == []
 
 
 def until(question, seconds=600.0):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        found = question()
-        if found:
+        if found := question():
             return found
         time.sleep(0.03)
     raise AssertionError("it did not happen in time")
@@ -255,10 +254,8 @@ def test_an_address_that_holds_no_settings_says_so(page):
 
 
 def test_an_address_is_read_though_the_page_was_about_to_write_its_own(page):
-    page.execute_script(
-        "location.hash = arguments[0]; history.replaceState(null, '', '#%7B%7D')",
-        '{"a": {"values": {"environment.stiffness_n_per_m": 7000}}}',
-    )
+    wanted = '{"a": {"values": {"environment.stiffness_n_per_m": 7000}}}'
+    page.execute_script("location.hash = arguments[0]; history.replaceState(null, '', '#%7B%7D')", wanted)
     until(lambda: by_id(page, WALL).get_attribute("value") == "7000", 60)
     settled(page)
 

@@ -56,7 +56,6 @@ def cures_of(cause: str, answer: Answer, law: Law, log: Log, declared: Declared)
     if cause != "encoder":
         gains = ["damping", "stiffness"] if cause == "damping" else ["stiffness", "damping"]
         found += [cure for gain in gains for cure in _gain(gain, answer, law)]
-    if cause != "encoder":
         found += _quicker(answer, law)
     if cause in {"stiffness", "damping"}:
         found += _delay(answer, law, log, declared)
