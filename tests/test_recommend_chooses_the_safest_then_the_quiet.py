@@ -203,5 +203,5 @@ def test_a_law_is_made_for_the_coarsest_encoder_of_the_declared_range():
     device, wide = avc.load_problem("reference-r1").device, {"encoder_resolution_m": [1e-5, 6e-5]}
     hands = avc.load_problem("reference-r1").hands
     ranged = avc.load_problem("reference-r1").changed(device={"range": wide}).device
-    zones = [Space(one, hands).law(Space(one, hands).start, 3000.0).dead_zone_m for one in (device, ranged)]
+    zones = [Space(one, hands).law(Space(one, hands).starts[0], 3000.0).dead_zone_m for one in (device, ranged)]
     assert zones[1] / zones[0] == pytest.approx(6e-5 / device.encoder_resolution_m)

@@ -13,7 +13,7 @@ SLOWEST = 3
 
 def slowest_of_the_filter_per_s(problem):
     """Decay of the observer's error, from A (I - L C) of the law, written down anew."""
-    law = Space(problem.device, problem.hands).law(Space(problem.device, problem.hands).start, STIFFNESS)
+    law = Space(problem.device, problem.hands).law(Space(problem.device, problem.hands).starts[0], STIFFNESS)
     a, innovation = np.array(law.state), np.array(law.innovation)
     seen = np.zeros(len(a))
     seen[law.measures] = 1.0
@@ -33,7 +33,7 @@ def test_a_shorter_sample_leaves_the_filter_as_it_is(name):
 def test_a_longer_sample_does_not_ask_for_more_in_a_sample():
     whole = avc.load_problem("reference-r1")
     long = whole.changed(device={"sample_time_s": 2e-3}, frequency={"stop_hz": 200.0})
-    starts = [{knob.name: knob.start for knob in Space(one.device, one.hands).knobs} for one in (whole, long)]
+    starts = [{knob.name: knob.starts for knob in Space(one.device, one.hands).knobs} for one in (whole, long)]
     assert starts[0] == starts[1]
 
 
@@ -46,10 +46,10 @@ def test_a_law_moves_to_a_device_much_like_it(change):
     assert found is not None
     assert found.stiffness_n_per_m == STIFFNESS
     old, new = Space(before.device, before.hands), Space(changed.device, changed.hands)
-    away = dict(zip([knob.name for knob in old.knobs], rung.found.logarithms - old.start, strict=True))
+    away = dict(zip([knob.name for knob in old.knobs], rung.found.logarithms - old.starts[0], strict=True))
     low, high = new.bounds
     inside = (found.found.logarithms > low) & (found.found.logarithms < high)
-    there = found.found.logarithms - new.start
+    there = found.found.logarithms - new.starts[0]
     assert inside.sum() > 4
     for place in np.flatnonzero(inside):
         assert there[place] == pytest.approx(away[new.knobs[place].name], abs=1e-12)

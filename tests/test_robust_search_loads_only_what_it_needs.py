@@ -7,7 +7,8 @@ SEARCHED = """
 import sys
 import numpy as np
 from avc_casadi.design.robust._search import evolve
-seen = evolve(lambda points: (points**2).sum(axis=1), np.ones(2), (-2 * np.ones(2), 2 * np.ones(2)), 0.3, 200)
+goal, bounds = lambda points: (points**2).sum(axis=1), (-2 * np.ones(2), 2 * np.ones(2))
+seen = evolve(goal, np.ones(2), bounds, 0.3, 200)
 assert min(value for value, _ in seen) < 1e-2
 print(*(name for name in ("matplotlib", "scipy.stats") if name in sys.modules))
 import scipy.stats

@@ -146,7 +146,7 @@ def test_a_law_for_another_wall_is_refused_by_the_claim_that_fails():
     for stiffness in (2e3, 5e3, 12e3):
         stated = problem.changed(environment={"stiffness_n_per_m": stiffness})
         made = Coupling.constant(
-            stated, Gains(0.0, 1e8), "x", Runtime(state_feedback=space.law(space.start, stiffness))
+            stated, Gains(0.0, 1e8), "x", Runtime(state_feedback=space.law(space.starts[0], stiffness))
         )
         verdicts[stiffness] = avc.deployable(made)
     assert [claim.passed for claim in verdicts[2e3].claims] == [True, True, True]
@@ -187,7 +187,7 @@ def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
     name, wall = (("reference-r1", 4000.0), ("reference-r2", 2500.0), ("reference-r3", 1400.0))[seed % 3]
     problem = avc.load_problem(name).changed(environment={"stiffness_n_per_m": wall})
     space = Space(problem.device, problem.hands)
-    made = feedback(problem, np.clip(space.start + 0.3 * rng.standard_normal(len(space.start)), *space.bounds))
+    made = feedback(problem, np.clip(space.starts[0] + 0.3 * rng.standard_normal(len(space.starts[0])), *space.bounds))
     low, high = hand_ranges(problem.hands).T
     drawn = Hand(*(low + (high - low) * rng.random((500, 3))).T)
     found, slack = feedback_radius(made), 1e-6
@@ -199,7 +199,7 @@ def test_the_rows_of_a_robust_design_tell_what_runs():
     """Impedance of observer, feedback, spring and wall by solving the loop for a velocity, one frequency at a time."""
     problem = avc.load_problem("reference-r2").changed(environment={"stiffness_n_per_m": 2500.0})
     space, device, t = Space(problem.device, problem.hands), problem.device, problem.device.sample_time_s
-    law = space.law(space.start, 2500.0)
+    law = space.law(space.starts[0], 2500.0)
     made = Coupling.constant(problem, Gains(0.0, 1e8), "robust", Runtime(state_feedback=law))
     for hz in (0.5, 3.0, 40.0):
         z = np.exp(2j * np.pi * hz * t)
@@ -229,7 +229,7 @@ def test_the_rows_of_a_robust_design_tell_what_runs():
 def test_the_whole_innovation_is_one_of_its_shares(monkeypatch):
     """A search over all shares that ends below what the whole innovation was found to do is not what is told."""
     problem = avc.load_problem("reference-r2").changed(environment={"stiffness_n_per_m": 2500.0})
-    made = feedback(problem, Space(problem.device, problem.hands).start)
+    made = feedback(problem, Space(problem.device, problem.hands).starts[0])
     wild, tame = (_feedback_radius.Worst(radius, 1.0, problem.device, {}) for radius in (1.1, 0.9))
     monkeypatch.setattr(_feedback_radius._Loop, "worst", lambda *given: tame if len(given[-1]) > 1 else wild)
     found = feedback_radius(made)

@@ -155,7 +155,7 @@ def test_a_robust_law_costs_what_it_costs_at_the_handle():
         space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
         stiffness = problem.environment.stiffness_n_per_m
         rendering = Rendering(np.array([[stiffness, 0.0, 0.0]]), np.array([[0.0, 0.0, 0.0]]))
-        (cost,) = costs_of(space.laws(space.start[None], stiffness), rendering, loops)
+        (cost,) = costs_of(space.laws(space.starts[0][None], stiffness), rendering, loops)
         found.append(cost)
     one, other = found
     assert one.total == pytest.approx(other.total, rel=1e-6)

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 # The way from the stiffest that is held to the next stiffer wall is halved until it is so short, or so often.
 _CLOSE, MOST_HALVED = 1.05, 3
-# Robust walls in a row that are too stiff, beyond which none is looked at: one of them may owe it to its law.
-_TOO_STIFF = 2
 # Searches, as they are told.
 _PLAIN, _BETWEEN = "springs and dampers", "halfway to the next stiffer wall"
 _OBSERVED = "springs and dampers behind an observer"
@@ -117,16 +115,12 @@ def _plainly(jury: Jury, plain: list[Alternatives], stiffness_n_per_m: float) ->
 
 
 def _climb(jury: Jury, robust: RobustCandidates, ladder_n_per_m: list[float], wall_n_per_m: float) -> None:
-    """Try robust walls from the softest on, until a few in a row are too stiff."""
-    too_stiff = 0
+    """Try robust walls from the softest on, until one is too stiff."""
     for place, felt in enumerate(ladder_n_per_m):
         search = f"walls behind an observer, {felt:.4g} N/m"
         found = jury.finds(robust.at(felt), felt, search) and _held(jury, robust, felt, search)
-        if found and felt == wall_n_per_m:
-            return
-        # The wanted wall comes first, out of turn.
-        too_stiff = 0 if found else too_stiff + (place > 0 or felt != wall_n_per_m)
-        if too_stiff == _TOO_STIFF:
+        out_of_turn = place == 0 and felt == wall_n_per_m
+        if (found and felt == wall_n_per_m) or not (found or out_of_turn):
             return
 
 
@@ -136,17 +130,18 @@ def _held(jury: Jury, robust: RobustCandidates, felt: float, search: str) -> boo
 
 
 def _closer(problem: Problem, jury: Jury, limit: DampingRange, robust: RobustCandidates, halvings: int) -> None:
-    """Halve the way to the next stiffer wall, a few times; where that leads up to it, try it once more and go on.
+    """Halve the way to the next stiffer wall, a few times; where that leads up to it, try it once more.
+
+    Where it is held then, the law for it was what was missing, and the way to the next one is halved as often.
 
     So that what is felt hardly depends on where the walls stand that were looked at, and thus on the one wanted.
     """
     corners = hand_corners(problem.hands)
     low = jury.reached_n_per_m()
     high = None if low < 0 else stiffer_rung_n_per_m(problem, limit, robust, low)
-    nearer = False
-    for _ in range(halvings):
-        if high is None or (high < _CLOSE * low and not nearer):
-            return
+    nearer, left = False, halvings
+    while left > 0 and high is not None and (nearer or high >= _CLOSE * low):
+        left -= 1
         again = nearer and high < _CLOSE**3 * low
         felt = high if again else math.sqrt(low * high)
         jury.ask(softened_to(problem, corners, felt), _BETWEEN)
@@ -159,3 +154,4 @@ def _closer(problem: Problem, jury: Jury, limit: DampingRange, robust: RobustCan
         low = felt if held else low
         if held == again:
             high = stiffer_rung_n_per_m(problem, limit, robust, low) if held else felt
+            left = halvings if held else left

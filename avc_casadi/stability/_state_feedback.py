@@ -28,6 +28,7 @@ class Laws:
         innovation: L, shape (laws, n).
         feedback: R, shape (laws, n).
         measures: the state that stands for the measured position.
+        positions: the states that are positions.
     """
 
     state: FloatArray
@@ -35,6 +36,7 @@ class Laws:
     innovation: FloatArray
     feedback: FloatArray
     measures: int
+    positions: tuple[int, ...]
 
     @classmethod
     def of(cls, law: StateFeedback) -> Laws:
@@ -42,16 +44,17 @@ class Laws:
         state, asked, gain, weight = (
             np.array(part)[None] for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
         )
-        return cls(state, asked, gain, weight, law.measures)
+        return cls(state, asked, gain, weight, law.measures, law.positions)
 
     def __len__(self) -> int:
         return len(self.state)
 
     def pick(self, rows: IndexArray) -> Laws:
         """Take some of them."""
-        return Laws(
-            self.state[rows], self.force_m_per_n[rows], self.innovation[rows], self.feedback[rows], self.measures
+        state, asked, gain, weight = (
+            part[rows] for part in (self.state, self.force_m_per_n, self.innovation, self.feedback)
         )
+        return Laws(state, asked, gain, weight, self.measures, self.positions)
 
 
 def state_feedback_loop(

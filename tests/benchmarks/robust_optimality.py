@@ -21,7 +21,7 @@ from studied import about, computed, cpu_seconds, made_by, rounded, table
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains, Runtime, spring_before
-from avc_casadi.design.robust import FROM_AFAR, Loops, Space, cost_of, search
+from avc_casadi.design.robust import MOST_LAWS, Loops, Space, cost_of, search
 from avc_casadi.stability import frozen_rendering, stiffness_at_rest
 from avc_casadi.trial import people_of, try_coupling
 
@@ -71,14 +71,12 @@ def measured(catalogue: str | None, wall_n_per_m: float, searches: int, force: i
 
     started = cpu_seconds()
     own = search(space, loops, rendering)
-    found = {"the design's search": told(own.logarithms, started, FROM_AFAR[1] * len(space.knobs))}
+    found = {"the design's search": told(own.logarithms, started, MOST_LAWS * len(space.starts) * len(space.knobs))}
     started = cpu_seconds()
-    longer = 10 * FROM_AFAR[1] * len(space.knobs)
+    longer = 10 * MOST_LAWS * len(space.starts) * len(space.knobs)
     others = [evolved(cost, space, seed, longer) for seed in range(1, searches + 1)]
     best = min(others, key=cost)
-    found[f"{searches} longer searches, the best"] = told(
-        best, started, 10 * FROM_AFAR[1] * len(space.knobs) * searches
-    )
+    found[f"{searches} longer searches, the best"] = told(best, started, longer * searches)
     started = cpu_seconds()
     point, looked = forced(cost, space, force)
     found["brute force, polished"] = told(point, started, looked)
@@ -92,7 +90,7 @@ def evolved(cost: Any, space: Space, seed: int, laws: int) -> np.ndarray:
         import cma  # noqa: PLC0415
     low, high = space.bounds
     draw = np.random.default_rng(seed)
-    start = np.clip(space.start + draw.normal(0, 0.7, len(low)), low, high)
+    start = np.clip(space.starts[0] + draw.normal(0, 0.7, len(low)), low, high)
     options = {
         "bounds": [low.tolist(), high.tolist()],
         "maxfevals": laws,

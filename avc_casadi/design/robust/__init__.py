@@ -15,7 +15,7 @@ from avc_casadi.design.robust._loops import other_devices as other_devices
 from avc_casadi.design.robust._moved import moved as moved
 from avc_casadi.design.robust._refine import Unrest as Unrest
 from avc_casadi.design.robust._refine import refined as refined
-from avc_casadi.design.robust._search import FROM_AFAR as FROM_AFAR
+from avc_casadi.design.robust._search import MOST_LAWS as MOST_LAWS
 from avc_casadi.design.robust._search import Found as Found
 from avc_casadi.design.robust._search import search as search
 from avc_casadi.design.robust._solve import solve_robust as solve_robust

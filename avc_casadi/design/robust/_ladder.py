@@ -103,9 +103,10 @@ def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung] 
         known: walls and their laws.
     """
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
-    near = sorted(known, key=lambda rung: abs(math.log(rung.stiffness_n_per_m / stiffness_n_per_m)))[:_NEIGHBOURS]
-    others = [rung for rung in near if rung.stiffness_n_per_m != stiffness_n_per_m]
-    laws = {one.logarithms.tobytes(): one for rung in others for one in (rung.found, *rung.found.others)}
+    # What was found for the wall itself before was not enough: the same search would find the same.
+    others = [rung for rung in known if rung.stiffness_n_per_m != stiffness_n_per_m]
+    near = sorted(others, key=lambda rung: abs(math.log(rung.stiffness_n_per_m / stiffness_n_per_m)))[:_NEIGHBOURS]
+    laws = {one.logarithms.tobytes(): one for rung in near for one in (rung.found, *rung.found.others)}
     same = _as_they_are(problem, space, loops, stiffness_n_per_m, list(laws.values()))
     if same:
         yield replace(same[0], found=same[0].found.beside(one.found for one in same[1:]))

@@ -44,13 +44,13 @@ class Knob:
 
     Attributes:
         name: what it is; of the regulator or the filter.
-        start: where the search begins.
+        starts: where searches begin: with a soft regulator, and with a stiff one behind a slow filter.
         low: lower bound.
         high: upper bound.
     """
 
     name: str
-    start: float
+    starts: tuple[float, float]
     low: float
     high: float
 
@@ -76,30 +76,33 @@ class Space:
         hands, faster = self.hands, min(1.0, self.device.sample_time_s / _USUAL_SAMPLE_TIME_S)
         light, middle = self._light_kg, [sum(getattr(hands, name)) / 2 for name in _HAND]
         found = [
-            Knob("position weight", 2.2, 0.1, 20.0),
-            Knob("velocity weight", 0.4, 0.008, 13.0),
-            _noise("walk of the push", 0.009, 1e-4, 3.5, faster**3),
-            _noise("force on the motor", 0.6, 1e-3, 60.0, faster**2),
+            Knob("position weight", (2.2, 20.0), 0.1, 100.0),
+            Knob("velocity weight", (0.4, 2.0), 0.008, 13.0),
+            _noise("walk of the push", (0.009, 0.0022), 1e-4, 3.5, faster**3),
+            _noise("force on the motor", (0.6, 0.12), 1e-3, 60.0, faster**2),
         ]
         if self.device.resonance is not None:
             found += [
-                _noise("force on the handle", 0.23, 1e-3, 60.0, faster**2),
-                Knob("believed damping of the resonance", 0.16, 0.01, 0.7),
-                Knob("believed frequency of the resonance", 0.87, 0.75, 1.3),
+                _noise("force on the handle", (0.23, 0.11), 1e-3, 60.0, faster**2),
+                Knob("believed damping of the resonance", (0.16, 0.16), 0.01, 0.7),
+                Knob("believed frequency of the resonance", (0.87, 0.87), 0.75, 1.3),
             ]
         turned = self.device.metres_per_unit**2
         mass, damping, stiffness = (max(value, least * turned) for value, least in zip(middle, _LEAST, strict=True))
         return (
             *found,
-            Knob("believed mass", 0.43 * mass, min(0.4 * light, 0.1 * mass), 3.0 * mass),
-            Knob("believed damping", 1.4 * damping, 0.17 * damping, 3.5 * damping),
-            Knob("believed stiffness", 3.8 * stiffness, 0.1 * stiffness, 6.0 * stiffness),
+            Knob("believed mass", (0.43 * mass, 0.13 * mass), min(0.4 * light, 0.1 * mass), 3.0 * mass),
+            Knob("believed damping", (1.4 * damping, 1.4 * damping), 0.17 * damping, 3.5 * damping),
+            Knob("believed stiffness", (3.8 * stiffness, 4.9 * stiffness), 0.1 * stiffness, 6.0 * stiffness),
         )
 
     @property
-    def start(self) -> FloatArray:
-        """Logarithms of the start."""
-        return np.log([knob.start for knob in self.knobs])
+    def starts(self) -> tuple[FloatArray, ...]:
+        """Logarithms of the starts.
+
+        Soft and stiff regulators lie in valleys of their own: which leads further depends on the device.
+        """
+        return tuple(np.log([knob.starts for knob in self.knobs]).T)
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -122,10 +125,23 @@ class Space:
         """
         value = dict(zip([knob.name for knob in self.knobs], np.exp(logarithms).tolist(), strict=True))
         model, weights, sizes = self._believed(value, stiffness_n_per_m)
-        found = model.laws(*weights, *sizes, solve=_precisely)
+        return self.one_of(model.laws(*weights, *sizes, solve=_precisely), 0)
+
+    def one_of(self, laws: Laws, row: int) -> StateFeedback:
+        """Return one of some laws as it runs."""
         known = self.device.range.encoder_resolution_m
         coarsest = self.device.encoder_resolution_m if known is None else known[1]
-        return model.law(found, coarsest * DEAD_ZONE_STEPS)
+        dead_zone_m = coarsest * DEAD_ZONE_STEPS
+        return StateFeedback(
+            state=tuple(map(tuple, laws.state[row].tolist())),
+            force_m_per_n=tuple(laws.force_m_per_n[row].tolist()),
+            innovation=tuple(laws.innovation[row].tolist()),
+            feedback=tuple(laws.feedback[row].tolist()),
+            positions=laws.positions,
+            measures=laws.measures,
+            dead_zone_m=dead_zone_m,
+            face_m=dead_zone_m,
+        )
 
     def laws(self, points: FloatArray, stiffness_n_per_m: float) -> Laws:
         """Return the laws of many points, quickly, to about ten digits.
@@ -160,9 +176,9 @@ class Space:
         return model, (value["position weight"], speed), tuple(unit * value.get(name, 0.0) for name in sizes)
 
 
-def _noise(name: str, start: float, low: float, high: float, scale: float) -> Knob:
+def _noise(name: str, starts: tuple[float, float], low: float, high: float, scale: float) -> Knob:
     """Return a knob that leaves the filter as fast at other sample times."""
-    return Knob(name, scale * start, scale * low, scale * high)
+    return Knob(name, (scale * starts[0], scale * starts[1]), scale * low, scale * high)
 
 
 _HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
@@ -234,7 +250,9 @@ class _Model:
         """
         feedback = self._feedback(position, velocity, solve)
         innovation = self._innovation(walk, (motor, handle), solve)
-        return Laws(self.state, self.asked / self.stiffness_n_per_m, innovation, feedback, self.measured)
+        positions = tuple(place for place, name in enumerate(self.names) if name.endswith("_position_m"))
+        force = self.asked / self.stiffness_n_per_m
+        return Laws(self.state, force, innovation, feedback, self.measured, positions)
 
     def _feedback(self, position: Any, velocity: Any, solve: Solver) -> FloatArray:
         """Return R: the regulator towards the place of rest that belongs to the push."""
@@ -264,19 +282,6 @@ class _Model:
         seen[:, self.measured] = 1.0
         spread = solve(np.swapaxes(self.state, -1, -2), seen, noise)[..., self.measured]
         return np.asarray(spread / (1 + spread[:, self.measured, None]))
-
-    def law(self, laws: Laws, dead_zone_m: float) -> StateFeedback:
-        """Return the first of the laws."""
-        return StateFeedback(
-            state=tuple(tuple(row) for row in laws.state[0].tolist()),
-            force_m_per_n=tuple(laws.force_m_per_n[0].tolist()),
-            innovation=tuple(laws.innovation[0].tolist()),
-            feedback=tuple(laws.feedback[0].tolist()),
-            positions=tuple(place for place, name in enumerate(self.names) if name.endswith("_position_m")),
-            measures=self.measured,
-            dead_zone_m=dead_zone_m,
-            face_m=dead_zone_m,
-        )
 
 
 def _precisely(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:

@@ -29,8 +29,8 @@ def moved(rung: Rung, before: Problem, problem: Problem) -> Rung | None:
     """
     space, usual = Space(problem.device, problem.hands), Space(before.device, before.hands)
     names = [knob.name for knob in usual.knobs]
-    away = dict(zip(names, rung.found.logarithms - usual.start, strict=True))
-    logarithms = np.clip(space.start + [away.get(knob.name, 0.0) for knob in space.knobs], *space.bounds)
+    away = dict(zip(names, rung.found.logarithms - usual.starts[0], strict=True))
+    logarithms = np.clip(space.starts[0] + [away.get(knob.name, 0.0) for knob in space.knobs], *space.bounds)
     gains, rendering = softened(problem, rung.stiffness_n_per_m)
     with suppress(np.linalg.LinAlgError):
         found = found_at(space, Loops.of(problem.device, problem.hands), rendering, logarithms)

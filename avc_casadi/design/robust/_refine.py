@@ -63,22 +63,23 @@ def refined(problem: Problem, rung: Rung, unrest: Unrest) -> Rung | None:
     simulated: list[tuple[int, float, FloatArray]] = []
 
     def weigh(points: FloatArray) -> FloatArray:
-        costs = costs_of(space.laws(points, stiffness), rendering, hardest)
+        laws = space.laws(points, stiffness)
+        costs = costs_of(laws, rendering, hardest)
         total = np.array([cost.total for cost in costs])
         growth = np.nan_to_num([cost.growth_per_s for cost in costs], posinf=0.0)
         value: FloatArray = _NEVER + np.minimum(total + _PER_GROWTH * growth, _NEVER)
         damped = np.flatnonzero([cost.holds for cost in costs])
         if len(damped) == 0:
             return value
-        ends = unrest([space.law(points[row], stiffness) for row in damped])
+        ends = unrest([space.one_of(laws, row) for row in damped.tolist()])
         paid = np.log(np.clip(np.nan_to_num(ends, nan=_FASTEST) / _AIM, 1.0, _FASTEST)).sum(axis=1)
         value[damped] = _PER_UNREST * paid + _PER_COST * total[damped]
         moving = (~(ends < 1)).sum(axis=1)
         simulated.extend(zip(moving.tolist(), value[damped].tolist(), points[damped], strict=True))
         return value
 
-    enough = partial(_settled, simulated, speeds.shape[1])
-    evolve(weigh, first.logarithms, space.bounds, _SPREAD, _EVALUATIONS, enough=enough)
+    settled = partial(_settled, simulated, speeds.shape[1])
+    evolve(weigh, first.logarithms, space.bounds, _SPREAD, _EVALUATIONS, enough=lambda _: settled())
     simulated.sort(key=lambda one: one[:2])
     better = (point for moving, _, point in simulated if moving < max(1, before))
     whole = (found_at(space, loops, rendering, point) for point in better)

@@ -25,13 +25,17 @@ if TYPE_CHECKING:
     from avc_casadi.runtime import StateFeedback
     from avc_casadi.stability import Rendering
 
+# Values and points.
+Seen = list[tuple[float, FloatArray]]
+
 _FAILED = 1e4
 _POPULATION = 10
-FROM_AFAR, FROM_NEAR, QUICKLY = (0.35, 100), (0.3, 60), (0.2, 30)
-"""Spread of the first generation and laws for each knob: from the usual start, from the law of a near wall, and from
-there where many walls are asked for."""
-
-
+_SPREAD = 0.3
+MOST_LAWS = 60
+"""Laws for each knob and start, at most."""
+# It ends where so many generations have made the cheapest by no more than this share cheaper, once that is no law whose
+# loops grow at once.
+_GENERATIONS, _SHARE, _GROWS = 8, 0.01, 1000.0
 # Cost of a loop that grows, for each 1/s, where without it the cheapest law has one.
 _PER_GROWTH = 10.0
 # Other laws that are kept: those whose cost is no more than so many times the least and that differ by so much in some
@@ -66,7 +70,6 @@ def search(
     loops: Loops,
     rendering: Rendering,
     start: FloatArray | None = None,
-    effort: tuple[float, int] | None = None,
 ) -> Found:
     """Find the cheapest law for a rendering.
 
@@ -77,16 +80,22 @@ def search(
         space: what is searched.
         loops: what the law must hold.
         rendering: coupling and wall behind it.
-        start: logarithms of a near law; None is the usual start.
-        effort: spread of the first generation and laws for each knob; None is what suits the start.
+        start: logarithms of a near law; None begins at each of the usual starts.
 
     Raises:
         numpy.linalg.LinAlgError: the start has no law.
     """
-    spread, for_each_knob = effort or (FROM_AFAR if start is None else FROM_NEAR)
-    begin = space.start if start is None else start
+    if start is not None:
+        return _searched(space, loops, rendering, start, from_afar=False)
+    each = [_searched(space, loops, rendering, begin, from_afar=True) for begin in space.starts]
+    laws = (law for one in each for law in (one, *one.others))
+    first, *others = sorted(laws, key=lambda law: (not law.cost.holds, law.cost.total))
+    return first.beside(one for one in others if one.cost.holds)
+
+
+def _searched(space: Space, loops: Loops, rendering: Rendering, begin: FloatArray, *, from_afar: bool) -> Found:
+    """Search from one start on."""
     stiffness = stiffness_at_rest(rendering)
-    evaluations = for_each_knob * len(space.knobs)
 
     def weigh(points: FloatArray, hardest: Loops, per_growth: float) -> FloatArray:
         laws = space.laws(points, stiffness)
@@ -97,7 +106,9 @@ def search(
     def best_from(point: FloatArray, per_growth: float) -> Found:
         hardest = loops.hardest(space.law(point, stiffness), rendering)
         goal = partial(weigh, hardest=hardest, per_growth=per_growth)
-        seen = evolve(goal, point, space.bounds, spread, evaluations)
+        # A loop that grows is taken in hand slowly.
+        ends = {} if per_growth else {"enough": _hardly_cheaper}
+        seen = evolve(goal, point, space.bounds, _SPREAD, MOST_LAWS * len(space.knobs), **ends)
         first, *others = (found_at(space, loops, rendering, one) for one in _apart(seen))
         return first.beside(one for one in others if one.cost.holds)
 
@@ -105,7 +116,7 @@ def search(
     if found.cost.holds or not math.isfinite(found.cost.growth_per_s):
         return found
     # What some loops lose by growing others may gain: then none may grow. From afar that is a way of its own.
-    return best_from(begin if start is None else found.logarithms, _PER_GROWTH)
+    return best_from(begin if from_afar else found.logarithms, _PER_GROWTH)
 
 
 def found_at(space: Space, loops: Loops, rendering: Rendering, logarithms: FloatArray) -> Found:
@@ -118,7 +129,7 @@ def found_at(space: Space, loops: Loops, rendering: Rendering, logarithms: Float
     return Found(law, logarithms, cost_of(law, rendering, loops))
 
 
-def _apart(seen: list[tuple[float, FloatArray]]) -> list[FloatArray]:
+def _apart(seen: Seen) -> list[FloatArray]:
     """Take the cheapest point, and others that cost hardly more and are not next to one that was taken."""
     ranked = sorted(seen, key=itemgetter(0))
     taken: list[FloatArray] = []
@@ -128,6 +139,13 @@ def _apart(seen: list[tuple[float, FloatArray]]) -> list[FloatArray]:
         if all(float(np.abs(point - other).max()) > _APART for other in taken):
             taken.append(point)
     return taken
+
+
+def _hardly_cheaper(seen: Seen) -> bool:
+    """Whether the last generations have made the cheapest hardly cheaper."""
+    values = [value for value, _ in seen]
+    before = values[: max(1, len(values) - _GENERATIONS * _POPULATION)]
+    return len(before) > 1 and min(values) > (1 - _SHARE) * min(before) and min(values) < _GROWS
 
 
 class _Without(MetaPathFinder):
@@ -161,8 +179,8 @@ def evolve(
     bounds: tuple[FloatArray, FloatArray],
     spread: float,
     evaluations: int,
-    enough: Callable[[], bool] = lambda: False,
-) -> list[tuple[float, FloatArray]]:
+    enough: Callable[[Seen], bool] = lambda _: False,
+) -> Seen:
     """Minimise by covariance matrix adaptation (Hansen 2016); return what was seen.
 
     Args:
@@ -171,7 +189,7 @@ def evolve(
         bounds: lower and upper.
         spread: of the first points.
         evaluations: at most.
-        enough: asked after every generation.
+        enough: asked after every generation, with what was seen so far.
     """
     cma = _cma()
     # Its own generator would seed numpy's, which belongs to the caller.
@@ -187,7 +205,7 @@ def evolve(
     }
     evolution = cma.CMAEvolutionStrategy(np.clip(start, *bounds), spread, options)
     seen = [(float(function(start[None])[0]), start)]
-    while not (evolution.stop() or enough()):
+    while not (evolution.stop() or enough(seen)):
         points = evolution.ask()
         values = function(np.array(points)).tolist()
         evolution.tell(points, values)
