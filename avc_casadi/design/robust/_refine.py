@@ -72,7 +72,7 @@ def refined(problem: Problem, rung: Rung, unrest: Unrest) -> Rung | None:
         if len(damped) == 0:
             return value
         ends = unrest([space.one_of(laws, row) for row in damped.tolist()])
-        paid = np.log(np.clip(np.nan_to_num(ends, nan=_FASTEST) / _AIM, 1.0, _FASTEST)).sum(axis=1)
+        paid = np.log(np.clip(np.nan_to_num(ends, nan=_FASTEST), _AIM, _AIM * _FASTEST) / _AIM).sum(axis=1)
         value[damped] = _PER_UNREST * paid + _PER_COST * total[damped]
         moving = (~(ends < 1)).sum(axis=1)
         simulated.extend(zip(moving.tolist(), value[damped].tolist(), points[damped], strict=True))

@@ -33,9 +33,9 @@ _POPULATION = 10
 _SPREAD = 0.3
 MOST_LAWS = 60
 """Laws for each knob and start, at most."""
-# It ends where so many generations have made the cheapest by no more than this share cheaper, once that is no law whose
-# loops grow at once.
-_GENERATIONS, _SHARE, _GROWS = 8, 0.01, 1000.0
+# A search ends where, after so many generations, so many more have made the cheapest law no more than this share
+# cheaper, unless with that some loop grows at once.
+_FIRST, _MORE, _SHARE, _GROWS = 10, 8, 0.01, 1000.0
 # Cost of a loop that grows, for each 1/s, where without it the cheapest law has one.
 _PER_GROWTH = 10.0
 # Other laws that are kept: those whose cost is no more than so many times the least and that differ by so much in some
@@ -144,8 +144,8 @@ def _apart(seen: Seen) -> list[FloatArray]:
 def _hardly_cheaper(seen: Seen) -> bool:
     """Whether the last generations have made the cheapest hardly cheaper."""
     values = [value for value, _ in seen]
-    before = values[: max(1, len(values) - _GENERATIONS * _POPULATION)]
-    return len(before) > 1 and min(values) > (1 - _SHARE) * min(before) and min(values) < _GROWS
+    before = values[: -_MORE * _POPULATION]
+    return len(before) > _FIRST * _POPULATION and min(values) < _GROWS and min(values) > (1 - _SHARE) * min(before)
 
 
 class _Without(MetaPathFinder):
