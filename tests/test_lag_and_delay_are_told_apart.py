@@ -5,6 +5,7 @@ import pytest
 from measured_device import Truth, measured, multisine
 
 from avc_casadi.identification import Record, identify
+from avc_casadi.problem import DeviceFile
 
 
 def told(seed, **device):
@@ -60,6 +61,7 @@ def test_a_current_loop_of_the_second_order_is_no_lag_of_the_first(friction, del
         assert found.estimates[key].low <= value <= found.estimates[key].high, key
     assert found.amplifier_order == 2
     assert found.device.device.amplifier_order == 2
+    assert any("damping ratio of 0.7" in note for note in found.notes)
     assert found.estimates["amplifier_bandwidth_hz"].value == pytest.approx(bandwidth, rel=0.03)
 
 
@@ -74,3 +76,24 @@ def test_a_lag_that_hides_is_counted_as_delay_and_said_to_be():
     late = found.estimates["delay_samples"]
     assert abs(late.value - (truth.delay + 1 / (2 * np.pi * truth.bandwidth * truth.period))) < 0.02
     assert found.estimates["mass_kg"].value == pytest.approx(truth.mass, rel=1e-4)
+
+
+@pytest.mark.parametrize(("ranges", "leans"), [({}, True), ({"range": {"amplifier_bandwidth_hz": [200, 900]}}, False)])
+def test_a_delay_beside_a_lag_that_is_only_declared_is_told_to_lean_on_it(ranges, leans):
+    truth, random = Truth(mass=0.3, delay=2.0, encoder=20e-6), np.random.default_rng(3)
+    _, position, force = measured(truth, multisine(random, 8.0, truth.period, 0.5, 30.0, 2.0), random)
+    device = {"mass_kg": 0.3, "damping_ns_per_m": 2.0, "sample_time_s": truth.period, "amplifier_bandwidth_hz": 600.0}
+    base = DeviceFile.model_validate({"name": "base", "title": "base", "device": device | ranges})
+    found = identify([Record("log", truth.period, position, force)], base=base)
+    assert "amplifier_bandwidth_hz" not in found.estimates
+    assert any("600, which base gives without a range" in note for note in found.notes) == leans
+
+
+def test_an_order_of_the_amplifier_that_the_logs_contradict_is_told():
+    truth, random = Truth(mass=0.1, damping=0.5, coulomb=0.3, bandwidth=300.0, encoder=10e-6), np.random.default_rng(3)
+    _, position, force = measured(truth, multisine(random, 10.0, truth.period, 0.5, 300.0, 1.3), random)
+    device = {"mass_kg": 0.1, "damping_ns_per_m": 0.5, "sample_time_s": truth.period, "amplifier_order": 2}
+    base = DeviceFile.model_validate({"name": "base", "title": "base", "device": device})
+    found = identify([Record("log", truth.period, position, force)], base=base)
+    assert found.amplifier_order == 1
+    assert any("amplifier_order 2, the logs 1" in note for note in found.notes)

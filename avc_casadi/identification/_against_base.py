@@ -77,6 +77,27 @@ def differs_from(found: Identification, base: DeviceFile) -> list[str]:
         if one.high < low or one.low > high:
             known = number(said, 3) if low == high else f"{number(low, 3)} to {number(high, 3)}"
             told.append(f"{key} {known}, the logs {number(one.value, 3)}")
+    order = base.device.amplifier_order
+    if "amplifier" in found.terms and states(base, "amplifier_order") and order != found.amplifier_order:
+        told.append(f"amplifier_order {order}, the logs {found.amplifier_order}")
     if not told:
         return []
     return [base.device.units.text(f"{base.name} says {'; '.join(told)}: is it the device of these logs?")]
+
+
+def leans_on(found: Identification, base: DeviceFile) -> list[str]:
+    """Say that a delay is measured only as well as the lag that the file of the device says beside it.
+
+    Args:
+        found: what the logs tell, in the units of the device.
+        base: what was known of it.
+    """
+    key = "amplifier_bandwidth_hz"
+    if key in found.estimates or "delay_samples" not in found.estimates or not states(base, key):
+        return []
+    bandwidth = base.device.amplifier_bandwidth_hz
+    if bandwidth is None or base.device.range.amplifier_bandwidth_hz is not None:
+        return []
+    lag = f"the lag of {key} {number(bandwidth, 4)}, which {base.name} gives without a range"
+    told = f"the delay in the device file is what the logs tell less {lag}: it is as wrong as that"
+    return [f"{told}; say how well it is known in [device.range]"]

@@ -34,6 +34,11 @@ class Trial:
     why: str
     inseparable: bool = False
 
+    @property
+    def worth(self) -> bool:
+        """Whether the held-out error falls by more than nothing."""
+        return -self.held_out_change > WORTH
+
 
 def held_out(fit: Fit) -> FloatArray:
     """Return the squared error of each block as the fit without it predicts it, shape (blocks,), m^2.

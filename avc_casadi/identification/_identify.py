@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.identification._against_base import check_against, differs_from
+from avc_casadi.identification._against_base import check_against, differs_from, leans_on
 from avc_casadi.identification._alike import unlike_notes
 from avc_casadi.identification._closed_loop import autocorrelation, coloured, feeds_back
 from avc_casadi.identification._cut import cut_notes
@@ -101,7 +101,7 @@ def identify(
             found = _identified(at_handle, notes, base, held, encoder_at, radius, most_samples, progress)
         found = of_the_turn(found, radius)
     if base is not None:
-        found = replace(found, notes=(*found.notes, *differs_from(found, base)))
+        found = replace(found, notes=(*found.notes, *differs_from(found, base), *leans_on(found, base)))
     return replace(found, device=device_file(found, base))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from avc_casadi.identification._fit import Fit, Window, best_observer, fit, slowest_observer
 from avc_casadi.identification._predictor import Observer, Predictor
@@ -11,6 +12,12 @@ from avc_casadi.identification._terms import Structure
 
 # Of so many samples a close fit may start.
 _ROUGH_SAMPLES = 10_000
+
+
+def richer(structure: Structure, *terms: str) -> Structure:
+    """Return a model with more terms."""
+    assumed = {} if "resonance" in terms else structure.assumed
+    return replace(structure, terms=structure.ordered((*structure.terms, *terms)), assumed=assumed)
 
 
 def roughly(predictor: Predictor, structure: Structure, start: Mapping[str, float], rate_per_s: float) -> Fit:

@@ -131,5 +131,6 @@ def vague_terms(fit: Fit, half_width: Sequence[float], refused: Container[str]) 
         # Whether there is dry friction was weighed with it, and its interval may end at 0.
         if term in fit.structure.terms and term != "coulomb":
             place = names.index(key)
-            found += [term] if fit.search[place] <= half_width[place] else []
+            # A half width that was widened to the value itself may end a rounding error short of it.
+            found += [term] if fit.search[place] <= (1 + 1e-9) * half_width[place] else []
     return found

@@ -8,14 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from avc_casadi.identification._amplifier import of_the_other_order
+from avc_casadi.identification._beginnings import FIRST_RATE_PER_S, starts_of
 from avc_casadi.identification._evidence import Trial, compared
 from avc_casadi.identification._fit import Fit, Window, best_observer, fit, judged, slowest_observer
-from avc_casadi.identification._frequency import Response, held_guess, likely_resonances
+from avc_casadi.identification._frequency import Response
 from avc_casadi.identification._mimic import ALIKE, MIMICS, mimic
-from avc_casadi.identification._near import closely, rms_m_of, roughly
+from avc_casadi.identification._near import closely, richer, rms_m_of, roughly
+from avc_casadi.identification._pair import ringing_behind_a_lag
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._share import shared
-from avc_casadi.identification._start import play_guess_m
 from avc_casadi.identification._terms import HIGHEST_SEEN, PLAY, SIZE_OF, TERMS, Structure
 from avc_casadi.identification._uncertainty import sensitivity
 from avc_casadi.support import SILENT, Progress
@@ -26,10 +27,8 @@ _ORDER = (("coulomb",), ("resonance", "amplifier", "stiffness", "play"), ("asymm
 _HOPEFUL = 1.5
 # Of an amplifier and the delay that it gains, with friction that turns inside a sample, more is told.
 _COLLINEAR, _COLLINEAR_LAG = 100.0, 300.0
-_FIRST_RATE_PER_S = 60.0
 # Terms that may change everything.
 _STRONG = {"coulomb", "resonance", "amplifier", "stiffness", "play"}
-_MOST_STARTS = 2
 # A close fit starts no further from the best rough one than this; nor from one of another term that is borne out, which
 # is then taken first.
 _NEAR_THE_BEST, _NEAR_ANOTHER = 1.05, 1.5
@@ -40,6 +39,7 @@ _VANISHED = 1e-5
 _FASTEST_LAG, _BESIDE_RESONANCE = 1.5, 0.6
 # What rings further beyond the excited frequencies, as a multiple of the highest, moves nothing among them.
 _FURTHEST = 10.0
+_PAIR = ("resonance", "amplifier")
 HIDDEN = "is smaller than what encoder and noise hide"
 """Of play."""
 _UNSEEN = {"play": "is not told: the log hardly ever turns"}
@@ -98,7 +98,7 @@ def select(
         progress: who is told.
     """
     _prepare(predictor, structure, _ORDER[1])
-    observer = Observer(max(_FIRST_RATE_PER_S, slowest_observer(predictor)))
+    observer = Observer(max(FIRST_RATE_PER_S, slowest_observer(predictor)))
     simplest = fit(predictor, structure, guess, observer, window, tolerance=1e-5)
     simplest = fit(
         predictor, structure, simplest.values, best_observer(predictor, simplest, window), window, tolerance=1e-6
@@ -118,6 +118,7 @@ def select(
     for term in dict.fromkeys(late):
         if term not in chosen.fit.structure.terms:
             _try(predictor, chosen, (term,), guess, response, window, sides)
+    _together(predictor, chosen, response, window)
     chosen.fit = settled(predictor, chosen.fit, window)
     _no_mimic(predictor, chosen, response, window, sides)
     if "amplifier" in chosen.fit.structure.terms:
@@ -132,7 +133,7 @@ def select(
 
 def _prepare(predictor: Predictor, structure: Structure, terms: Sequence[str]) -> None:
     """Begin to compile what will be tried."""
-    predictor.prepare([structure, *(_richer(structure, one) for one in terms if one not in structure.terms)])
+    predictor.prepare([structure, *(richer(structure, one) for one in terms if one not in structure.terms)])
 
 
 def settled(predictor: Predictor, found: Fit, window: Window) -> Fit:
@@ -162,6 +163,21 @@ def _no_mimic(
     simpler = replace(lagging.structure, terms=terms)
     without = fit(predictor, simpler, lagging.values, lagging.observer, window, tolerance=1e-6)
     chosen.fit = settled(predictor, without, window)
+
+
+def _together(predictor: Predictor, chosen: Selection, response: Response, window: Window) -> None:
+    """Try a resonance and an amplifier at once, where neither was sure and the resonance alone is worth something."""
+    if not all(term in chosen.rivals and not chosen.trials[term].taken for term in _PAIR):
+        return
+    if not chosen.trials["resonance"].worth:
+        return
+    ringing, lagging = (chosen.rivals[term] for term in _PAIR)
+    found = ringing_behind_a_lag(predictor, chosen.fit, ringing, lagging, window)
+    trials = {term: compared(chosen.fit, found, term) for term in _PAIR}
+    period = predictor.sample_time_s
+    if all(one.taken and not _beyond(found, term, response, period) for term, one in trials.items()):
+        chosen.fit = found
+        chosen.trials |= trials
 
 
 def _prune(predictor: Predictor, chosen: Selection, window: Window) -> None:
@@ -262,8 +278,8 @@ def _tried(
     near: dict[str, Fit] = {}
     chosen.trials[term] = Trial(term, False, 0.0, 0.0, _UNSEEN.get(term, "is not seen in the frequency response"))
     # A simpler model that misses much asks for an observer too fast to see the better one from afar.
-    slow = min(simple.observer.rate_per_s, _FIRST_RATE_PER_S)
-    for structure, start in _starts(simple, _richer(simple.structure, term), term, guess, response, predictor, sides):
+    slow = min(simple.observer.rate_per_s, FIRST_RATE_PER_S)
+    for structure, start in starts_of(simple, richer(simple.structure, term), term, guess, response, predictor, sides):
         from_afar = term in {"coulomb", "resonance"} or start.get(_FROM_AFAR.get(term, ""), 0.0) > 0
         if not from_afar:
             at_start = judged(predictor, structure, structure.start(start), simple.observer, window)
@@ -331,67 +347,3 @@ def _beyond(found: Fit, term: str, response: Response, period: float) -> str:
     if term == "amplifier" and found.values["amplifier_bandwidth_hz"] > fastest / period:
         return "is too fast to be told from a shorter delay at this sample rate"
     return HIDDEN if term == "play" and found.hides_play else ""
-
-
-def _richer(structure: Structure, term: str) -> Structure:
-    assumed = {} if term == "resonance" else structure.assumed
-    return replace(structure, terms=structure.ordered((*structure.terms, term)), assumed=assumed)
-
-
-def _starts(
-    simple: Fit,
-    richer: Structure,
-    term: str,
-    guess: Mapping[str, float],
-    response: Response,
-    predictor: Predictor,
-    sides: Sequence[str],
-) -> list[tuple[Structure, dict[str, float]]]:
-    """Return where the search for a term may start."""
-    values, period = simple.values, predictor.sample_time_s
-    force = richer.units["coulomb_friction_n"]
-    if term == "coulomb":
-        likely = max(guess["coulomb_friction_n"], 0.02 * force)
-        return [(richer, {**values, "coulomb_friction_n": one}) for one in (likely, 0.2 * force)]
-    if term == "stribeck":
-        speed = richer.units["speed_m_per_s"]
-        return [
-            (richer, {**values, "breakaway_excess_n": 0.0, "stribeck_speed_m_per_s": share * speed})
-            for share in (0.05, 0.2)
-        ]
-    if term == "amplifier":
-        rates = [rate for rate in (0.8 / period, 0.3 / period, 0.1 / period) if rate > 1.0]
-        lag = [1 / (2 * np.pi * rate * period) for rate in rates]
-        return [
-            (
-                richer,
-                {**values, "amplifier_bandwidth_hz": rate, "delay_samples": max(values["delay_samples"] - late, 0.0)},
-            )
-            for rate, late in zip(rates, lag, strict=True)
-        ]
-    if term == "resonance":
-        found = []
-        if simple.observer.rate_per_s > 2 * _FIRST_RATE_PER_S:
-            values = roughly(predictor, simple.structure, values, _FIRST_RATE_PER_S).values
-        for side in sides:
-            with_side = replace(richer, encoder_at="handle" if side == "handle" else "motor")
-            for left, one in likely_resonances(response, values, with_side, period):
-                found.append((left, with_side, {**values, **one}))
-        found.sort(key=lambda one: one[0])
-        return [(with_side, start) for left, with_side, start in found[:_MOST_STARTS] if left < 3 * found[0][0]]
-    absent = {**values, **{one.name: 0.0 for one in TERMS[term].parameters}}
-    starts = [absent]
-    if term == "play":
-        starts = [{**absent, PLAY: likely} for likely in _likely_play(simple, richer, predictor)]
-    elif term == "stiffness" and (held := held_guess(response, values["delay_samples"] * period)) is not None:
-        # A free mass in place of a held one is far off: the way from it may end elsewhere.
-        starts.append({**values, "delay_samples": guess["delay_samples"], **held})
-    return [(richer, start) for start in starts]
-
-
-def _likely_play(simple: Fit, richer: Structure, predictor: Predictor) -> list[float]:
-    """Return where the search for play may start: nowhere in a log that hardly ever turns."""
-    if predictor.last_went is None:
-        return []
-    guess = play_guess_m(predictor.records, predictor.last_went, simple.values["delay_samples"])
-    return [0.0, guess] if guess > richer.units[PLAY] else [0.0]
