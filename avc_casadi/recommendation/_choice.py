@@ -32,6 +32,9 @@ _SLOW = 0.95
 QUIET_SHARE = 0.9
 FIRST = 16
 """So many hands, the corners among them, try a coupling before the others do; only what these can use is for all."""
+# Of the speed below which a hand is at rest, what those who try first end with: another simulation, or another hand,
+# may be a little faster.
+_SURELY = 0.7
 # Of equally stiff ones no more are tried: one after the other, where others refute the one before.
 _MOST_TRIED = 5
 # Devices of the declared ranges among which those who confirm it are divided.
@@ -146,7 +149,7 @@ def likeliest(
 ) -> tuple[Alternatives, bool]:
     """Take those with which everybody comes to rest, or the one with which most do; say whether everybody does.
 
-    A single one is taken as it is.
+    A single one without an observer is taken as it is.
 
     Args:
         alternatives: equally stiff ones.
@@ -154,8 +157,9 @@ def likeliest(
         lean_on_friction: whether the declared dry friction may help.
     """
     left = alternatives
-    for people in groups if len(left) > 1 else ():
-        restless = (~(unrest(left, people, friction=lean_on_friction, strike=True) < 1)).sum(axis=1)
+    asked = len(left) > 1 or left[0].runtime.state_feedback is not None
+    for people in groups if asked else ():
+        restless = (~(unrest(left, people, friction=lean_on_friction, strike=True) < _SURELY)).sum(axis=1)
         if restless.min() > 0:
             return [left[int(restless.argmin())]], False
         left = [one for one, moving in zip(left, restless, strict=True) if not moving]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.loop import Hand
+from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import AS_STIFF, FIRST, Judged, confirmed, likeliest, tried
 from avc_casadi.trial import draw_hands, ends_of, loose_hands
 
@@ -55,6 +56,7 @@ class Jury:
         self._others = (draw_hands(problem.hands, count, seed, "training", first=first) for first in draws)
         self._first, self._loose = people.pick(slice(FIRST)), loose_hands(problem.hands, len(people), seed)
         self._candidates: list[Alternatives] = []
+        self._restless: list[Alternatives] = []
         self._search = ""
 
     def ask(self, more: Iterable[Alternatives], search: str) -> bool:
@@ -64,8 +66,20 @@ class Jury:
             self.considered += len(alternatives)
             likely, everybody = likeliest(alternatives, (self._first, self._loose), lean_on_friction=self._lean)
             self._candidates.append(likely)
+            if everybody:
+                self._replace(likely[0])
+            else:
+                self._restless.append(likely)
         self._try()
         return everybody
+
+    def _replace(self, better: Coupling) -> None:
+        """Forget those as stiff with which somebody hardly came to rest."""
+        felt = felt_at_rest_n_per_m(better)
+        worse = (one for one in self._restless if abs(felt_at_rest_n_per_m(one[0]) / felt - 1) < AS_STIFF)
+        gone = {id(coupling) for one in worse for coupling in one}
+        self._candidates = [one for one in self._candidates if id(one[0]) not in gone]
+        self.judged = [one for one in self.judged if id(one.coupling) not in gone]
 
     def ends(self, coupling: Coupling) -> Unrest:
         """Prepare to ask how fast those end who try a coupling first: all of them where a few come to rest."""
