@@ -32,8 +32,8 @@ _SLOW = 0.95
 QUIET_SHARE = 0.9
 FIRST = 16
 """So many hands, the corners among them, try a coupling before the others do; only what these can use is for all."""
-# Of the speed below which a hand is at rest, what those who try first end with: another simulation, or another hand,
-# may be a little faster.
+# Where only friction brings somebody to rest, those who try first end at less than this share of the speed below which
+# a hand is at rest: another simulation, or another hand, may be a little faster.
 _SURELY = 0.7
 # Of equally stiff ones no more are tried: one after the other, where others refute the one before.
 _MOST_TRIED = 5
@@ -157,9 +157,10 @@ def likeliest(
         lean_on_friction: whether the declared dry friction may help.
     """
     left = alternatives
+    slow = _SURELY if lean_on_friction else 1.0
     asked = len(left) > 1 or left[0].runtime.state_feedback is not None
     for people in groups if asked else ():
-        restless = (~(unrest(left, people, friction=lean_on_friction, strike=True) < _SURELY)).sum(axis=1)
+        restless = (~(unrest(left, people, friction=lean_on_friction, strike=True) < slow)).sum(axis=1)
         if restless.min() > 0:
             return [left[int(restless.argmin())]], False
         left = [one for one, moving in zip(left, restless, strict=True) if not moving]
