@@ -22,6 +22,8 @@ def random_device(rng):
     }
     if order:
         device |= {"amplifier_bandwidth_hz": rng.uniform(150, 2000), "amplifier_order": order}
+    if order == 2:
+        device["amplifier_damping_ratio"] = rng.uniform(0.3, 1.5)
     if rng.random() < 0.6:
         mode = {"frequency_hz": rng.uniform(40, 300), "damping_ratio": rng.uniform(0.01, 0.2)}
         device["resonance"] = mode | {"mass_ratio": rng.uniform(0.2, 0.8)}
@@ -49,7 +51,8 @@ def state_equations(device, hand):
     if device.amplifier_bandwidth_hz is None:
         return a, b, np.eye(len(b))[measured]
     w, n = 2 * np.pi * device.amplifier_bandwidth_hz, len(b)
-    lag = np.array([[-w]]) if device.amplifier_order == 1 else np.array([[0, w], [-w, -1.4 * w]])
+    slows = 2 * device.amplifier_damping_ratio * w
+    lag = np.array([[-w]]) if device.amplifier_order == 1 else np.array([[0, w], [-w, -slows]])
     whole = np.zeros((n + len(lag), n + len(lag)))
     whole[:n, :n], whole[:n, n], whole[n:, n:] = a, b, lag
     drive = np.zeros(len(whole))
@@ -101,7 +104,8 @@ def port_equations(device, s):
     amplifier = one
     if device.amplifier_bandwidth_hz is not None:
         a = 2 * np.pi * device.amplifier_bandwidth_hz
-        amplifier = a / (s + a) if device.amplifier_order == 1 else a**2 / (s**2 + 1.4 * a * s + a**2)
+        ratio = device.amplifier_damping_ratio
+        amplifier = a / (s + a) if device.amplifier_order == 1 else a**2 / (s**2 + 2 * ratio * a * s + a**2)
     if device.resonance is None:
         return device.mass_kg * s + b, one, one, 0 * s, amplifier
     mode = device.resonance

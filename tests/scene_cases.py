@@ -51,6 +51,10 @@ CASES = {
     "amplifier": ((HAND, WALL, 'kind = "amplifier"\nbandwidth_hz = 200.0'), SOFT),
     "current-loop": ((HAND, WALL, 'kind = "amplifier"\nbandwidth_hz = 200.0\norder = 2'), SOFT),
     "current-loop-and-friction": ((HAND, WALL, 'kind = "amplifier"\nbandwidth_hz = 150.0\norder = 2', FRICTION), SOFT),
+    "current-loop-that-rings": (
+        (HAND, WALL, 'kind = "amplifier"\nbandwidth_hz = 150.0\norder = 2\ndamping_ratio = 0.3', FRICTION),
+        SOFT,
+    ),
     "part-of-a-sample-late": ((HAND, WALL, 'kind = "delay"\nsamples = 0.3'), SOFT),
     "samples-and-a-part-late": ((HAND, WALL, 'kind = "delay"\nsamples = 2.75', 'kind = "saturation"'), SOFT),
     "part-late-with-friction": ((HAND, WALL, 'kind = "delay"\nsamples = 1.4', FRICTION), SOFT),

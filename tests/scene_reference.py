@@ -73,10 +73,11 @@ class Reference:
             else:
                 self.m1 += self.hand[0]
         self.stylus = effects.get("stylus-hand")
-        self.bandwidth, self.order = None, 1
+        self.bandwidth, self.order, self.ratio = None, 1, None
         if "amplifier" in effects:
             self.bandwidth = 2 * math.pi * (effects["amplifier"].bandwidth_hz or device.amplifier_bandwidth_hz)
             self.order = effects["amplifier"].order or device.amplifier_order
+            self.ratio = effects["amplifier"].damping_ratio or device.amplifier_damping_ratio
 
     def rates(self, y, force, xh, vh):
         """Rates of [x1 v1 x2 v2 xs vs fa ra] without dry friction."""
@@ -104,7 +105,7 @@ class Reference:
             vs,
             ons / self.stylus.mass_kg if self.stylus else 0.0,
             ra if self.order == 2 else w * (force - fa) if w else 0.0,
-            w**2 * (force - fa) - 1.4 * w * ra if self.order == 2 else 0.0,
+            w**2 * (force - fa) - 2 * self.ratio * w * ra if self.order == 2 else 0.0,
         ]
 
     def move(self, y, force, k, begin, end):

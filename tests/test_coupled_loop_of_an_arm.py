@@ -43,6 +43,7 @@ DEVICES = [
     {"delay_samples": 1},
     {"delay_samples": 1.4, "amplifier_bandwidth_hz": 800.0},
     {"delay_samples": 2, "amplifier_bandwidth_hz": 500.0, "amplifier_order": 2},
+    {"amplifier_bandwidth_hz": 200.0, "amplifier_order": 2, "amplifier_damping_ratio": 0.3},
 ]
 
 

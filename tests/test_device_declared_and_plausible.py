@@ -18,6 +18,7 @@ EVERYTHING = {
     "position_noise_rms_m": 1e-6,
     "amplifier_bandwidth_hz": 1000.0,
     "amplifier_order": 2,
+    "amplifier_damping_ratio": 0.5,
     "max_force_n": 8.0,
     "backlash_m": 1e-4,
     "resonance": MODE,
@@ -42,8 +43,8 @@ def test_every_key_that_makes_a_device_less_than_ideal_is_named():
     assert declared(problem(PLAIN | EVERYTHING)) == tuple(f"device.{key}" for key in EVERYTHING)
     for key, value in EVERYTHING.items():
         alone = {key: value}
-        needs = {"amplifier_order": "amplifier_bandwidth_hz", "encoder_at": "resonance"}.get(key)
-        assert declared(problem(PLAIN | alone)) == (() if needs else (f"device.{key}",))
+        idle = key in {"amplifier_order", "amplifier_damping_ratio", "encoder_at"}
+        assert declared(problem(PLAIN | alone)) == (() if idle else (f"device.{key}",))
 
 
 def test_every_range_is_named():
@@ -67,6 +68,11 @@ def test_every_range_is_named():
         ({"device": {"range": {"mass_kg": [0.0, 9.0]}}}, "device.range.mass_kg is [0, 9]: usual"),
         ({"device": {"encoder_at": "handle"}}, "device.encoder_at is"),
         ({"device": {"amplifier_order": 2}}, "device.amplifier_order is 2, which says nothing without"),
+        ({"device": {"amplifier_damping_ratio": 0.5}}, "device.amplifier_damping_ratio says nothing of a lag"),
+        (
+            {"device": {"range": {"amplifier_damping_ratio": [0.5, 0.9]}}},
+            "device.range.amplifier_damping_ratio says nothing of a lag",
+        ),
         (
             {
                 "device": {

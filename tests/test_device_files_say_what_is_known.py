@@ -35,7 +35,9 @@ CATALOGUE = (
     "teaching-one-axis",
     "excalibur",
 )
-QUANTITIES = set(Device.model_fields) - {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "range"}
+HOW_MEANT = {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "range"}
+# Most amplifiers are lags, which have no damping ratio.
+QUANTITIES = set(Device.model_fields) - HOW_MEANT - {"amplifier_damping_ratio"}
 WALL = "[environment]\ndamping_ns_per_m = 0.0\nstiffness_n_per_m = 5e3\n"
 TURNED = "[environment]\ndamping_nms_per_rad = 0.0\nstiffness_nm_per_rad = {stiffness}\n"
 SMALL = """title = "mine"

@@ -26,6 +26,12 @@ DEVICES = {
     "later by a part": {"delay_samples": 0.7},
     "amplifier": {"amplifier_bandwidth_hz": 400.0},
     "current loop": {"amplifier_bandwidth_hz": 700.0, "amplifier_order": 2, "delay_samples": 1},
+    "loop known to a range": {
+        "amplifier_bandwidth_hz": 300.0,
+        "amplifier_order": 2,
+        "amplifier_damping_ratio": 0.5,
+        "range": {"amplifier_bandwidth_hz": (280.0, 330.0), "amplifier_damping_ratio": (0.4, 0.8)},
+    },
     "resonance": {"resonance": {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}},
     "handle": {
         "resonance": {"frequency_hz": 90.0, "damping_ratio": 0.1, "mass_ratio": 0.3},

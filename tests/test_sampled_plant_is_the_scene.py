@@ -20,6 +20,7 @@ SPRING = 700.0
 def random_device(rng):
     order = int(rng.integers(0, 3))
     amplifier = {"amplifier_bandwidth_hz": rng.uniform(100, 3000), "amplifier_order": order}
+    amplifier["amplifier_damping_ratio"] = rng.uniform(0.2, 2.0)
     mode = {
         "frequency_hz": rng.uniform(30, 400),
         "damping_ratio": rng.uniform(0, 0.3),
@@ -74,7 +75,8 @@ def by_hand(device, hand):
     if order == 1:
         whole[n, n], drive[n] = -w, w
     else:
-        whole[n, n + 1], whole[n + 1, n], whole[n + 1, n + 1], drive[n + 1] = 1, -(w**2), -1.4 * w, w**2
+        slows = 2 * device.amplifier_damping_ratio * w
+        whole[n, n + 1], whole[n + 1, n], whole[n + 1, n + 1], drive[n + 1] = 1, -(w**2), -slows, w**2
     return whole, drive
 
 

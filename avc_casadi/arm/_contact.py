@@ -16,7 +16,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.arm._effective import operational_inertia
-from avc_casadi.loop import CURRENT_LOOP_DAMPING_RATIO, expm
+from avc_casadi.loop import expm
 from avc_casadi.stability import MAX_DELAY_SAMPLES
 from avc_casadi.support import FloatArray, IndexArray
 
@@ -179,7 +179,7 @@ def _rates(device: Device, contacts: Contacts, own: FloatArray, unit: FloatArray
         else:
             rates[:, 2 * d : 3 * d, last] = np.eye(d)
             rates[:, last, 2 * d : 3 * d] = -(turn**2) * np.eye(d)
-            rates[:, last, last] = -2 * CURRENT_LOOP_DAMPING_RATIO * turn * np.eye(d)
+            rates[:, last, last] = -2 * device.amplifier_damping_ratio * turn * np.eye(d)
             entry[:, last] = turn**2 * np.eye(d)
     return rates, entry
 

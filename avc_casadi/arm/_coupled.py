@@ -129,7 +129,7 @@ def coupled_certificate(
 
 def electronics(arm: Arm) -> list[Device]:
     """Return the corners of delay and amplifier."""
-    return device_corners(arm.file.device, ("delay_samples", "amplifier_bandwidth_hz"))
+    return device_corners(arm.file.device, ("delay_samples", "amplifier_bandwidth_hz", "amplifier_damping_ratio"))
 
 
 def random_points(arm: Arm, count: int, seed: int, *, held: bool, at_end: float = 0.0) -> FloatArray:

@@ -10,6 +10,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi.identification._device import states
 from avc_casadi.identification._model import Identification
 from avc_casadi.identification._record import Record
+from avc_casadi.identification._terms import LOOP_RATIO
 from avc_casadi.problem import DeviceFile
 from avc_casadi.support import number, told_in
 
@@ -19,7 +20,7 @@ _ABOVE, _SHARE = 1.01, 1e-3
 _SAME = 0.02
 # A value without a range is meant within this factor.
 _FAR = 2.0
-_COMPARED = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "encoder_resolution_m")
+_COMPARED = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "encoder_resolution_m", LOOP_RATIO)
 
 
 def check_against(records: Sequence[Record], base: DeviceFile) -> None:

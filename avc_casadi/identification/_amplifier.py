@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
-from avc_casadi.identification._fit import Fit, Window
-from avc_casadi.identification._near import closely, rms_m_of, roughly
+from avc_casadi.identification._evidence import Trial, compared
+from avc_casadi.identification._fit import Fit, Window, judged
+from avc_casadi.identification._near import closely, richer, rms_m_of, roughly
 from avc_casadi.identification._predictor import Predictor
-from avc_casadi.loop import CURRENT_LOOP_DAMPING_RATIO
+from avc_casadi.identification._terms import LOOP_DAMPING, LOOP_RATIO, lag_of
 
+HOPEFUL = 1.5
+"""Standard errors by which a Gauss-Newton step must speak for a term before it is fitted."""
+A_LAG_FROM = 1.5
+"""Damping ratio from which on a current loop is a lag, with a pole beside it that is far quicker."""
 # How much of delay and lag together may be lag, where a search begins.
 _SHARES = (0.2, 0.5, 0.9)
 _RATE_PER_S = 60.0
-# The lag at low frequencies, in radians at the bandwidth.
-_LAG = {1: 1.0, 2: 2 * CURRENT_LOOP_DAMPING_RATIO}
+# A lag is a current loop whose other pole is so many times as fast: of this times its bandwidth, and this ratio.
+_LIKE_A_LAG = (2.0, 1.25)
+# No structure is damped by more, and no current loop by less.
+_LOOP_LIKE = 0.2
 
 
 def of_the_other_order(predictor: Predictor, found: Fit, window: Window) -> Fit:
@@ -28,15 +36,73 @@ def of_the_other_order(predictor: Predictor, found: Fit, window: Window) -> Fit:
     order = found.structure.amplifier_order
     structure = replace(found.structure, amplifier_order=1 if order == 2 else 2)
     turn = 2 * math.pi * predictor.sample_time_s
-    values = found.values
-    late = values["delay_samples"] + _LAG[order] / (turn * values["amplifier_bandwidth_hz"])
+    values, ratio = found.values, structure.loop_damping_ratio
+    late = values["delay_samples"] + lag_of(order, ratio) / (turn * values["amplifier_bandwidth_hz"])
+    lag = lag_of(structure.amplifier_order, ratio)
     starts = [
-        {
-            **values,
-            "delay_samples": (1 - share) * late,
-            "amplifier_bandwidth_hz": _LAG[structure.amplifier_order] / (turn * share * late),
-        }
+        {**values, "delay_samples": (1 - share) * late, "amplifier_bandwidth_hz": lag / (turn * share * late)}
         for share in _SHARES
     ]
-    rough = [roughly(predictor, structure, start, _RATE_PER_S) for start in starts]
+    return _best(predictor, [roughly(predictor, structure, start, _RATE_PER_S) for start in starts], window)
+
+
+def damped_as_it_is(predictor: Predictor, found: Fit, window: Window) -> tuple[Trial, Fit]:
+    """Return a model with a current loop of any damping ratio, and what speaks for it.
+
+    Args:
+        predictor: of the records.
+        found: with a lag, or with a current loop of a ratio that was taken for granted.
+        window: of the fits.
+    """
+    start = found.values
+    if found.structure.amplifier_order == 1:
+        faster, ratio = _LIKE_A_LAG
+        turns = 2 * math.pi * start["amplifier_bandwidth_hz"] * predictor.sample_time_s
+        more = (2 * ratio / faster - 1) / turns
+        start = {
+            **start,
+            "amplifier_bandwidth_hz": faster * start["amplifier_bandwidth_hz"],
+            LOOP_RATIO: ratio,
+            "delay_samples": max(start["delay_samples"] - more, 0.0),
+        }
+    structure = replace(richer(found.structure, LOOP_DAMPING), amplifier_order=2)
+    near = judged(predictor, structure, structure.start(start), found.observer, window)
+    hope = compared(found, near, LOOP_DAMPING)
+    if hope.standard_errors < HOPEFUL:
+        return replace(hope, taken=False), near
+    free = closely(predictor, roughly(predictor, structure, start, _RATE_PER_S), window)
+    return compared(found, free, LOOP_DAMPING), free
+
+
+def in_place_of_a_resonance(predictor: Predictor, found: Fit, window: Window) -> Fit | None:
+    """Return a model with a current loop and no resonance where that does as well: a loop of little damping rings.
+
+    With the encoder at the handle a resonance is a current loop, but for a zero and what friction meets.
+
+    Args:
+        predictor: of the records.
+        found: with a resonance.
+        window: of the fits.
+
+    Returns:
+        None where the resonance is one of a structure, or the current loop does worse.
+    """
+    values = found.values
+    if values["resonance.damping_ratio"] < _LOOP_LIKE:
+        return None
+    structure = replace(richer(found.structure.less("resonance"), "amplifier", LOOP_DAMPING), amplifier_order=2)
+    starts: list[Mapping[str, float]] = [
+        {
+            **values,
+            "amplifier_bandwidth_hz": values["resonance.frequency_hz"],
+            LOOP_RATIO: values["resonance.damping_ratio"],
+        }
+    ]
+    if "amplifier" in found.structure.terms:
+        starts.append({**values, LOOP_RATIO: structure.loop_damping_ratio})
+    loop = _best(predictor, [roughly(predictor, structure, start, _RATE_PER_S) for start in starts], window)
+    return None if compared(loop, found, "resonance").taken else loop
+
+
+def _best(predictor: Predictor, rough: list[Fit], window: Window) -> Fit:
     return closely(predictor, min(rough, key=rms_m_of), window)

@@ -12,7 +12,7 @@ from avc_casadi.identification._frequency import Response, held_guess, likely_re
 from avc_casadi.identification._near import roughly
 from avc_casadi.identification._predictor import Predictor
 from avc_casadi.identification._start import play_guess_m
-from avc_casadi.identification._terms import PLAY, TERMS, Structure
+from avc_casadi.identification._terms import PLAY, TERMS, Structure, lag_of
 
 FIRST_RATE_PER_S = 60.0
 """Of the observer of a search from afar."""
@@ -41,15 +41,7 @@ def starts_of(
             for share in (0.05, 0.2)
         ]
     if term == "amplifier":
-        rates = [rate for rate in (0.8 / period, 0.3 / period, 0.1 / period) if rate > 1.0]
-        lag = [1 / (2 * np.pi * rate * period) for rate in rates]
-        return [
-            (
-                rich,
-                {**values, "amplifier_bandwidth_hz": rate, "delay_samples": max(values["delay_samples"] - late, 0.0)},
-            )
-            for rate, late in zip(rates, lag, strict=True)
-        ]
+        return _lags(rich, values, period)
     if term == "resonance":
         found = []
         if simple.observer.rate_per_s > 2 * FIRST_RATE_PER_S:
@@ -68,6 +60,19 @@ def starts_of(
         # A free mass in place of a held one is far off: the way from it may end elsewhere.
         starts.append({**values, "delay_samples": guess["delay_samples"], **held})
     return [(rich, start) for start in starts]
+
+
+def _lags(rich: Structure, values: Mapping[str, float], period: float) -> list[tuple[Structure, dict[str, float]]]:
+    """Return lags and current loops of several bandwidths, each in place of as much delay."""
+    found = []
+    for order in (1, 2):
+        kind = replace(rich, amplifier_order=1 if order == 1 else 2)
+        for rate in (0.8 / period, 0.3 / period, 0.1 / period):
+            late = lag_of(order, rich.loop_damping_ratio) / (2 * np.pi * rate * period)
+            delay = max(values["delay_samples"] - late, 0.0)
+            if rate > 1.0:
+                found.append((kind, {**values, "amplifier_bandwidth_hz": rate, "delay_samples": delay}))
+    return found
 
 
 def _likely_play(simple: Fit, rich: Structure, predictor: Predictor) -> list[float]:

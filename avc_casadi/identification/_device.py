@@ -9,8 +9,8 @@ from typing import Any
 
 from avc_casadi._errors import AvcError
 from avc_casadi.identification._model import Estimate, Identification
-from avc_casadi.loop import CURRENT_LOOP_DAMPING_RATIO
-from avc_casadi.problem import Device, DeviceFile, DeviceRange
+from avc_casadi.identification._terms import LOOP_RATIO, lag_of
+from avc_casadi.problem import CURRENT_LOOP_DAMPING_RATIO, Device, DeviceFile, DeviceRange
 
 _DIGITS = 5
 _PLAIN = (
@@ -21,10 +21,12 @@ _PLAIN = (
     "encoder_resolution_m",
     "position_noise_rms_m",
     "amplifier_bandwidth_hz",
+    LOOP_RATIO,
     "backlash_m",
 )
 _MODE = ("frequency_hz", "damping_ratio", "mass_ratio")
-_QUANTITIES = (*_PLAIN, "sample_time_s", "max_force_n", "resonance")
+_ALWAYS_THERE = tuple(key for key in _PLAIN if key != LOOP_RATIO)
+_QUANTITIES = (*_ALWAYS_THERE, "sample_time_s", "max_force_n", "resonance")
 _LAG_WITHIN = "; the lag of the amplifier is in it"
 _LAG_TAKEN = "; less the lag of the amplifier"
 # What stands in a gap that the loop cannot do without.
@@ -68,20 +70,14 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
     gaps = [key for key in _QUANTITIES if key not in device]
     for key in list(gaps):
         if base is not None and states(base, key):
-            table = base.device.model_dump(exclude_none=True)
-            device[key] = table[key]
-            if key in table.get("range", {}):
-                ranges[key] = table["range"][key]
-            source = getattr(base.sources, key)
-            guess = {"grade": "assumed", "source": f"{base.name}, which gives no source"}
-            sources[key] = guess if source is None else source.model_dump()
+            _taken(base, key, device, ranges, sources)
             if key not in base.gaps:
                 gaps.remove(key)
         elif key in _CAUTIOUS:
             device[key], ranges[key], why = _CAUTIOUS[key]
             sources[key] = {"grade": "assumed", "source": why}
     if "amplifier_bandwidth_hz" in device:
-        device["amplifier_order"] = _order(found, base)
+        _of_its_kind(found, base, device, ranges, sources, gaps)
         _without_lag(found, device, ranges, sources, gaps)
     if "mass_kg" not in device or "damping_ns_per_m" not in device:
         return None
@@ -129,11 +125,36 @@ def _widened(found: Identification, device: dict[str, Any], ranges: dict[str, An
     ranges["damping_ns_per_m"] = (max(low - more, 0.0), high + more)
 
 
-def _order(found: Identification, base: DeviceFile | None) -> int:
-    """Return the order of the amplifier whose bandwidth the file gives."""
-    if base is None or "amplifier_bandwidth_hz" in found.estimates:
-        return found.amplifier_order
-    return base.device.amplifier_order
+def _of_its_kind(
+    found: Identification,
+    base: DeviceFile | None,
+    device: dict[str, Any],
+    ranges: dict[str, Any],
+    sources: dict[str, Any],
+    gaps: list[str],
+) -> None:
+    """Say of which order the amplifier is whose bandwidth the file gives, and how a current loop is damped."""
+    theirs = base is not None and "amplifier_bandwidth_hz" not in found.estimates
+    device["amplifier_order"] = base.device.amplifier_order if base and theirs else found.amplifier_order
+    if device["amplifier_order"] == 1:
+        for table in (device, ranges, sources):
+            table.pop(LOOP_RATIO, None)
+    elif LOOP_RATIO not in device:
+        if base is not None and states(base, LOOP_RATIO):
+            _taken(base, LOOP_RATIO, device, ranges, sources)
+        if base is None or not states(base, LOOP_RATIO) or LOOP_RATIO in base.gaps:
+            gaps.append(LOOP_RATIO)
+
+
+def _taken(base: DeviceFile, key: str, device: dict[str, Any], ranges: dict[str, Any], sources: dict[str, Any]) -> None:
+    """Take a value of the base, with its range and where it comes from."""
+    table = base.device.model_dump(exclude_none=True)
+    device[key] = table[key]
+    if key in table.get("range", {}):
+        ranges[key] = table["range"][key]
+    source = getattr(base.sources, key)
+    guess = {"grade": "assumed", "source": f"{base.name}, which gives no source"}
+    sources[key] = guess if source is None else source.model_dump()
 
 
 def _without_lag(
@@ -143,13 +164,15 @@ def _without_lag(
     if "amplifier_bandwidth_hz" in found.estimates or "delay_samples" not in found.estimates:
         return
     key, turns = "amplifier_bandwidth_hz", 2 * math.pi * device["sample_time_s"]
-    damping = 1.0 if device["amplifier_order"] == 1 else 2 * CURRENT_LOOP_DAMPING_RATIO
-    most, least = (damping / (turns * bandwidth) for bandwidth in ranges.get(key, (device[key],) * 2))
-    lag = damping / (turns * device[key])
+    ratio = device.get(LOOP_RATIO, CURRENT_LOOP_DAMPING_RATIO)
+    angle = [lag_of(device["amplifier_order"], one) for one in (ratio, *ranges.get(LOOP_RATIO, (ratio, ratio)))]
+    slowest, fastest = ranges.get(key, (device[key],) * 2)
+    lag, least, most = (a / (turns * f) for a, f in zip(angle, (device[key], fastest, slowest), strict=True))
     low, high = ranges["delay_samples"]
     if high < lag:
         for table in (device, ranges, sources):
             table.pop(key, None)
+            table.pop(LOOP_RATIO, None)
         device.pop("amplifier_order")
         if key not in gaps:
             gaps.append(key)

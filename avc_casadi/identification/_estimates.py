@@ -13,7 +13,7 @@ from avc_casadi.identification._closed_loop import autocorrelation, coloured
 from avc_casadi.identification._evidence import SURE, WORTH, compared
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._model import Estimate
-from avc_casadi.identification._terms import SIZE_OF, offset_of
+from avc_casadi.identification._terms import LOOP_DAMPING, SIZE_OF, offset_of
 from avc_casadi.identification._uncertainty import LEVEL, Spread, spread_of
 
 # A step of the encoder is known to this share of it.
@@ -109,7 +109,7 @@ def _widened(
     constant force to which it belongs, by more than that force is known to. What a log of one frequency does not tell
     from mass, damping and delay is in these.
     """
-    for term in dict.fromkeys(("amplifier", "drift", *sorted(inseparable))):
+    for term in dict.fromkeys(("amplifier", LOOP_DAMPING, "drift", *sorted(inseparable))):
         rival = rivals.get(term)
         if rival is None or rival.rms_m > (1 + WORTH / 2) * fit.rms_m:
             continue
@@ -125,7 +125,8 @@ def _widened(
         moved = abs(float(rival.search[place]) - coordinate)
         if term == "drift" and not (moved > half and compared(fit, rival, term).standard_errors > SURE):
             continue
-        if term != "amplifier":
+        other_kind = rival.structure.amplifier_order != fit.structure.amplifier_order
+        if term != "amplifier" and not (term == LOOP_DAMPING and other_kind):
             moved += float(spread_of(rival, ()).half_width[place])
         half = max(half, moved)
     return half

@@ -129,6 +129,8 @@ def _identified(
         driven = only_feedback(records)
         guess = _guess(records, force_rms, radius_m, pushed=driven is not None)
     structure = _simplest(records, known, force_rms, travel, step_m)
+    if base is not None:
+        structure = replace(structure, loop_damping_ratio=base.device.amplifier_damping_ratio)
     guess |= known
     repeats = repeats_of(records, step_m)
     window = Window.of([record.position_m.size for record in records], records[0].sample_time_s, repeats)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avc_casadi.identification._terms import LINEAR, Structure
+from avc_casadi.identification._terms import LINEAR, LOOP_RATIO, Structure
 from avc_casadi.loop import (
     GROUND,
     LinearPlant,
@@ -89,6 +89,7 @@ def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: 
         delay_samples=delay if delay > 1e-3 else 0.0,
         amplifier_bandwidth_hz=None if math.isnan(bandwidth) else bandwidth,
         amplifier_order=structure.amplifier_order,
+        amplifier_damping_ratio=values[LOOP_RATIO],
         resonance=None
         if math.isnan(frequency)
         else Resonance(

@@ -53,8 +53,7 @@ def mimic(
     band = response.excited_hz
     if band is None or "resonance" in lagging.structure.terms:
         return None
-    others = [one for one in lagging.structure.terms if one != "amplifier"]
-    terms = lagging.structure.ordered((*others, "resonance"))
+    terms = lagging.structure.ordered((*lagging.structure.less("amplifier").terms, "resonance"))
     worst_m = (1 + WORTH / 2) * lagging.rms_m
     if seen is not None:
         if seen.structure.terms != terms:

@@ -8,7 +8,7 @@ import numpy as np
 
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._model import Refusal
-from avc_casadi.identification._terms import HIGHEST_SEEN, SIZE_OF, TERMS
+from avc_casadi.identification._terms import HIGHEST_SEEN, LOOP_DAMPING, LOOP_RATIO, SIZE_OF, TERMS
 from avc_casadi.identification._uncertainty import Spread
 from avc_casadi.support import FloatArray, number
 
@@ -27,6 +27,7 @@ EXCITATION = {
     "resonance": "a chirp or multisine of 20 Hz to a third of the sample rate, strong enough to move several encoder "
     "steps",
     "amplifier_bandwidth_hz": "a chirp to a third of the sample rate at a higher sample rate, or a log of the current",
+    LOOP_RATIO: "a step of the current, measured; or a chirp to a third of the sample rate at a higher sample rate",
     "stiffness_n_per_m": "slow strokes over the whole travel",
     "offset_drift_n_per_s": "a longer log",
     "force_scale": "two logs, one with a known mass on the device (--added-mass 0,VALUE), or --known mass_kg=VALUE",
@@ -44,6 +45,7 @@ _WIDEST = {
     "resonance.damping_ratio": 1.4,
     "resonance.mass_ratio": 1.7,
     "amplifier_bandwidth_hz": 0.7,
+    LOOP_RATIO: 0.5,
     "stribeck_speed_m_per_s": 1.4,
     "force_scale": 0.35,
     # In units of the force that the log holds.
@@ -121,7 +123,7 @@ def vague_terms(fit: Fit, half_width: Sequence[float], refused: Container[str]) 
     """
     found: list[str] = [
         term
-        for term in ("amplifier", "resonance", "stribeck")
+        for term in (LOOP_DAMPING, "amplifier", "resonance", "stribeck")
         if term in fit.structure.terms and any(one.name.partition(".")[0] in refused for one in TERMS[term].parameters)
     ]
     if fit.structure.present("resonance.frequency_hz"):

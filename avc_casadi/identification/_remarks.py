@@ -8,8 +8,7 @@ from avc_casadi.identification._closed_loop import coloured
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._only_feedback import EXCITATION, OnlyFeedback
 from avc_casadi.identification._spring_side import at_the_other_side
-from avc_casadi.identification._terms import PLAY
-from avc_casadi.loop import CURRENT_LOOP_DAMPING_RATIO
+from avc_casadi.identification._terms import LOOP_DAMPING, PLAY
 from avc_casadi.support import FloatArray, number
 
 # A structure rings longer than one that is damped by this.
@@ -56,17 +55,15 @@ def remarks(
             "a filter of the position before it was logged looks like this amplifier, and then leans delay and "
             "friction; log the encoder's counts as they are"
         )
-        if fit.structure.amplifier_order == 2:
+        if fit.structure.amplifier_order == 2 and LOOP_DAMPING not in fit.structure.terms:
             notes.append(
-                f"the current loop is taken with a damping ratio of {CURRENT_LOOP_DAMPING_RATIO}, as device files have "
-                "it: one of 0.8 reads as an eighth less bandwidth, and intervals do not hold that; what is left over "
-                "may look like a resonance damped by more than 1. A step of the current, measured, tells the ratio"
+                f"the current loop is taken with a damping ratio of {number(fit.structure.loop_damping_ratio, 2)} "
+                "(amplifier_damping_ratio), which the log does not tell; the intervals hold others that do as well"
             )
     if "resonance" in fit.structure.terms and fit.values["resonance.damping_ratio"] > _PLAYS:
         notes.append(
             f"a resonance that is damped by {number(fit.values['resonance.damping_ratio'], 2)} is none of a structure: "
-            "play in the transmission looks like one, and so does a current loop whose damping ratio is not "
-            f"{CURRENT_LOOP_DAMPING_RATIO}; that of a structure stays where it is with half the force"
+            "play in the transmission looks like one; that of a structure stays where it is with half the force"
         )
     if "play" in fit.structure.terms:
         notes.append(

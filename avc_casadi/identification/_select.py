@@ -7,7 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from avc_casadi.identification._amplifier import of_the_other_order
+from avc_casadi.identification._amplifier import (
+    A_LAG_FROM,
+    HOPEFUL,
+    damped_as_it_is,
+    in_place_of_a_resonance,
+    of_the_other_order,
+)
 from avc_casadi.identification._beginnings import FIRST_RATE_PER_S, starts_of
 from avc_casadi.identification._evidence import Trial, compared
 from avc_casadi.identification._fit import Fit, Window, best_observer, fit, judged, slowest_observer
@@ -17,14 +23,12 @@ from avc_casadi.identification._near import closely, richer, rms_m_of, roughly
 from avc_casadi.identification._pair import ringing_behind_a_lag
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._share import shared
-from avc_casadi.identification._terms import HIGHEST_SEEN, PLAY, SIZE_OF, TERMS, Structure
+from avc_casadi.identification._terms import HIGHEST_SEEN, LOOP_DAMPING, LOOP_RATIO, PLAY, SIZE_OF, TERMS, Structure
 from avc_casadi.identification._uncertainty import sensitivity
 from avc_casadi.support import SILENT, Progress
 
 # Those that stand together look alike: the better one is taken first.
 _ORDER = (("coulomb",), ("resonance", "amplifier", "stiffness", "play"), ("asymmetry",), ("stribeck",), ("drift",))
-# A term that a Gauss-Newton step from its absence does not speak for by so many standard errors is not fitted.
-_HOPEFUL = 1.5
 # Of an amplifier and the delay that it gains, with friction that turns inside a sample, more is told.
 _COLLINEAR, _COLLINEAR_LAG = 100.0, 300.0
 # Terms that may change everything.
@@ -121,12 +125,10 @@ def select(
     _together(predictor, chosen, response, window)
     chosen.fit = settled(predictor, chosen.fit, window)
     _no_mimic(predictor, chosen, response, window, sides)
+    if "resonance" in chosen.fit.structure.terms:
+        _no_false_resonance(predictor, chosen, window)
     if "amplifier" in chosen.fit.structure.terms:
-        other = of_the_other_order(predictor, chosen.fit, window)
-        if compared(chosen.fit, other, "amplifier").taken:
-            chosen.fit = settled(predictor, other, window)
-        else:
-            chosen.rivals["amplifier"] = other
+        _told_by_its_kind(predictor, chosen, window)
     _prune(predictor, chosen, window)
     return chosen
 
@@ -159,10 +161,40 @@ def _no_mimic(
     if rival is None:
         return
     chosen.not_told(lagging, rival)
-    terms = tuple(one for one in lagging.structure.terms if one != "amplifier")
-    simpler = replace(lagging.structure, terms=terms)
-    without = fit(predictor, simpler, lagging.values, lagging.observer, window, tolerance=1e-6)
+    without = fit(
+        predictor, lagging.structure.less("amplifier"), lagging.values, lagging.observer, window, tolerance=1e-6
+    )
     chosen.fit = settled(predictor, without, window)
+
+
+def _no_false_resonance(predictor: Predictor, chosen: Selection, window: Window) -> None:
+    """Take a current loop in place of a resonance that no structure has, where that does as well."""
+    ringing = chosen.fit
+    loop = in_place_of_a_resonance(predictor, ringing, window)
+    if loop is None:
+        return
+    chosen.fit = settled(predictor, loop, window)
+    found = compared(ringing, loop, "amplifier")
+    why = "a current loop does as well"
+    chosen.trials["resonance"] = replace(chosen.trials["resonance"], taken=False, why=why)
+    for term in ("amplifier", LOOP_DAMPING):
+        chosen.trials[term] = replace(found, term=term, taken=True, why="in place of a resonance damped like one")
+
+
+def _told_by_its_kind(predictor: Predictor, chosen: Selection, window: Window) -> None:
+    """Set an amplifier of the first order and one of the second apart, and those of other damping ratios."""
+    if LOOP_DAMPING in chosen.fit.structure.terms:
+        return
+    other = of_the_other_order(predictor, chosen.fit, window)
+    if compared(chosen.fit, other, "amplifier").taken:
+        chosen.fit = settled(predictor, other, window)
+    else:
+        chosen.rivals["amplifier"] = other
+    chosen.trials[LOOP_DAMPING], free = damped_as_it_is(predictor, chosen.fit, window)
+    if chosen.trials[LOOP_DAMPING].taken:
+        chosen.fit = settled(predictor, free, window)
+    elif chosen.fit.structure.amplifier_order == 2 or free.values[LOOP_RATIO] < A_LAG_FROM:
+        chosen.rivals[LOOP_DAMPING] = free
 
 
 def _together(predictor: Predictor, chosen: Selection, response: Response, window: Window) -> None:
@@ -182,15 +214,26 @@ def _together(predictor: Predictor, chosen: Selection, response: Response, windo
 
 def _prune(predictor: Predictor, chosen: Selection, window: Window) -> None:
     """Drop what the whole model no longer bears out: a term whose size is 0 within its uncertainty."""
-    for term in ("stribeck", "asymmetry", "drift", "stiffness", "amplifier", "resonance", "play", "coulomb"):
+    for term in (
+        "stribeck",
+        "asymmetry",
+        "drift",
+        "stiffness",
+        LOOP_DAMPING,
+        "amplifier",
+        "resonance",
+        "play",
+        "coulomb",
+    ):
         found = chosen.fit
         if term not in found.structure.terms:
             continue
         dependent = [one for one in found.structure.terms if term in TERMS[one].needs]
         if dependent:
             continue
-        simpler = replace(found.structure, terms=tuple(one for one in found.structure.terms if one != term))
-        without = fit(predictor, simpler, found.values, found.observer, window, steps=15, tolerance=1e-6)
+        without = fit(
+            predictor, found.structure.less(term), found.values, found.observer, window, steps=15, tolerance=1e-6
+        )
         trial = compared(without, found, term)
         gone = term in SIZE_OF and found.values[SIZE_OF[term]] < _VANISHED * found.structure.units[SIZE_OF[term]]
         if trial.taken and not gone:
@@ -212,12 +255,9 @@ def without(predictor: Predictor, chosen: Selection, term: str, why: str, window
         window: of the fit.
     """
     found = chosen.fit
-    terms = tuple(one for one in found.structure.terms if one != term)
     chosen.rivals[term] = found
     chosen.trials[term] = replace(chosen.trials[term], taken=False, why=why)
-    simpler = fit(
-        predictor, replace(found.structure, terms=terms), found.values, found.observer, window, tolerance=1e-6
-    )
+    simpler = fit(predictor, found.structure.less(term), found.values, found.observer, window, tolerance=1e-6)
     chosen.fit = settled(predictor, simpler, window)
 
 
@@ -244,8 +284,12 @@ def _try(
         rival = mimic(predictor, lagging, seen if beside else None, response, window, sides)
         chosen.mimic = rival
         if rival is not None and lagging.rms_m > ALIKE * rival.rms_m:
-            chosen.not_told(lagging, rival)
-            del borne_out["amplifier"]
+            chosen.trials[LOOP_DAMPING], free = damped_as_it_is(predictor, lagging, window)
+            if chosen.trials[LOOP_DAMPING].taken and free.rms_m <= ALIKE * rival.rms_m:
+                borne_out["amplifier"] = free
+            else:
+                chosen.not_told(lagging, rival)
+                del borne_out["amplifier"]
     if not borne_out:
         return False
     taken = min(borne_out, key=lambda term: borne_out[term].rms_m)
@@ -275,7 +319,7 @@ def _tried(
         missing = [TERMS[need].words for need in TERMS[term].needs if need not in simple.structure.terms]
         chosen.trials[term] = Trial(term, False, 0.0, 0.0, f"says nothing without {', '.join(missing)}")
         return None
-    near: dict[str, Fit] = {}
+    near: dict[tuple[str, int], Fit] = {}
     chosen.trials[term] = Trial(term, False, 0.0, 0.0, _UNSEEN.get(term, "is not seen in the frequency response"))
     # A simpler model that misses much asks for an observer too fast to see the better one from afar.
     slow = min(simple.observer.rate_per_s, FIRST_RATE_PER_S)
@@ -285,7 +329,7 @@ def _tried(
             at_start = judged(predictor, structure, structure.start(start), simple.observer, window)
             hope = compared(simple, at_start, term)
             chosen.trials[term] = replace(hope, taken=False)
-            if hope.standard_errors < _HOPEFUL:
+            if hope.standard_errors < HOPEFUL:
                 if term == "amplifier" and hope.held_out_change < 0:
                     # As good as none: what it would change is not known better than that.
                     rival = roughly(predictor, structure, start, slow)
@@ -295,8 +339,8 @@ def _tried(
             found = roughly(predictor, structure, start, slow)
         else:
             found = fit(predictor, structure, start, simple.observer, window, steps=12, tolerance=1e-5)
-        side = structure.encoder_at
-        near[side] = min(near.get(side, found), found, key=rms_m_of)
+        kind = (structure.encoder_at, structure.amplifier_order)
+        near[kind] = min(near.get(kind, found), found, key=rms_m_of)
     if not near:
         return None
     least = chosen.rough_m[term] = min(found.rms_m for found in near.values())
@@ -305,8 +349,6 @@ def _tried(
     likely = [found for found in near.values() if found.rms_m <= _NEAR_THE_BEST * least]
     best = min((closely(predictor, found, window) if term in _STRONG else found for found in likely), key=rms_m_of)
     best, trial = _told_apart(predictor, simple, best, term, window)
-    if term == "amplifier" and not trial.taken and trial.standard_errors > _HOPEFUL:
-        best, trial = _told_apart(predictor, simple, of_the_other_order(predictor, best, window), term, window)
     beyond = _beyond(best, term, response, predictor.sample_time_s)
     if trial.taken and beyond:
         # What rings beyond the excited band is there all the same: what it would change is not known better than that.

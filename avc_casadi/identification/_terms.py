@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from avc_casadi.problem import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.support import FloatArray
 
 Kind = Literal["log", "linear", "share"]
@@ -54,6 +55,9 @@ class Term:
     needs: tuple[str, ...] = ()
 
 
+LOOP_DAMPING, LOOP_RATIO = "loop-damping", "amplifier_damping_ratio"
+"""Of an amplifier of the second order: the term and its number."""
+
 _INF = math.inf
 _FAR = 500.0
 TERMS: Mapping[str, Term] = {
@@ -96,6 +100,12 @@ TERMS: Mapping[str, Term] = {
             ),
         ),
         Term("amplifier", "an amplifier's bandwidth", (Parameter("amplifier_bandwidth_hz", "Hz", "log", 1.0, 1e5),)),
+        Term(
+            LOOP_DAMPING,
+            "the damping ratio of the current loop",
+            (Parameter(LOOP_RATIO, "", "log", 0.2, 5.0),),
+            ("amplifier",),
+        ),
         Term(
             "stiffness",
             "a spring to ground (a hand, a cable, gravity along an arc)",
@@ -158,6 +168,16 @@ def offset_of(log: int) -> str:
     return OFFSET if log == 0 else f"log_{log + 1}.{OFFSET}"
 
 
+def lag_of(order: int, damping_ratio: float) -> float:
+    """Return the lag of an amplifier at low frequencies, in radians at its bandwidth.
+
+    Args:
+        order: 1, or 2 for a current loop.
+        damping_ratio: of a current loop.
+    """
+    return 1.0 if order == 1 else 2 * damping_ratio
+
+
 @dataclass(frozen=True)
 class Structure:
     """Which terms the device has, and what is known beforehand.
@@ -168,7 +188,8 @@ class Structure:
         units: size of each linear parameter that matters, which scales the search.
         encoder_at: the side of the resonance on which the position is measured.
         assumed: values that the log does not tell and the model cannot do without.
-        amplifier_order: 1, a lag; 2, a current loop with a damping ratio of 0.7.
+        amplifier_order: 1, a lag; 2, a current loop.
+        loop_damping_ratio: of a current loop where that is no term.
         logs: number of logs; each has a constant force of its own, as pose and amplifier have it on that day.
     """
 
@@ -178,6 +199,7 @@ class Structure:
     encoder_at: Literal["motor", "handle"] = "motor"
     assumed: Mapping[str, float] = field(default_factory=dict)
     amplifier_order: Literal[1, 2] = 1
+    loop_damping_ratio: float = CURRENT_LOOP_DAMPING_RATIO
     logs: int = 1
 
     @property
@@ -196,6 +218,7 @@ class Structure:
     def values(self, search: FloatArray) -> dict[str, float]:
         """Return every parameter of all terms at a point of the search; what is absent does nothing."""
         found = {name: _ABSENT.get(name, 0.0) for name in PARAMETERS} | dict(self.known)
+        found[LOOP_RATIO] = self.loop_damping_ratio
         found |= {name: value for name, value in self.assumed.items() if self.present(name)}
         for one, q in zip(self.free, search, strict=True):
             found[one.name] = self.outward(one, float(q))
@@ -243,6 +266,11 @@ class Structure:
     def admits(self, term: str) -> bool:
         """Whether a term is new and has what it needs."""
         return term not in self.terms and all(need in self.terms for need in TERMS[term].needs)
+
+    def less(self, term: str) -> Structure:
+        """Return one without a term and what says nothing without it."""
+        gone = {term, *(one for one in self.terms if term in TERMS[one].needs)}
+        return replace(self, terms=tuple(one for one in self.terms if one not in gone))
 
     def ordered(self, terms: Sequence[str]) -> tuple[str, ...]:
         """Return terms in the order of TERMS."""

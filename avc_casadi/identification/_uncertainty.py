@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from avc_casadi.identification._fit import Fit
-from avc_casadi.identification._terms import PLAY
+from avc_casadi.identification._terms import LOOP_RATIO, PLAY, lag_of
 from avc_casadi.support import FloatArray
 
 LEVEL = 0.95
@@ -28,6 +28,7 @@ _LEAST = {
     "resonance.damping_ratio": 3e-2,
     "resonance.mass_ratio": 4e-2,
     "amplifier_bandwidth_hz": 1e-2,
+    LOOP_RATIO: 1e-2,
 }
 # When play is taken up is known to half a sample.
 _TAKEN_UP = 0.5
@@ -126,8 +127,11 @@ def _inside_a_sample(fit: Fit) -> FloatArray:
         "resonance.mass_ratio": 4 * share / values["resonance.mass_ratio"],
     }
     if fit.structure.present("amplifier_bandwidth_hz"):
-        lag = 1 / (2 * np.pi * values["amplifier_bandwidth_hz"] * period)
-        moved["delay_samples"] += _LEAST["amplifier_bandwidth_hz"] * lag
+        order, ratio = fit.structure.amplifier_order, values[LOOP_RATIO]
+        lag = lag_of(order, ratio) / (2 * np.pi * values["amplifier_bandwidth_hz"] * period)
+        moved["delay_samples"] += lag * sum(
+            _LEAST[key] for key in ("amplifier_bandwidth_hz", LOOP_RATIO) if fit.structure.present(key)
+        )
     if fit.structure.present(PLAY):
         # Where play begins and ends is known to what encoder and noise leave, and when to a part of a sample.
         moved["delay_samples"] += _TAKEN_UP * fit.taking_up

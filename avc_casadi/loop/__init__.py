@@ -47,7 +47,6 @@ from avc_casadi.loop._paper_errors import ASSUMPTIONS as ASSUMPTIONS
 from avc_casadi.loop._paper_errors import PAPER_ERRORS as PAPER_ERRORS
 from avc_casadi.loop._paper_errors import Assumption as Assumption
 from avc_casadi.loop._paper_errors import PaperError as PaperError
-from avc_casadi.loop._plant import CURRENT_LOOP_DAMPING_RATIO as CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.loop._plant import DEVICE as DEVICE
 from avc_casadi.loop._plant import GROUND as GROUND
 from avc_casadi.loop._plant import HANDLE as HANDLE

@@ -20,6 +20,7 @@ RIGID_KEYS = ("mass_kg", "damping_ns_per_m", "delay_samples")
 LINEAR_KEYS = (
     *RIGID_KEYS,
     "amplifier_bandwidth_hz",
+    "amplifier_damping_ratio",
     "resonance.frequency_hz",
     "resonance.damping_ratio",
     "resonance.mass_ratio",
@@ -78,7 +79,10 @@ def device_with(device: Device, values: Mapping[str, float]) -> Device:
 def linear_values(device: Device) -> dict[str, float]:
     """Return the numbers of `LINEAR_KEYS` that a device has, by key."""
     found: dict[str, float] = {}
+    lags = device.amplifier_bandwidth_hz is None or device.amplifier_order == 1
     for key in LINEAR_KEYS:
+        if key == "amplifier_damping_ratio" and lags:
+            continue
         table, _, inner = key.rpartition(".")
         value = getattr(getattr(device, table) if table else device, inner, None)
         if value is not None:

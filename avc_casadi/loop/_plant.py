@@ -9,15 +9,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from avc_casadi.problem import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.support import FloatArray
 
 DEVICE = "device"
 TARGET = "target"
 GROUND = "ground"
 HANDLE = "handle"
-
-CURRENT_LOOP_DAMPING_RATIO = 0.7
-"""Of an amplifier of order 2."""
 
 
 class Mechanics(Protocol):
@@ -58,12 +56,14 @@ class Plant:
     Attributes:
         grip: the body that the hand holds.
         actuator_rate_per_s: bandwidth of the actuator, rad/s, or None for an ideal one.
-        actuator_order: 1, a lag; 2, a current loop with a damping ratio of 0.7.
+        actuator_order: 1, a lag; 2, a current loop.
+        actuator_damping_ratio: of a current loop.
     """
 
     grip: str = DEVICE
     actuator_rate_per_s: float | None = None
     actuator_order: int = 1
+    actuator_damping_ratio: float = CURRENT_LOOP_DAMPING_RATIO
     _masses: dict[str, FloatArray] = field(default_factory=dict)
     _links: list[tuple[str, str, FloatArray, FloatArray]] = field(default_factory=list)
 
@@ -142,6 +142,6 @@ class Plant:
             matrix[..., 1, n - 2] = push
             matrix[..., n - 2, n - 1] = 1.0
             matrix[..., n - 1, n - 2] = -(self.actuator_rate_per_s**2)
-            matrix[..., n - 1, n - 1] = -2 * CURRENT_LOOP_DAMPING_RATIO * self.actuator_rate_per_s
+            matrix[..., n - 1, n - 1] = -2 * self.actuator_damping_ratio * self.actuator_rate_per_s
             force[..., n - 1] = self.actuator_rate_per_s**2
         return LinearPlant(tuple(names), matrix, force, target, friction)

@@ -57,6 +57,7 @@ def device_plant(
     if device.amplifier_bandwidth_hz is not None:
         plant.actuator_rate_per_s = 2 * math.pi * device.amplifier_bandwidth_hz
         plant.actuator_order = device.amplifier_order
+        plant.actuator_damping_ratio = device.amplifier_damping_ratio
     return plant
 
 

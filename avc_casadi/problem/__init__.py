@@ -19,6 +19,7 @@ from avc_casadi.problem._declared import declared_effects as declared_effects
 from avc_casadi.problem._declared import left_out as left_out
 from avc_casadi.problem._declared import scene_effects as scene_effects
 from avc_casadi.problem._detent import Detent as Detent
+from avc_casadi.problem._device import CURRENT_LOOP_DAMPING_RATIO as CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.problem._device import Device as Device
 from avc_casadi.problem._device import DeviceRange as DeviceRange
 from avc_casadi.problem._device import Resonance as Resonance

@@ -38,7 +38,9 @@ def declared(problem: Problem) -> tuple[str, ...]:
     whole = set(type(device).model_fields) - stated
     # These say nothing alone.
     if device.amplifier_bandwidth_hz is None:
-        whole.discard("amplifier_order")
+        whole -= {"amplifier_order", "amplifier_damping_ratio"}
+    if device.amplifier_order == 1:
+        whole.discard("amplifier_damping_ratio")
     if device.resonance is None:
         whole.discard("encoder_at")
     values = {key: (getattr(device, key), field.default) for key, field in type(device).model_fields.items()}

@@ -21,6 +21,8 @@ from avc_casadi.problem._quantity import (
     Hertz,
     Length,
     LengthInterval,
+    LoopDampingRatio,
+    LoopDampingRatioInterval,
     Mass,
     MassInterval,
     MassShare,
@@ -31,6 +33,9 @@ from avc_casadi.problem._quantity import (
 )
 from avc_casadi.problem._table import Table
 from avc_casadi.support import MotionKind, Units, units_for
+
+CURRENT_LOOP_DAMPING_RATIO = 0.7
+"""Of an amplifier of order 2 of which nothing else is said."""
 
 
 class Resonance(Table):
@@ -68,6 +73,7 @@ class DeviceRange(Table):
     encoder_resolution_m: LengthInterval | None = None
     position_noise_rms_m: LengthInterval | None = None
     amplifier_bandwidth_hz: FrequencyInterval | None = None
+    amplifier_damping_ratio: LoopDampingRatioInterval | None = None
     max_force_n: ForceLimitInterval | None = None
     backlash_m: LengthInterval | None = None
     resonance: ResonanceRange = ResonanceRange()
@@ -90,7 +96,8 @@ class Device(Table):
         encoder_resolution_m: a step of the measured position.
         position_noise_rms_m: white noise of the measured position.
         amplifier_bandwidth_hz: of the actuator's force; None: ideal.
-        amplifier_order: 1, a lag; 2, a current loop with a damping ratio of 0.7.
+        amplifier_order: 1, a lag; 2, a current loop.
+        amplifier_damping_ratio: of a current loop.
         max_force_n: largest force of the actuator; None: no limit.
         backlash_m: play of the measured position; nothing beyond a resonance with the encoder at the handle.
         resonance: motor and handle joined by a spring; None: rigid.
@@ -109,6 +116,7 @@ class Device(Table):
     position_noise_rms_m: Length = 0.0
     amplifier_bandwidth_hz: Hertz | None = None
     amplifier_order: Literal[1, 2] = 1
+    amplifier_damping_ratio: LoopDampingRatio = CURRENT_LOOP_DAMPING_RATIO
     max_force_n: ForceLimit | None = None
     backlash_m: Length = 0.0
     resonance: Resonance | None = None

@@ -24,6 +24,8 @@ Grade = Literal["measured", "computed", "vendor", "example", "assumed"]
 # These say how another key is meant and are no quantities.
 _NO_QUANTITY = {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "range"}
 _QUANTITIES = tuple(key for key in Device.model_fields if key not in _NO_QUANTITY)
+# A lag has none, and most files give a lag.
+_NEED_NOT_BE_SAID = {"amplifier_damping_ratio"}
 
 
 class Source(Table):
@@ -44,6 +46,7 @@ class Sources(Table):
     encoder_resolution_m: Source | None = None
     position_noise_rms_m: Source | None = None
     amplifier_bandwidth_hz: Source | None = None
+    amplifier_damping_ratio: Source | None = None
     max_force_n: Source | None = None
     backlash_m: Source | None = None
     resonance: Source | None = None
@@ -181,7 +184,7 @@ def _sourced(values: Values) -> Iterator[Finding]:
     for key in _QUANTITIES:
         stated = values.given("device", key) or values.given("device", "range", key)
         source = values[f"sources.{key}"]
-        if not stated and key not in gaps:
+        if not stated and key not in gaps and key not in _NEED_NOT_BE_SAID:
             message = f'is neither given nor a gap; allowed: a value with its source, or gaps = ["{key}", ...]'
             yield ("device", key), message
         if stated and source is None:

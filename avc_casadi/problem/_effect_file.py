@@ -17,6 +17,7 @@ from avc_casadi.problem._quantity import (
     ForceLimit,
     Hertz,
     Length,
+    LoopDampingRatio,
     Mass,
     MassRatio,
     Place,
@@ -285,11 +286,13 @@ class AmplifierEffect(Table):
     Attributes:
         bandwidth_hz: None: that of [device].
         order: None: that of [device].
+        damping_ratio: of a current loop; None: that of [device].
     """
 
     kind: Literal["amplifier"] = "amplifier"
     bandwidth_hz: Hertz | None = None
     order: Literal[1, 2] | None = None
+    damping_ratio: LoopDampingRatio | None = None
 
 
 class SaturationEffect(Table):

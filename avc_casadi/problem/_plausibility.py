@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import Fault
+from avc_casadi.problem._device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.problem._motion_words import power_at_handle
 from avc_casadi.problem._quantity import plain
 
@@ -35,6 +36,7 @@ _USUAL = {
     "device.encoder_resolution_m": _Usual(1e-7, 1e-3, "m"),
     "device.position_noise_rms_m": _Usual(1e-9, 1e-3, "m"),
     "device.amplifier_bandwidth_hz": _Usual(20, 20e3, "Hz"),
+    "device.amplifier_damping_ratio": _Usual(0.2, 3, ""),
     "device.max_force_n": _Usual(0.5, 500, "N"),
     "device.backlash_m": _Usual(1e-6, 5e-3, "m"),
     "device.resonance.frequency_hz": _Usual(10, 2e3, "Hz"),
@@ -103,6 +105,13 @@ def _idle(problem: Problem) -> Iterator[tuple[str, str]]:
         yield "device.encoder_at", 'is "handle", which says nothing without device.resonance: motor and handle are one'
     if device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None:
         yield "device.amplifier_order", "is 2, which says nothing without device.amplifier_bandwidth_hz"
+    current_loop = device.amplifier_order == 2
+    for key, said in (
+        ("device.amplifier_damping_ratio", device.amplifier_damping_ratio != CURRENT_LOOP_DAMPING_RATIO),
+        ("device.range.amplifier_damping_ratio", device.range.amplifier_damping_ratio is not None),
+    ):
+        if said and not current_loop:
+            yield key, "says nothing of a lag: a current loop, which has one, is device.amplifier_order = 2"
     if device.backlash_m > 0 and device.encoder_at == "handle" and device.resonance is not None:
         seen = "between motor and encoder; an encoder at the handle stands beyond it, and nothing here simulates it"
         yield "device.backlash_m", f"is play {seen}"

@@ -179,6 +179,7 @@ Factor = Annotated[float, BeforeValidator(Quantity("", 1, 1e6, zero=False))]
 Threshold = Annotated[float, BeforeValidator(Quantity("", 1e-3, 0.999, zero=False))]
 Share = Annotated[float, BeforeValidator(Quantity("", 1e-9, 1))]
 DampingRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 10))]
+LoopDampingRatio = Annotated[float, BeforeValidator(Quantity("", 0.05, 10, zero=False))]
 MassRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e3, zero=False))]
 MassShare = Annotated[float, BeforeValidator(Quantity("", 1e-6, 0.999999, zero=False))]
 DelaySamples = Annotated[int | float, BeforeValidator(_delay)]
@@ -195,6 +196,9 @@ ForceInterval = Annotated[tuple[Force, Force], BeforeValidator(_pair), AfterVali
 ForceLimitInterval = Annotated[tuple[ForceLimit, ForceLimit], BeforeValidator(_pair), AfterValidator(ordered)]
 LengthInterval = Annotated[tuple[Length, Length], BeforeValidator(_pair), AfterValidator(ordered)]
 DampingRatioInterval = Annotated[tuple[DampingRatio, DampingRatio], BeforeValidator(_pair), AfterValidator(ordered)]
+LoopDampingRatioInterval = Annotated[
+    tuple[LoopDampingRatio, LoopDampingRatio], BeforeValidator(_pair), AfterValidator(ordered)
+]
 MassShareInterval = Annotated[tuple[MassShare, MassShare], BeforeValidator(_pair), AfterValidator(ordered)]
 DelayInterval = Annotated[tuple[DelaySamples, DelaySamples], BeforeValidator(_pair), AfterValidator(ordered)]
 Coefficient = Annotated[float, BeforeValidator(Quantity("", 1e-15, 1e6, signed=True))]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from avc_casadi.loop import Hand, device_corners, device_with, hand_ranges
+from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, device_with, hand_ranges
 from avc_casadi.passivity import SampledLoop, fractions
 from avc_casadi.problem import Device
 from avc_casadi.proof._frozen_loop import FrozenGains, FrozenLoop
@@ -214,10 +214,8 @@ def _refuted(problem: Problem, gains: FrozenGains, rows: IndexArray) -> dict[int
     """Rows that a hand of the ranges breaks at a corner of the device, found by search."""
     found: dict[int, HandsProof] = {}
     parts = _parts(gains)
-    keys = ("mass_kg", "damping_ns_per_m", "delay_samples", "amplifier_bandwidth_hz")
     inner = problem.hands.model_copy(update={"let_go": False})
-    resonance = ("resonance.frequency_hz", "resonance.damping_ratio", "resonance.mass_ratio")
-    for device in device_corners(problem.device, (*keys, *resonance)):
+    for device in device_corners(problem.device, LINEAR_KEYS):
         if device.delay_samples > MAX_DELAY_SAMPLES:
             continue
         worst = worst_hands(device, parts, gains.contact_damping_ns_per_m, inner, enough=_REFUTED)

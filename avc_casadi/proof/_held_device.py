@@ -39,7 +39,10 @@ STYLUS = (
     "arm_damping_ns_per_m",
     "arm_stiffness_n_per_m",
 )
-_DAMPING_OF_CURRENT_LOOP = 0.7
+_RATIO = "amplifier_damping_ratio"
+# Of a current loop that rises nowhere.
+_NO_PEAK = 0.7072
+_RANGED = ("mass_kg", "damping_ns_per_m", "delay_samples", "amplifier_bandwidth_hz", _RATIO)
 # Terms on each side of the middle one.
 _TERMS, _TERMS_UNPAIRED = 6, 16
 _TOO_SLOW = "damping or stiffness of hand and device are too large for the sample time"
@@ -94,9 +97,9 @@ class HeldDevice:
         """Range of every number that is not known exactly, or is the hand's."""
         found = dict(self.hand)
         spread = self.device.range
-        for key in ("mass_kg", "damping_ns_per_m", "delay_samples", "amplifier_bandwidth_hz"):
+        for key in _RANGED:
             ends = getattr(spread, key)
-            if ends is not None and ends[0] < ends[1]:
+            if ends is not None and ends[0] < ends[1] and not (key == _RATIO and self.device.amplifier_order == 1):
                 found[f"device.{key}"] = (float(ends[0]), float(ends[1]))
         if self.device.resonance is not None:
             for key in ("frequency_hz", "damping_ratio", "mass_ratio"):
@@ -205,7 +208,8 @@ class HeldDevice:
             rate = number("amplifier_bandwidth_hz", device.amplifier_bandwidth_hz) * known(2 * math.pi * t)
             lag = s + rate
             if device.amplifier_order == 2:
-                rate, lag = rate * rate, s * (s + rate * (2 * _DAMPING_OF_CURRENT_LOOP)) + rate * rate
+                ratio = number(_RATIO, device.amplifier_damping_ratio)
+                rate, lag = rate * rate, s * (s + rate * ratio * 2.0) + rate * rate
             above = above * rate * (1 / lag)
         return above, below
 
@@ -248,8 +252,11 @@ class HeldDevice:
         first = (2 * self.terms + 1) * math.pi
         if device.amplifier_order == 1:
             return rate, 1
-        # Its gain is never above 1.01.
-        return (rate**2 / (1 - (rate / first) ** 2), 2) if rate < 0.9 * first else (1.01, 0)
+        if rate < 0.9 * first:
+            return rate**2 / (1 - (rate / first) ** 2), 2
+        # What a current loop passes at most: with a damping ratio beyond 0.707 nowhere more than all.
+        ratio = self._ends(f"device.{_RATIO}", device.amplifier_damping_ratio)[0]
+        return (1.0 if ratio >= _NO_PEAK else 1 / (2 * ratio * math.sqrt(1 - ratio**2))) * _ROOM, 0
 
     def _largest_yield(self) -> float:
         """Bound |Y| w^2 beyond the terms taken, 1/kg."""

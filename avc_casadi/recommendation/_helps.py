@@ -38,7 +38,8 @@ def linear_changes(problem: Problem) -> dict[str, Problem]:
     if device.delay_samples:
         keys["no delay"] = {"delay_samples": 0, "range": {"delay_samples": None}}
     if device.amplifier_bandwidth_hz is not None:
-        keys["an amplifier without lag"] = {"amplifier_bandwidth_hz": None, "range": {"amplifier_bandwidth_hz": None}}
+        lags = {"amplifier_bandwidth_hz": None, "amplifier_damping_ratio": None}
+        keys["an amplifier without lag"] = {"amplifier_bandwidth_hz": None, "amplifier_order": 1, "range": lags}
     if device.resonance is not None:
         nothing = dict.fromkeys(type(device.resonance).model_fields)
         keys["no resonance"] = {"resonance": None, "encoder_at": "motor", "range": {"resonance": nothing}}

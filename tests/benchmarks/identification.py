@@ -52,6 +52,7 @@ KEYS = {
     "encoder_resolution_m": "encoder",
     "position_noise_rms_m": "noise",
     "amplifier_bandwidth_hz": "bandwidth",
+    "amplifier_damping_ratio": "loop_damping",
     "resonance.frequency_hz": "resonance",
     "resonance.damping_ratio": "ratio",
     "resonance.mass_ratio": "share",
@@ -89,7 +90,7 @@ def drawn(index: int, seed: int, *, amplifier: bool = False) -> tuple[dict[str, 
     excited = {"rms": max(1.0, float(random.uniform(1.2, 3.0)) * device["coulomb"]), "noise": noise}
     if amplifier:
         device["bandwidth"] = log(80.0, 1000.0)
-        device["loop_damping"] = 0.7 * (index % 2)
+        device["loop_damping"] = log(0.35, 1.4) if index % 2 else 0.0
     return device, excited
 
 
@@ -107,12 +108,14 @@ def one(index: int, seed: int, seconds: float, *, amplifier: bool = False, lost:
     true = {key: device.get(name, 0.0) for key, name in KEYS.items()}
     if amplifier and "amplifier_bandwidth_hz" not in found.estimates:
         # Its lag is then said to be part of the delay.
-        true["delay_samples"] += max(1.0, 2 * truth.loop_damping) / (2 * np.pi * truth.bandwidth * truth.period)
+        true["delay_samples"] += (2 * truth.loop_damping or 1.0) / (2 * np.pi * truth.bandwidth * truth.period)
     true["position_noise_rms_m"] = excited["noise"]
     if not device.get("resonance"):
         true = {key: value for key, value in true.items() if not key.startswith("resonance")}
     if not amplifier:
         del true["amplifier_bandwidth_hz"]
+    if not truth.loop_damping:
+        del true["amplifier_damping_ratio"]
     row["mode"] = bool(device.get("resonance"))
     row["side_right"] = None
     if row["mode"] and "resonance" in found.terms:
@@ -161,7 +164,7 @@ def table_of(rows: list[dict[str, Any]], made: Mapping[str, Any], of: str = "") 
     seconds = made["seconds"]
     devices = {
         "With amplifiers": "As above, but each device has an amplifier of 80 to 1000 Hz, every other "
-        "one of the second order, and none a resonance. "
+        "one of the second order with a damping ratio of 0.35 to 1.4, and none a resonance. "
         "Where the amplifier is not told, the delay is said to hold its lag, and is compared with both. "
         "Numbers as above.",
         "Of longer logs": "As above, but of longer logs. Numbers as above.",

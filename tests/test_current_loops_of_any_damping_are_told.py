@@ -1,0 +1,87 @@
+"""A current loop is told with its own damping ratio: taken with another it is a resonance, a lag or a wrong delay."""
+
+import numpy as np
+import pytest
+from measured_device import Truth, measured, multisine
+
+from avc_casadi.identification import Record, identification_text, identify
+from avc_casadi.problem import DeviceFile
+
+
+def told(seed, base=None, **device):
+    truth = Truth(mass=0.1, damping=0.5, spring=30.0, delay=1.0, encoder=5e-6, **device)
+    random = np.random.default_rng(seed)
+    wanted = multisine(random, 10.0, truth.period, 0.5, 300.0, 1.0 + truth.coulomb)
+    _, position, force = measured(truth, wanted, random)
+    return truth, identify([Record("log", truth.period, position, force)], base=base)
+
+
+def base(**device):
+    """A device file with guesses of its own."""
+    nominal = {"mass_kg": 0.1, "damping_ns_per_m": 0.5, "amplifier_order": 2, "amplifier_bandwidth_hz": 250.0}
+    return DeviceFile.model_validate({"name": "guess.toml", "device": nominal | device})
+
+
+@pytest.mark.parametrize(
+    ("bandwidth", "ratio", "friction"),
+    [
+        (100.0, 0.4, 0.3),  # was a resonance of 100 Hz
+        (250.0, 0.3, 0.0),
+        (250.0, 0.6, 0.3),  # was a resonance beyond the excited frequencies, and so neither
+        (250.0, 1.0, 0.0),
+        (250.0, 1.3, 0.3),  # was a lag of 114 Hz
+    ],
+)
+def test_its_bandwidth_ratio_and_delay_are_inside_their_intervals(bandwidth, ratio, friction):
+    truth, found = told(3, coulomb=friction, bandwidth=bandwidth, loop_damping=ratio)
+    true = {
+        "mass_kg": truth.mass,
+        "damping_ns_per_m": truth.damping,
+        "delay_samples": truth.delay,
+        "coulomb_friction_n": friction,
+        "amplifier_bandwidth_hz": bandwidth,
+        "amplifier_damping_ratio": ratio,
+    }
+    for key, value in true.items():
+        assert found.estimates[key].low <= value <= found.estimates[key].high, key
+    assert found.estimates["amplifier_damping_ratio"].value == pytest.approx(ratio, rel=0.03)
+    assert "resonance" not in found.terms
+    assert found.amplifier_order == 2
+
+
+def test_the_device_file_says_it_with_its_range_and_source():
+    _, found = told(3, coulomb=0.3, bandwidth=250.0, loop_damping=0.4)
+    device = found.device.device
+    low, high = device.range.amplifier_damping_ratio
+    assert low < device.amplifier_damping_ratio < high
+    assert found.device.sources.amplifier_damping_ratio.grade == "measured"
+    assert "the damping ratio of the current loop" in identification_text(found)
+    assert not any("damping ratio" in note for note in found.notes)
+
+
+def test_where_it_makes_no_difference_it_is_a_gap_at_what_the_file_of_the_device_says():
+    """A ratio of 0.7 is not told from one that is a little off; the interval of the bandwidth holds such."""
+    _, found = told(5, coulomb=0.3, bandwidth=200.0, loop_damping=0.7)
+    assert "loop-damping" not in found.terms
+    assert "amplifier_damping_ratio" in found.device.gaps
+    assert any("amplifier_damping_ratio" in note for note in found.notes)
+    _, believed = told(5, base(amplifier_damping_ratio=0.6), coulomb=0.3, bandwidth=200.0, loop_damping=0.6)
+    assert believed.amplifier_order == 2
+    told_so = "loop-damping" in believed.terms
+    assert believed.device.device.amplifier_damping_ratio == pytest.approx(0.6, abs=0.02 if told_so else 0.0)
+
+
+def test_a_lag_has_none():
+    _, found = told(3, coulomb=0.3, bandwidth=300.0)
+    assert found.amplifier_order == 1
+    assert "amplifier_damping_ratio" not in found.estimates
+    assert "amplifier_damping_ratio" not in found.device.device.model_fields_set
+
+
+def test_a_resonance_of_a_structure_stays_one():
+    """With the encoder at the handle it differs from a loop that rings by a zero, and by what friction meets."""
+    _, found = told(4, coulomb=0.2, resonance=90.0, ratio=0.25, share=0.4, at_handle=1.0)
+    assert "resonance" in found.terms
+    assert "amplifier" not in found.terms
+    mode = found.estimates["resonance.frequency_hz"]
+    assert mode.low <= 90.0 <= mode.high
