@@ -18,12 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.support import FloatArray
+from avc_casadi.support import FloatArray, processors
 
 if TYPE_CHECKING:
     from avc_casadi.scene._compile import CompiledScene
 
 
+# To begin a thread takes as long as some runs do.
+_THREADS = ThreadPoolExecutor(processors(), thread_name_prefix="scene")
 _FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared")
 
 _LOOP = """
@@ -156,11 +158,13 @@ def in_threads(work: Callable[[slice], None], rows: int, workers: int, whole: in
     groups = -(-rows // whole)
     each = whole * -(-groups // max(1, min(workers, groups)))
     parts = [slice(first, min(first + each, rows)) for first in range(0, rows, max(1, each))]
-    if len(parts) == 1:
-        work(parts[0])
-    else:
-        with ThreadPoolExecutor(max(1, len(parts))) as pool:
-            list(pool.map(work, parts))
+    others = [_THREADS.submit(work, part) for part in parts[1:]]
+    try:
+        for part in parts[:1]:
+            work(part)
+    finally:
+        for other in others:
+            other.result()
 
 
 def c_of(functions: Sequence[Any], loop: str) -> str:
