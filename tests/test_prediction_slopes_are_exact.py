@@ -25,6 +25,7 @@ VALUES = {
     "resonance.damping_ratio": 0.04,
     "resonance.mass_ratio": 0.3,
     "amplifier_bandwidth_hz": 200.0,
+    "amplifier_damping_ratio": 0.5,
     "stiffness_n_per_m": 3.0,
     "offset_drift_n_per_s": 0.01,
     "backlash_m": 4e-5,
@@ -32,6 +33,7 @@ VALUES = {
 MODELS = {
     "rigid": ("base",),
     "friction": ("base", "coulomb", "drift"),
+    "current loop": ("base", "coulomb", "amplifier", "loop-damping"),
     "all": ("base", "coulomb", "asymmetry", "stribeck", "resonance", "amplifier", "stiffness", "drift", "play"),
 }
 
@@ -79,7 +81,25 @@ def test_a_compiler_that_does_not_know_the_machine_s_own_vectors_will_do(predict
 def test_slopes_are_those_of_differences(predictor, side, order):
     """The observer's gain counts as constant in the slopes: it is all but off here."""
     structure = Structure(MODELS["all"], {}, {"backlash_m": 2e-5}, side, amplifier_order=order)
-    search, still = structure.start(VALUES), Observer(1e-3)
+    assert_slopes(predictor, structure, VALUES)
+
+
+@pytest.mark.parametrize("delay", np.linspace(1.01, 1.99, 15))
+def test_slopes_are_those_of_differences_wherever_in_a_sample_the_force_arrives(predictor, delay):
+    """Where one of the times at which friction looks at the velocity leaves the sample, all of them changed places."""
+    structure = Structure(MODELS["current loop"], {}, {}, amplifier_order=2)
+    bandwidth = VALUES["amplifier_bandwidth_hz"]
+    turn = np.pi * bandwidth * 1e-3
+    looks = -np.log1p(np.arange(8) / 8 * np.expm1(-turn)) / turn
+    # Next to where one of them leaves the sample, on either side.
+    near = [*(1 + (1 - looks[1:]) - 1e-4), *(1 + (1 - looks[1:]) + 1e-4)]
+    nearest = min(near, key=lambda one: abs(one - delay))
+    for place in (delay, nearest):
+        assert_slopes(predictor, structure, {**VALUES, "delay_samples": float(place)}, within=0.02)
+
+
+def assert_slopes(predictor, structure, values, within=1e-3):
+    search, still = structure.start(values), Observer(1e-3)
     (found,) = predictor.predict(structure, search, still)
     for index, one in enumerate(structure.free):
         step = np.zeros(search.size)
@@ -89,7 +109,7 @@ def test_slopes_are_those_of_differences(predictor, side, order):
         scale = np.abs(found.slopes[:, index]).max()
         # A sample in which the motor stops or goes on at once has a corner; few do.
         apart = np.abs(by_difference - found.slopes[:, index]) / scale
-        assert np.quantile(apart, 0.9) < 1e-3, one.name
+        assert np.quantile(apart, 0.9) < within, one.name
 
 
 @pytest.mark.parametrize("size", [1e160, np.inf, np.nan])

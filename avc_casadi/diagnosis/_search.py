@@ -26,8 +26,8 @@ _ODDS = 4.0
 _TRIED = (0.75, 0.95, 1.2, 1.6)
 _LATER = 2.5
 _REWEIGHED = 2
-# What is damped more than this is no resonance.
-_MOST_DAMPED = 0.15
+# What is damped more than this is no resonance, and what rings more slowly no structure that nobody declared: a hand.
+_MOST_DAMPED, _SLOWEST_HZ = 0.15, 25.0
 # How far, in samples, a delay may lie from the declared one: where it may be what is wrong, and where it is not.
 _LATE, _PUNCTUAL = 4.0, 0.15
 # Numbers that have died away further only make the arithmetic slow.
@@ -118,6 +118,7 @@ class Search:
         if mode == "found":
             self._low[-1], self._high[-1] = 0.1, 0.9
             self._high[-2] = math.log(_MOST_DAMPED)
+            self._low[-3] = math.log(_SLOWEST_HZ)
 
     def answer(self, point: FloatArray) -> Answer:
         """Return device and hand at a point."""

@@ -12,10 +12,10 @@ from avc_casadi.identification._near import closely, richer, rms_m_of, roughly
 from avc_casadi.identification._predictor import Predictor
 from avc_casadi.identification._terms import LOOP_DAMPING, LOOP_RATIO, lag_of
 
-HOPEFUL = 1.5
-"""Standard errors by which a Gauss-Newton step must speak for a term before it is fitted."""
 A_LAG_FROM = 1.5
 """Damping ratio from which on a current loop is a lag, with a pole beside it that is far quicker."""
+# Where a current loop may lie, as shares of the sample rate.
+_PLACES = (0.2, 0.1, 0.05)
 # How much of delay and lag together may be lag, where a search begins.
 _SHARES = (0.2, 0.5, 0.9)
 _RATE_PER_S = 60.0
@@ -68,13 +68,13 @@ def damped_as_it_is(predictor: Predictor, found: Fit, window: Window) -> tuple[T
     structure = replace(richer(found.structure, LOOP_DAMPING), amplifier_order=2)
     near = judged(predictor, structure, structure.start(start), found.observer, window)
     hope = compared(found, near, LOOP_DAMPING)
-    if hope.standard_errors < HOPEFUL:
+    if hope.standard_errors < 0:
         return replace(hope, taken=False), near
     free = closely(predictor, roughly(predictor, structure, start, _RATE_PER_S), window)
     return compared(found, free, LOOP_DAMPING), free
 
 
-def in_place_of_a_resonance(predictor: Predictor, found: Fit, window: Window) -> Fit | None:
+def in_place_of_a_resonance(predictor: Predictor, found: Fit, window: Window, *, doubted: bool = False) -> Fit | None:
     """Return a model with a current loop and no resonance where that does as well: a loop of little damping rings.
 
     With the encoder at the handle a resonance is a current loop, but for a zero and what friction meets.
@@ -83,12 +83,13 @@ def in_place_of_a_resonance(predictor: Predictor, found: Fit, window: Window) ->
         predictor: of the records.
         found: with a resonance.
         window: of the fits.
+        doubted: whether its numbers are not told, and may be any.
 
     Returns:
         None where the resonance is one of a structure, or the current loop does worse.
     """
     values = found.values
-    if values["resonance.damping_ratio"] < _LOOP_LIKE:
+    if values["resonance.damping_ratio"] < _LOOP_LIKE and not doubted:
         return None
     structure = replace(richer(found.structure.less("resonance"), "amplifier", LOOP_DAMPING), amplifier_order=2)
     starts: list[Mapping[str, float]] = [
@@ -100,6 +101,9 @@ def in_place_of_a_resonance(predictor: Predictor, found: Fit, window: Window) ->
     ]
     if "amplifier" in found.structure.terms:
         starts.append({**values, LOOP_RATIO: structure.loop_damping_ratio})
+    elif doubted:
+        rate = 1 / predictor.sample_time_s
+        starts += [{**values, "amplifier_bandwidth_hz": share * rate, LOOP_RATIO: 0.5} for share in _PLACES]
     loop = _best(predictor, [roughly(predictor, structure, start, _RATE_PER_S) for start in starts], window)
     return None if compared(loop, found, "resonance").taken else loop
 

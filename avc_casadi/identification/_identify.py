@@ -28,7 +28,8 @@ from avc_casadi.identification._record import Record, shortened
 from avc_casadi.identification._refuse import EXCITATION, beyond_force, cannot_tell, refusals, vague_terms
 from avc_casadi.identification._remarks import remarks
 from avc_casadi.identification._repeats import repeat_notes, repeats_of
-from avc_casadi.identification._select import HIDDEN, Selection, select, settled, without
+from avc_casadi.identification._select import HIDDEN, select
+from avc_casadi.identification._selection import Selection, no_false_resonance, settled, without
 from avc_casadi.identification._share import SHARE, other_shares, share_assumed, share_refused, shared
 from avc_casadi.identification._spring_side import moved as beyond_side
 from avc_casadi.identification._start import cut_force_n, first_guess
@@ -256,6 +257,8 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
         vague = vague_terms(fit, widened(fit, spread, chosen.rivals, chosen.inseparable), refused)
         if fit.hides_play:
             without(predictor, chosen, "play", HIDDEN, window)
+        elif vague[:1] == ["resonance"] and no_false_resonance(predictor, chosen, window, doubted=True):
+            continue
         elif vague:
             without(predictor, chosen, vague[0], "is not told well enough to stand in a model", window)
         else:

@@ -128,8 +128,9 @@ def linear_steps(
     taps: tuple[int, ...],
     *,
     parts: int = PARTS,
+    near: Mapping[str, float] | None = None,
 ) -> list[LinearStep]:
-    """Do the same for several values in one go."""
+    """Do the same for several values in one go, with dry friction looking where it does at near ones, if there are."""
     devices = [device_of(values, structure, sample_time_s) for values in several]
     springs = [values["stiffness_n_per_m"] if structure.present("stiffness_n_per_m") else None for values in several]
     sampled: dict[int, tuple[SampledPlant, int]] = {}
@@ -142,7 +143,7 @@ def linear_steps(
         for device, spring in zip(devices, springs, strict=True)
     ]
     late_s = [(device.delay_samples - int(device.delay_samples)) * sample_time_s for device in devices]
-    cuts = [_cuts(one, late, sample_time_s, parts) for one, late in zip(several, late_s, strict=True)]
+    cuts = [_cuts(one, near or one, sample_time_s, parts) for one in several]
     motor, early = _inside(plants, late_s, sample_time_s, cuts)
     found = []
     for place, (values, plant) in enumerate(zip(several, plants, strict=True)):
@@ -171,18 +172,31 @@ def linear_steps(
     return found
 
 
-def _cuts(values: Mapping[str, float], late_s: float, period: float, parts: int) -> list[float]:
+def _cuts(values: Mapping[str, float], near: Mapping[str, float], period: float, parts: int) -> list[float]:
     """Return when dry friction looks at the velocity inside a sample: when the newer force arrives, s.
 
     After that an amplifier bends it, the more the sooner: there it looks more often, so that of each part the same is
-    left out.
+    left out. What is beyond the sample lies in the next one; which those are, and their order, is as at near values:
+    where one came to lie on the other side, all rows would change places, and a difference be no derivative.
     """
-    bandwidth = values["amplifier_bandwidth_hz"]
-    if math.isnan(bandwidth):
-        return [late_s] if parts else []
-    turn = math.pi * bandwidth * period
+    if math.isnan(values["amplifier_bandwidth_hz"]):
+        return [_samples_late(values) * period] if parts else []
+    before = _looks(near, period, parts)
+    places = _looks(values, period, parts) - np.floor(before)
+    return [period * min(max(float(place), 0.0), 1.0) for place in places[np.argsort(before % 1.0)]]
+
+
+def _looks(values: Mapping[str, float], period: float, parts: int) -> FloatArray:
+    """Return the same in samples, without regard to where the sample ends."""
+    turn = math.pi * values["amplifier_bandwidth_hz"] * period
     after = -np.log1p(np.arange(parts) / parts * math.expm1(-turn)) / turn
-    return sorted(((late_s + after * period) % period).tolist())
+    return np.asarray(_samples_late(values) + after)
+
+
+def _samples_late(values: Mapping[str, float]) -> float:
+    """Return the part of a sample after which the newer force arrives."""
+    delay = values["delay_samples"]
+    return delay - int(delay)
 
 
 def _inside(
@@ -266,5 +280,6 @@ def linear_derivatives(
             places, weighed = (low, low + step), (-1.0, 1.0)
         cases += [{**values, one.name: at} for at in places]
         weights.append(tuple(weight / step for weight in weighed))
-    entries = iter([made.flat() for made in linear_steps(cases, structure, sample_time_s, taps, parts=parts)])
+    steps = linear_steps(cases, structure, sample_time_s, taps, parts=parts, near=values)
+    entries = iter([made.flat() for made in steps])
     return np.stack([sum(weight * next(entries) for weight in some) for some in weights], axis=1)

@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
-from avc_casadi.identification._amplifier import (
-    A_LAG_FROM,
-    HOPEFUL,
-    damped_as_it_is,
-    in_place_of_a_resonance,
-    of_the_other_order,
-)
+from avc_casadi.identification._amplifier import damped_as_it_is
 from avc_casadi.identification._beginnings import FIRST_RATE_PER_S, starts_of
 from avc_casadi.identification._evidence import Trial, compared
 from avc_casadi.identification._fit import Fit, Window, best_observer, fit, judged, slowest_observer
 from avc_casadi.identification._frequency import Response
-from avc_casadi.identification._mimic import ALIKE, MIMICS, mimic
+from avc_casadi.identification._mimic import ALIKE, mimic
 from avc_casadi.identification._near import closely, richer, rms_m_of, roughly
 from avc_casadi.identification._pair import ringing_behind_a_lag
 from avc_casadi.identification._predictor import Observer, Predictor
+from avc_casadi.identification._selection import Selection, no_false_resonance, settled, told_by_its_kind
 from avc_casadi.identification._share import shared
-from avc_casadi.identification._terms import HIGHEST_SEEN, LOOP_DAMPING, LOOP_RATIO, PLAY, SIZE_OF, TERMS, Structure
+from avc_casadi.identification._terms import HIGHEST_SEEN, LOOP_DAMPING, PLAY, SIZE_OF, TERMS, Structure
 from avc_casadi.identification._uncertainty import sensitivity
 from avc_casadi.support import SILENT, Progress
 
 # Those that stand together look alike: the better one is taken first.
 _ORDER = (("coulomb",), ("resonance", "amplifier", "stiffness", "play"), ("asymmetry",), ("stribeck",), ("drift",))
+# A term that a Gauss-Newton step from its absence does not speak for by so many standard errors is not fitted.
+_HOPEFUL = 1.5
 # Of an amplifier and the delay that it gains, with friction that turns inside a sample, more is told.
 _COLLINEAR, _COLLINEAR_LAG = 100.0, 300.0
 # Terms that may change everything.
@@ -49,36 +46,6 @@ HIDDEN = "is smaller than what encoder and noise hide"
 _UNSEEN = {"play": "is not told: the log hardly ever turns"}
 # Those for which something beside the model so far speaks: its guess is fitted, whatever a step from 0 says.
 _FROM_AFAR = {"stiffness": "stiffness_n_per_m", "play": PLAY}
-
-
-@dataclass
-class Selection:
-    """A model and how it came about.
-
-    Attributes:
-        fit: the model at its best.
-        trials: of every term, the last of each.
-        rivals: the fit of each term that was tried in full and not taken.
-        mimic: a resonance beyond the excited frequencies that did as well as the amplifier when that was taken.
-        rough_m: error of the best rough fit of each term that was tried last.
-    """
-
-    fit: Fit
-    trials: dict[str, Trial] = field(default_factory=dict)
-    rivals: dict[str, Fit] = field(default_factory=dict)
-    mimic: Fit | None = None
-    rough_m: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def inseparable(self) -> set[str]:
-        """Terms that are borne out and not told from the rest of the model."""
-        return {term for term, trial in self.trials.items() if trial.inseparable}
-
-    def not_told(self, lagging: Fit, ringing: Fit) -> None:
-        """Write down that an amplifier and a resonance do the same."""
-        for term, found in (("amplifier", lagging), ("resonance", ringing)):
-            self.rivals[term] = found
-            self.trials[term] = replace(self.trials[term], taken=False, why=MIMICS[term], inseparable=True)
 
 
 def select(
@@ -126,9 +93,9 @@ def select(
     chosen.fit = settled(predictor, chosen.fit, window)
     _no_mimic(predictor, chosen, response, window, sides)
     if "resonance" in chosen.fit.structure.terms:
-        _no_false_resonance(predictor, chosen, window)
+        no_false_resonance(predictor, chosen, window)
     if "amplifier" in chosen.fit.structure.terms:
-        _told_by_its_kind(predictor, chosen, window)
+        told_by_its_kind(predictor, chosen, window)
     _prune(predictor, chosen, window)
     return chosen
 
@@ -136,18 +103,6 @@ def select(
 def _prepare(predictor: Predictor, structure: Structure, terms: Sequence[str]) -> None:
     """Begin to compile what will be tried."""
     predictor.prepare([structure, *(richer(structure, one) for one in terms if one not in structure.terms)])
-
-
-def settled(predictor: Predictor, found: Fit, window: Window) -> Fit:
-    """Fit once more, closely, under the observer that the model asks for.
-
-    Args:
-        predictor: of the records.
-        found: the model.
-        window: of the fit.
-    """
-    observer = best_observer(predictor, found, window)
-    return fit(predictor, found.structure, found.values, observer, window, tolerance=1e-10)
 
 
 def _no_mimic(
@@ -165,36 +120,6 @@ def _no_mimic(
         predictor, lagging.structure.less("amplifier"), lagging.values, lagging.observer, window, tolerance=1e-6
     )
     chosen.fit = settled(predictor, without, window)
-
-
-def _no_false_resonance(predictor: Predictor, chosen: Selection, window: Window) -> None:
-    """Take a current loop in place of a resonance that no structure has, where that does as well."""
-    ringing = chosen.fit
-    loop = in_place_of_a_resonance(predictor, ringing, window)
-    if loop is None:
-        return
-    chosen.fit = settled(predictor, loop, window)
-    found = compared(ringing, loop, "amplifier")
-    why = "a current loop does as well"
-    chosen.trials["resonance"] = replace(chosen.trials["resonance"], taken=False, why=why)
-    for term in ("amplifier", LOOP_DAMPING):
-        chosen.trials[term] = replace(found, term=term, taken=True, why="in place of a resonance damped like one")
-
-
-def _told_by_its_kind(predictor: Predictor, chosen: Selection, window: Window) -> None:
-    """Set an amplifier of the first order and one of the second apart, and those of other damping ratios."""
-    if LOOP_DAMPING in chosen.fit.structure.terms:
-        return
-    other = of_the_other_order(predictor, chosen.fit, window)
-    if compared(chosen.fit, other, "amplifier").taken:
-        chosen.fit = settled(predictor, other, window)
-    else:
-        chosen.rivals["amplifier"] = other
-    chosen.trials[LOOP_DAMPING], free = damped_as_it_is(predictor, chosen.fit, window)
-    if chosen.trials[LOOP_DAMPING].taken:
-        chosen.fit = settled(predictor, free, window)
-    elif chosen.fit.structure.amplifier_order == 2 or free.values[LOOP_RATIO] < A_LAG_FROM:
-        chosen.rivals[LOOP_DAMPING] = free
 
 
 def _together(predictor: Predictor, chosen: Selection, response: Response, window: Window) -> None:
@@ -242,23 +167,6 @@ def _prune(predictor: Predictor, chosen: Selection, window: Window) -> None:
         chosen.rivals[term] = found
         chosen.trials[term] = replace(trial, taken=False, why="is no longer borne out beside the rest of the model")
         chosen.fit = settled(predictor, without, window)
-
-
-def without(predictor: Predictor, chosen: Selection, term: str, why: str, window: Window) -> None:
-    """Take a term out of the model and fit again.
-
-    Args:
-        predictor: of the records.
-        chosen: the model.
-        term: what goes.
-        why: in words.
-        window: of the fit.
-    """
-    found = chosen.fit
-    chosen.rivals[term] = found
-    chosen.trials[term] = replace(chosen.trials[term], taken=False, why=why)
-    simpler = fit(predictor, found.structure.less(term), found.values, found.observer, window, tolerance=1e-6)
-    chosen.fit = settled(predictor, simpler, window)
 
 
 def _try(
@@ -329,7 +237,7 @@ def _tried(
             at_start = judged(predictor, structure, structure.start(start), simple.observer, window)
             hope = compared(simple, at_start, term)
             chosen.trials[term] = replace(hope, taken=False)
-            if hope.standard_errors < HOPEFUL:
+            if hope.standard_errors < _HOPEFUL:
                 if term == "amplifier" and hope.held_out_change < 0:
                     # As good as none: what it would change is not known better than that.
                     rival = roughly(predictor, structure, start, slow)

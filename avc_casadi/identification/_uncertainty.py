@@ -30,6 +30,8 @@ _LEAST = {
     "amplifier_bandwidth_hz": 1e-2,
     LOOP_RATIO: 1e-2,
 }
+# Share to which the clock of a log is known, and with it every number.
+_CLOCK = 1e-5
 # When play is taken up is known to half a sample.
 _TAKEN_UP = 0.5
 _IN_PROPORTION = ("damping_ns_per_m", "coulomb_friction_n", "stiffness_n_per_m")
@@ -136,12 +138,12 @@ def _inside_a_sample(fit: Fit) -> FloatArray:
         # Where play begins and ends is known to what encoder and noise leave, and when to a part of a sample.
         moved["delay_samples"] += _TAKEN_UP * fit.taking_up
         moved[PLAY] = math.sqrt(fit.noise_share) * fit.rms_m / fit.structure.units[PLAY]
-    return np.array(
-        [
-            share * abs(q) if one.name in _IN_PROPORTION else max(moved.get(one.name, 0.0), _LEAST.get(one.name, 0.0))
-            for one, q in zip(fit.structure.free, fit.search, strict=True)
-        ]
-    )
+    found = []
+    for one, q in zip(fit.structure.free, fit.search, strict=True):
+        left_out = share * abs(q) if one.name in _IN_PROPORTION else moved.get(one.name, 0.0)
+        clock = _CLOCK * (1.0 if one.kind == "log" else abs(q))
+        found.append(max(left_out, _LEAST.get(one.name, 0.0)) + clock)
+    return np.array(found)
 
 
 def _beyond_chance(fit: Fit, other: Fit) -> FloatArray:
