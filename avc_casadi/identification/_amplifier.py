@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from avc_casadi.identification._evidence import Trial, compared
-from avc_casadi.identification._fit import Fit, Window, judged
+from avc_casadi.identification._fit import Fit, Window, fit, judged
 from avc_casadi.identification._near import closely, richer, rms_m_of, roughly
 from avc_casadi.identification._predictor import Predictor
 from avc_casadi.identification._terms import LOOP_DAMPING, LOOP_RATIO, lag_of
@@ -70,7 +70,9 @@ def damped_as_it_is(predictor: Predictor, found: Fit, window: Window) -> tuple[T
     hope = compared(found, near, LOOP_DAMPING)
     if hope.standard_errors < 0:
         return replace(hope, taken=False), near
-    free = closely(predictor, roughly(predictor, structure, start, _RATE_PER_S), window)
+    begun = roughly(predictor, structure, start, _RATE_PER_S).values
+    # Under the same observer: what little they differ by is less than what another one would make of it.
+    free = fit(predictor, structure, begun, found.observer, window, steps=20)
     return compared(found, free, LOOP_DAMPING), free
 
 

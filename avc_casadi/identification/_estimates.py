@@ -125,8 +125,7 @@ def _widened(
         moved = abs(float(rival.search[place]) - coordinate)
         if term == "drift" and not (moved > half and compared(fit, rival, term).standard_errors > SURE):
             continue
-        other_kind = rival.structure.amplifier_order != fit.structure.amplifier_order
-        if term != "amplifier" and not (term == LOOP_DAMPING and other_kind):
+        if term != "amplifier":
             moved += float(spread_of(rival, ()).half_width[place])
         half = max(half, moved)
     return half
