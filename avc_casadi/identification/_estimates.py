@@ -13,13 +13,15 @@ from avc_casadi.identification._closed_loop import autocorrelation, coloured
 from avc_casadi.identification._evidence import SURE, WORTH, compared
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._model import Estimate
-from avc_casadi.identification._terms import LOOP_DAMPING, SIZE_OF, offset_of
+from avc_casadi.identification._terms import LOOP_DAMPING, LOOP_RATIO, SIZE_OF, lag_of, offset_of
 from avc_casadi.identification._uncertainty import LEVEL, Spread, spread_of
 
 # A step of the encoder is known to this share of it.
 _STEP_SHARE = 1e-3
 # Noise above the encoder's own is told from this share of it on.
 _LEAST_NOISE = 0.3
+# A current loop is damped as most are, 0.7, within a factor of e to this, whatever a log leaves open.
+_USUAL_RATIOS = 0.5
 # How the error divides into noise, rounding and disturbance is known to about this share of its square.
 _DIVIDED = 0.12
 
@@ -119,16 +121,27 @@ def _widened(
             without = term in inseparable and name in SIZE_OF.values()
             half = max(half, abs(coordinate)) if without else half
             continue
-        if term == "amplifier" and name == "delay_samples" and term not in fit.structure.terms:
-            continue  # told with the lag in it
+        lag_within = "amplifier" not in fit.structure.terms
+        if term in {"amplifier", LOOP_DAMPING} and name == "delay_samples" and lag_within:
+            half = max(half, abs(_with_lag(rival) - coordinate))
+            continue
         place = places.index(name)
         moved = abs(float(rival.search[place]) - coordinate)
         if term == "drift" and not (moved > half and compared(fit, rival, term).standard_errors > SURE):
             continue
         if term != "amplifier":
-            moved += float(spread_of(rival, ()).half_width[place])
+            halves = spread_of(rival, ()).half_width
+            known = 1.0 if term != LOOP_DAMPING else min(1.0, _USUAL_RATIOS / float(halves[places.index(LOOP_RATIO)]))
+            moved += known * float(halves[place])
         half = max(half, moved)
     return half
+
+
+def _with_lag(fit: Fit) -> float:
+    """Return the delay with the lag of the amplifier, samples."""
+    values = fit.values
+    turns = 2 * math.pi * values["amplifier_bandwidth_hz"] * fit.sample_time_s
+    return values["delay_samples"] + lag_of(fit.structure.amplifier_order, values[LOOP_RATIO]) / turns
 
 
 def _noise(fit: Fit, step_m: float) -> Estimate | None:

@@ -11,7 +11,7 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.identification._against_base import check_against, differs_from, leans_on
 from avc_casadi.identification._alike import unlike_notes
-from avc_casadi.identification._closed_loop import autocorrelation, coloured, feeds_back
+from avc_casadi.identification._closed_loop import autocorrelation, feeds_back
 from avc_casadi.identification._cut import cut_notes
 from avc_casadi.identification._device import device_file, states
 from avc_casadi.identification._encoder import encoder_step_m
@@ -25,11 +25,18 @@ from avc_casadi.identification._play import EVENLY
 from avc_casadi.identification._predictor import Observer, Predictor
 from avc_casadi.identification._read import read_logs
 from avc_casadi.identification._record import Record, shortened
-from avc_casadi.identification._refuse import EXCITATION, beyond_force, cannot_tell, refusals, vague_terms
+from avc_casadi.identification._refuse import (
+    EXCITATION,
+    cannot_tell,
+    never_told,
+    not_of_one_kind,
+    refusals,
+    vague_terms,
+)
 from avc_casadi.identification._remarks import remarks
 from avc_casadi.identification._repeats import repeat_notes, repeats_of
 from avc_casadi.identification._select import HIDDEN, select
-from avc_casadi.identification._selection import Selection, no_false_resonance, settled, without
+from avc_casadi.identification._selection import Selection, settled, without
 from avc_casadi.identification._share import SHARE, other_shares, share_assumed, share_refused, shared
 from avc_casadi.identification._spring_side import moved as beyond_side
 from avc_casadi.identification._start import cut_force_n, first_guess
@@ -38,7 +45,7 @@ from avc_casadi.identification._turned import known_at_handle, of_the_turn, radi
 from avc_casadi.identification._uncertainty import Spread, sensitivity, spread_of
 from avc_casadi.identification._units import Layout
 from avc_casadi.problem import DeviceFile, power_at_handle
-from avc_casadi.support import SILENT, FloatArray, Progress, number, told_in, units_for
+from avc_casadi.support import SILENT, Progress, number, told_in, units_for
 
 MOST_SAMPLES = 120_000
 _SHOWN_S = 1.5
@@ -162,7 +169,7 @@ def _identified(
     estimates = estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m, logs)
     lags = autocorrelation(fit.error_m)
     absent = chosen.trials.keys() - set(fit.structure.terms)
-    refused |= _never_told(fit, estimates, response.excited_hz, absent, inseparable, lags) | refused
+    refused |= never_told(fit, estimates, response.excited_hz, absent, inseparable, lags) | refused
     feedback = feeds_back(records, fit.error_m)
     notes += repeat_notes(records, repeats) + remarks(fit, lags, feedback, driven, estimates, radius_m)
     names = tuple(one.name for one in fit.structure.free)
@@ -254,11 +261,11 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
         if SHARE in refused:
             chosen.fit = settled(predictor, shared(predictor, fit, window, 1e-6), window)
             continue
-        vague = vague_terms(fit, widened(fit, spread, chosen.rivals, chosen.inseparable), refused)
+        halves = widened(fit, spread, chosen.rivals, chosen.inseparable)
+        refused |= not_of_one_kind(fit, halves)
+        vague = vague_terms(fit, halves, refused)
         if fit.hides_play:
             without(predictor, chosen, "play", HIDDEN, window)
-        elif vague[:1] == ["resonance"] and no_false_resonance(predictor, chosen, window, doubted=True):
-            continue
         elif vague:
             without(predictor, chosen, vague[0], "is not told well enough to stand in a model", window)
         else:
@@ -332,47 +339,6 @@ def _simplest(
     scaled = "mass_kg" in known or len({record.added_mass_kg for record in records}) > 1
     logs = len({record.whole for record in records})
     return Structure(("base", "scale") if scaled else ("base",), known, units, logs=logs)
-
-
-def _never_told(
-    fit: Fit,
-    estimates: Mapping[str, object],
-    excited: tuple[float, float] | None,
-    absent: set[str],
-    inseparable: set[str],
-    lags: FloatArray,
-) -> dict[str, Refusal]:
-    """Return what no fit of these logs could tell, and what they show no trace of."""
-    found = {}
-    if "coulomb_friction_n" not in estimates:
-        found["coulomb_friction_n"] = beyond_force("coulomb_friction_n")
-    band = "at no frequency" if excited is None else f"up to {number(excited[1], 2)} Hz"
-    if "resonance" in absent:
-        why = f"no trace of one; force and motion are coherent {band}"
-        if "resonance" in inseparable:
-            why = f"the log bears one out beyond what it excites, or an amplifier; force and motion are coherent {band}"
-        found["resonance"] = Refusal("resonance", why, EXCITATION["resonance"])
-    if "amplifier" in absent:
-        why = "its lag cannot be told from delay; the delay given holds both"
-        found["amplifier_bandwidth_hz"] = Refusal("amplifier_bandwidth_hz", why, EXCITATION["amplifier_bandwidth_hz"])
-    if "scale" not in fit.structure.terms:
-        why = "mass, damping and friction all scale with the force; the commanded force is taken as true"
-        found["force_scale"] = Refusal("force_scale", why, EXCITATION["force_scale"])
-    if "coulomb" in fit.structure.terms:
-        why = "friction that differs between the directions is the same as a constant force (offset_n)"
-        found["friction_asymmetry_n"] = Refusal("friction_asymmetry_n", why, EXCITATION["friction_asymmetry_n"])
-    hidden = "it is below what the encoder's step hides"
-    if coloured(lags):
-        hidden = "the prediction error is not white: what the model does not know is in it"
-    for key, why in (
-        ("encoder_resolution_m", "the positions lie on no lattice"),
-        ("position_noise_rms_m", hidden),
-        ("backlash_m", "no trace of any that the encoder stands behind; a log of one position does not show another"),
-        ("max_force_n", "it is not seen in a log"),
-    ):
-        if key not in estimates:
-            found[key] = Refusal(key, why, EXCITATION[key])
-    return found
 
 
 def _from(base: DeviceFile | None, refused: Refusal) -> Refusal:

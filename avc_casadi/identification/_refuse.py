@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 
 import numpy as np
 
+from avc_casadi.identification._closed_loop import coloured
 from avc_casadi.identification._fit import Fit
 from avc_casadi.identification._model import Refusal
 from avc_casadi.identification._terms import HIGHEST_SEEN, LOOP_DAMPING, LOOP_RATIO, SIZE_OF, TERMS
@@ -79,6 +80,73 @@ def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]
             why += f"; the log changes with it as with {like} (correlation {number(alike, 3)})"
         key = one.name if one.name == "resonance.mass_ratio" else one.name.partition(".")[0]
         found[key] = Refusal(key, why, EXCITATION[key])
+    return found
+
+
+def not_of_one_kind(fit: Fit, half_width: Sequence[float]) -> dict[str, Refusal]:
+    """Return that the bandwidth of an amplifier is not told where one of another order or damping does as well.
+
+    Lag and delay together are told all the same.
+
+    Args:
+        fit: at its best.
+        half_width: of the interval of each coordinate, with what rivals find in it.
+    """
+    key = "amplifier_bandwidth_hz"
+    for one, half in zip(fit.structure.free, half_width, strict=True):
+        if one.name == key and half > _WIDEST[key]:
+            why = f"a lag, or a current loop of another damping ratio, does as well ({_width(one.kind, half)})"
+            return {key: Refusal(key, why, EXCITATION[key])}
+    return {}
+
+
+def never_told(
+    fit: Fit,
+    estimates: Mapping[str, object],
+    excited: tuple[float, float] | None,
+    absent: set[str],
+    inseparable: set[str],
+    lags: FloatArray,
+) -> dict[str, Refusal]:
+    """Return what no fit of these logs could tell, and what they show no trace of.
+
+    Args:
+        fit: of the logs.
+        estimates: what is told.
+        excited: lowest and highest frequency at which force and motion are coherent, Hz.
+        absent: terms that the model does not have.
+        inseparable: terms that are borne out and not told from the rest of the model.
+        lags: autocorrelation of the error.
+    """
+    found = {}
+    if "coulomb_friction_n" not in estimates:
+        found["coulomb_friction_n"] = beyond_force("coulomb_friction_n")
+    band = "at no frequency" if excited is None else f"up to {number(excited[1], 2)} Hz"
+    if "resonance" in absent:
+        why = f"no trace of one; force and motion are coherent {band}"
+        if "resonance" in inseparable:
+            why = f"the log bears one out beyond what it excites, or an amplifier; force and motion are coherent {band}"
+        found["resonance"] = Refusal("resonance", why, EXCITATION["resonance"])
+    if "amplifier" in absent:
+        why = "its lag cannot be told from delay; the delay given holds both"
+        found["amplifier_bandwidth_hz"] = Refusal("amplifier_bandwidth_hz", why, EXCITATION["amplifier_bandwidth_hz"])
+    if "scale" not in fit.structure.terms:
+        why = "mass, damping and friction all scale with the force; the commanded force is taken as true"
+        found["force_scale"] = Refusal("force_scale", why, EXCITATION["force_scale"])
+    if "coulomb" in fit.structure.terms:
+        why = "friction that differs between the directions is the same as a constant force (offset_n)"
+        found["friction_asymmetry_n"] = Refusal("friction_asymmetry_n", why, EXCITATION["friction_asymmetry_n"])
+    hidden = "it is below what the encoder's step hides"
+    if coloured(lags):
+        hidden = "the prediction error is not white: what the model does not know is in it"
+    for key, why in (
+        ("encoder_resolution_m", "the positions lie on no lattice"),
+        ("position_noise_rms_m", hidden),
+        ("backlash_m", "no trace of any that the encoder stands behind; a log of one position does not show another"),
+        ("max_force_n", "it is not seen in a log"),
+    ):
+        if key not in estimates:
+            found[key] = Refusal(key, why, EXCITATION[key])
     return found
 
 

@@ -28,7 +28,8 @@ _ORDER = (("coulomb",), ("resonance", "amplifier", "stiffness", "play"), ("asymm
 _HOPEFUL = 1.5
 # Of an amplifier and the delay that it gains, with friction that turns inside a sample, more is told.
 _COLLINEAR, _COLLINEAR_LAG = 100.0, 300.0
-# Terms that may change everything.
+# Terms that a poor model hides, and those that may change everything.
+_SMALL = ("asymmetry", "stribeck", "drift")
 _STRONG = {"coulomb", "resonance", "amplifier", "stiffness", "play"}
 # A close fit starts no further from the best rough one than this; nor from one of another term that is borne out, which
 # is then taken first.
@@ -92,8 +93,10 @@ def select(
     _together(predictor, chosen, response, window)
     chosen.fit = settled(predictor, chosen.fit, window)
     _no_mimic(predictor, chosen, response, window, sides)
-    if "resonance" in chosen.fit.structure.terms:
-        no_false_resonance(predictor, chosen, window)
+    if "resonance" in chosen.fit.structure.terms and no_false_resonance(predictor, chosen, window):
+        for term in _SMALL:
+            if term not in chosen.fit.structure.terms:
+                _try(predictor, chosen, (term,), guess, response, window, sides)
     if "amplifier" in chosen.fit.structure.terms:
         told_by_its_kind(predictor, chosen, window)
     _prune(predictor, chosen, window)

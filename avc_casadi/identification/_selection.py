@@ -14,7 +14,9 @@ from avc_casadi.identification._evidence import Trial, compared
 from avc_casadi.identification._fit import Fit, Window, best_observer, fit
 from avc_casadi.identification._mimic import MIMICS
 from avc_casadi.identification._predictor import Predictor
+from avc_casadi.identification._refuse import refusals, vague_terms
 from avc_casadi.identification._terms import LOOP_DAMPING, LOOP_RATIO
+from avc_casadi.identification._uncertainty import sensitivity, spread_of
 
 
 @dataclass
@@ -76,17 +78,18 @@ def without(predictor: Predictor, chosen: Selection, term: str, why: str, window
     chosen.fit = settled(predictor, simpler, window)
 
 
-def no_false_resonance(predictor: Predictor, chosen: Selection, window: Window, *, doubted: bool = False) -> bool:
+def no_false_resonance(predictor: Predictor, chosen: Selection, window: Window) -> bool:
     """Take a current loop in place of a resonance that no structure has, where that does as well; say whether it does.
 
     Args:
         predictor: of the records.
         chosen: the model, with a resonance.
         window: of the fits.
-        doubted: whether its numbers are not told, and may be any.
     """
     ringing = chosen.fit
-    loop = in_place_of_a_resonance(predictor, ringing, window, doubted=doubted)
+    spread = spread_of(ringing, ())
+    vague = vague_terms(ringing, spread.half_width.tolist(), refusals(ringing, spread, sensitivity(ringing)[0]))
+    loop = in_place_of_a_resonance(predictor, ringing, window, doubted="resonance" in vague)
     if loop is None:
         return False
     chosen.fit = settled(predictor, loop, window)

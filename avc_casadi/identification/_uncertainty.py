@@ -102,7 +102,8 @@ def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
     half = stats.t.ppf(0.5 + LEVEL / 2, degrees) * deviation
     outer = np.outer(deviation, deviation)
     correlation = np.divide(covariance, outer, out=np.eye(free), where=outer > 0)
-    return Spread(covariance, half + bias + _inside_a_sample(fit), correlation, degrees, source, np.zeros((2, free)))
+    half = half + bias + _inside_a_sample(fit) + _by_the_clock(fit)
+    return Spread(covariance, half, correlation, degrees, source, np.zeros((2, free)))
 
 
 def _inside_a_sample(fit: Fit) -> FloatArray:
@@ -138,12 +139,18 @@ def _inside_a_sample(fit: Fit) -> FloatArray:
         # Where play begins and ends is known to what encoder and noise leave, and when to a part of a sample.
         moved["delay_samples"] += _TAKEN_UP * fit.taking_up
         moved[PLAY] = math.sqrt(fit.noise_share) * fit.rms_m / fit.structure.units[PLAY]
-    found = []
-    for one, q in zip(fit.structure.free, fit.search, strict=True):
-        left_out = share * abs(q) if one.name in _IN_PROPORTION else moved.get(one.name, 0.0)
-        clock = _CLOCK * (1.0 if one.kind == "log" else abs(q))
-        found.append(max(left_out, _LEAST.get(one.name, 0.0)) + clock)
-    return np.array(found)
+    return np.array(
+        [
+            share * abs(q) if one.name in _IN_PROPORTION else max(moved.get(one.name, 0.0), _LEAST.get(one.name, 0.0))
+            for one, q in zip(fit.structure.free, fit.search, strict=True)
+        ]
+    )
+
+
+def _by_the_clock(fit: Fit) -> FloatArray:
+    """Return how far the clock of the log may move each coordinate, shape (free,)."""
+    pairs = zip(fit.structure.free, fit.search, strict=True)
+    return np.array([_CLOCK * (1.0 if one.kind == "log" else abs(q)) for one, q in pairs])
 
 
 def _beyond_chance(fit: Fit, other: Fit) -> FloatArray:
