@@ -41,7 +41,13 @@ def made(period, **values):
 
 
 def widths(fit):
-    return dict(zip((one.name for one in fit.structure.free), spread_of(fit, ()).half_width, strict=True))
+    return dict(zip((one.name for one in fit.structure.free), beyond_the_clock(fit), strict=True))
+
+
+def beyond_the_clock(fit):
+    """Half widths less what a clock of 10 ppm makes of each number: mass and frequencies are logarithms."""
+    size = [1.0 if one.kind == "log" else abs(q) for one, q in zip(fit.structure.free, fit.search, strict=True)]
+    return spread_of(fit, ()).half_width - 1e-5 * np.array(size)
 
 
 def rigid_part(fit):
