@@ -1,5 +1,7 @@
 """A current loop is told with its own damping ratio: taken with another it is a resonance, a lag or a wrong delay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from measured_device import Truth, measured, multisine
@@ -78,10 +80,36 @@ def test_a_lag_has_none():
     assert "amplifier_damping_ratio" not in found.device.device.model_fields_set
 
 
-def test_a_resonance_of_a_structure_stays_one():
+@pytest.mark.parametrize(("hertz", "ratio", "noisy"), [(90.0, 0.25, False), (150.0, 0.35, True), (100.0, 0.4, True)])
+def test_a_resonance_of_a_structure_stays_one(hertz, ratio, noisy):
     """With the encoder at the handle it differs from a loop that rings by a zero, and by what friction meets."""
-    _, found = told(4, coulomb=0.2, resonance=90.0, ratio=0.25, share=0.4, at_handle=1.0)
+    truth = Truth(
+        mass=0.12, damping=0.7, coulomb=0.25, delay=0.9, encoder=2e-6, resonance=hertz, ratio=ratio, share=0.35,
+        at_handle=1.0,
+    )  # fmt: skip
+    random = np.random.default_rng(4)
+    wanted = multisine(random, 10.0, truth.period, 0.5, 300.0, 1.0)
+    if noisy:
+        wanted = np.repeat(random.choice([-1.0, 1.0], 5000), 2)
+    _, position, force = measured(replace(truth, spring=30.0), wanted, random)
+    found = identify([Record("log", truth.period, position, force)])
     assert "resonance" in found.terms
     assert "amplifier" not in found.terms
-    mode = found.estimates["resonance.frequency_hz"]
-    assert mode.low <= 90.0 <= mode.high
+    assert found.encoder_at == "handle"
+    true = {"mass_kg": 0.12, "delay_samples": 0.9, "resonance.frequency_hz": hertz, "resonance.damping_ratio": ratio}
+    for key, value in true.items():
+        assert found.estimates[key].low <= value <= found.estimates[key].high, key
+
+
+@pytest.mark.parametrize(("bandwidth", "friction"), [(570.0, 0.3), (220.0, 0.0)])
+def test_a_bandwidth_that_another_kind_explains_as_well_is_refused_and_its_lag_told_as_delay(bandwidth, friction):
+    """Too little is excited to set a lag and a current loop apart: the delay with the lag in it is told."""
+    truth = Truth(mass=0.1, damping=0.5, coulomb=friction, spring=50.0, delay=1.3, encoder=2e-5, bandwidth=bandwidth)
+    random = np.random.default_rng(6)
+    wanted = multisine(random, 10.0, truth.period, 0.5, 60.0, 1.0 + friction)
+    _, position, force = measured(truth, wanted, random, noise=1e-5)
+    found = identify([Record("log", truth.period, position, force)])
+    late = found.estimates["delay_samples"]
+    assert "amplifier_bandwidth_hz" not in found.estimates
+    assert late.low <= truth.delay + 1 / (2 * np.pi * bandwidth * truth.period) <= late.high
+    assert late.high - late.low < 0.1

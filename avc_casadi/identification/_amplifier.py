@@ -21,8 +21,10 @@ _SHARES = (0.2, 0.5, 0.9)
 _RATE_PER_S = 60.0
 # A lag is a current loop whose other pole is so many times as fast: of this times its bandwidth, and this ratio.
 _LIKE_A_LAG = (2.0, 1.25)
-# No structure is damped by more, and no current loop by less.
-_LOOP_LIKE = 0.2
+# No structure is damped by more, and no current loop by less; hardly any handle by more than the second.
+_LOOP_LIKE, _STRUCTURE_LIKE = 0.2, 0.6
+# Shares of the mass at a handle.
+_HANDLES = (0.3, 0.6)
 
 
 def of_the_other_order(predictor: Predictor, found: Fit, window: Window) -> Fit:
@@ -108,6 +110,30 @@ def in_place_of_a_resonance(predictor: Predictor, found: Fit, window: Window, *,
         starts += [{**values, "amplifier_bandwidth_hz": share * rate, LOOP_RATIO: 0.5} for share in _PLACES]
     loop = _best(predictor, [roughly(predictor, structure, start, _RATE_PER_S) for start in starts], window)
     return None if compared(loop, found, "resonance").taken else loop
+
+
+def behind_a_structure(predictor: Predictor, found: Fit, window: Window) -> Fit | None:
+    """Return a model with a resonance before an encoder at the handle in place of a current loop, where that is better.
+
+    Args:
+        predictor: of the records.
+        found: with a current loop of a damping ratio that is told.
+        window: of the fits.
+
+    Returns:
+        None where the loop is damped as no structure is, or the resonance does no better.
+    """
+    values = found.values
+    if values[LOOP_RATIO] > _STRUCTURE_LIKE or "resonance" in found.structure.terms:
+        return None
+    structure = replace(richer(found.structure.less("amplifier"), "resonance"), encoder_at="handle")
+    mode = {
+        "resonance.frequency_hz": values["amplifier_bandwidth_hz"],
+        "resonance.damping_ratio": values[LOOP_RATIO],
+    }
+    starts = [{**values, **mode, "resonance.mass_ratio": share} for share in _HANDLES]
+    ringing = _best(predictor, [roughly(predictor, structure, start, _RATE_PER_S) for start in starts], window)
+    return ringing if compared(found, ringing, "resonance").taken else None
 
 
 def _best(predictor: Predictor, rough: list[Fit], window: Window) -> Fit:

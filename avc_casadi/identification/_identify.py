@@ -179,7 +179,7 @@ def _identified(
         records=len(records),
         sample_time_s=records[0].sample_time_s,
         terms=fit.structure.terms,
-        encoder_at=fit.structure.encoder_at,
+        encoder_at=fit.structure.encoder_at if "resonance" in fit.structure.terms else "motor",
         amplifier_order=fit.structure.amplifier_order if "amplifier" in fit.structure.terms else 1,
         assumed_share=share,
         estimates=estimates,

@@ -55,15 +55,21 @@ def remarks(
             "a filter of the position before it was logged looks like this amplifier, and then leans delay and "
             "friction; log the encoder's counts as they are"
         )
-        if fit.structure.amplifier_order == 2 and LOOP_DAMPING not in fit.structure.terms:
+        if fit.structure.amplifier_order == 1:
+            notes.append(
+                "a current loop damped by 1.5 and more is this lag, with its quicker pole counted in the delay: the "
+                "same device, in other numbers"
+            )
+        elif LOOP_DAMPING not in fit.structure.terms:
             notes.append(
                 f"the current loop is taken with a damping ratio of {number(fit.structure.loop_damping_ratio, 2)} "
                 "(amplifier_damping_ratio), which the log does not tell; the intervals hold others that do as well"
             )
     if "resonance" in fit.structure.terms and fit.values["resonance.damping_ratio"] > _PLAYS:
         notes.append(
-            f"a resonance that is damped by {number(fit.values['resonance.damping_ratio'], 2)} is none of a structure: "
-            "play in the transmission looks like one; that of a structure stays where it is with half the force"
+            f"a resonance that is damped by {number(fit.values['resonance.damping_ratio'], 2)} is rarely one of a "
+            "structure: play in the transmission looks like one; that of a structure stays where it is with half the "
+            "force"
         )
     if "play" in fit.structure.terms:
         notes.append(

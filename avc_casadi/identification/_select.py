@@ -16,7 +16,7 @@ from avc_casadi.identification._mimic import ALIKE, mimic
 from avc_casadi.identification._near import closely, richer, rms_m_of, roughly
 from avc_casadi.identification._pair import ringing_behind_a_lag
 from avc_casadi.identification._predictor import Observer, Predictor
-from avc_casadi.identification._selection import Selection, no_false_resonance, settled, told_by_its_kind
+from avc_casadi.identification._selection import Selection, no_false_loop, no_false_resonance, settled, told_by_its_kind
 from avc_casadi.identification._share import shared
 from avc_casadi.identification._terms import HIGHEST_SEEN, LOOP_DAMPING, PLAY, SIZE_OF, TERMS, Structure
 from avc_casadi.identification._uncertainty import sensitivity
@@ -93,12 +93,13 @@ def select(
     _together(predictor, chosen, response, window)
     chosen.fit = settled(predictor, chosen.fit, window)
     _no_mimic(predictor, chosen, response, window, sides)
-    if "resonance" in chosen.fit.structure.terms and no_false_resonance(predictor, chosen, window):
-        for term in _SMALL:
-            if term not in chosen.fit.structure.terms:
-                _try(predictor, chosen, (term,), guess, response, window, sides)
+    other = "resonance" in chosen.fit.structure.terms and no_false_resonance(predictor, chosen, window)
     if "amplifier" in chosen.fit.structure.terms:
         told_by_its_kind(predictor, chosen, window)
+    other = ("handle" in sides and no_false_loop(predictor, chosen, window)) or other
+    for term in _SMALL if other else ():
+        if term not in chosen.fit.structure.terms:
+            _try(predictor, chosen, (term,), guess, response, window, sides)
     _prune(predictor, chosen, window)
     return chosen
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from avc_casadi.identification._amplifier import (
     A_LAG_FROM,
+    behind_a_structure,
     damped_as_it_is,
     in_place_of_a_resonance,
     of_the_other_order,
@@ -98,6 +99,25 @@ def no_false_resonance(predictor: Predictor, chosen: Selection, window: Window) 
     chosen.trials["resonance"] = replace(chosen.trials["resonance"], taken=False, why=why)
     for term in ("amplifier", LOOP_DAMPING):
         chosen.trials[term] = replace(found, term=term, taken=True, why="in place of a resonance that is none")
+    return True
+
+
+def no_false_loop(predictor: Predictor, chosen: Selection, window: Window) -> bool:
+    """Take a resonance before an encoder at the handle in place of a current loop, where that does better.
+
+    Args:
+        predictor: of the records.
+        chosen: the model.
+        window: of the fits.
+    """
+    loop = chosen.fit
+    ringing = None if LOOP_DAMPING not in loop.structure.terms else behind_a_structure(predictor, loop, window)
+    if ringing is None:
+        return False
+    chosen.fit = settled(predictor, ringing, window)
+    chosen.trials["resonance"] = compared(loop, ringing, "resonance")
+    for term in ("amplifier", LOOP_DAMPING):
+        chosen.trials[term] = replace(chosen.trials[term], taken=False, why="a resonance does better in its place")
     return True
 
 
