@@ -81,6 +81,19 @@ def test_the_name_of_a_coupling_follows_what_runs():
     assert len({made.id, *(one.id for one in others)}) == 7
 
 
+def test_the_name_of_a_coupling_follows_the_damping_of_its_current_loop():
+    """Also where only its range is said."""
+    problem = avc.load_problem("ve3")
+    said = (
+        {},
+        {"amplifier_damping_ratio": 0.5},
+        {"range": {"amplifier_damping_ratio": [0.5, 1.0]}},
+    )
+    loops = [{"amplifier_bandwidth_hz": 500.0, "amplifier_order": 2} | one for one in said]
+    names = [Coupling.constant(problem.changed(device=one), Gains(5.0, 1e4), "mine").id for one in loops]
+    assert len(set(names)) == 3
+
+
 def other_law(problem):
     return "gated" if problem.coupling.contact == "clip-last" else "clip-last"
 

@@ -18,12 +18,13 @@ from avc_casadi.coupling._gain_table import GainTable
 from avc_casadi.coupling._reduction import reduce_rows
 from avc_casadi.coupling._runtime import Runtime
 from avc_casadi.coupling._schedule import Status, gain_schedule
+from avc_casadi.problem import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.support import columns_html
 
 if TYPE_CHECKING:
     from avc_casadi.coupling._gains import Gains
     from avc_casadi.coupling._schedule import GainSchedule
-    from avc_casadi.problem import Contact, Impedance, Problem
+    from avc_casadi.problem import Contact, Device, Impedance, Problem
     from avc_casadi.runtime import StateFeedback
 
 THINNING = 1e-3
@@ -31,6 +32,16 @@ THINNING = 1e-3
 CAPACITY_ROWS = 256
 """Rows that a device holds at most."""
 _SAME_TIME = 1e-9
+
+
+def _device_document(device: Device) -> dict[str, Any]:
+    """Return what names a device; what files of old could not say is in it only where it changes what they meant."""
+    document: dict[str, Any] = device.model_dump(mode="json")
+    if device.amplifier_damping_ratio == CURRENT_LOOP_DAMPING_RATIO:
+        del document["amplifier_damping_ratio"]
+    if device.range.amplifier_damping_ratio is None:
+        del document["range"]["amplifier_damping_ratio"]
+    return document
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +160,7 @@ class Coupling:
             "rows": self.table.rows.tolist(),
             "runtime": self.runtime.document(),
             "wall": [wall.damping_ns_per_m, wall.stiffness_n_per_m],
-            "device": self.problem.device.model_dump(mode="json"),
+            "device": _device_document(self.problem.device),
         }
         if self.contact != FIRST_CONTACT:
             runs["contact"] = self.contact
