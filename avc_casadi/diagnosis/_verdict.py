@@ -42,6 +42,8 @@ _TREMOR_HZ, _TREMOR_M = (6.0, 13.0), 2e-3
 _LATE, _STRONG_TREMOR_M = 8.0, 2e-2
 # What a model may leave of the position, over what encoder and noise do.
 _UNEXPLAINED = 12.0
+# A swing that is in contact for a smaller share of its time flies and falls: a bounce.
+_BOUNCES = 1 / 3
 
 
 class Judge:
@@ -190,7 +192,12 @@ class Judge:
         cures: tuple[Cure, ...] = (),
         decides: str = "",
     ) -> Diagnosis:
-        log = self._log
+        log, share = self._log, self._swing.found.contact_share
+        if share < _BOUNCES and any(math.isfinite(cure.growth_per_s) for cure in cures):
+            self._notes.append(
+                f"in contact for {100 * share:.0f} % of the time it bounces: changes were checked on the loop in "
+                "contact, and a bounce may outlast a loop that rests there"
+            )
         return Diagnosis(
             source=log.name,
             seconds=_seconds(log),
