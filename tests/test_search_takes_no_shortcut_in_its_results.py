@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi.design.robust import Loops, Space, cost_of, costs_of
 from avc_casadi.loop import hand_corners, with_let_go
-from avc_casadi.stability import Laws, frozen_rendering, loop_radius, stiffest_wall, stiffness_at_rest, worst_radius
+from avc_casadi.stability import (
+    Laws,
+    frozen_rendering,
+    leading_radii,
+    loop_radius,
+    stiffest_wall,
+    stiffness_at_rest,
+    worst_radius,
+)
 from avc_casadi.support import one_ahead
 
 
@@ -36,6 +44,15 @@ def groups_of_loops(draw):
 def test_worst_radius_is_that_of_all_eigenvalues(loops):
     by_all = np.abs(np.linalg.eigvals(loops)).max(axis=(-2, -1))
     np.testing.assert_array_equal(worst_radius(loops), by_all)
+
+
+@given(groups_of_loops(), st.integers(1, 10))
+def test_leading_radii_are_the_largest_of_all(loops, leaders):
+    by_all = np.abs(np.linalg.eigvals(loops)).max(axis=-1)
+    found = leading_radii(loops, leaders)
+    known = np.isfinite(found)
+    np.testing.assert_array_equal(found[known], by_all[known])
+    np.testing.assert_array_equal(*(np.sort(radii, axis=-1)[:, -leaders:] for radii in (found, by_all)))
 
 
 @pytest.mark.parametrize("name", ["figure5", "reference-r3"])

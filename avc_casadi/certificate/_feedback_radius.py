@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -14,16 +15,19 @@ from avc_casadi.stability import (
     MAX_DELAY_SAMPLES,
     frozen_rendering,
     largest_radius,
+    leading_radii,
     plants_with_forces,
     state_feedback_loop,
 )
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import Device
+    from avc_casadi.problem import Device, Hands
     from avc_casadi.runtime import StateFeedback
     from avc_casadi.stability import Rendering
     from avc_casadi.support import FloatArray
+
+Plants = tuple["FloatArray", "FloatArray", "FloatArray"]
 
 DRAWS = 24
 # From all of the innovation to next to nothing, where the hand alone decides.
@@ -88,14 +92,13 @@ def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Fe
         raise ValueError("the coupling has no state feedback")
     if not coupling.table.constant:
         raise UnsupportedError("state feedback is judged before constant gains only; make the gains constant")
-    devices = device_set(problem.device, LINEAR_KEYS, seed=seed)
-    if max(device.delay_samples for device in devices) > MAX_DELAY_SAMPLES:
-        raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
-    hands = hand_set(problem.hands, draws=draws, seed=seed)
+    looked_at = _looked_at(problem.device, problem.hands, draws, seed)
+    devices, hands = looked_at.devices, looked_at.hands
     rendering = frozen_rendering(problem, *vars(coupling.table.at_rest).values())
     loop = _Loop(law, rendering, hand_ranges(problem.hands))
-    held = np.stack([loop.radius(device, hands, _SHARES) for device in devices], axis=1)
-    free = np.array([loop.radius(device, no_hand(), (1.0,))[0, 0] for device in devices])
+    held = np.stack([loop.leading(looked_at.held, share) for share in _SHARES])
+    held = held.reshape(len(_SHARES), len(devices), len(hands))
+    free = largest_radius(state_feedback_loop(looked_at.free, law, rendering))[0]
     alone = int(free.argmax())
     whole = loop.worst(devices, hands, held[:1], (1.0,))
     return FeedbackRadius(
@@ -109,10 +112,36 @@ def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Fe
 
 
 @dataclass(frozen=True)
+class _LookedAt:
+    """Devices, hands, and the plants of each device: with every hand, devices first, and let go."""
+
+    devices: list[Device]
+    hands: Hand
+    held: Plants
+    free: Plants
+
+
+@lru_cache(maxsize=4)
+def _looked_at(device: Device, hands: Hands, draws: int, seed: int) -> _LookedAt:
+    """Collect what is looked at; many laws are judged for the same."""
+    devices = device_set(device, LINEAR_KEYS, seed=seed)
+    if max(one.delay_samples for one in devices) > MAX_DELAY_SAMPLES:
+        raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
+    some = hand_set(hands, draws=draws, seed=seed)
+    held, free = (plants_with_forces(sampled_plant(devices, who)) for who in (some, no_hand()))
+    return _LookedAt(devices, some, held, free)
+
+
+@dataclass(frozen=True)
 class _Loop:
     law: StateFeedback
     rendering: Rendering
     ranges: FloatArray
+
+    def leading(self, plants: Plants, share: float) -> FloatArray:
+        """Return the radius with each plant at a share, minus infinity where it is not among the largest."""
+        loops = state_feedback_loop(plants, self.law, self.rendering, (share,))
+        return np.asarray(leading_radii(loops, _STARTS)[0])
 
     def radius(self, device: Device, hands: Hand, shares: tuple[float, ...] | FloatArray) -> FloatArray:
         """Return the radius at each share with each hand, shape (shares, hands)."""
@@ -120,7 +149,7 @@ class _Loop:
         return largest_radius(state_feedback_loop(plants, self.law, self.rendering, shares))
 
     def worst(self, devices: list[Device], hands: Hand, known: FloatArray, shares: tuple[float, ...]) -> Worst:
-        """Climb from the worst of what is known, radii of shape (shares, devices, hands)."""
+        """Climb from the worst of what is known, radii of shape (shares, devices, hands), the largest at least."""
         starts = np.argsort(-known, axis=None, kind="stable")[:_STARTS]
         found = []
         for share, device, hand in zip(*np.unravel_index(starts, known.shape), strict=True):

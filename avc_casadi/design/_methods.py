@@ -29,6 +29,7 @@ class Method:
         options: names of `solve`'s options that it takes.
         keeps_realism: whether it keeps ``realism.require``.
         credits_hand: whether it credits ``schedule.hand_damping_ns_per_m`` to the device.
+        keeps_ranges: whether it keeps its claim over all of ``[device.range]`` that the linear loop has.
         reports: whether it takes long enough to tell of its progress.
     """
 
@@ -37,6 +38,7 @@ class Method:
     options: tuple[str, ...] = ()
     keeps_realism: bool = False
     credits_hand: bool = False
+    keeps_ranges: bool = False
     reports: bool = False
 
     @property
@@ -81,6 +83,7 @@ METHODS: Mapping[MethodName, Method] = {
     "robust": Method(
         "avc_casadi.design.robust:solve_robust",
         "the wall behind an observer with state feedback, for every hand and a device not quite as declared",
+        keeps_ranges=True,
         reports=True,
     ),
 }

@@ -20,7 +20,7 @@ _UNUSED_RANGES = {f"device.range.{key}" for key in LINEAR_KEYS} - {
     "device.range.mass_kg",
     "device.range.damping_ns_per_m",
 }
-"""Ranges of what the linear loop has, of which no design knows more than the nominal value."""
+"""Ranges of what the linear loop has, of which most methods know no more than the nominal value."""
 
 
 def solve(
@@ -91,7 +91,7 @@ def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedul
         keepers = ", ".join(name for name, one in METHODS.items() if one.keeps_realism)
         notes.append(f'{gains.method} does not know realism.require = "{require}"; methods that keep it: {keepers}')
     unused = [key for key in declared(problem) if key in _UNUSED_RANGES]
-    if unused:
+    if unused and not method.keeps_ranges:
         notes.append(
             f"designed for the nominal value of {', '.join(unused)}: a design keeps its claim over the ranges of mass"
             " and damping; certify judges every corner of the others"

@@ -39,4 +39,5 @@ from avc_casadi.stability._whole_device import sampled_stability as sampled_stab
 from avc_casadi.stability._whole_device import whole_stability as whole_stability
 from avc_casadi.stability._worst_hand import WorstHands as WorstHands
 from avc_casadi.stability._worst_hand import worst_hands as worst_hands
+from avc_casadi.stability._worst_radius import leading_radii as leading_radii
 from avc_casadi.stability._worst_radius import worst_radius as worst_radius

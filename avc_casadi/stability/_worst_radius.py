@@ -18,20 +18,32 @@ _LOST, _LEAST_TRACE = 1e-7, 1e-5
 def worst_radius(loops: FloatArray) -> FloatArray:
     """Return the largest spectral radius of each group of loops, the same numbers as by the eigenvalues of all.
 
-    The radius r of an (s, s) matrix M lies between powers: abs(trace(M^N)) / s <= r^N <= s max(abs(M^N)). A product
-    takes a fiftieth of the time of eigenvalues.
-
     Args:
         loops: groups of p loops, shape (..., p, s, s).
 
     Returns:
         Shape (...).
     """
+    return np.asarray(leading_radii(loops, 1).max(axis=-1))
+
+
+def leading_radii(loops: FloatArray, leaders: int) -> FloatArray:
+    """Return the spectral radii of those loops of each group that may have the largest ones, by their eigenvalues.
+
+    The radius r of an (s, s) matrix M lies between powers: abs(trace(M^N)) / s <= r^N <= s max(abs(M^N)). A product
+    takes a fiftieth of the time of eigenvalues.
+
+    Args:
+        loops: groups of p loops, shape (..., p, s, s).
+        leaders: how many of the largest are wanted; all of these are among what is returned.
+
+    Returns:
+        Shape (..., p); minus infinity for the others.
+    """
     p, s = loops.shape[-3], loops.shape[-1]
-    matrices = loops.reshape(-1, s, s)
-    groups = len(matrices) // p
     if s < _LARGE:
-        return np.asarray(np.abs(np.linalg.eigvals(loops)).max(axis=(-2, -1)))
+        return np.asarray(np.abs(np.linalg.eigvals(loops)).max(axis=-1))
+    matrices = loops.reshape(-1, s, s)
     left = np.arange(len(matrices))
     power, logarithm, times = matrices, np.zeros(len(matrices)), 1
     for done in range(1, _ROUNDS + 1):
@@ -46,13 +58,14 @@ def worst_radius(loops: FloatArray) -> FloatArray:
         if done >= _FIRST:
             trace = np.abs(np.trace(power, axis1=1, axis2=2))
             known = np.where(trace > _LEAST_TRACE, np.log(np.maximum(trace, _LEAST_TRACE) / s), -np.inf)
-            at_least = np.full(groups, -np.inf)
-            np.maximum.at(at_least, left // p, (logarithm + known) / times)
-            may = (logarithm + np.log(s)) / times + _LOST >= at_least[left // p]
+            at_least = np.full(len(matrices), -np.inf)
+            at_least[left] = (logarithm + known) / times
+            of_leaders = -np.partition(-at_least.reshape(-1, p), min(leaders, p) - 1, axis=1)[:, min(leaders, p) - 1]
+            may = (logarithm + np.log(s)) / times + _LOST >= of_leaders[left // p]
             left, power, logarithm = left[may], power[may], logarithm[may]
-    worst = np.zeros(groups)
-    np.maximum.at(worst, left // p, np.abs(np.linalg.eigvals(matrices[left])).max(axis=-1))
-    return worst.reshape(loops.shape[:-3])
+    radius = np.full(len(matrices), -np.inf)
+    radius[left] = np.abs(np.linalg.eigvals(matrices[left])).max(axis=-1)
+    return np.asarray(radius.reshape(loops.shape[:-2]))
 
 
 def _balanced(power: FloatArray) -> FloatArray:

@@ -163,7 +163,7 @@ def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
         return []
     t = loops.sample_time_s
     held = worst_radius(state_feedback_loops(loops.varied, laws, rendering, tuple(VARIED_DECAY_PER_S)))
-    free = largest_radius(state_feedback_loops(loops.free, laws, rendering))[:, 0].max(axis=-1)
+    free = worst_radius(state_feedback_loops(loops.free, laws, rendering))[:, 0]
     radius = np.maximum(held[:, 0], free)
     found = [_Damped(1000 + 1000 * (one - 1), one) for one in radius.tolist()]
     rows = np.flatnonzero(radius <= _HOPELESS_RADIUS)

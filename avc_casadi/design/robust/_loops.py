@@ -101,6 +101,24 @@ class Loops:
         varied = _worst(self.varied, law, rendering, VARIED_DECAY_PER_S, t, _KEPT)
         return replace(self, nominal=_slowest(self.nominal, law, rendering, t), varied=varied, beside=beside)
 
+    def and_of(self, others: Loops) -> Loops:
+        """Return these and those of others, which were kept of the same loops."""
+        pairs = zip(self.beside, others.beside, strict=True)
+        return replace(
+            self,
+            nominal=_together(self.nominal, others.nominal),
+            varied=_together(self.varied, others.varied),
+            beside=tuple(_together(*pair) for pair in pairs),
+        )
+
+
+def _together(plants: Plants, others: Plants) -> Plants:
+    """Return plants and others, each once; what is measured is the same of all."""
+    matrix, push, measured = (np.concatenate([one, other]) for one, other in zip(plants, others, strict=True))
+    _, first = np.unique(matrix.reshape(len(matrix), -1), axis=0, return_index=True)
+    kept = np.sort(first)
+    return matrix[kept], push[kept], measured[: len(plants[2])]
+
 
 def _worst(
     plants: Plants, law: StateFeedback, rendering: Rendering, decay_per_s: dict[float, float], t: float, kept: int

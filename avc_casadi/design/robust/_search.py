@@ -36,6 +36,9 @@ MOST_LAWS = 60
 # A search ends where, after so many generations, so many more have made the cheapest law no more than this share
 # cheaper, unless with that some loop grows at once.
 _FIRST, _MORE, _SHARE, _GROWS = 10, 8, 0.01, 1000.0
+# A search that lost sight of the loops that are hardest for what it found, so that it costs so many times as much,
+# goes on with them, so often at most.
+_MISLED, _MOST_MISLED = 1.1, 4
 # Cost of a loop that grows, for each 1/s, where without it the cheapest law has one.
 _PER_GROWTH = 10.0
 # Other laws that are kept: those whose cost is no more than so many times the least and that differ by so much in some
@@ -105,11 +108,16 @@ def _searched(space: Space, loops: Loops, rendering: Rendering, begin: FloatArra
 
     def best_from(point: FloatArray, per_growth: float) -> Found:
         hardest = loops.hardest(space.law(point, stiffness), rendering)
-        goal = partial(weigh, hardest=hardest, per_growth=per_growth)
         # A loop that grows is taken in hand slowly.
         ends = {} if per_growth else {"enough": _hardly_cheaper}
-        seen = evolve(goal, point, space.bounds, _SPREAD, MOST_LAWS * len(space.knobs), **ends)
-        first, *others = (found_at(space, loops, rendering, one) for one in _apart(seen))
+        for _ in range(_MOST_MISLED + 1):
+            goal = partial(weigh, hardest=hardest, per_growth=per_growth)
+            seen = evolve(goal, point, space.bounds, _SPREAD, MOST_LAWS * len(space.knobs), **ends)
+            first, *others = (found_at(space, loops, rendering, one) for one in _apart(seen))
+            if first.cost.holds or first.cost.total < _MISLED * cost_of(first.law, rendering, hardest).total:
+                break
+            # The loops that are hardest for this law were not among those that were for the first.
+            hardest, point = hardest.and_of(loops.hardest(first.law, rendering)), first.logarithms
         return first.beside(one for one in others if one.cost.holds)
 
     found = best_from(begin, 0.0)

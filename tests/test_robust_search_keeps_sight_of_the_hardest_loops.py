@@ -1,0 +1,64 @@
+"""A law is searched before few loops of many; those that its numbers make the hardest are looked at on the way."""
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.coupling import spring_before
+from avc_casadi.design.robust import Loops, Space, search
+from avc_casadi.stability import frozen_rendering, largest_radius, state_feedback_loop
+
+
+@pytest.fixture(scope="module")
+def known_to_a_tenth():
+    """R1, each of its numbers known to a tenth: 128 corners and some between."""
+    problem = avc.load_problem("reference-r1")
+    device = problem.device
+    tenth = {
+        key: (0.9 * getattr(device, key), 1.1 * getattr(device, key))
+        for key in ("mass_kg", "damping_ns_per_m", "delay_samples", "amplifier_bandwidth_hz")
+    }
+    mode = {key: (0.9 * value, 1.1 * value) for key, value in device.resonance.model_dump().items()}
+    return problem.changed(
+        device={"range": {**tenth, "resonance": mode}},
+        environment={"stiffness_n_per_m": 2e4, "damping_ns_per_m": 0.0},
+    )
+
+
+def rendered(problem, stiffness):
+    return frozen_rendering(problem, 0.0, spring_before(problem, stiffness))
+
+
+def test_a_stiffer_wall_is_reached_from_a_softer_one_on_a_device_of_many_corners(known_to_a_tenth):
+    problem = known_to_a_tenth
+    space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+    soft, stiff = (rendered(problem, stiffness) for stiffness in (2500.0, 5000.0))
+    start = search(space, loops, soft).logarithms
+    found = search(space, loops, stiff, start)
+    assert found.cost.holds
+    for plants in (loops.nominal, loops.varied, loops.free):
+        assert largest_radius(state_feedback_loop(plants, found.law, stiff)).max() < 1
+
+
+def test_loops_that_are_kept_with_others_stand_once(known_to_a_tenth):
+    problem = known_to_a_tenth
+    space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+    rendering = rendered(problem, 5000.0)
+    one, other = (loops.hardest(space.law(start, 5000.0), rendering) for start in space.starts)
+    both = one.and_of(other)
+    for all_of, part in ((loops.varied, both.varied), (loops.nominal, both.nominal)):
+        rows = {matrix.tobytes() for matrix in part[0]}
+        assert len(rows) == len(part[0])
+        assert rows <= {matrix.tobytes() for matrix in all_of[0]}
+    assert {row.tobytes() for row in both.varied[0]} == {
+        row.tobytes() for part in (one, other) for row in part.varied[0]
+    }
+    same = one.and_of(one)
+    assert all(np.array_equal(*pair) for pair in zip(same.varied, one.varied, strict=True))
+
+
+def test_only_the_robust_method_keeps_all_ranges_and_the_others_say_so(known_to_a_tenth):
+    problem = known_to_a_tenth.changed(environment={"stiffness_n_per_m": 2000.0})
+    told = {method: " ".join(avc.solve(problem, method).notes) for method in ("robust", "static")}
+    assert "designed for the nominal value" not in told["robust"]
+    assert "designed for the nominal value of device.range.delay_samples" in told["static"]
