@@ -108,3 +108,20 @@ def test_one_ahead_keeps_the_order_and_the_error():
     with pytest.raises(ZeroDivisionError):
         seen.extend(name for name, _ in one_ahead((n, lambda n=n: 1 / (2 - n)) for n in range(5)))
     assert seen == [0, 1] or not seen
+
+
+@pytest.mark.parametrize("error", [ValueError("reordering failed"), np.linalg.LinAlgError("no solution")])
+def test_a_law_is_found_where_the_order_of_eigenvalues_is_lost(error, monkeypatch):
+    problem = avc.load_problem("reference-r1")
+    space = Space(problem.device, problem.hands)
+    precise = Laws.of(space.law(space.starts[0], 5000.0))
+
+    def lost(*_):
+        raise error
+
+    monkeypatch.setattr("scipy.linalg.solve_discrete_are", lost)
+    again = Laws.of(space.law(space.starts[0], 5000.0))
+    for part in ("innovation", "feedback"):
+        np.testing.assert_allclose(getattr(again, part), getattr(precise, part), rtol=1e-6, atol=1e-9)
+    with pytest.raises(np.linalg.LinAlgError), np.errstate(invalid="ignore"):
+        space.law(np.full(len(space.knobs), np.nan), 5000.0)

@@ -285,7 +285,7 @@ class _Model:
 
 
 def _precisely(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
-    """Solve P = A'PA - A'Pb b'PA / (1 + b'Pb) + Q by ordered Schur vectors.
+    """Solve P = A'PA - A'Pb b'PA / (1 + b'Pb) + Q by ordered Schur vectors; where their order is lost, by doubling.
 
     Raises:
         numpy.linalg.LinAlgError: there is no solution.
@@ -293,7 +293,14 @@ def _precisely(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
     from scipy.linalg import solve_discrete_are  # noqa: PLC0415
 
     one = np.ones((1, 1))
-    return np.stack([solve_discrete_are(*each, one) for each in zip(a, b[..., None], weight, strict=True)])
+    try:
+        return np.stack([solve_discrete_are(*each, one) for each in zip(a, b[..., None], weight, strict=True)])
+    except (ValueError, np.linalg.LinAlgError):
+        # Slow eigenvalues lie next to the unit circle; scipy raises either.
+        found = _by_doubling(a, b, weight)
+    if not np.isfinite(found).all():
+        raise np.linalg.LinAlgError("a Riccati equation has no solution")
+    return found
 
 
 def _by_doubling(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
