@@ -149,6 +149,8 @@ def stiffest_text(document: dict[str, Any]) -> str:
                 f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m, with {number(low)} to "
                 f"{number(high)} N.s/m of wall and contact damping together, by linear stability alone: what hands "
                 "rest at may be softer"
+                if document["plain_wall_n_per_m"]
+                else "a plain spring and damper: no wall is linearly stable with every hand and let go"
             ),
             table(["what would help", "stiffest wall\nN/m", "at rest", "without\nfriction"], rows, left=(0,)),
             *(f"assumed: {gap}" for gap in document["assumed"]),

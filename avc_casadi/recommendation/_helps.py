@@ -19,12 +19,11 @@ class Help:
 
     Attributes:
         change: in words.
-        stiffest_wall_n_per_m: the stiffest wall that is then stable with every hand and let go; None where the search
-            finds none.
+        stiffest_wall_n_per_m: the stiffest wall that is then stable with every hand and let go; 0 where none is.
     """
 
     change: str
-    stiffest_wall_n_per_m: float | None
+    stiffest_wall_n_per_m: float
 
 
 def linear_changes(problem: Problem) -> dict[str, Problem]:
@@ -77,7 +76,7 @@ def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help,
 
 
 def _ranked(found: list[Help]) -> tuple[Help, ...]:
-    return tuple(sorted(found, key=lambda one: -(one.stiffest_wall_n_per_m or 0.0)))
+    return tuple(sorted(found, key=lambda one: -one.stiffest_wall_n_per_m))
 
 
 def _times(share: float, device: Device, key: str) -> dict[str, Any]:

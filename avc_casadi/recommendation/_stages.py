@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from avc_casadi.loop import hand_corners
@@ -18,6 +18,7 @@ from avc_casadi.recommendation._candidates import (
     tuned_candidates,
 )
 from avc_casadi.recommendation._jury import Jury
+from avc_casadi.stability import softest_wall_n_per_m
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -62,6 +63,8 @@ def judged_candidates(
         halvings: of the way to the next stiffer wall, at most.
     """
     wall = problem.environment.stiffness_n_per_m
+    # Where springs and dampers hold nothing, laws begin at the softest wall there is.
+    limit = replace(limit, stiffness_n_per_m=max(limit.stiffness_n_per_m, softest_wall_n_per_m(problem.device)))
     jury = Jury(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
     robust = RobustCandidates(problem, limit, jury.ends, known)
     plainly = min(wall, limit.stiffness_n_per_m)

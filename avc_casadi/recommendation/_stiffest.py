@@ -15,7 +15,7 @@ from avc_casadi.recommendation._helps import linear_changes, simulated_changes
 from avc_casadi.recommendation._hopeless import hopeless
 from avc_casadi.recommendation._recommend import SCHEMA
 from avc_casadi.recommendation._stages import judged_candidates
-from avc_casadi.stability import stiffest_wall
+from avc_casadi.stability import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.support import SILENT, Chunked, Progress, plain
 from avc_casadi.trial import people_of, try_coupling
 
@@ -70,7 +70,7 @@ def stiffest(
     Returns:
         The document of `avc recommend P --stiffest`: JSON values. ``stiffest_wall_n_per_m`` is felt at rest with the
         coupling that was found, None where there is none; ``plain_wall_n_per_m`` is that of a spring and damper by
-        linear stability alone, with the ``damping_ns_per_m`` that it needs.
+        linear stability alone, with the ``damping_ns_per_m`` that it needs; 0 where it holds none.
     """
     simple, walled = _out_of_reach(problem)
     asked = _Asked(hands, seed, lean_on_friction)
@@ -103,7 +103,8 @@ def stiffest(
 def _out_of_reach(problem: Problem) -> tuple[DampingRange, Problem]:
     """Return what spring and damper hold, and the device before a bare wall that is much stiffer."""
     simple = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
-    wall = {"stiffness_n_per_m": _FAR * simple.stiffness_n_per_m, "damping_ns_per_m": 0.0}
+    far = _FAR * max(simple.stiffness_n_per_m, softest_wall_n_per_m(problem.device))
+    wall = {"stiffness_n_per_m": far, "damping_ns_per_m": 0.0}
     return simple, problem.changed(environment=wall, detent=None)
 
 

@@ -26,6 +26,7 @@ from avc_casadi.stability._stiffest_wall import DampingRange as DampingRange
 from avc_casadi.stability._stiffest_wall import damping_range as damping_range
 from avc_casadi.stability._stiffest_wall import loop_poles as loop_poles
 from avc_casadi.stability._stiffest_wall import loop_radius as loop_radius
+from avc_casadi.stability._stiffest_wall import softest_wall_n_per_m as softest_wall_n_per_m
 from avc_casadi.stability._stiffest_wall import stiffest_wall as stiffest_wall
 from avc_casadi.stability._transition import Rendering as Rendering
 from avc_casadi.stability._transition import fraction_rendering as fraction_rendering

@@ -234,12 +234,22 @@ def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: fl
     return inside
 
 
+def softest_wall_n_per_m(device: Device) -> float:
+    """Return 1 N/m at the hand, below which no wall is looked for."""
+    return device.metres_per_unit**2
+
+
 def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
-    """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %; 0 where nothing has a mass."""
+    """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %.
+
+    It is 0, and the damping not a number, where nothing has a mass, or no damping holds 1 N/m at the hand.
+    """
     if device.mass_kg + float(np.min(subjects.mass_kg)) == 0:
         return DampingRange(0.0, np.nan, np.nan)
     loops = _Loops.of(device, subjects)
-    low, high = device.metres_per_unit**2, 4 * loops.most_damping_ns_per_m / device.sample_time_s
+    low, high = softest_wall_n_per_m(device), 4 * loops.most_damping_ns_per_m / device.sample_time_s
+    if not _stable(loops, low):
+        return DampingRange(0.0, np.nan, np.nan)
     while high > 1.0001 * low:
         middle = float(np.sqrt(low * high))
         if _stable(loops, middle):

@@ -136,7 +136,7 @@ def without(problem: Problem, extreme: Any) -> dict[str, float]:
 def plain_at_rest(problem: Problem, extreme: Any, plain: float) -> dict[str, int]:
     """Return how many hands rest without friction at nine tenths of the plain limit, with the encoder and without."""
     felt = PLAIN_SHARE * plain
-    if felt >= WALL_N_PER_M:
+    if felt >= WALL_N_PER_M or felt == 0:
         return {}
     damping = damping_range(problem.device, extreme, felt)
     middle = (damping.lowest_ns_per_m + damping.highest_ns_per_m) / 2
@@ -184,8 +184,10 @@ def limited_by(found: dict[str, Any]) -> str:
     raised = found["stiffest_without_n_per_m"]
     name = max(raised, key=lambda one: raised[one])
     rest = found["plain_at_rest"]
-    factor = raised[name] / found["plain_n_per_m"]
-    said = f"{name} (x {factor:.2g})"
+    plain = found["plain_n_per_m"]
+    if plain == raised[name] == 0:
+        return "no plain wall with any one of these"
+    said = f"{name} (x {raised[name] / plain:.2g})" if plain else f"{name} (no plain wall with it)"
     if rest and rest["encoder"] < rest["no encoder"]:
         said += f"; encoder ({rest['encoder']} rest, {rest['no encoder']} without it)"
     return said
@@ -298,7 +300,11 @@ def said(document: dict[str, Any], reading: str) -> str:
     }
     if not found:
         return ""
-    gain = [one["recommended_n_per_m"] / min(one["plain_n_per_m"], WALL_N_PER_M) for one in found.values()]
+    gain = [
+        one["recommended_n_per_m"] / min(one["plain_n_per_m"], WALL_N_PER_M)
+        for one in found.values()
+        if one["plain_n_per_m"]
+    ]
     beyond = [
         (sdk.max_stiffness_n_per_m, one)
         for name, one in found.items()

@@ -22,6 +22,7 @@ from avc_casadi.stability import (
     DampingRange,
     Rendering,
     frozen_rendering,
+    softest_wall_n_per_m,
     stiffest_wall,
     stiffness_at_rest,
 )
@@ -119,7 +120,7 @@ def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung] 
 def _plain_n_per_m(problem: Problem, limit: DampingRange | None = None) -> float:
     if limit is None:
         limit = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
-    return float(limit.stiffness_n_per_m)
+    return max(float(limit.stiffness_n_per_m), softest_wall_n_per_m(problem.device))
 
 
 def _as_they_are(
