@@ -100,7 +100,7 @@ def test_who_strikes_too_ends_as_fast_as_in_the_fastest_motion(rung):
     one, people = coupling(rung, rung.found.law), people_of(PROBLEM.hands, HANDS)
     laws_asked = [one.runtime.state_feedback]
     conditions, gains = Conditions.of(one).without_friction(), one.table.at_rest
-    struck = Ends(PROBLEM, gains, people, [Press(speed_m_per_s=0.3)], conditions, TRIAL_S)(laws_asked)
+    struck = Ends(PROBLEM, gains, people, [((Press(speed_m_per_s=0.3), TRIAL_S),)], conditions)(laws_asked)
     calmly = ends_of(one, people, friction=False)(laws_asked)
     both = ends_of(one, people, friction=False, strike=True)(laws_asked)
     np.testing.assert_array_equal(both, np.maximum(struck, calmly))

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from avc_casadi.problem._quantity import Amplitude, Hertz, Position, Speed
+from avc_casadi.problem._quantity import Amplitude, Hertz, Position, Span, Speed
 from avc_casadi.problem._table import Table
 
 
@@ -33,10 +33,12 @@ class Tap(_Motion):
 
     Attributes:
         frequency_hz: taps a second.
+        rest_s: how long the target rests at the end, at least.
     """
 
     kind: Literal["tap"] = "tap"
     frequency_hz: Hertz = 2.0
+    rest_s: Span = 1.0
 
 
 class Hold(_Motion):
@@ -51,11 +53,13 @@ class Stroke(_Motion):
     Attributes:
         frequency_hz: of the oscillation.
         amplitude_m: of the oscillation.
+        rest_s: how long the target rests at the end, at least.
     """
 
     kind: Literal["stroke"] = "stroke"
     frequency_hz: Hertz = 1.0
     amplitude_m: Amplitude = 0.005
+    rest_s: Span = 1.0
 
 
 class Free(_Motion):
@@ -64,11 +68,13 @@ class Free(_Motion):
     Attributes:
         frequency_hz: of the oscillation.
         amplitude_m: of the oscillation.
+        rest_s: how long the target rests at the end, at least.
     """
 
     kind: Literal["free"] = "free"
     frequency_hz: Hertz = 1.0
     amplitude_m: Amplitude = 0.005
+    rest_s: Span = 1.0
 
 
 Motion = Annotated[Press | Tap | Hold | Stroke | Free, Field(discriminator="kind")]

@@ -10,6 +10,7 @@ from avc_casadi.scene._execute import execute_to_speed as execute_to_speed
 from avc_casadi.scene._explain import Explanation as Explanation
 from avc_casadi.scene._explain import explain as explain
 from avc_casadi.scene._explain import ns_per_step as ns_per_step
+from avc_casadi.scene._judge import AT_REST_M_PER_S as AT_REST_M_PER_S
 from avc_casadi.scene._judge import Judgement as Judgement
 from avc_casadi.scene._judge import criterion as criterion
 from avc_casadi.scene._judge import judge as judge

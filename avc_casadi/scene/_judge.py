@@ -10,6 +10,7 @@ from avc_casadi.support import BoolArray, Columns, FloatArray, Tabular
 
 JUDGED_S = 0.5
 AT_REST_M_PER_S = 5e-3
+"""Speed of the handle below which it is at rest."""
 RIPPLE_HZ = (20.0, 500.0)
 BUZZ_SHARE = 0.07
 IMPACT_S = 0.01

@@ -6,11 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avc_casadi.problem import Motion
+from avc_casadi.problem import Free, Motion, Stroke, Tap
 from avc_casadi.support import FloatArray
-
-# An oscillating target comes to rest this long before the end, so that every run is judged at rest.
-REST_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -50,21 +47,24 @@ def _position(motion: Motion, time: FloatArray) -> FloatArray:
     if motion.kind == "hold":
         return np.full(time.shape, end)
     if motion.kind == "tap":
-        phase = np.minimum(time, _resting_from(time[-1], 0.0, motion.frequency_hz)) * motion.frequency_hz
+        phase = np.minimum(time, _resting_from(time[-1], 0.0, motion)) * motion.frequency_hz
         return start + (end - start) * np.sin(np.pi * phase) ** 2
     if motion.kind == "free":
-        phase = np.minimum(time, _resting_from(time[-1], 0.0, motion.frequency_hz)) * motion.frequency_hz
+        phase = np.minimum(time, _resting_from(time[-1], 0.0, motion)) * motion.frequency_hz
         return start + motion.amplitude_m * np.sin(2 * np.pi * phase)
     arrival = abs(end - start) / motion.speed_m_per_s
     ramp = start + (end - start) * np.clip(time / arrival, 0.0, 1.0) if arrival > 0 else np.full(time.shape, end)
     if motion.kind == "press":
         return ramp
-    resting = _resting_from(time[-1], arrival, motion.frequency_hz)
+    resting = _resting_from(time[-1], arrival, motion)
     phase = np.clip(time, arrival, max(arrival, resting)) - arrival
     return ramp + motion.amplitude_m * np.sin(2 * np.pi * motion.frequency_hz * phase)
 
 
-def _resting_from(duration_s: float, begin_s: float, frequency_hz: float) -> float:
-    """End of the last whole period that leaves `REST_S` of rest, or of the first period in a run too short for that."""
-    periods = max(1.0, np.floor((duration_s - REST_S - begin_s) * frequency_hz))
-    return float(begin_s + periods / frequency_hz)
+def _resting_from(duration_s: float, begin_s: float, motion: Tap | Stroke | Free) -> float:
+    """End of the last whole period that leaves the time to rest, or of the first one in a run too short for that.
+
+    An oscillating target comes to rest before the end, so that every run is judged at rest.
+    """
+    periods = max(1.0, np.floor((duration_s - motion.rest_s - begin_s) * motion.frequency_hz))
+    return float(begin_s + periods / motion.frequency_hz)

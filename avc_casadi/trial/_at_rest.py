@@ -15,9 +15,9 @@ from avc_casadi._errors import InputError
 from avc_casadi.coupling import coupling_document
 from avc_casadi.support import BoolArray, Chunked, FloatArray, json_text
 from avc_casadi.trial._binomial import CONFIDENCE, exact_interval
-from avc_casadi.trial._coupling_trial import TRIAL_S
+from avc_casadi.trial._course import MOTIONS, course_of
 from avc_casadi.trial._subjects import BLOCK, draw_hands
-from avc_casadi.trial._trial import MOTIONS, STRIKE, Conditions, Ends, at_handle, motions_at, resting
+from avc_casadi.trial._trial import Conditions, Ends, resting
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -148,10 +148,10 @@ def unrest(
 def ends_of(coupling: Coupling, people: Hand | StylusHand, *, friction: bool = True, strike: bool = False) -> Ends:
     """Prepare to ask that of couplings that differ from one in nothing but the numbers of their state feedback."""
     conditions = Conditions.of(coupling)
-    device, gains = coupling.problem.device, coupling.table.at_rest
+    gains, course = coupling.table.at_rest, course_of(coupling.problem)
     whole = conditions if friction else conditions.without_friction()
-    motions = [*motions_at(device).values(), *([at_handle(STRIKE, device)] if strike else [])]
-    return Ends(coupling.problem, gains, people, motions, whole, TRIAL_S)
+    motions = [*course.motions.values(), *([course.strike] if strike else [])]
+    return Ends(coupling.problem, gains, people, motions, whole)
 
 
 def _but_for_numbers(coupling: Coupling) -> tuple[Any, ...]:
@@ -163,9 +163,9 @@ def _but_for_numbers(coupling: Coupling) -> tuple[Any, ...]:
 
 def _by_motion(coupling: Coupling, conditions: Conditions, people: Hand) -> dict[str, BoolArray]:
     chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
+    course = course_of(coupling.problem)
     return {
-        name: resting(coupling.problem, chosen, people, motion, conditions, TRIAL_S)
-        for name, motion in motions_at(coupling.problem.device).items()
+        name: resting(coupling.problem, chosen, people, motion, conditions) for name, motion in course.motions.items()
     }
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -25,7 +25,8 @@ from avc_casadi.support import (
     short,
 )
 from avc_casadi.trial._binomial import exact_interval
-from avc_casadi.trial._trial import MOTIONS, Conditions, Traces, motions_at, simulations
+from avc_casadi.trial._course import MOTIONS, TRIAL_S, course_of
+from avc_casadi.trial._trial import Conditions, Simulation, Traces, simulations
 from avc_casadi.trial._vibration import QUIET, felt_vibration
 
 if TYPE_CHECKING:
@@ -33,9 +34,8 @@ if TYPE_CHECKING:
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Device
 
-# A quarter of a second more than the paper's experiment: the last tap is then a second past when rest is judged, and
-# what dies out is told from what does not.
-TRIAL_S = 3.25
+# What is looked at in one motion, each of shape (people,).
+_Figures: TypeAlias = dict[str, Any]
 # A press that ends at this share of the largest force leans on the limit, not on the wall.
 _NEAR_LIMIT = 0.97
 # People whom an executor is given at a time.
@@ -61,6 +61,7 @@ class CouplingTrial(Tabular):
         tap_depth_m: how deep a tap goes.
         wall_n_per_m: stiffness of the wall.
         devices: number of devices that they tried it on.
+        longest_s: how long those were watched who still moved at the end of a motion.
     """
 
     seed: int
@@ -75,6 +76,7 @@ class CouplingTrial(Tabular):
     tap_depth_m: FloatArray
     wall_n_per_m: float
     devices: int = 1
+    longest_s: float = TRIAL_S
 
     @property
     def hands(self) -> int:
@@ -131,6 +133,7 @@ class CouplingTrial(Tabular):
                 "seed": self.seed,
                 "effects": list(self.effects),
                 "motions": list(self.by_motion),
+                "longest_s": self.longest_s,
                 "at_rest_interval": [low, high],
                 "at_rest_by_motion": {name: int(runs.sum()) for name, runs in self.by_motion.items()},
                 "felt_vibration": float(np.median(self.vibration)),
@@ -198,56 +201,78 @@ def _tried(
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> CouplingTrial:
-    at_rest: dict[tuple[str, bool], list[BoolArray]] = {}
-    vibration: list[FloatArray] = []
-    stiffness: list[FloatArray] = []
-    limited: list[BoolArray] = []
-    limit = np.inf if coupling.max_force_n is None else coupling.max_force_n
-    force: list[FloatArray] = []
-    depth: list[FloatArray] = []
+    found: dict[tuple[str, bool], list[_Figures]] = {}
     simulated = _simulations(coupling, subjects, conditions)
     # Without a compiler a simulation takes seconds, and Ctrl-C is not to wait for it.
     parts = ((key, one()) for key, one in simulated) if compiler() is None else one_ahead(simulated)
-    for (name, as_declared), part in parts:
-        found = part.judged()
-        at_rest.setdefault((name, as_declared), []).append(found.stable)
-        if not as_declared:
-            continue
-        if name == "press":
-            vibration.append(felt_vibration(part.position_m * part.metres_per_unit, part.sample_time_s))
-            limited.append(np.abs(found.mean_force_n) > _NEAR_LIMIT * limit)
-            stiffness.append(np.where(limited[-1], np.nan, found.apparent_stiffness_n_per_m))
-        if name == "tap":
-            force.append(np.abs(part.force_n).max(axis=-1))
-            depth.append(part.depth_m.max(axis=-1))
-        progress.advance(len(at_rest), len(MOTIONS), f"motions, {name} the last")
-    by_motion = {name: np.concatenate(at_rest[name, True]) for name in MOTIONS}
-    free = [np.concatenate(at_rest.get((name, False), at_rest[name, True])) for name in MOTIONS]
+    for key, part in parts:
+        found.setdefault(key, []).append(part)
+        if key[1]:
+            progress.advance(len(found), len(MOTIONS), f"motions, {key[0]} the last")
+
+    def whole(name: str, figure: str, *, as_declared: bool = True) -> Any:
+        return np.concatenate([part[figure] for part in found[name, as_declared]])
+
+    by_motion = {name: whole(name, "stable") for name in MOTIONS}
+    free = [whole(name, "stable", as_declared=(name, False) not in found) for name in MOTIONS]
     return CouplingTrial(
         seed=seed,
         effects=tuple(effect.kind for effect in conditions.effects()),
         stable=np.asarray(np.all(list(by_motion.values()), axis=0)),
         stable_without_friction=np.asarray(np.all(free, axis=0)),
         by_motion=by_motion,
-        vibration=np.concatenate(vibration),
-        stiffness_n_per_m=np.concatenate(stiffness),
-        at_force_limit=np.concatenate(limited),
-        tap_force_n=np.concatenate(force),
-        tap_depth_m=np.concatenate(depth),
+        **{figure: whole("press", figure) for figure in ("vibration", "stiffness_n_per_m", "at_force_limit")},
+        **{figure: whole("tap", figure) for figure in ("tap_force_n", "tap_depth_m")},
         wall_n_per_m=coupling.wall.stiffness_n_per_m,
+        longest_s=course_of(coupling.problem).longest_s,
     )
 
 
 def _simulations(
     coupling: Coupling, subjects: Hand | StylusHand, conditions: Conditions
-) -> Iterator[tuple[tuple[str, bool], Callable[[], Traces]]]:
+) -> Iterator[tuple[tuple[str, bool], Callable[[], _Figures]]]:
     """Prepare every motion as declared, then without dry friction where some is declared."""
     chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
+    limit = np.inf if coupling.max_force_n is None else coupling.max_force_n
     settings = {True: conditions} | ({False: conditions.without_friction()} if conditions.friction_n else {})
     for as_declared, setting in settings.items():
-        for name, motion in motions_at(coupling.problem.device).items():
-            for one in simulations(coupling.problem, chosen, subjects, motion, setting, TRIAL_S):
-                yield (name, as_declared), one
+        for name, watched in course_of(coupling.problem).motions.items():
+            first, *longer = (
+                partial(simulations, coupling.problem, chosen, subjects, motion, setting, duration_s)
+                for motion, duration_s in watched
+            )
+            judged = partial(_figures, name if as_declared else None, limit)
+            for one in first():
+                yield (name, as_declared), partial(_fared, judged, one, longer)
+
+
+def _fared(
+    judged: Callable[[Traces], _Figures], first: Simulation, longer: Sequence[Callable[..., Iterator[Simulation]]]
+) -> _Figures:
+    """Simulate some people; those who still move, and have not left for good, are watched for longer."""
+    figures = judged(first())
+    for simulated in longer:
+        left = first.people[~figures["stable"] & ~figures["diverged"]]
+        for more in simulated(some=left):
+            places = np.searchsorted(first.people, more.people)
+            for name, values in judged(more()).items():
+                figures[name][places] = values
+    return figures
+
+
+def _figures(name: str | None, limit_n: float, part: Traces) -> _Figures:
+    """Judge what is looked at in a motion; None is one that is only to come to rest."""
+    found = part.judged()
+    figures: _Figures = {"stable": found.stable, "diverged": found.diverged}
+    if name == "press":
+        limited = np.abs(found.mean_force_n) > _NEAR_LIMIT * limit_n
+        figures["at_force_limit"] = limited
+        figures["stiffness_n_per_m"] = np.where(limited, np.nan, found.apparent_stiffness_n_per_m)
+        figures["vibration"] = felt_vibration(part.position_m * part.metres_per_unit, part.sample_time_s)
+    if name == "tap":
+        figures["tap_force_n"] = np.abs(part.force_n).max(axis=-1)
+        figures["tap_depth_m"] = part.depth_m.max(axis=-1)
+    return figures
 
 
 def try_on_devices(
@@ -280,6 +305,7 @@ def try_on_devices(
         effects=tuple(dict.fromkeys(effect for one in trials for effect in one.effects)),
         by_motion={name: rest[order] for name, rest in whole.by_motion.items()},
         devices=len(trials),
+        longest_s=max(one.longest_s for one in trials),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -28,6 +28,9 @@ _FRICTION_SUBSTEPS = 4
 # Scenes that are kept: three motions with and without friction, on each device of the ranges.
 _KEPT = 128
 
+Prepared: TypeAlias = tuple[CompiledScene, "FloatArray", "FloatArray"]
+"""A scene, everybody's parameters, and what all share."""
+
 
 def prepared(
     problem: Problem,
@@ -36,7 +39,7 @@ def prepared(
     motion: Motion,
     conditions: Conditions,
     duration_s: float,
-) -> tuple[CompiledScene, FloatArray, FloatArray]:
+) -> Prepared:
     """Return the scene with everybody's parameters, and what all share; arguments as for `simulations`."""
     if isinstance(gains, Gains):
         law = conditions.state_feedback

@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avc_casadi.coupling import Gains
 from avc_casadi.problem import (
@@ -19,14 +20,10 @@ from avc_casadi.problem import (
     EstimatorEffect,
     GuardEffect,
     HandEffect,
-    Hold,
     JitterEffect,
-    Motion,
     ObserverEffect,
-    Press,
     SaturationEffect,
     StateFeedbackEffect,
-    Stroke,
     WallEffect,
     declared_effects,
 )
@@ -39,40 +36,22 @@ from avc_casadi.scene import (
     judge,
 )
 from avc_casadi.support import BoolArray, FloatArray, processors
-from avc_casadi.trial._prepared import prepared, with_law
+from avc_casadi.trial._course import Watched, motions_at
+from avc_casadi.trial._prepared import Prepared, prepared, with_law
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainSchedule, GainTable
     from avc_casadi.loop import Hand, StylusHand
-    from avc_casadi.problem import Device, Problem
+    from avc_casadi.problem import Motion, Problem
     from avc_casadi.runtime import StateFeedback
 
-
-# A tap leaves the wall and strikes it again twice a second, and ends in contact: where it ended in free space, every
-# coupling would be at rest.
-MOTIONS: dict[str, Motion] = {"press": Press(), "tap": Stroke(frequency_hz=2.0, amplitude_m=0.015), "hold": Hold()}
-STRIKE = Press(speed_m_per_s=0.3)
-"""Beyond what a trial tells: a wall that is struck may be driven to the force limit and not come back."""
 
 DURATION_S = 3.0
 # Up to so many people, the scene's own choice of what runs it is left alone.
 _FEW = 3
-# People whose traces are held at a time.
+# People whose traces are held at a time, and samples of them all.
 PEOPLE_AT_ONCE = 250
-
-
-def motions_at(device: Device) -> dict[str, Motion]:
-    """Return the same motions of the hand at the handle of a device that turns, as angles."""
-    return {name: at_handle(motion, device) for name, motion in MOTIONS.items()}
-
-
-def at_handle(motion: Motion, device: Device) -> Motion:
-    """Return a motion of the hand as the device counts it."""
-    radius = device.metres_per_unit
-    lengths = {"start_m", "end_m", "speed_m_per_s", "amplitude_m"}
-    return type(motion).model_validate(
-        {key: value / radius if key in lengths else value for key, value in motion.model_dump().items()}
-    )
+_SAMPLES_AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -199,6 +178,23 @@ class Traces:
         )
 
 
+@dataclass(frozen=True)
+class Simulation:
+    """Some people, simulated when it is called.
+
+    Attributes:
+        people: their places.
+        run: simulates them.
+    """
+
+    people: NDArray[np.intp]
+    run: Callable[[], Traces]
+
+    def __call__(self) -> Traces:
+        """Simulate them."""
+        return self.run()
+
+
 def traces(
     problem: Problem,
     gains: Gains | GainTable | GainSchedule,
@@ -219,7 +215,8 @@ def simulations(
     motion: Motion,
     conditions: Conditions,
     duration_s: float = DURATION_S,
-) -> Iterator[Callable[[], Traces]]:
+    some: NDArray[np.intp] | None = None,
+) -> Iterator[Simulation]:
     """Prepare to simulate everybody, some at a time; each is simulated when it is called.
 
     Args:
@@ -229,12 +226,14 @@ def simulations(
         motion: motion of their hands' target.
         conditions: what of the device is simulated.
         duration_s: how long.
+        some: places of those of the subjects who are simulated; None are all.
     """
     compiled, parameters, inputs = prepared(problem, gains, subjects, motion, conditions, duration_s)
     engine = _engine(len(parameters))
+    places = np.arange(len(parameters)) if some is None else some
 
-    def of(some: FloatArray) -> Traces:
-        found = execute(compiled, some, inputs, engine=engine)
+    def of(people: NDArray[np.intp]) -> Traces:
+        found = execute(compiled, parameters[people], inputs, engine=engine)
         position, device = found["position_m"], problem.device
         return Traces(
             position,
@@ -245,21 +244,32 @@ def simulations(
             found.get("measured_m"),
         )
 
-    for first in range(0, len(parameters), PEOPLE_AT_ONCE):
-        yield partial(of, parameters[first : first + PEOPLE_AT_ONCE])
+    at_once = min(PEOPLE_AT_ONCE, max(1, _SAMPLES_AT_ONCE // inputs.shape[-1]))
+    for first in range(0, len(places), at_once):
+        people = places[first : first + at_once]
+        yield Simulation(people, partial(of, people))
 
 
 def resting(
     problem: Problem,
     gains: Gains | GainTable | GainSchedule,
     subjects: Hand | StylusHand,
-    motion: Motion,
+    motion: Watched,
     conditions: Conditions,
-    duration_s: float = DURATION_S,
 ) -> BoolArray:
     """Whether each of many comes to rest, on one thread and without traces; arguments as for `simulations`."""
-    compiled, parameters, inputs = prepared(problem, gains, subjects, motion, conditions, duration_s)
-    return execute_to_speed(compiled, parameters, inputs, engine=_engine(len(parameters))) < 1
+    scenes = [prepared(problem, gains, subjects, one, conditions, duration_s) for one, duration_s in motion]
+    return _last_speed(scenes, scenes[0][1], _engine(len(subjects))) < 1
+
+
+def _last_speed(scenes: Sequence[Prepared], parameters: FloatArray, engine: Engine, *, workers: int = 1) -> FloatArray:
+    """Return the speed of `execute_to_speed`; in each scene after the first that of those who moved in the last one."""
+    speed = np.full(len(parameters), np.nan)
+    left = np.arange(len(parameters))
+    for compiled, _, inputs in scenes:
+        speed[left] = execute_to_speed(compiled, parameters[left], inputs, engine=engine, workers=workers)
+        left = np.flatnonzero((speed >= 1) & np.isfinite(speed))
+    return speed
 
 
 class Ends:
@@ -271,7 +281,6 @@ class Ends:
         subjects: as for `simulations`.
         motions: of their hands' target.
         conditions: what of the device is simulated, with some state feedback of the structure, or none.
-        duration_s: as for `simulations`.
     """
 
     def __init__(
@@ -279,21 +288,23 @@ class Ends:
         problem: Problem,
         gains: Gains,
         subjects: Hand | StylusHand,
-        motions: Iterable[Motion],
+        motions: Iterable[Watched],
         conditions: Conditions,
-        duration_s: float = DURATION_S,
     ) -> None:
         self._gains, self.people = gains, len(subjects)
-        self._scenes = [prepared(problem, gains, subjects, motion, conditions, duration_s) for motion in motions]
+        self._scenes = [
+            [prepared(problem, gains, subjects, one, conditions, duration_s) for one, duration_s in motion]
+            for motion in motions
+        ]
 
     def __call__(self, laws: Sequence[StateFeedback | None]) -> FloatArray:
         """Return the largest speed as of `execute_to_speed`, shape (laws, people)."""
         found = np.zeros((len(laws), self.people))
-        for compiled, _, inputs in self._scenes:
+        for scenes in self._scenes:
+            compiled = scenes[0][0]
             each = [replace(compiled, effects=with_law(compiled.effects, law)) for law in laws]
             parameters = np.concatenate([one.parameter_values(self._gains) for one in each])
-            engine, workers = _engine(len(parameters)), processors()
-            speed = execute_to_speed(compiled, parameters, inputs, engine=engine, workers=workers)
+            speed = _last_speed(scenes, parameters, _engine(len(parameters)), workers=processors())
             found = np.maximum(found, np.reshape(speed, found.shape))
         return found
 
