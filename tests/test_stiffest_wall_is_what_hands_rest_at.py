@@ -50,6 +50,20 @@ def test_no_change_for_the_better_is_less_safe_or_softer_by_more_than_a_step():
     assert order == sorted(order, reverse=True)
 
 
+@pytest.mark.parametrize("astray", ["_further", "_anew"])
+def test_a_change_is_told_by_the_way_that_leads_furthest(monkeypatch, astray):
+    problem = device()
+    change = {"no delay": _stiffest.linear_changes(problem)["no delay"]}
+    monkeypatch.setattr(_stiffest, "linear_changes", lambda _: change)
+    monkeypatch.setattr(_stiffest, "simulated_changes", lambda _: {})
+    ways = [way for way in _stiffest._WAYS if way is not getattr(_stiffest, astray)]
+    assert len(ways) == len(_stiffest._WAYS) - 1
+    monkeypatch.setattr(_stiffest, "_WAYS", tuple(ways))
+    (alone,) = stiffest(problem, hands=16)["what_would_help"]
+    (whole,) = (one for one in found()["what_would_help"] if one["change"] == "no delay")
+    assert (*safety(whole), whole["stiffest_wall_n_per_m"]) >= (*safety(alone), alone["stiffest_wall_n_per_m"])
+
+
 def test_the_text_tells_all_of_it():
     text = stiffest_text(found())
     for one in (found(), *found()["what_would_help"]):

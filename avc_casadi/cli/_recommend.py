@@ -63,14 +63,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     out = None if args.out is None else output_file(args.out, "--out", (".json",))
     problem = load_problem(args.problem)
     if args.stiffest:
-        with console.step("stiffest wall"):
-            document = stiffest(
-                problem,
-                hands,
-                lean_on_friction=args.lean_on_friction,
-                workers=min(2, processors()),
-                progress=console,
-            )
+        document = stiffest(
+            problem, hands, lean_on_friction=args.lean_on_friction, workers=min(2, processors()), progress=console
+        )
         return Answer(document, stiffest_text(document))
     with console.step(f"candidates with {hands} hands"):
         found = recommend(

@@ -107,8 +107,8 @@ class RobustCandidates:
         problem: device, wall and hands.
         stiffest: the stiffest wall that is stable with everybody and let go.
         ends: how fast those end who try a coupling first.
-        known: a wall from which on to look, with a law for it, and then for a first answer: of walls near one of those
-            that have a law no other law is searched. None begins where spring and damper end.
+        start: a wall from which on to look. With a law for it only a first answer is looked for: of walls near one of
+            those that have a law no other law is searched. None begins where spring and damper end.
     """
 
     def __init__(
@@ -116,9 +116,10 @@ class RobustCandidates:
         problem: Problem,
         stiffest: DampingRange,
         ends: Callable[[Coupling], Unrest],
-        known: Rung | None = None,
+        start: Rung | float | None = None,
     ) -> None:
-        self._problem, self._ends, self._known = problem, ends, known
+        self._problem, self._ends = problem, ends
+        self._known = known = None if isinstance(start, float) else start
         self.rungs: list[Rung] = []
         self.ladder_n_per_m: list[float] = []
         self.softer: list[list[float]] = []
@@ -128,7 +129,9 @@ class RobustCandidates:
             ladder = ladder_n_per_m(problem, stiffest)
             if known is not None:
                 self.rungs.append(known)
-                ladder = [known.stiffness_n_per_m * NEXT**rung for rung in range(MOST_RUNGS)]
+            if start is not None:
+                first = start if isinstance(start, float) else start.stiffness_n_per_m
+                ladder = [first * NEXT**rung for rung in range(MOST_RUNGS)]
             self.ladder_n_per_m, self.softer = ladder, softer_ladders(ladder)
 
     @property

@@ -46,7 +46,7 @@ def judged_candidates(
     *,
     lean_on_friction: bool,
     executor: Executor | None = None,
-    known: Rung | None = None,
+    start: Rung | float | None = None,
     halvings: int = MOST_HALVED,
 ) -> Candidates:
     """Try the likeliest couplings first, and the others only where none is the wall itself.
@@ -59,14 +59,14 @@ def judged_candidates(
         progress: told of the candidates.
         lean_on_friction: as in `best_of`.
         executor: as in `try_coupling`.
-        known: a wall and its law with which to begin; None begins where spring and damper end.
+        start: as in `RobustCandidates`.
         halvings: of the way to the next stiffer wall, at most.
     """
     wall = problem.environment.stiffness_n_per_m
     # Where springs and dampers hold nothing, laws begin at the softest wall there is.
     limit = replace(limit, stiffness_n_per_m=max(limit.stiffness_n_per_m, softest_wall_n_per_m(problem.device)))
     jury = Jury(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
-    robust = RobustCandidates(problem, limit, jury.ends, known)
+    robust = RobustCandidates(problem, limit, jury.ends, start)
     plainly = min(wall, limit.stiffness_n_per_m)
     corners = hand_corners(problem.hands)
     plain = list(plain_candidates(problem, corners, limit))

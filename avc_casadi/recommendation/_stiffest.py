@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.certificate import deployable
 from avc_casadi.design.robust import moved
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.recommendation._assumptions import assumed, not_used
-from avc_casadi.recommendation._choice import AS_STIFF, Judged, best_of
+from avc_casadi.recommendation._choice import Judged, best_of
 from avc_casadi.recommendation._helps import linear_changes, simulated_changes
 from avc_casadi.recommendation._hopeless import hopeless
 from avc_casadi.recommendation._recommend import SCHEMA
-from avc_casadi.recommendation._stages import judged_candidates
+from avc_casadi.recommendation._stages import MOST_HALVED, judged_candidates
 from avc_casadi.stability import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.support import SILENT, Chunked, Progress, plain
 from avc_casadi.trial import people_of, try_coupling
@@ -22,7 +24,6 @@ from avc_casadi.trial import people_of, try_coupling
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from avc_casadi.coupling import Coupling
     from avc_casadi.design.robust import Rung
     from avc_casadi.problem import Problem
     from avc_casadi.stability import DampingRange
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 _FAR = 1e3
 # How often the way to the next stiffer wall is halved on a changed device: to a tenth.
 _ROUGHLY = 2
+# Where a search for laws of its own begins on a changed device, over what is held on the device as it is.
+_ANEW = 0.5
 
 
 @dataclass(frozen=True)
@@ -55,8 +58,9 @@ def stiffest(
     """Search the stiffest wall at which simulated hands rest as safely as with a recommendation, and what would help.
 
     The search is that of `recommend`, for a wall that is out of reach: everything that the device declares is
-    simulated. Each change is searched in the same way, and tried with the best coupling of the device as it is, so that
-    an improvement never counts as a loss where that coupling goes on to hold.
+    simulated. Each change is searched from the law of the device as it is on, and anew from a softer wall: either may
+    lead astray. It is tried with the best coupling of the device as it is too, so that an improvement never counts as a
+    loss where that coupling goes on to hold.
 
     Args:
         problem: the device and its hands; its wall and detents do not matter.
@@ -74,13 +78,20 @@ def stiffest(
     """
     simple, walled = _out_of_reach(problem)
     asked = _Asked(hands, seed, lean_on_friction)
-    best = _best(walled, simple, asked, progress=progress)
+    with progress.step("stiffest wall"):
+        best = _best(walled, simple, asked, progress=progress)
     better = linear_changes(problem) | simulated_changes(problem)
-    study: Chunked[Problem, list[dict[str, Any]]] = Chunked(
-        {}, partial(_with_change, best, asked), list(better.values()), list, things="changes"
+    tasks = list(product(_WAYS, better.values()))
+    study: Chunked[tuple[_Way, Problem], list[Judged | None]] = Chunked(
+        {}, partial(_searched, best, asked), tasks, list, things="searches with a change"
     )
-    walls = study.run(executor, workers=workers, progress=progress)
-    helps = [{"change": change, **wall} for change, wall in zip(better, walls, strict=True)]
+    reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g} N/m"
+    with progress.step(f"{reached} as it is; what would help"):
+        found = study.run(executor, workers=workers, progress=progress)
+    helps = [
+        {"change": change, **_told(_best_of([one for one in found[place :: len(better)] if one is not None], asked))}
+        for place, change in enumerate(better)
+    ]
     judged = None if best is None else best.judged
     document: dict[str, Any] = plain(
         {
@@ -122,18 +133,21 @@ class _Best:
 
 
 def _best(
-    problem: Problem, limit: DampingRange, asked: _Asked, *, before: _Best | None = None, progress: Progress = SILENT
+    problem: Problem,
+    limit: DampingRange,
+    asked: _Asked,
+    *,
+    start: Rung | float | None = None,
+    halvings: int = MOST_HALVED,
+    progress: Progress = SILENT,
 ) -> _Best | None:
-    """Search the stiffest, where one can be held; from the best of another device on, where that has a law."""
+    """Search the stiffest, where one can be held; arguments as for `judged_candidates`."""
     if hopeless(problem):
         return None
     people, lean = people_of(problem.hands, asked.hands, asked.seed), asked.lean_on_friction
-    search = partial(judged_candidates, problem, people, asked.seed, limit, progress, lean_on_friction=lean)
-    if before is None:
-        found = search()
-    else:
-        known = None if before.rung is None else moved(before.rung, before.judged.coupling.problem, problem)
-        found = search(known=known, halvings=_ROUGHLY)
+    found = judged_candidates(
+        problem, people, asked.seed, limit, progress, lean_on_friction=lean, start=start, halvings=halvings
+    )
     if not found.judged:
         return None
     best = best_of(found.judged, lean_on_friction=lean)
@@ -143,34 +157,35 @@ def _best(
     return _Best(best, next(rungs, None))
 
 
-def _with_change(before: _Best | None, asked: _Asked, changed: Problem) -> dict[str, Any]:
-    """Search on a changed device, from the coupling of the device as it is on, and anew where that loses by it."""
-    simple, walled = _out_of_reach(changed)
-    lean = asked.lean_on_friction
-    found = _best(walled, simple, asked, before=before)
-    judged = [] if found is None else [found.judged]
-    if before is not None:
-        kept = _kept(before.judged.coupling, walled, asked)
-        judged += [] if kept is None else [kept]
-        if before.rung is not None and _loses(
-            best_of(judged, lean_on_friction=lean) if judged else None, before, asked
-        ):
-            # What was good for one may lead the search astray for the other.
-            anew = _best(walled, simple, asked)
-            judged += [] if anew is None else [anew.judged]
-    return _told(best_of(judged, lean_on_friction=lean) if judged else None)
+def _searched(before: _Best | None, asked: _Asked, task: tuple[_Way, Problem]) -> Judged | None:
+    """Search on a changed device in one way."""
+    way, changed = task
+    return way(before, asked, changed)
 
 
-def _loses(found: Judged | None, before: _Best, asked: _Asked) -> bool:
-    if found is None or not found.complete(lean_on_friction=asked.lean_on_friction):
-        return True
-    return found.felt_n_per_m < (1 - AS_STIFF) * before.judged.felt_n_per_m
-
-
-def _kept(coupling: Coupling, walled: Problem, asked: _Asked) -> Judged | None:
-    """Let the hands try a coupling on a changed device; None where it runs at another rate or is not deployable."""
-    if walled.device.sample_time_s != coupling.problem.device.sample_time_s:
+def _further(before: _Best | None, asked: _Asked, changed: Problem) -> Judged | None:
+    """Search from the law of the device as it is on."""
+    if before is None or before.rung is None:
         return None
+    simple, walled = _out_of_reach(changed)
+    law = moved(before.rung, before.judged.coupling.problem, walled)
+    return _judged(_best(walled, simple, asked, start=law, halvings=_ROUGHLY))
+
+
+def _anew(before: _Best | None, asked: _Asked, changed: Problem) -> Judged | None:
+    """Search for laws of its own, which may lie elsewhere."""
+    simple, walled = _out_of_reach(changed)
+    start = None
+    if before is not None and before.rung is not None:
+        start = max(_ANEW * before.rung.stiffness_n_per_m, simple.stiffness_n_per_m)
+    return _judged(_best(walled, simple, asked, start=start, halvings=_ROUGHLY))
+
+
+def _kept(before: _Best | None, asked: _Asked, changed: Problem) -> Judged | None:
+    """Let the hands try the coupling of the device as it is; None at another rate or where it is not deployable."""
+    if before is None or changed.device.sample_time_s != before.judged.coupling.problem.device.sample_time_s:
+        return None
+    coupling, (_, walled) = before.judged.coupling, _out_of_reach(changed)
     other = replace(coupling, problem=coupling.problem.changed(device=walled.device))
     if not deployable(other).passed:
         return None
@@ -178,9 +193,21 @@ def _kept(coupling: Coupling, walled: Problem, asked: _Asked) -> Judged | None:
     return Judged(other, try_coupling(other, people, asked.seed), 0)
 
 
+def _judged(found: _Best | None) -> Judged | None:
+    return None if found is None else found.judged
+
+
+_Way = Callable[["_Best | None", _Asked, "Problem"], "Judged | None"]
+_WAYS: tuple[_Way, ...] = (_anew, _further, _kept)
+
+
 def _safest_then_stiffest(told: dict[str, Any]) -> tuple[float, ...]:
     counts = (told["at_rest_without_friction"] == told["hands"], told["at_rest"] == told["hands"])
     return (*(-float(everybody) for everybody in counts), -(told["stiffest_wall_n_per_m"] or 0.0))
+
+
+def _best_of(judged: list[Judged], asked: _Asked) -> Judged | None:
+    return best_of(judged, lean_on_friction=asked.lean_on_friction) if judged else None
 
 
 def _told(best: Judged | None) -> dict[str, Any]:
