@@ -22,6 +22,7 @@ from avc_casadi.problem import (
     WallEffect,
 )
 from avc_casadi.runtime import StateFeedback
+from avc_casadi.trial import LONGEST_S
 from avc_hardware import FirmwareInTheLoop, LoopResult, tried_in_the_loop
 from avc_hardware import _messages as m
 from avc_hardware._device_fault import DeviceFault
@@ -247,6 +248,15 @@ def test_a_lower_force_limit_is_the_board_s() -> None:
     found = tried_in_the_loop(weak)
     assert found.peak_force_n == pytest.approx(1.5)
     assert found.status.saturated > 1000
+
+
+def test_a_heavy_device_is_watched_for_as_long_as_it_swings_in_a_hand_alone() -> None:
+    heavy = {"mass_kg": 5.0, "damping_ns_per_m": 0.0}
+    problem = wall().changed(device=heavy, hands={"mass_kg": (0.1, 0.1), "damping_ns_per_m": (5.0, 12.0)})
+    coupling = with_gains(problem, 0.0, 300.0)
+    short, whole = tried_in_the_loop(coupling, seconds=3.0), tried_in_the_loop(coupling)
+    assert (short.at_rest, whole.at_rest) == (False, True)
+    assert short.seconds == problem.scene.duration_s < whole.seconds < LONGEST_S
 
 
 @functools.cache

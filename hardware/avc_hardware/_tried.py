@@ -12,6 +12,7 @@ from avc_casadi import InputError
 from avc_casadi.coupling import require_coupling
 from avc_casadi.problem import HandEffect, WallEffect, scene_effects
 from avc_casadi.scene import judge
+from avc_casadi.trial import TRIAL_S, course_of
 from avc_hardware._device_fault import DeviceFault
 from avc_hardware._in_the_loop import PLANT_KINDS, FirmwareInTheLoop
 
@@ -93,7 +94,8 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, devic
 
     Args:
         coupling: what is to run, at its own sample time, encoder and force limit.
-        seconds: how long; None is the duration of the scene.
+        seconds: how long; None is the duration of the scene, and as much more as a hand alone swings on with a heavy
+            device, where it still moves then.
         device: that is there in truth; None is the one that the coupling was made for.
 
     Raises:
@@ -116,16 +118,23 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, devic
     )
     loop = FirmwareInTheLoop(replace(coupling, problem=bench))
     pushed = loop.push(coupling)
-    trace = loop.run(lasts)
-    samples = min(len(trace.position_m), len(trace.force_n))
-    position, velocity, force = (
-        np.array(values[:samples]) for values in (trace.position_m, trace.velocity_m_per_s, trace.force_n)
-    )
-    return LoopResult(
-        seconds=lasts,
-        judgement=judge(position, velocity, force, coupling.sample_time_s, coupling.problem.device.metres_per_unit),
-        peak_force_n=float(np.abs(force).max(initial=0.0)),
-        left_out=left_out,
-        push=pushed,
-        status=loop.status(),
-    )
+
+    def after(more_s: float, whole_s: float) -> LoopResult:
+        trace = loop.run(more_s)
+        samples = min(len(trace.position_m), len(trace.force_n))
+        position, velocity, force = (
+            np.array(values[:samples]) for values in (trace.position_m, trace.velocity_m_per_s, trace.force_n)
+        )
+        return LoopResult(
+            seconds=whole_s,
+            judgement=judge(position, velocity, force, coupling.sample_time_s, coupling.problem.device.metres_per_unit),
+            peak_force_n=float(np.abs(force).max(initial=0.0)),
+            left_out=left_out,
+            push=pushed,
+            status=loop.status(),
+        )
+
+    found, swings_s = after(lasts, lasts), course_of(true).longest_s - TRIAL_S
+    if seconds is None and swings_s > 0 and not (found.at_rest or found.status.faults):
+        return after(swings_s, lasts + swings_s)
+    return found
