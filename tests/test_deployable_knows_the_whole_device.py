@@ -51,6 +51,15 @@ def test_the_radius_is_that_of_the_written_down_loop(seed):
         assert radius == pytest.approx(growth(case.device, hand, (0.0, 1e13, gains[2]), wall), abs=1e-7)
 
 
+@pytest.mark.parametrize("device", [{}, {"amplifier_bandwidth_hz": 1000.0}, {"delay_samples": 0.5}])
+def test_what_grows_beyond_all_numbers_within_a_sample_is_unstable(device):
+    case = problem(mass_kg=1e-6, **device)
+    light = Hand(*(np.append(value, one) for value, one in zip(vars(HANDS).values(), (1e-6, 1.0, 10.0), strict=True)))
+    found = whole_stability(case.device, frozen_parts(case, 0.0, 1e3), 0.0, light, damping_shift_ns_per_m=-100.0).radius
+    assert np.isfinite(found[0, :-1]).all()
+    assert np.isposinf(found[0, -1])
+
+
 def test_a_rigid_device_is_judged_as_before():
     """Equal to the loop of mass, damper and whole delay, written out as it was."""
     walls, dampings, time = np.array([1e3, 2e4, 7e4]), np.array([3.0, 40.0, 82.0]), 1e-3

@@ -16,6 +16,9 @@ def expm(matrix: FloatArray) -> FloatArray:
 
     Args:
         matrix: shape (..., n, n), balanced by the caller: the work grows with the logarithm of its largest norm.
+
+    Returns:
+        The same shape; numbers that are not finite where the exponential of a matrix is beyond them.
     """
     norm = float(np.abs(matrix).sum(axis=-1).max(initial=0.0))
     squarings = max(0, int(np.ceil(np.log2(norm / _NORM)))) if norm > 0 else 0
@@ -24,6 +27,7 @@ def expm(matrix: FloatArray) -> FloatArray:
     result = identity
     for term in range(_TERMS, 0, -1):
         result = identity + scaled @ result / term
-    for _ in range(squarings):
-        result = result @ result
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(squarings):
+            result = result @ result
     return result

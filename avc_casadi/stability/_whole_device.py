@@ -123,6 +123,11 @@ def sampled_stability(
     rendering = fraction_rendering(parts, contact, device.sample_time_s)
     plant = sampled_plant(device, hands.pick(moved), damping_shift_ns_per_m)
     matrix, push, measured = plants_with_forces(plant)
+    # Damping that is taken away may let a light device grow beyond all numbers within a sample.
+    finite = np.isfinite(matrix).all(axis=(-2, -1)) & np.isfinite(push).all(axis=-1)
+    matrix, push, moved = matrix[finite], push[finite], moved[finite]
+    if len(moved) == 0:
+        return LinearStability(radius, frequency)
     rows_at_once = max(1, _NUMBERS_AT_ONCE // (len(moved) * (len(measured) + 2) ** 2))
     for some in chunks(n, rows_at_once, progress, "spectral radius") if n else ():
         values = np.linalg.eigvals(closed_loop(matrix, push, measured, rendering.pick(some)))
