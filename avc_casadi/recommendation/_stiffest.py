@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from avc_casadi.design.robust import Rung
-    from avc_casadi.problem import Problem
+    from avc_casadi.problem import Device, Problem
     from avc_casadi.stability import DampingRange
 
 # A wall out of reach, over what spring and damper hold.
@@ -185,12 +185,20 @@ def _kept(before: _Best | None, asked: _Asked, changed: Problem) -> Judged | Non
     """Let the hands try the coupling of the device as it is; None at another rate or where it is not deployable."""
     if before is None or changed.device.sample_time_s != before.judged.coupling.problem.device.sample_time_s:
         return None
+    if _only_stronger(changed.device, before.judged.coupling.problem.device):
+        return before.judged
     coupling, (_, walled) = before.judged.coupling, _out_of_reach(changed)
     other = replace(coupling, problem=coupling.problem.changed(device=walled.device))
     if not deployable(other).passed:
         return None
     people = people_of(walled.hands, asked.hands, asked.seed)
     return Judged(other, try_coupling(other, people, asked.seed), 0)
+
+
+def _only_stronger(device: Device, before: Device) -> bool:
+    """Whether a change is one of the force limit alone: force need not be used."""
+    force: dict[str, Any] = {"max_force_n": True, "range": {"max_force_n": True}}
+    return device.model_dump(exclude=force) == before.model_dump(exclude=force)
 
 
 def _judged(found: _Best | None) -> Judged | None:

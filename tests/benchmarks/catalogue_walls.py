@@ -70,20 +70,36 @@ def groups() -> dict[str, DeviceFile]:
 
 
 def read_as(file: DeviceFile, reading: str, hands: dict[str, Any]) -> Problem:
-    """Return the wall on a device of the catalogue."""
-    wall = {"damping_ns_per_m": 0.0, "stiffness_n_per_m": WALL_N_PER_M}
-    problem = avc.load_problem("reference-r1").changed(device=file.device, environment=wall, hands=hands)
+    """Return the wall on a device of the catalogue; with one that turns all of it is the same at its handle."""
+    radius_m = file.device.metres_per_unit
+    wall = {"damping_ns_per_m": 0.0, "stiffness_n_per_m": WALL_N_PER_M * radius_m**2}
+    turned = {key: tuple(radius_m**2 * end for end in ends) if ends else ends for key, ends in hands.items()}
+    problem = avc.load_problem("reference-r1").changed(device=file.device, environment=wall, hands=turned)
     if reading == "as filed":
         return problem
     for key, values in GAPS.items():
         ranged = key != "resonance" and getattr(file.device.range, key) is not None
         if key in file.gaps and not ranged:
-            problem = problem.changed(device=values)
+            problem = problem.changed(device=at_radius(values, radius_m))
     return problem
+
+
+def at_radius(values: dict[str, Any], radius_m: float) -> dict[str, Any]:
+    """Return what stands for a gap as a device that turns counts it, rad and N.m.s/rad; 1 m leaves it as it is."""
+    units = {"damping_ns_per_m": radius_m**2, "encoder_resolution_m": 1 / radius_m}
+    turned = {key: units[key] * value if key in units else value for key, value in values.items()}
+    known = values.get("range", {})
+    return turned | {
+        "range": {
+            key: tuple(units.get(key, 1) * end for end in ends) if isinstance(ends, tuple) else ends
+            for key, ends in known.items()
+        }
+    }
 
 
 def cell(file: DeviceFile, reading: str, hands: str) -> dict[str, Any]:
     problem = read_as(file, reading, HANDS[hands])
+    at_handle = 1 / problem.device.metres_per_unit**2
     extreme = with_let_go(hand_corners(problem.hands))
     plain = stiffest_wall(problem.device, extreme).stiffness_n_per_m
     started = cpu_seconds()
@@ -91,7 +107,7 @@ def cell(file: DeviceFile, reading: str, hands: str) -> dict[str, Any]:
     seconds = cpu_seconds() - started
     coupling, trial = found.coupling, found.trial
     same = {
-        "plain_n_per_m": plain,
+        "plain_n_per_m": plain * at_handle,
         "stiffest_without_n_per_m": without(problem, extreme),
         "plain_at_rest": plain_at_rest(problem, extreme, plain),
         "recommend_cpu_s": round(seconds, 1),
@@ -101,11 +117,13 @@ def cell(file: DeviceFile, reading: str, hands: str) -> dict[str, Any]:
     if coupling is None or trial is None:
         return same | {"recommended_n_per_m": None}
     return same | {
-        "recommended_n_per_m": expected_n_per_m(coupling),
-        "felt_n_per_m": felt_n_per_m(trial),
+        "recommended_n_per_m": expected_n_per_m(coupling) * at_handle,
+        "felt_n_per_m": None if (felt := felt_n_per_m(trial)) is None else felt * at_handle,
         "method": coupling.method,
         "observer": coupling.runtime.observer_mass_kg is not None or coupling.runtime.state_feedback is not None,
-        "with_friction_n_per_m": found.with_friction_n_per_m,
+        "with_friction_n_per_m": None
+        if found.with_friction_n_per_m is None
+        else found.with_friction_n_per_m * at_handle,
         "people": trial.hands,
         "at_rest": int(trial.stable.sum()),
         "at_rest_without_friction": int(trial.stable_without_friction.sum()),
@@ -127,7 +145,7 @@ def without(problem: Problem, extreme: Any) -> dict[str, float]:
         "sampling": True,
     }
     return {
-        name: stiffest_wall(problem.changed(device=keys).device, extreme).stiffness_n_per_m
+        name: stiffest_wall(problem.changed(device=keys).device, extreme).stiffness_n_per_m / device.metres_per_unit**2
         for name, keys in changes.items()
         if has[name]
     }
@@ -135,12 +153,12 @@ def without(problem: Problem, extreme: Any) -> dict[str, float]:
 
 def plain_at_rest(problem: Problem, extreme: Any, plain: float) -> dict[str, int]:
     """Return how many hands rest without friction at nine tenths of the plain limit, with the encoder and without."""
-    felt = PLAIN_SHARE * plain
-    if felt >= WALL_N_PER_M or felt == 0:
+    felt, wall = PLAIN_SHARE * plain, problem.environment.stiffness_n_per_m
+    if felt >= wall or felt == 0:
         return {}
     damping = damping_range(problem.device, extreme, felt)
     middle = (damping.lowest_ns_per_m + damping.highest_ns_per_m) / 2
-    gains = Gains(0.0, felt * WALL_N_PER_M / (WALL_N_PER_M - felt), middle)
+    gains = Gains(0.0, felt * wall / (wall - felt), middle)
     free = problem.changed(device={"coulomb_friction_n": 0.0, "range": {"coulomb_friction_n": None}})
     people = people_of(problem.hands, PEOPLE, SEED)
     return {
@@ -260,6 +278,7 @@ corners), those on which the coupling is
 deployable. **Limited by**: the force limit if most presses end at it; else the single change that raises the plain
 limit most (no delay, no resonance, ideal amplifier, each with its range gone; half the sample time) and by how much;
 and the encoder, if without it more hands rest (without friction) before the plain wall of {share:.0%} of the limit.
+Walls of a device that turns are told at its handle.
 Hands: the default set (0.05 to 0.3 kg, 3 to 20 N.s/m, 200 to 800 N/m) and fingertips (0.02 to 0.1 kg, 1 to 5 N.s/m,
 100 to 500 N/m).
 
