@@ -3,7 +3,7 @@
 nice -n 10 python tests/benchmarks/catalogue_walls.py
 
 Overwrites results/catalogue_walls.json and RESULTS_catalogue.md after every cell and goes on where it stopped. About
-half an hour of processor time or more.
+an hour and a half of processor time.
 """
 
 from __future__ import annotations
