@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import subprocess
 from contextlib import suppress
-from typing import Literal
+from functools import lru_cache
+from typing import Any, Literal
 
 import numpy as np
 
@@ -103,7 +104,7 @@ def _compiled(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | 
 def _by_casadi(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray) -> dict[str, FloatArray]:
     import casadi as ca  # noqa: PLC0415
 
-    loop = scene.function.mapaccum("run", scene.samples)
+    loop = _loop(scene.function, scene.samples)
     held = ca.DM(inputs)
     results = np.empty((len(parameters), len(scene.traces), scene.samples))
     with HeldInterrupt() as interrupt:
@@ -112,3 +113,9 @@ def _by_casadi(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray)
                 break
             results[run] = loop(scene.initial, held, ca.repmat(ca.DM(row), 1, scene.samples))[1].full()
     return {name: results[:, index] for index, name in enumerate(scene.traces)}
+
+
+@lru_cache(maxsize=8)
+def _loop(function: Any, samples: int) -> Any:
+    """Return a scene's samples one after another; building that takes as long as a run or two."""
+    return function.mapaccum("run", samples)
