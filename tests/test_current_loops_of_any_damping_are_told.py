@@ -24,6 +24,7 @@ def base(**device):
     return DeviceFile.model_validate({"name": "guess.toml", "device": nominal | device})
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("bandwidth", "ratio", "friction"),
     [

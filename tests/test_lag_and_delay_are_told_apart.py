@@ -16,6 +16,7 @@ def told(seed, **device):
     return truth, identify([Record("log", truth.period, position, force)])
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("friction", "delay", "bandwidth", "encoder"),
     [(0.3, 0.5, 300.0, 10e-6), (0.3, 1.0, 300.0, 40e-6), (0.1, 1.0, 400.0, 20e-6), (1.0, 2.0, 200.0, 20e-6)],
@@ -48,6 +49,7 @@ def test_a_fast_lag_beside_little_friction_is_told():
     assert found.terms == ("base", "coulomb", "amplifier")
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("friction", "delay", "bandwidth", "ring"),
     [(0.3, 1.0, 200.0, {}), (0.5, 0.5, 350.0, {}), (0.3, 1.0, 250.0, {"resonance": 120.0, "ratio": 0.04})],
