@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import Coupling, Gains, Runtime, near_rigid_n_per_m, spring_before
 from avc_casadi.design.constant import tuned_margin
-from avc_casadi.design.robust import MOST_RUNGS, NEXT, ladder_n_per_m, refined, robust_at, softer_ladders
+from avc_casadi.design.robust import Space, climb, robust_at, why_no_law
 from avc_casadi.loop import with_let_go
 from avc_casadi.recommendation._reach import tuned
 from avc_casadi.stability import DampingRange, damping_range
@@ -22,6 +21,8 @@ if TYPE_CHECKING:
     from avc_casadi.design.robust import Rung, Unrest
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
+    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.support import FloatArray
 
 # Damping kept in reserve, as multiples of the tuned designs' own: a coarse encoder asks for more.
 _RESERVES = (1.0, 3.0)
@@ -34,6 +35,11 @@ SAFER = (0.6, 0.45, 0.33, 0.24, 0.15)
 SOFTENED = "softened wall"
 Alternatives = list[Coupling]
 """Couplings that are equally stiff, the likeliest first: the first that is safe and quiet will do."""
+# Laws for the wanted wall are searched at once if it is no more than so many times what spring and damper hold. Climbs
+# begin at this share of that, or of the wanted wall where that is softer, and once more this much above what is held.
+_AT_ONCE, _FIRST, _SOFT, _ONWARDS = 4.0, 0.9, 0.25, 1.1
+# A climb ends so near to a wall that is not held; what is held is climbed on from in smaller steps.
+_ROUGHLY = 1.12
 # How much stiffer another wall is at least.
 _BARELY = 1.02
 
@@ -62,22 +68,16 @@ def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
         yield from _softened(problem, people, share * stiffest.stiffness_n_per_m)
 
 
-def stiffer_rung_n_per_m(
-    problem: Problem, stiffest: DampingRange, robust: RobustCandidates, felt_n_per_m: float
-) -> float | None:
-    """Return the next stiffer wall of those that are looked at, behind whatever law; None where it is the wanted one.
+def stiffer_n_per_m(problem: Problem, stiffest: DampingRange, felt_n_per_m: float) -> float | None:
+    """Return the next stiffer of the walls behind a spring that are looked at; None where it is the wanted one.
 
     Args:
         problem: device, wall and hands.
         stiffest: the stiffest wall that is stable with everybody and let go.
-        robust: walls with laws that were looked at.
         felt_n_per_m: what is felt so far.
     """
-    wall, limit, looked = problem.environment.stiffness_n_per_m, stiffest.stiffness_n_per_m, robust.walls_n_per_m
-    if not looked:
-        looked = [share * limit for share in (*_OF_STIFFEST, 1.0)] + [share * min(limit, wall) for share in SAFER]
-    elif felt_n_per_m >= max(looked):
-        looked = [NEXT * felt_n_per_m]  # no law was found for it
+    wall, limit = problem.environment.stiffness_n_per_m, stiffest.stiffness_n_per_m
+    looked = [share * limit for share in (*_OF_STIFFEST, 1.0)] + [share * min(limit, wall) for share in SAFER]
     above = [one for one in (*looked, wall) if _BARELY * felt_n_per_m < one <= wall]
     return min(above, default=None)
 
@@ -98,17 +98,13 @@ class RobustCandidates:
     """Walls behind an observer with state feedback; none for a device without a law, nor beside detents.
 
     Attributes:
-        ladder_n_per_m: walls in the order in which to ask for them: the wanted one first, if it is near, then others of
-            rising stiffness, and it again.
-        softer: ladders of walls softer than these.
         rungs: walls and laws that were found so far.
 
     Args:
         problem: device, wall and hands.
         stiffest: the stiffest wall that is stable with everybody and let go.
         ends: how fast those end who try a coupling first.
-        start: a wall from which on to look. With a law for it only a first answer is looked for: of walls near one of
-            those that have a law no other law is searched. None begins where spring and damper end.
+        start: a wall, and the law for it, from which to climb; None begins where spring and damper end.
     """
 
     def __init__(
@@ -116,65 +112,71 @@ class RobustCandidates:
         problem: Problem,
         stiffest: DampingRange,
         ends: Callable[[Coupling], Unrest],
-        start: Rung | float | None = None,
+        start: Rung | None = None,
     ) -> None:
-        self._problem, self._ends = problem, ends
-        self._known = known = None if isinstance(start, float) else start
+        self._problem, self._ends, self._start = problem, ends, start
         self.rungs: list[Rung] = []
-        self.ladder_n_per_m: list[float] = []
-        self.softer: list[list[float]] = []
-        if problem.detent is not None:
-            return  # whose slopes nobody judges behind an observer
-        with suppress(UnsupportedError):
-            ladder = ladder_n_per_m(problem, stiffest)
-            if known is not None:
-                self.rungs.append(known)
-            if start is not None:
-                first = start if isinstance(start, float) else start.stiffness_n_per_m
-                ladder = [first * NEXT**rung for rung in range(MOST_RUNGS)]
-            self.ladder_n_per_m, self.softer = ladder, softer_ladders(ladder)
+        self._wanted = problem.environment.stiffness_n_per_m
+        # Whose slopes nobody judges behind an observer.
+        self._possible = problem.detent is None and not why_no_law(problem)
+        self._plain = stiffest.stiffness_n_per_m
 
-    @property
-    def walls_n_per_m(self) -> list[float]:
-        """Stiffness at rest of the walls for which laws were found so far."""
-        return [rung.stiffness_n_per_m for rung in self.rungs]
+    def at_once(self) -> Iterator[list[Rung]]:
+        """Yield laws for the wanted wall itself, if it is not far: what a search finds, then those near it."""
+        if not self._possible or self._start is not None or self._wanted > _AT_ONCE * self._plain:
+            return
+        found = list(robust_at(self._problem, self._wanted))
+        yield self._kept(found)
+        for rung in found:
+            yield self._climbed(rung.found.logarithms, (self._wanted, self._wanted), softer=False)
 
-    def at(self, felt_n_per_m: float) -> Iterator[Alternatives]:
-        """Yield laws for a wall, those of walls near it before what a search finds; none where there is none.
-
-        After either come laws near them with which more people rest, for whom they were not enough.
+    def climbs(self, numbers: range) -> Iterator[list[Rung]]:
+        """Yield walls up to the wanted one, the softest of a climb first.
 
         Args:
-            felt_n_per_m: stiffness at rest, the wanted wall's at most.
+            numbers: of the climbs: from each of the places where laws begin in turn, and with other draws of laws.
         """
-        if not self.ladder_n_per_m:
-            return
-        known = self._known
-        if known is not None and known.stiffness_n_per_m == felt_n_per_m and known.found.cost.holds:
-            yield self._with(known)
-            yield from self._better(known)
-            return
-        for rung in islice(robust_at(self._problem, felt_n_per_m, tuple(self.rungs)), None if known is None else 1):
-            self.rungs.append(rung)
-            alternatives = self._with(rung)
-            yield alternatives
-            yield from self._better(rung)
+        places = self._beginnings() if self._possible else []
+        for number in numbers if places else ():
+            draw, place = divmod(number, len(places))
+            point, first = places[place]
+            yield self._climbed(point, (min(first, self._wanted), self._wanted), seed=draw, close=_ROUGHLY)
 
-    def again(self, felt_n_per_m: float) -> Iterator[Alternatives]:
-        """Yield laws near the last one for a wall with which more people rest of those who try first by now."""
-        last = next((rung for rung in reversed(self.rungs) if rung.stiffness_n_per_m == felt_n_per_m), None)
-        if last is not None:
-            yield from self._better(last)
+    def onwards(self, coupling: Coupling, felt_n_per_m: float, draw: int) -> list[Rung]:
+        """Return stiffer walls, up to the wanted one, from one that is held on; none where its law is not of here."""
+        law = coupling.runtime.state_feedback
+        laws = (one for rung in self.rungs for one in (rung.found, *rung.found.others))
+        point = next((one.logarithms for one in laws if one.law is law), None)
+        first = min(_ONWARDS * felt_n_per_m, self._wanted)
+        return [] if point is None else self._climbed(point, (first, self._wanted), seed=draw, softer=False)
 
-    def _better(self, rung: Rung) -> Iterator[Alternatives]:
-        better = refined(self._problem, rung, self._ends(self._with(rung)[0]))
-        if better is not None:
-            self.rungs.append(better)
-            yield self._with(better)
-
-    def _with(self, rung: Rung) -> Alternatives:
+    def alternatives(self, rung: Rung) -> Alternatives:
+        """Return the couplings of a wall."""
         laws = (rung.found.law, *(one.law for one in rung.found.others))
-        return [Coupling.constant(self._problem, rung.gains, "robust", Runtime(state_feedback=law)) for law in laws]
+        return [self._coupling(rung.gains, law) for law in laws]
+
+    def _beginnings(self) -> list[tuple[FloatArray, float]]:
+        """Return where laws begin, and the first wall from each."""
+        usual = Space(self._problem.device, self._problem.hands).starts
+        if self._start is None:
+            first = _FIRST * self._plain
+            return [(point, first if self._wanted > first else _SOFT * self._wanted) for point in usual]
+        return [(self._start.found.logarithms, self._start.stiffness_n_per_m)]
+
+    def _climbed(self, point: FloatArray, walls_n_per_m: tuple[float, float], **how: Any) -> list[Rung]:
+        with suppress(np.linalg.LinAlgError):
+            return self._kept(climb(self._problem, point, walls_n_per_m, self._ends_at, **how))
+        return []
+
+    def _kept(self, rungs: list[Rung]) -> list[Rung]:
+        self.rungs += rungs
+        return rungs
+
+    def _ends_at(self, gains: Gains, law: StateFeedback) -> Unrest:
+        return self._ends(self._coupling(gains, law))
+
+    def _coupling(self, gains: Gains, law: StateFeedback) -> Coupling:
+        return Coupling.constant(self._problem, gains, "robust", Runtime(state_feedback=law))
 
 
 def tuned_candidates(problem: Problem, progress: Progress = SILENT) -> Iterator[Alternatives]:

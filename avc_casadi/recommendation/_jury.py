@@ -120,8 +120,13 @@ class Jury:
 
     def reached_n_per_m(self) -> float:
         """Return the stiffest that is felt of what is safe and quiet; below 0 where nothing is."""
+        best = self.stiffest()
+        return -1.0 if best is None else best.felt_n_per_m
+
+    def stiffest(self) -> Judged | None:
+        """Return the stiffest of what is safe and quiet, if anything is."""
         enough = [one for one in self.judged if one.complete(lean_on_friction=self._lean)]
-        return max((one.felt_n_per_m for one in enough), default=-1.0)
+        return max(enough, key=lambda one: one.felt_n_per_m, default=None)
 
     def holds(self, stiffness_n_per_m: float) -> bool:
         """Whether something so stiff is safe and quiet, also with people who had no part in the choice."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from avc_casadi.loop import hand_corners
@@ -14,7 +15,7 @@ from avc_casadi.recommendation._candidates import (
     behind_observers,
     plain_candidates,
     softened_to,
-    stiffer_rung_n_per_m,
+    stiffer_n_per_m,
     tuned_candidates,
 )
 from avc_casadi.recommendation._jury import Jury
@@ -31,7 +32,11 @@ if TYPE_CHECKING:
     from avc_casadi.support import Progress
 
 # The way from the stiffest that is held to the next stiffer wall is halved until it is so short, or so often.
-_CLOSE, MOST_HALVED = 1.05, 3
+_CLOSE, _MOST_HALVED = 1.05, 3
+CLIMBS, MOST_ONWARDS = range(3), 2
+"""Climbs, by their numbers, and how many more from what is held on, with those who moved among the first to try."""
+# Of a climb's walls the next that is asked about is so much softer.
+_LESS = 0.96
 # Searches, as they are told.
 _PLAIN, _BETWEEN = "springs and dampers", "halfway to the next stiffer wall"
 _OBSERVED = "springs and dampers behind an observer"
@@ -46,8 +51,9 @@ def judged_candidates(
     *,
     lean_on_friction: bool,
     executor: Executor | None = None,
-    start: Rung | float | None = None,
-    halvings: int = MOST_HALVED,
+    start: Rung | None = None,
+    climbs: range = CLIMBS,
+    onwards: int = MOST_ONWARDS,
 ) -> Candidates:
     """Try the likeliest couplings first, and the others only where none is the wall itself.
 
@@ -60,7 +66,8 @@ def judged_candidates(
         lean_on_friction: as in `best_of`.
         executor: as in `try_coupling`.
         start: as in `RobustCandidates`.
-        halvings: of the way to the next stiffer wall, at most.
+        climbs: numbers of those that are made.
+        onwards: how many more, from what is held on.
     """
     wall = problem.environment.stiffness_n_per_m
     # Where springs and dampers hold nothing, laws begin at the softest wall there is.
@@ -77,11 +84,7 @@ def judged_candidates(
     if held_plainly:
         _plainly(jury, plain, wall)
     if not jury.holds(wall):
-        _climb(jury, robust, robust.ladder_n_per_m, wall)
-    for ladder in robust.softer:
-        if not jury.holds(min(*ladder, plainly)):
-            robust.rungs.clear()
-            _climb(jury, robust, ladder, wall)
+        _behind_laws(jury, robust, wall, climbs, onwards)
     if not (held_plainly or jury.holds(limit.stiffness_n_per_m)):
         _plainly(jury, plain, limit.stiffness_n_per_m)
     for share in SAFER:
@@ -90,7 +93,8 @@ def judged_candidates(
     if not jury.holds(0.0):
         jury.ask(tuned_candidates(problem, progress), "tuned gains")
     if jury.judged:
-        _closer(problem, jury, limit, robust, halvings)
+        if not robust.rungs:
+            _closer(problem, jury, limit)
         jury.confirm()
     return Candidates(jury.judged, jury.considered, tuple(robust.rungs))
 
@@ -117,44 +121,45 @@ def _plainly(jury: Jury, plain: list[Alternatives], stiffness_n_per_m: float) ->
         jury.ask(behind_observers(plain), _OBSERVED)
 
 
-def _climb(jury: Jury, robust: RobustCandidates, ladder_n_per_m: list[float], wall_n_per_m: float) -> None:
-    """Try robust walls from the softest on, until one is too stiff."""
-    for place, felt in enumerate(ladder_n_per_m):
-        search = f"walls behind an observer, {felt:.4g} N/m"
-        found = jury.finds(robust.at(felt), felt, search) and _held(jury, robust, felt, search)
-        out_of_turn = place == 0 and felt == wall_n_per_m
-        if (found and felt == wall_n_per_m) or not (found or out_of_turn):
+def _behind_laws(jury: Jury, robust: RobustCandidates, wall_n_per_m: float, climbs: range, onwards: int) -> None:
+    """Try the wanted wall, if it is near, then climb to it, then on from what is held."""
+    for rungs in chain(robust.at_once(), robust.climbs(climbs)):
+        _stiffest_held(jury, robust, rungs)
+        if jury.holds(wall_n_per_m):
+            return
+    for draw in range(onwards):
+        best = jury.stiffest()
+        rungs = [] if best is None else robust.onwards(best.coupling, best.felt_n_per_m, draw)
+        _stiffest_held(jury, robust, rungs)
+        if jury.holds(wall_n_per_m):
             return
 
 
-def _held(jury: Jury, robust: RobustCandidates, felt: float, search: str) -> bool:
-    """Whether a wall is held with people who had no part in the choice; if not, search again with those who move."""
-    return jury.holds(felt) or (jury.finds(robust.again(felt), felt, search) and jury.holds(felt))
+def _stiffest_held(jury: Jury, robust: RobustCandidates, rungs: list[Rung]) -> None:
+    """Ask for the stiffest of some walls that is held, also with people who had no part in the choice."""
+    asked = math.inf
+    for rung in reversed(rungs):
+        felt = rung.stiffness_n_per_m
+        if jury.reaches(felt):
+            return
+        if felt <= _LESS * asked:
+            asked = felt
+            search = f"walls behind an observer, {felt:.4g} N/m"
+            if jury.finds([robust.alternatives(rung)], felt, search) and jury.holds(felt):
+                return
 
 
-def _closer(problem: Problem, jury: Jury, limit: DampingRange, robust: RobustCandidates, halvings: int) -> None:
-    """Halve the way to the next stiffer wall, a few times; where that leads up to it, try it once more.
-
-    Where it is held then, the law for it was what was missing, and the way to the next one is halved as often.
+def _closer(problem: Problem, jury: Jury, limit: DampingRange) -> None:
+    """Halve the way to the next stiffer wall behind a spring, a few times.
 
     So that what is felt hardly depends on where the walls stand that were looked at, and thus on the one wanted.
     """
     corners = hand_corners(problem.hands)
     low = jury.reached_n_per_m()
-    high = None if low < 0 else stiffer_rung_n_per_m(problem, limit, robust, low)
-    nearer, left = False, halvings
-    while left > 0 and high is not None and (nearer or high >= _CLOSE * low):
-        left -= 1
-        again = nearer and high < _CLOSE**3 * low
-        felt = high if again else math.sqrt(low * high)
+    high = None if low < 0 else stiffer_n_per_m(problem, limit, low)
+    for _ in range(_MOST_HALVED):
+        if high is None or high < _CLOSE * low:
+            return
+        felt = math.sqrt(low * high)
         jury.ask(softened_to(problem, corners, felt), _BETWEEN)
-        held = jury.holds(felt)
-        for more in () if held else robust.at(felt):
-            held = jury.finds([more], felt, _BETWEEN) and _held(jury, robust, felt, _BETWEEN)
-            if held:
-                break
-        nearer = held and not again
-        low = felt if held else low
-        if held == again:
-            high = stiffer_rung_n_per_m(problem, limit, robust, low) if held else felt
-            left = halvings if held else left
+        low, high = (felt, high) if jury.holds(felt) else (low, felt)

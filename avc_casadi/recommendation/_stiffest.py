@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.certificate import deployable
@@ -16,9 +16,9 @@ from avc_casadi.recommendation._choice import Judged, best_of
 from avc_casadi.recommendation._helps import linear_changes, simulated_changes
 from avc_casadi.recommendation._hopeless import hopeless
 from avc_casadi.recommendation._recommend import SCHEMA
-from avc_casadi.recommendation._stages import MOST_HALVED, judged_candidates
+from avc_casadi.recommendation._stages import MOST_ONWARDS, judged_candidates
 from avc_casadi.stability import softest_wall_n_per_m, stiffest_wall
-from avc_casadi.support import SILENT, Chunked, Progress, plain
+from avc_casadi.support import SILENT, Chunked, Processes, Progress, plain
 from avc_casadi.trial import people_of, try_coupling
 
 if TYPE_CHECKING:
@@ -30,10 +30,8 @@ if TYPE_CHECKING:
 
 # A wall out of reach, over what spring and damper hold.
 _FAR = 1e3
-# How often the way to the next stiffer wall is halved on a changed device: to a tenth.
-_ROUGHLY = 2
-# Where a search for laws of its own begins on a changed device, over what is held on the device as it is.
-_ANEW = 0.5
+# Climbs, by their numbers: of two searches on the device as it is, and anew on a changed one.
+_AS_IT_IS, _ANEW = (range(3), range(3, 6)), range(2)
 
 
 @dataclass(frozen=True)
@@ -76,22 +74,27 @@ def stiffest(
         coupling that was found, None where there is none; ``plain_wall_n_per_m`` is that of a spring and damper by
         linear stability alone, with the ``damping_ns_per_m`` that it needs; 0 where it holds none.
     """
-    simple, walled = _out_of_reach(problem)
+    simple, _ = _out_of_reach(problem)
     asked = _Asked(hands, seed, lean_on_friction)
-    with progress.step("stiffest wall"):
-        best = _best(walled, simple, asked, progress=progress)
     better = linear_changes(problem) | simulated_changes(problem)
-    tasks = list(product(_WAYS, better.values()))
-    study: Chunked[tuple[_Way, Problem], list[Judged | None]] = Chunked(
-        {}, partial(_searched, best, asked), tasks, list, things="searches with a change"
-    )
-    reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g} N/m"
-    with progress.step(f"{reached} as it is; what would help"):
-        found = study.run(executor, workers=workers, progress=progress)
-    helps = [
-        {"change": change, **_told(_best_of([one for one in found[place :: len(better)] if one is not None], asked))}
-        for place, change in enumerate(better)
-    ]
+    with ExitStack() as stack:
+        if executor is None and workers > 1:
+            executor = stack.enter_context(Processes(workers))
+        begun: list[_Task] = [partial(_as_it_is, problem, asked, climbs) for climbs in _AS_IT_IS]
+        begun += [partial(_anew, changed, asked) for changed in better.values()]
+        with progress.step("stiffest wall, and what would help"):
+            found = _done(begun, executor, progress)
+        best = _best_of(found[: len(_AS_IT_IS)], asked)
+        reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g} N/m"
+        from_there: list[_Task] = []
+        if best is not None:
+            from_there = [partial(way, best, one, asked) for way in (_further, _kept) for one in better.values()]
+        with progress.step(f"{reached} as it is; what would help"):
+            found = found[len(_AS_IT_IS) :] + _done(from_there, executor, progress)
+    helps = []
+    for place, change in enumerate(better):
+        one = _best_of(found[place :: len(better)], asked)
+        helps.append({"change": change, **_told(None if one is None else one.judged)})
     judged = None if best is None else best.judged
     document: dict[str, Any] = plain(
         {
@@ -132,21 +135,42 @@ class _Best:
     rung: Rung | None
 
 
+_Task = Callable[[], "_Best | None"]
+
+
+def _done(tasks: list[_Task], executor: Executor | None, progress: Progress) -> list[_Best | None]:
+    """Work tasks out, in any order; return what they found."""
+    study: Chunked[_Task, list[_Best | None]] = Chunked({}, _called, tasks, list, things="searches")
+    return study.run(executor, progress=progress)
+
+
+def _called(task: _Task) -> _Best | None:
+    return task()
+
+
 def _best(
     problem: Problem,
     limit: DampingRange,
     asked: _Asked,
     *,
-    start: Rung | float | None = None,
-    halvings: int = MOST_HALVED,
-    progress: Progress = SILENT,
+    climbs: range,
+    onwards: int = 1,
+    start: Rung | None = None,
 ) -> _Best | None:
     """Search the stiffest, where one can be held; arguments as for `judged_candidates`."""
     if hopeless(problem):
         return None
     people, lean = people_of(problem.hands, asked.hands, asked.seed), asked.lean_on_friction
     found = judged_candidates(
-        problem, people, asked.seed, limit, progress, lean_on_friction=lean, start=start, halvings=halvings
+        problem,
+        people,
+        asked.seed,
+        limit,
+        SILENT,
+        lean_on_friction=lean,
+        start=start,
+        climbs=climbs,
+        onwards=onwards,
     )
     if not found.judged:
         return None
@@ -157,42 +181,39 @@ def _best(
     return _Best(best, next(rungs, None))
 
 
-def _searched(before: _Best | None, asked: _Asked, task: tuple[_Way, Problem]) -> Judged | None:
-    """Search on a changed device in one way."""
-    way, changed = task
-    return way(before, asked, changed)
+def _as_it_is(problem: Problem, asked: _Asked, climbs: range) -> _Best | None:
+    """Search on the device as it is."""
+    simple, walled = _out_of_reach(problem)
+    return _best(walled, simple, asked, climbs=climbs, onwards=MOST_ONWARDS)
 
 
-def _further(before: _Best | None, asked: _Asked, changed: Problem) -> Judged | None:
-    """Search from the law of the device as it is on."""
-    if before is None or before.rung is None:
+def _anew(changed: Problem, asked: _Asked) -> _Best | None:
+    """Search on a changed device for laws of its own, which may lie elsewhere."""
+    simple, walled = _out_of_reach(changed)
+    return _best(walled, simple, asked, climbs=_ANEW)
+
+
+def _further(before: _Best, changed: Problem, asked: _Asked) -> _Best | None:
+    """Search on a changed device from the law of the device as it is on."""
+    if before.rung is None:
         return None
     simple, walled = _out_of_reach(changed)
     law = moved(before.rung, before.judged.coupling.problem, walled)
-    return _judged(_best(walled, simple, asked, start=law, halvings=_ROUGHLY))
+    return None if law is None else _best(walled, simple, asked, climbs=range(1), start=law)
 
 
-def _anew(before: _Best | None, asked: _Asked, changed: Problem) -> Judged | None:
-    """Search for laws of its own, which may lie elsewhere."""
-    simple, walled = _out_of_reach(changed)
-    start = None
-    if before is not None and before.rung is not None:
-        start = max(_ANEW * before.rung.stiffness_n_per_m, simple.stiffness_n_per_m)
-    return _judged(_best(walled, simple, asked, start=start, halvings=_ROUGHLY))
-
-
-def _kept(before: _Best | None, asked: _Asked, changed: Problem) -> Judged | None:
+def _kept(before: _Best, changed: Problem, asked: _Asked) -> _Best | None:
     """Let the hands try the coupling of the device as it is; None at another rate or where it is not deployable."""
-    if before is None or changed.device.sample_time_s != before.judged.coupling.problem.device.sample_time_s:
+    if changed.device.sample_time_s != before.judged.coupling.problem.device.sample_time_s:
         return None
     if _only_stronger(changed.device, before.judged.coupling.problem.device):
-        return before.judged
+        return before
     coupling, (_, walled) = before.judged.coupling, _out_of_reach(changed)
     other = replace(coupling, problem=coupling.problem.changed(device=walled.device))
     if not deployable(other).passed:
         return None
     people = people_of(walled.hands, asked.hands, asked.seed)
-    return Judged(other, try_coupling(other, people, asked.seed), 0)
+    return _Best(Judged(other, try_coupling(other, people, asked.seed), 0), None)
 
 
 def _only_stronger(device: Device, before: Device) -> bool:
@@ -201,21 +222,18 @@ def _only_stronger(device: Device, before: Device) -> bool:
     return device.model_dump(exclude=force) == before.model_dump(exclude=force)
 
 
-def _judged(found: _Best | None) -> Judged | None:
-    return None if found is None else found.judged
-
-
-_Way = Callable[["_Best | None", _Asked, "Problem"], "Judged | None"]
-_WAYS: tuple[_Way, ...] = (_anew, _further, _kept)
-
-
 def _safest_then_stiffest(told: dict[str, Any]) -> tuple[float, ...]:
     counts = (told["at_rest_without_friction"] == told["hands"], told["at_rest"] == told["hands"])
     return (*(-float(everybody) for everybody in counts), -(told["stiffest_wall_n_per_m"] or 0.0))
 
 
-def _best_of(judged: list[Judged], asked: _Asked) -> Judged | None:
-    return best_of(judged, lean_on_friction=asked.lean_on_friction) if judged else None
+def _best_of(found: Sequence[_Best | None], asked: _Asked) -> _Best | None:
+    """Return the best of some, whoever found nothing among them."""
+    some = [one for one in found if one is not None]
+    if not some:
+        return None
+    best = best_of([one.judged for one in some], lean_on_friction=asked.lean_on_friction)
+    return next(one for one in some if one.judged is best)
 
 
 def _told(best: Judged | None) -> dict[str, Any]:

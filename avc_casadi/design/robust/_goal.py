@@ -22,23 +22,23 @@ if TYPE_CHECKING:
     from avc_casadi.design.robust._loops import Loops
     from avc_casadi.runtime import StateFeedback
     from avc_casadi.stability import Rendering
-    from avc_casadi.support import ComplexArray, FloatArray
+    from avc_casadi.support import BoolArray, ComplexArray, FloatArray
 
 DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.6, 0.025: 3.4, 0.01: 0.0}
 """Share of the innovation that passes -> decay, 1/s, that oscillations above `_SLOW_HZ` must have."""
 _SLOW_HZ = 2.0
 # The same of slower ones, times the share.
-_SLOW_DECAY_PER_S = 5.0
+SLOW_DECAY_PER_S = 5.0
 VARIED_DECAY_PER_S = {1.0: 10.0, 0.5: 5.0}
 """The same with every hand at every device: a structure stiffer than believed buzzes at half the share first."""
 # Decay of the device let go.
-_FREE_DECAY_PER_S = 1.0
+FREE_DECAY_PER_S = 1.0
 # Decay with hands on a stylus and fingertips, which are no part of what is promised.
-_BESIDE_DECAY_PER_S = 2.0
+BESIDE_DECAY_PER_S = 2.0
 # Cost of a loop that decays so much slower, for each 1/s.
-_PER_DECAY = 1.0
+PER_DECAY = 1.0
 # Beyond it a law is not looked at any further.
-_HOPELESS_SOFTNESS, _HOPELESS_RADIUS = 0.6, 1.03
+HOPELESS_SOFTNESS, _HOPELESS_RADIUS = 0.6, 1.03
 _BUZZ_HZ = 40.0
 
 
@@ -46,8 +46,8 @@ _BUZZ_HZ = 40.0
 _SOFTNESS_3HZ, _SOFTNESS_10HZ = 0.30, 0.25
 _DAMPING_NS_PER_M = 6.0
 # Cost of softness beyond, of the largest |1/(1 + H)|, H the loop cut at the innovation, and of the largest |C|/K.
-_PER_SOFTNESS, _PER_SENSITIVITY, _PER_GAIN = 40.0, 2.0, 2.0
-_USUAL_SENSITIVITY = 3.0
+PER_SOFTNESS, PER_SENSITIVITY, PER_GAIN = 40.0, 2.0, 2.0
+USUAL_SENSITIVITY = 3.0
 
 
 @dataclass(frozen=True)
@@ -92,13 +92,13 @@ def costs_of(laws: Laws, rendering: Rendering, loops: Loops) -> list[Cost]:
     felt = _felt(laws.pick(defined), rendering, loops)
     left = []
     for row, one in zip(defined.tolist(), felt, strict=True):
-        if one.over > _HOPELESS_SOFTNESS:
+        if one.over > HOPELESS_SOFTNESS:
             costs[row] = Cost(2000 + 1000 * one.over, facts=one.facts)
         else:
             left.append((row, one))
     rows = np.array([row for row, _ in left], dtype=np.intp)
     for (row, one), damped in zip(left, _damped(laws.pick(rows), rendering, loops), strict=True):
-        total = 0.0 if damped.radius > _HOPELESS_RADIUS else _PER_SOFTNESS * one.over + _paid(one.facts)
+        total = 0.0 if damped.radius > _HOPELESS_RADIUS else PER_SOFTNESS * one.over + _paid(one.facts)
         costs[row] = Cost(total + damped.cost, damped.radius, damped.radius_any_share, damped.growth_per_s, one.facts)
     return costs
 
@@ -121,39 +121,72 @@ class _Damped:
     growth_per_s: float = math.inf
 
 
-def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
+@dataclass(frozen=True)
+class Responses:
+    """What some laws are at each frequency; the first axis is that of the laws.
+
+    Attributes:
+        sensitivity: abs(1/(1 + H)), H the loop cut at the innovation, shape (laws, hands, f).
+        sensitivity_any_share: the largest for any share of the innovation, where a loop may buzz.
+        gain: abs(C)/K, C the force over the position that is measured, shape (laws, f).
+        softness_3hz: abs(C/K - 1), shape (laws,).
+        softness_10hz: the same, with its own bound.
+        bound_3hz: up to which it costs nothing.
+        bound_10hz: the same.
+    """
+
+    sensitivity: FloatArray
+    sensitivity_any_share: FloatArray
+    gain: FloatArray
+    softness_3hz: FloatArray
+    softness_10hz: FloatArray
+    bound_3hz: float
+    bound_10hz: float
+
+
+def responses(laws: Laws, rendering: Rendering, loops: Loops) -> Responses:
+    """Look at laws over frequency."""
     t, stiffness, frequency = loops.sample_time_s, stiffness_at_rest(rendering), loops.frequency_hz
     force, believed = force_over_innovation(laws, rendering, frequency, t)
     cut = believed[:, None] - loops.response * force[:, None]
     rendered = force / (1 + believed) / stiffness
-    softness = np.abs(rendered - 1)
     share = np.clip(-cut.real / np.maximum(np.abs(cut) ** 2, 1e-30), 0, 1)
     buzz = frequency > min(_BUZZ_HZ, float(frequency[-2]))
-    sensitivity = 1 / np.abs(1 + cut).min(axis=(1, 2))
-    any_share = 1 / np.abs(1 + share * cut)[..., buzz].min(axis=(1, 2))
-    gain = np.abs(rendered).max(axis=1)
+    softness = np.array([[np.interp(hz, frequency, row) for row in np.abs(rendered - 1)] for hz in (3, 10)])
     beside = _DAMPING_NS_PER_M * loops.metres_per_unit**2
-    bound = _SOFTNESS_10HZ + 2 * math.pi * 10 * beside / stiffness
-    found = []
-    for row in range(len(laws)):
-        facts = {
-            "sensitivity": float(sensitivity[row]),
-            "sensitivity_any_share": float(any_share[row]),
-            "gain": float(gain[row]),
-            "softness_3hz": float(np.interp(3, frequency, softness[row])),
-            "softness_10hz": float(np.interp(10, frequency, softness[row])),
-        }
-        over = max(0.0, facts["softness_3hz"] - _SOFTNESS_3HZ) + max(0.0, facts["softness_10hz"] - bound)
-        found.append(_Felt(facts, over))
-    return found
+    return Responses(
+        1 / np.abs(1 + cut),
+        1 / np.abs(1 + share * cut)[..., buzz],
+        np.abs(rendered),
+        softness[0],
+        softness[1],
+        _SOFTNESS_3HZ,
+        _SOFTNESS_10HZ + 2 * math.pi * 10 * beside / stiffness,
+    )
+
+
+def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
+    found = responses(laws, rendering, loops)
+    facts = {
+        "sensitivity": found.sensitivity.max(axis=(1, 2)),
+        "sensitivity_any_share": found.sensitivity_any_share.max(axis=(1, 2)),
+        "gain": found.gain.max(axis=1),
+        "softness_3hz": found.softness_3hz,
+        "softness_10hz": found.softness_10hz,
+    }
+    over = np.maximum(0, found.softness_3hz - found.bound_3hz) + np.maximum(0, found.softness_10hz - found.bound_10hz)
+    return [
+        _Felt({name: float(values[row]) for name, values in facts.items()}, float(over[row]))
+        for row in range(len(laws))
+    ]
 
 
 def _paid(facts: dict[str, float]) -> float:
     """Return what sensitivity and gain cost."""
     return (
-        _PER_SENSITIVITY * facts["sensitivity"]
-        + _PER_SENSITIVITY * max(0.0, facts["sensitivity_any_share"] - _USUAL_SENSITIVITY)
-        + _PER_GAIN * facts["gain"]
+        PER_SENSITIVITY * facts["sensitivity"]
+        + PER_SENSITIVITY * max(0.0, facts["sensitivity_any_share"] - USUAL_SENSITIVITY)
+        + PER_GAIN * facts["gain"]
     )
 
 
@@ -175,14 +208,14 @@ def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
     largest = [part.max(axis=-1) for part in largest_by_speed(every, t)]
     for place, row in enumerate(rows.tolist()):
         cost = sum(
-            _PER_DECAY * _missing(one, decay, t)
+            PER_DECAY * _missing(one, decay, t)
             for one, decay in zip(held[row].tolist(), VARIED_DECAY_PER_S.values(), strict=True)
         )
-        cost += _PER_DECAY * _missing(float(free[row]), _FREE_DECAY_PER_S, t)
-        cost += _PER_DECAY * _missing(max(float(part[place]) for part in beside), _BESIDE_DECAY_PER_S, t)
+        cost += PER_DECAY * _missing(float(free[row]), FREE_DECAY_PER_S, t)
+        cost += PER_DECAY * _missing(max(float(part[place]) for part in beside), BESIDE_DECAY_PER_S, t)
         for index, (passed, decay) in enumerate(DECAY_PER_S.items()):
-            cost += _PER_DECAY * _missing(float(largest[0][place, index]), decay, t)
-            cost += _PER_DECAY * _missing(float(largest[1][place, index]), _SLOW_DECAY_PER_S * passed, t)
+            cost += PER_DECAY * _missing(float(largest[0][place, index]), decay, t)
+            cost += PER_DECAY * _missing(float(largest[1][place, index]), SLOW_DECAY_PER_S * passed, t)
         any_share = float(largest[0][place].max(initial=largest[1][place].max()))
         growth = _missing(max(float(radius[row]), any_share), 0.0, t)
         found[row] = _Damped(cost, float(radius[row]), any_share, growth)
@@ -196,9 +229,14 @@ def largest_by_speed(poles: ComplexArray, sample_time_s: float) -> tuple[FloatAr
         poles: of the loops, shape (..., s).
         sample_time_s: T.
     """
-    size, quick = np.abs(poles), np.abs(np.angle(poles)) > 2 * math.pi * _SLOW_HZ * sample_time_s
+    size, quick = np.abs(poles), is_quick(poles, sample_time_s)
     fast, slow = (np.where(part, size, 0.0).max(axis=-1) for part in (quick, ~quick))
     return fast, slow
+
+
+def is_quick(poles: ComplexArray, sample_time_s: float) -> BoolArray:
+    """Say which poles swing faster than what counts as slow."""
+    return np.asarray(np.abs(np.angle(poles)) > 2 * math.pi * _SLOW_HZ * sample_time_s)
 
 
 def _missing(radius: float, decay_per_s: float, sample_time_s: float) -> float:

@@ -38,8 +38,6 @@ NEXT, MOST_RUNGS = 1.4, 8
 _AT_ONCE = 4.0
 # Of so many near walls the laws are tried as they are, no more than so many before all loops.
 _NEIGHBOURS, _MOST_AS_THEY_ARE = 3, 12
-# So many walls below the softest of these, where it is not enough, and how often.
-_SOFTER, _MOST_SOFTER = 4, 3
 
 
 @dataclass(frozen=True)
@@ -71,25 +69,15 @@ def ladder_n_per_m(problem: Problem, limit: DampingRange | None = None) -> list[
     Raises:
         UnsupportedError: no mass, no stiffness to be felt, or too long a delay.
     """
-    _check(problem)
+    why = why_no_law(problem)
+    if why:
+        raise UnsupportedError(f"{problem.name}: robust: {why}; take another method, such as static")
     wanted, plain = problem.environment.stiffness_n_per_m, _plain_n_per_m(problem, limit)
     if wanted <= _FIRST * plain:
         return [wanted]
     rising = [_FIRST * plain * NEXT**rung for rung in range(MOST_RUNGS)]
     at_once = [wanted] if wanted <= _AT_ONCE * plain else []
     return [*at_once, *(wall for wall in rising if wall < wanted), *([wanted] if wanted <= NEXT * rising[-1] else [])]
-
-
-def softer_ladders(ladder_n_per_m: Sequence[float]) -> list[list[float]]:
-    """Return walls below the softest of a ladder, a few at a time, which rise like it.
-
-    A wall that is softer leaves more for the vibration at rest and for the hands that a law for a stiffer one loses.
-    The laws are found from below: those of walls that were too stiff lead astray.
-    """
-    softest = min(ladder_n_per_m)
-    return [
-        [softest / NEXT ** (_SOFTER * below - rung) for rung in range(_SOFTER)] for below in range(1, _MOST_SOFTER + 1)
-    ]
 
 
 def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung] = ()) -> Iterator[Rung]:
@@ -164,7 +152,8 @@ def softened(problem: Problem, stiffness_n_per_m: float) -> tuple[Gains, Renderi
     return gains, frozen_rendering(problem, 0.0, gains.stiffness_n_per_m)
 
 
-def _check(problem: Problem) -> None:
+def why_no_law(problem: Problem) -> str:
+    """Say why a device before a wall has no law; empty where it may have one."""
     device = problem.device
     faults = []
     if not problem.environment.stiffness_n_per_m > 0:
@@ -173,5 +162,4 @@ def _check(problem: Problem) -> None:
         faults.append("the device has no mass (device.mass_kg), so that nothing is there when it is let go")
     if device.delay_samples > MAX_DELAY_SAMPLES / 4:
         faults.append(f"the delay of {device.delay_samples:g} samples is above {MAX_DELAY_SAMPLES // 4}")
-    if faults:
-        raise UnsupportedError(f"{problem.name}: robust: {'; '.join(faults)}; take another method, such as static")
+    return "; ".join(faults)

@@ -44,13 +44,14 @@ class Knob:
 
     Attributes:
         name: what it is; of the regulator or the filter.
-        starts: where searches begin: with a soft regulator, and with a stiff one behind a slow filter.
+        starts: where searches begin: in the middle of where climbs to the stiffest walls of devices drawn at random
+            ended, with a stiff regulator behind a slow filter, and with a soft one.
         low: lower bound.
         high: upper bound.
     """
 
     name: str
-    starts: tuple[float, float]
+    starts: tuple[float, ...]
     low: float
     high: float
 
@@ -75,32 +76,35 @@ class Space:
         """The numbers, those of a resonance only where there is one."""
         hands, faster = self.hands, min(1.0, self.device.sample_time_s / _USUAL_SAMPLE_TIME_S)
         light, middle = self._light_kg, [sum(getattr(hands, name)) / 2 for name in _HAND]
+        rigid = self.device.resonance is None
         found = [
-            Knob("position weight", (2.2, 20.0), 0.1, 100.0),
-            Knob("velocity weight", (0.4, 2.0), 0.008, 13.0),
-            _noise("walk of the push", (0.009, 0.0022), 1e-4, 3.5, faster**3),
-            _noise("force on the motor", (0.6, 0.12), 1e-3, 60.0, faster**2),
+            Knob("position weight", (17.0 if rigid else 22.0, 20.0, 2.2), 0.1, 300.0),
+            Knob("velocity weight", (1.9 if rigid else 0.96, 2.0, 0.4), 0.008, 13.0),
+            _noise("walk of the push", (0.0065 if rigid else 0.0025, 0.0022, 0.009), 1e-4, 3.5, faster**3),
+            _noise("force on the motor", (0.64 if rigid else 0.16, 0.12, 0.6), 1e-3, 60.0, faster**2),
         ]
-        if self.device.resonance is not None:
+        if not rigid:
             found += [
-                _noise("force on the handle", (0.23, 0.11), 1e-3, 60.0, faster**2),
-                Knob("believed damping of the resonance", (0.16, 0.16), 0.01, 0.7),
-                Knob("believed frequency of the resonance", (0.87, 0.87), 0.75, 1.3),
+                _noise("force on the handle", (0.13, 0.11, 0.23), 1e-3, 60.0, faster**2),
+                Knob("believed damping of the resonance", (0.09, 0.16, 0.16), 0.01, 0.7),
+                Knob("believed frequency of the resonance", (0.81, 0.87, 0.87), 0.65, 1.3),
             ]
         turned = self.device.metres_per_unit**2
         mass, damping, stiffness = (max(value, least * turned) for value, least in zip(middle, _LEAST, strict=True))
+        masses, dampings = (0.15 if rigid else 0.25, 0.13, 0.43), (3.2 if rigid else 2.2, 1.4, 1.4)
+        stiffnesses = (1.7 if rigid else 4.7, 4.9, 3.8)
         return (
             *found,
-            Knob("believed mass", (0.43 * mass, 0.13 * mass), min(0.4 * light, 0.1 * mass), 3.0 * mass),
-            Knob("believed damping", (1.4 * damping, 1.4 * damping), 0.17 * damping, 3.5 * damping),
-            Knob("believed stiffness", (3.8 * stiffness, 4.9 * stiffness), 0.1 * stiffness, 6.0 * stiffness),
+            _hand("believed mass", masses, min(0.4 * light / mass, 0.1), 3.0, mass),
+            _hand("believed damping", dampings, 0.17, 10.0, damping),
+            _hand("believed stiffness", stiffnesses, 0.05, 18.0, stiffness),
         )
 
     @property
     def starts(self) -> tuple[FloatArray, ...]:
         """Logarithms of the starts.
 
-        Soft and stiff regulators lie in valleys of their own: which leads further depends on the device.
+        They lie in valleys of their own: which leads further depends on the device; the likeliest first.
         """
         return tuple(np.log([knob.starts for knob in self.knobs]).T)
 
@@ -176,9 +180,14 @@ class Space:
         return model, (value["position weight"], speed), tuple(unit * value.get(name, 0.0) for name in sizes)
 
 
-def _noise(name: str, starts: tuple[float, float], low: float, high: float, scale: float) -> Knob:
+def _noise(name: str, starts: tuple[float, ...], low: float, high: float, scale: float) -> Knob:
     """Return a knob that leaves the filter as fast at other sample times."""
-    return Knob(name, (scale * starts[0], scale * starts[1]), scale * low, scale * high)
+    return Knob(name, tuple(scale * start for start in starts), scale * low, scale * high)
+
+
+def _hand(name: str, starts: tuple[float, ...], low: float, high: float, middle: float) -> Knob:
+    """Return a knob of the believed hand, over one in the middle of its range."""
+    return Knob(name, tuple(middle * start for start in starts), middle * low, middle * high)
 
 
 _HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
