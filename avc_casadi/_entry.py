@@ -22,6 +22,8 @@ def run() -> int:
     handled = before is signal.default_int_handler  # not where the caller of the process had it ignored
     if handled:
         signal.signal(signal.SIGINT, _interrupted)
+    # Matrices are small here: threads of a product or a factorisation wait for each other longer than they work.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # An interrupt of these imports is handled too.
     from contextlib import suppress  # noqa: PLC0415
     from importlib.util import find_spec  # noqa: PLC0415

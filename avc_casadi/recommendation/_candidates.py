@@ -36,10 +36,12 @@ SOFTENED = "softened wall"
 Alternatives = list[Coupling]
 """Couplings that are equally stiff, the likeliest first: the first that is safe and quiet will do."""
 # Laws for the wanted wall are searched at once if it is no more than so many times what spring and damper hold. Climbs
-# begin at this share of that, or of the wanted wall where that is softer, and once more this much above what is held.
-_AT_ONCE, _FIRST, _SOFT, _ONWARDS = 4.0, 0.9, 0.25, 1.1
+# begin at this share of that, or of the wanted wall where that is softer.
+_AT_ONCE, _FIRST, _SOFT = 4.0, 0.9, 0.25
 # A climb ends so near to a wall that is not held; what is held is climbed on from in smaller steps.
-_ROUGHLY = 1.12
+_ROUGHLY, _NEARLY, _ONWARDS = 1.12, 1.06, 1.15
+# Numbers of their draws.
+_OTHERS = 100
 # How much stiffer another wall is at least.
 _BARELY = 1.02
 
@@ -147,8 +149,10 @@ class RobustCandidates:
         law = coupling.runtime.state_feedback
         laws = (one for rung in self.rungs for one in (rung.found, *rung.found.others))
         point = next((one.logarithms for one in laws if one.law is law), None)
-        first = min(_ONWARDS * felt_n_per_m, self._wanted)
-        return [] if point is None else self._climbed(point, (first, self._wanted), seed=draw, softer=False)
+        if point is None:
+            return []
+        walls = (min(felt_n_per_m, self._wanted), self._wanted)
+        return self._climbed(point, walls, seed=_OTHERS + draw, rise=_ONWARDS, close=_NEARLY, softer=False)
 
     def alternatives(self, rung: Rung) -> Alternatives:
         """Return the couplings of a wall."""

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 # The way from the stiffest that is held to the next stiffer wall is halved until it is so short, or so often.
 _CLOSE, _MOST_HALVED = 1.05, 3
-CLIMBS, MOST_ONWARDS = range(3), 2
+CLIMBS, MOST_ONWARDS = range(3), 1
 """Climbs, by their numbers, and how many more from what is held on, with those who moved among the first to try."""
 # Of a climb's walls the next that is asked about is so much softer.
 _LESS = 0.96

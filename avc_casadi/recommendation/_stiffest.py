@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # A wall out of reach, over what spring and damper hold.
 _FAR = 1e3
 # Climbs, by their numbers: of two searches on the device as it is, and anew on a changed one.
-_AS_IT_IS, _ANEW = (range(3), range(3, 6)), range(2)
+_AS_IT_IS, _ANEW = (range(3), range(3, 6)), range(1)
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def _best(
 def _as_it_is(problem: Problem, asked: _Asked, climbs: range) -> _Best | None:
     """Search on the device as it is."""
     simple, walled = _out_of_reach(problem)
-    return _best(walled, simple, asked, climbs=climbs, onwards=MOST_ONWARDS)
+    return _best(walled, simple, asked, climbs=climbs, onwards=2 * MOST_ONWARDS)
 
 
 def _anew(changed: Problem, asked: _Asked) -> _Best | None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.stability._eigenvalues import eigenvalues
 from avc_casadi.support import ComplexArray, FloatArray, IndexArray
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ def state_feedback_loops(
 
 def poles(loop: FloatArray) -> ComplexArray:
     """Return the eigenvalues of each loop, shape (..., s)."""
-    return np.asarray(np.linalg.eigvals(loop), dtype=np.complex128)
+    return eigenvalues(loop)
 
 
 def largest_radius(loop: FloatArray) -> FloatArray:

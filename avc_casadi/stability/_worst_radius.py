@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from avc_casadi.stability._eigenvalues import eigenvalues
 from avc_casadi.support import FloatArray
 
 # A loop is raised to the power 4, so often; from the first of these on those drop out that another exceeds.
@@ -42,7 +43,7 @@ def leading_radii(loops: FloatArray, leaders: int) -> FloatArray:
     """
     p, s = loops.shape[-3], loops.shape[-1]
     if s < _LARGE:
-        return np.asarray(np.abs(np.linalg.eigvals(loops)).max(axis=-1))
+        return np.asarray(np.abs(eigenvalues(loops)).max(axis=-1))
     matrices = loops.reshape(-1, s, s)
     left = np.arange(len(matrices))
     power, logarithm, times = matrices, np.zeros(len(matrices)), 1
@@ -64,7 +65,7 @@ def leading_radii(loops: FloatArray, leaders: int) -> FloatArray:
             may = (logarithm + np.log(s)) / times + _LOST >= of_leaders[left // p]
             left, power, logarithm = left[may], power[may], logarithm[may]
     radius = np.full(len(matrices), -np.inf)
-    radius[left] = np.abs(np.linalg.eigvals(matrices[left])).max(axis=-1)
+    radius[left] = np.abs(eigenvalues(matrices[left])).max(axis=-1)
     return np.asarray(radius.reshape(loops.shape[:-2]))
 
 

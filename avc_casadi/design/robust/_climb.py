@@ -61,6 +61,7 @@ def climb(
     ends_at: EndsAt,
     *,
     seed: int = 0,
+    rise: float = _RISE,
     close: float = CLOSE,
     softer: bool = True,
 ) -> list[Rung]:
@@ -72,6 +73,7 @@ def climb(
         walls_n_per_m: stiffness at rest of the first wall, and of the last.
         ends_at: how fast hands end, who must all rest.
         seed: of the draw of laws.
+        rise: the second wall over the first.
         close: a wall that is not held ends the climb if it is no more than so many times the last that is.
         softer: whether to try softer walls where the first is not held.
 
@@ -84,7 +86,7 @@ def climb(
     first, last = walls_n_per_m
     search = _Search(problem, ends_at, np.random.default_rng(seed))
     held: list[Rung] = []
-    wall, rise, point, lowered = first, _RISE, start, 0
+    wall, point, lowered = first, start, 0
     while True:
         rung, took = search.held(point, wall)
         if rung is not None:
