@@ -6,10 +6,12 @@ import sys
 SEARCHED = """
 import sys
 import numpy as np
-from avc_casadi.design.robust._search import evolve
-goal, bounds = lambda points: (points**2).sum(axis=1), (-2 * np.ones(2), 2 * np.ones(2))
-seen = evolve(goal, np.ones(2), bounds, 0.3, 200)
-assert min(value for value, _ in seen) < 1e-2
+from avc_casadi.design.robust._evolve import evolution
+search = evolution(np.ones(2), (-2 * np.ones(2), 2 * np.ones(2)), 0.3, np.random.default_rng(0))
+for _ in range(20):
+    points = search.ask()
+    search.tell(points, [float((point**2).sum()) for point in points])
+assert search.result.fbest < 1e-2
 print(*(name for name in ("matplotlib", "scipy.stats") if name in sys.modules))
 import scipy.stats
 import matplotlib.pyplot

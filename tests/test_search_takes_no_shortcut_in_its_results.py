@@ -12,6 +12,7 @@ from avc_casadi.design.robust import Loops, Space, cost_of, costs_of
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.stability import (
     Laws,
+    eigenvalues,
     frozen_rendering,
     leading_radii,
     loop_radius,
@@ -53,6 +54,15 @@ def test_leading_radii_are_the_largest_of_all(loops, leaders):
     known = np.isfinite(found)
     np.testing.assert_array_equal(found[known], by_all[known])
     np.testing.assert_array_equal(*(np.sort(radii, axis=-1)[:, -leaders:] for radii in (found, by_all)))
+
+
+@pytest.mark.parametrize("count", [1, 47, 48, 101])
+def test_eigenvalues_by_halves_are_those_of_each(count):
+    matrices = np.random.default_rng(count).standard_normal((count, 5, 5))
+    each = np.array([np.linalg.eigvals(one).astype(np.complex128) for one in matrices])
+    found = eigenvalues(matrices.reshape(1, count, 5, 5))
+    assert found.shape == (1, count, 5)
+    np.testing.assert_array_equal(found[0], each)
 
 
 @pytest.mark.parametrize("name", ["figure5", "reference-r3"])

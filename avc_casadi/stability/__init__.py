@@ -1,5 +1,6 @@
 """Linear stability of the frozen loop with a set of hands: a claim of its own beside passivity."""
 
+from avc_casadi.stability._eigenvalues import eigenvalues as eigenvalues
 from avc_casadi.stability._lyapunov import SwitchingProof as SwitchingProof
 from avc_casadi.stability._lyapunov import common_lyapunov as common_lyapunov
 from avc_casadi.stability._lyapunov import lyapunov as lyapunov
