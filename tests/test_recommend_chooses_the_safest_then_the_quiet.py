@@ -127,8 +127,7 @@ def test_where_others_refute_a_softened_wall_a_softer_one_is_looked_for(held, mo
     monkeypatch.setattr(_choice, "try_coupling", lambda coupling, *_, **__: rests(coupling, 0.9))
     monkeypatch.setattr(_choice, "try_on_devices", lambda coupling, *_, **__: rests(coupling, held))
     monkeypatch.setattr(_choice, "proved_first", lambda left: left)
-    monkeypatch.setattr(_candidates, "ladder_n_per_m", lambda *_: [])
-    monkeypatch.setattr(_candidates, "softer_ladders", lambda *_: [])
+    monkeypatch.setattr(_candidates, "why_no_law", lambda *_: "springs and dampers alone")
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
     found = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False).judged
     best = best_of(found)
@@ -156,8 +155,7 @@ def test_what_is_best_is_confirmed_though_nobody_rests_without_friction(monkeypa
     monkeypatch.setattr(_choice, "try_coupling", lambda *_, **__: trial(10, 0, 10))
     monkeypatch.setattr(_choice, "try_on_devices", lambda *_, **__: trial(10, 0, 10))
     monkeypatch.setattr(_choice, "proved_first", lambda left: left)
-    monkeypatch.setattr(_candidates, "ladder_n_per_m", lambda *_: [])
-    monkeypatch.setattr(_candidates, "softer_ladders", lambda *_: [])
+    monkeypatch.setattr(_candidates, "why_no_law", lambda *_: "springs and dampers alone")
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
     found = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False).judged
     assert best_of(found).safety == 1

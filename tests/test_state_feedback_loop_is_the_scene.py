@@ -146,7 +146,7 @@ def test_a_law_for_another_wall_is_refused_by_the_claim_that_fails():
     for stiffness in (2e3, 5e3, 12e3):
         stated = problem.changed(environment={"stiffness_n_per_m": stiffness})
         made = Coupling.constant(
-            stated, Gains(0.0, 1e8), "x", Runtime(state_feedback=space.law(space.starts[0], stiffness))
+            stated, Gains(0.0, 1e8), "x", Runtime(state_feedback=space.law(space.starts[-1], stiffness))
         )
         verdicts[stiffness] = avc.deployable(made)
     assert [claim.passed for claim in verdicts[2e3].claims] == [True, True, True]

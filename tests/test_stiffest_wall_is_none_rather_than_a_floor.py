@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design.robust import ladder_n_per_m
+from avc_casadi.design.robust._ladder import ladder_n_per_m
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.recommendation import what_would_help
 from avc_casadi.stability import damping_range, loop_radius, softest_wall_n_per_m, stiffest_wall

@@ -10,6 +10,8 @@ from avc_casadi.cli._recommend import stiffest_text
 from avc_casadi.recommendation import _stiffest, stiffest
 from avc_casadi.trial import draw_hands, try_coupling
 
+# Anew, from the law of the device as it is on, and that as it is.
+WAYS = ("_anew", "_further", "_kept")
 DEVICE = {"encoder_resolution_m": 1e-5, "backlash_m": 1e-5, "max_force_n": 8.0}
 
 
@@ -25,8 +27,8 @@ def searched():
     """
     each = []
 
-    def recorded(way, before, asked, changed):
-        each.append((changed.device, way(before, asked, changed)))
+    def recorded(way, *args):
+        each.append((args[-2].device, way(*args)))
         return each[-1][1]
 
     def some(changes, *names):
@@ -35,7 +37,8 @@ def searched():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_stiffest, "linear_changes", some(_stiffest.linear_changes, "no delay"))
         patch.setattr(_stiffest, "simulated_changes", some(_stiffest.simulated_changes, "no play", "twice the force"))
-        patch.setattr(_stiffest, "_WAYS", tuple(functools.partial(recorded, way) for way in _stiffest._WAYS))
+        for way in WAYS:
+            patch.setattr(_stiffest, way, functools.partial(recorded, getattr(_stiffest, way)))
         return stiffest(device(), hands=16), each
 
 
@@ -72,8 +75,9 @@ def test_no_change_for_the_better_is_less_safe_or_softer_by_more_than_a_step():
 def test_a_change_is_told_by_the_way_that_leads_furthest():
     told = {one["change"]: one for one in found()["what_would_help"]}["no delay"]
     judged = [one for other, one in searched()[1] if other.delay_samples == 0 < device().device.delay_samples]
-    assert len(judged) == len(_stiffest._WAYS) == 3
-    reached = [(safety(one.trial.counts()), one.felt_n_per_m) for one in judged if one is not None]
+    assert len(judged) == len(WAYS)
+    some = [one.judged for one in judged if one is not None]
+    reached = [(safety(one.trial.counts()), one.felt_n_per_m) for one in some]
     assert len(reached) > 1
     assert (safety(told), told["stiffest_wall_n_per_m"]) == max(reached)
 
