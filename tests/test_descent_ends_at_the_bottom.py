@@ -56,6 +56,12 @@ def test_of_curved_largest_values_the_bottom_is_that_of_another_method():
     np.testing.assert_allclose(found.point, (1.139, 0.8996), atol=0.1)
 
 
+def test_what_costs_nothing_anywhere_near_is_left_where_it_is():
+    found = descend(lambda point: [Piece(1.0, np.array([-9.0 - point[0]]), -np.eye(1, 3))], np.zeros(3), BOX)
+    assert found.cost == 0
+    np.testing.assert_array_equal(found.point, 0)
+
+
 def test_a_start_without_a_value_has_no_descent():
     assert descend(lambda _: None, np.zeros(3), BOX) is None
 

@@ -93,7 +93,9 @@ def judged_candidates(
     if not jury.holds(0.0):
         jury.ask(tuned_candidates(problem, progress), "tuned gains")
     if jury.judged:
-        if not robust.rungs:
+        best = jury.stiffest()
+        # Climbs have come as near as that to what is not held.
+        if best is None or best.coupling.runtime.state_feedback is None:
             _closer(problem, jury, limit)
         jury.confirm()
     return Candidates(jury.judged, jury.considered, tuple(robust.rungs))

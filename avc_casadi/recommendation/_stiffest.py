@@ -56,18 +56,18 @@ def stiffest(
     """Search the stiffest wall at which simulated hands rest as safely as with a recommendation, and what would help.
 
     The search is that of `recommend`, for a wall that is out of reach: everything that the device declares is
-    simulated. Each change is searched from the law of the device as it is on, and anew from a softer wall: either may
-    lead astray. It is tried with the best coupling of the device as it is too, so that an improvement never counts as a
-    loss where that coupling goes on to hold.
+    simulated. Each change is searched anew, and from the law of the device as it is on: either may lead astray. It is
+    tried with the best coupling of the device as it is too, so that an improvement never counts as a loss where that
+    coupling goes on to hold.
 
     Args:
         problem: the device and its hands; its wall and detents do not matter.
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw.
         lean_on_friction: whether rest that only the declared dry friction brings is enough.
-        workers: processes for the changes; more than one start this program anew, so that a script needs its guard.
-        progress: told of the candidates, then of the changes.
-        executor: who works on the changes instead, as for `Chunked.run`.
+        workers: processes; more than one start this program anew, so that a script needs its guard.
+        progress: told of the searches.
+        executor: who searches instead, as for `Chunked.run`.
 
     Returns:
         The document of `avc recommend P --stiffest`: JSON values. ``stiffest_wall_n_per_m`` is felt at rest with the

@@ -73,7 +73,7 @@ def descend(
     seen = [(cost, point)]
     for _ in range(_MOST_STEPS):
         step, promised = _programme(pieces, _box(point, bounds, region))
-        if cost - promised < _PROMISES * cost and region <= _SURELY_WITHIN:
+        if cost - promised <= _PROMISES * cost and region <= _SURELY_WITHIN:
             break
         there = point + step
         found = pieces_at(there)
@@ -136,6 +136,8 @@ def _programme(
     # What stays below 0 all over the box adds nothing.
     near = [(piece, piece.values + np.abs(piece.slopes) @ reach > 0) for piece in pieces]
     near = [(piece, kept) for piece, kept in near if kept.any()]
+    if not near:
+        return np.zeros(len(box)), 0.0
     counts = [int(kept.sum()) for _, kept in near]
     slopes = np.concatenate([piece.slopes[kept] for piece, kept in near])
     values = np.concatenate([piece.values[kept] for piece, kept in near])

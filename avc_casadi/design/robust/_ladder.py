@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 # The first wall as a share of what spring and damper hold.
 _FIRST = 0.9
-NEXT, MOST_RUNGS = 1.4, 8
-"""The next wall of a ladder over the one before, and how many there are."""
+# The next wall of a ladder over the one before, and how many there are.
+_NEXT, _MOST_RUNGS = 1.4, 8
 # The wanted wall is tried at once if it is no more than so many times what spring and damper hold.
 _AT_ONCE = 4.0
 # Of so many near walls the laws are tried as they are, no more than so many before all loops.
@@ -75,9 +75,9 @@ def ladder_n_per_m(problem: Problem, limit: DampingRange | None = None) -> list[
     wanted, plain = problem.environment.stiffness_n_per_m, _plain_n_per_m(problem, limit)
     if wanted <= _FIRST * plain:
         return [wanted]
-    rising = [_FIRST * plain * NEXT**rung for rung in range(MOST_RUNGS)]
+    rising = [_FIRST * plain * _NEXT**rung for rung in range(_MOST_RUNGS)]
     at_once = [wanted] if wanted <= _AT_ONCE * plain else []
-    return [*at_once, *(wall for wall in rising if wall < wanted), *([wanted] if wanted <= NEXT * rising[-1] else [])]
+    return [*at_once, *(wall for wall in rising if wall < wanted), *([wanted] if wanted <= _NEXT * rising[-1] else [])]
 
 
 def robust_at(problem: Problem, stiffness_n_per_m: float, known: Sequence[Rung] = ()) -> Iterator[Rung]:
