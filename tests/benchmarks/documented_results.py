@@ -152,7 +152,7 @@ def recommend_time(found: Document) -> str:
         f"{np.median(cpu[~beyond]):.1f} s of processor time in the median where spring and damper hold the wall, "
         f"{np.median(cpu[beyond]):.0f} s where they do not, over 10 s on {int((cpu > 10).sum())} and "
         f"{cpu.max():.0f} s at most (as of commit {found['about']['commit']}). A device whose file gives ranges, so "
-        "that many devices are tried, takes one to five minutes."
+        "that many devices are tried, takes up to a minute on devices of the catalogue."
     )
 
 
