@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # A wall out of reach, over what spring and damper hold.
 _FAR = 1e3
 # Climbs, by their numbers: of two searches on the device as it is, and anew on a changed one.
-_AS_IT_IS, _ANEW = (range(3), range(3, 6)), range(1)
+_AS_IT_IS, _ANEW = (range(3), range(3, 6)), range(2)
 
 
 @dataclass(frozen=True)
@@ -80,17 +80,15 @@ def stiffest(
     with ExitStack() as stack:
         if executor is None and workers > 1:
             executor = stack.enter_context(Processes(workers))
-        begun: list[_Task] = [partial(_as_it_is, problem, asked, climbs) for climbs in _AS_IT_IS]
-        begun += [partial(_anew, changed, asked) for changed in better.values()]
-        with progress.step("stiffest wall, and what would help"):
-            found = _done(begun, executor, progress)
-        best = _best_of(found[: len(_AS_IT_IS)], asked)
+        with progress.step("stiffest wall"):
+            begun: list[_Task] = [partial(_as_it_is, problem, asked, climbs) for climbs in _AS_IT_IS]
+            best = _best_of(_done(begun, executor, progress), asked)
         reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g} N/m"
-        from_there: list[_Task] = []
+        changed: list[_Task] = [partial(_anew, one, asked) for one in better.values()]
         if best is not None:
-            from_there = [partial(way, best, one, asked) for way in (_further, _kept) for one in better.values()]
+            changed += [partial(way, best, one, asked) for way in (_further, _kept) for one in better.values()]
         with progress.step(f"{reached} as it is; what would help"):
-            found = found[len(_AS_IT_IS) :] + _done(from_there, executor, progress)
+            found = _done(changed, executor, progress)
     helps = []
     for place, change in enumerate(better):
         one = _best_of(found[place :: len(better)], asked)
@@ -154,7 +152,7 @@ def _best(
     asked: _Asked,
     *,
     climbs: range,
-    onwards: int = 1,
+    onwards: int = 0,
     start: Rung | None = None,
 ) -> _Best | None:
     """Search the stiffest, where one can be held; arguments as for `judged_candidates`."""
@@ -184,7 +182,7 @@ def _best(
 def _as_it_is(problem: Problem, asked: _Asked, climbs: range) -> _Best | None:
     """Search on the device as it is."""
     simple, walled = _out_of_reach(problem)
-    return _best(walled, simple, asked, climbs=climbs, onwards=2 * MOST_ONWARDS)
+    return _best(walled, simple, asked, climbs=climbs, onwards=MOST_ONWARDS)
 
 
 def _anew(changed: Problem, asked: _Asked) -> _Best | None:
