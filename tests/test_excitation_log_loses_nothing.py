@@ -50,7 +50,10 @@ def test_signal_of_the_device_is_that_of_the_plan_in_every_bit(tones, growth, sh
     heavy = Bench(device(mass_kg=1000.0))
     log = heavy.excite(plan)
     unit = float(np.float32(plan.max_force_n)) / FULL
-    assert np.array_equal(np.round(log.force_n / unit).astype(int), [*faded(plan), 0])
+    came = np.round(log.force_n / unit).astype(int)
+    # A force that lasts beside no motion is that of a stuck encoder, which ends the log.
+    assert log.whole or ("latched a fault" in log.end and len(came) > 100)
+    assert np.array_equal(came, [*faded(plan), 0][: len(came)])
 
 
 def test_sines_of_the_device_are_sines():
