@@ -81,7 +81,7 @@ def test_a_climb_begins_softer_where_the_first_wall_is_too_stiff(rung):
     hand = OneHand(lambda wall, _: 0.2 if wall < 1700 else 2.0)
     held = climb(BEFORE_FAR, start_of(rung), (3000.0, 3000.0), hand.at)
     assert 1700 / 1.1 < held[-1].stiffness_n_per_m < 1700
-    assert climb(BEFORE_FAR, start_of(rung), (3000.0, 3000.0), hand.at, softer=False) == []
+    assert climb(BEFORE_FAR, start_of(rung), (3000.0, 3000.0), hand.at, softer=0) == []
 
 
 def test_the_speed_of_the_hands_leads_the_search(rung):
@@ -95,7 +95,7 @@ def test_the_speed_of_the_hands_leads_the_search(rung):
 
 def test_a_simulation_that_ends_in_no_number_is_no_rest(rung):
     hand = OneHand(lambda *_: np.nan)
-    assert climb(BEFORE_FAR, start_of(rung), (3000.0, 3000.0), hand.at, softer=False) == []
+    assert climb(BEFORE_FAR, start_of(rung), (3000.0, 3000.0), hand.at, softer=0) == []
 
 
 def test_laws_of_one_scene_end_as_each_alone(rung):

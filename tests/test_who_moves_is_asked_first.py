@@ -7,7 +7,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.recommendation import _choice, _jury
+from avc_casadi.recommendation import _asked_first, _choice
 from avc_casadi.recommendation._jury import Jury
 from avc_casadi.support import SILENT
 from avc_casadi.trial import people_of, try_coupling
@@ -38,8 +38,8 @@ def masses_asked(one, monkeypatch):
         assert not friction
         groups.append(people.mass_kg)
 
-    monkeypatch.setattr(_jury, "ends_of", noted)
-    one.ends(coupling(300.0))
+    monkeypatch.setattr(_asked_first, "ends_of", noted)
+    one.asked_first().ends(coupling(300.0))
     first, others = groups
     return first, others
 
@@ -91,8 +91,8 @@ def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_
             asked.append((self.people, len(laws)))
             return np.array([[law + 0.001 * hand for hand in range(self.people)] for law in laws])
 
-    monkeypatch.setattr(_jury, "ends_of", lambda _, people, **__: Known(len(people)))
-    found = hall.ends(coupling(300.0))([0.1, 2.0, 0.2])
+    monkeypatch.setattr(_asked_first, "ends_of", lambda _, people, **__: Known(len(people)))
+    found = hall.asked_first().ends(coupling(300.0))([0.1, 2.0, 0.2])
     first, others = 16 + HANDS // 4, HANDS - HANDS // 4
     assert asked == [(first, 3), (others, 2)]
     assert found.shape == (3, first + others)

@@ -62,10 +62,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     hands = _HANDS if args.hands is None else args.hands
     out = None if args.out is None else output_file(args.out, "--out", (".json",))
     problem = load_problem(args.problem)
+    workers = min(2, processors())
     if args.stiffest:
-        document = stiffest(
-            problem, hands, lean_on_friction=args.lean_on_friction, workers=min(2, processors()), progress=console
-        )
+        document = stiffest(problem, hands, lean_on_friction=args.lean_on_friction, workers=workers, progress=console)
         return Answer(document, stiffest_text(document))
     with console.step(f"candidates with {hands} hands"):
         found = recommend(
@@ -74,6 +73,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             lean_on_friction=args.lean_on_friction,
             prove=args.prove,
             versions=package_versions(),
+            workers=workers,
             progress=console,
         )
     if out is not None and found.coupling is not None:

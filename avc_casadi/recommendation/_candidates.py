@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,8 +22,9 @@ if TYPE_CHECKING:
     from avc_casadi.design.robust import Rung, Unrest
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
+    from avc_casadi.recommendation._asked_first import AskedFirst
     from avc_casadi.runtime import StateFeedback
-    from avc_casadi.support import FloatArray
+    from avc_casadi.support import Crew, FloatArray
 
 # Damping kept in reserve, as multiples of the tuned designs' own: a coarse encoder asks for more.
 _RESERVES = (1.0, 3.0)
@@ -42,6 +44,8 @@ _AT_ONCE, _FIRST, _SOFT = 4.0, 0.9, 0.25
 _ROUGHLY, _NEARLY, _ONWARDS = 1.12, 1.06, 1.15
 # Numbers of their draws.
 _OTHERS = 100
+# From a law that was given no much softer wall is tried: what is near it is no good then.
+_NEAR: dict[str, Any] = {"softer": 2}
 # How much stiffer another wall is at least.
 _BARELY = 1.02
 
@@ -105,59 +109,64 @@ class RobustCandidates:
     Args:
         problem: device, wall and hands.
         stiffest: the stiffest wall that is stable with everybody and let go.
-        ends: how fast those end who try a coupling first.
+        crew: who searches.
         start: a wall, and the law for it, from which to climb; None begins where spring and damper end.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        stiffest: DampingRange,
-        ends: Callable[[Coupling], Unrest],
-        start: Rung | None = None,
-    ) -> None:
-        self._problem, self._ends, self._start = problem, ends, start
+    def __init__(self, problem: Problem, stiffest: DampingRange, crew: Crew, start: Rung | None = None) -> None:
+        self._problem, self._crew, self._start = problem, crew, start
         self.rungs: list[Rung] = []
         self._wanted = problem.environment.stiffness_n_per_m
         # Whose slopes nobody judges behind an observer.
         self._possible = problem.detent is None and not why_no_law(problem)
         self._plain = stiffest.stiffness_n_per_m
 
-    def at_once(self) -> Iterator[list[Rung]]:
-        """Yield laws for the wanted wall itself, if it is not far: what a search finds, then those near it."""
-        if not self._possible or self._start is not None or self._wanted > _AT_ONCE * self._plain:
-            return
-        found = list(robust_at(self._problem, self._wanted))
-        yield self._kept(found)
-        for rung in found:
-            yield self._climbed(rung.found.logarithms, (self._wanted, self._wanted), softer=False)
-
-    def climbs(self, numbers: range) -> Iterator[list[Rung]]:
+    def climbs(self, asked: AskedFirst, numbers: range) -> Iterator[list[Rung]]:
         """Yield walls up to the wanted one, the softest of a climb first.
 
+        Laws for the wanted wall itself, if it is not far, come before those.
+
         Args:
+            asked: who must all rest.
             numbers: of the climbs: from each of the places where laws begin in turn, and with other draws of laws.
         """
+        tasks: list[Callable[[], list[Rung]]] = []
+        if self._possible and self._start is None and self._wanted <= _AT_ONCE * self._plain:
+            tasks.append(partial(_at_once, self._problem, self._wanted, asked))
         places = self._beginnings() if self._possible else []
         for number in numbers if places else ():
             draw, place = divmod(number, len(places))
             point, first = places[place]
-            yield self._climbed(point, (min(first, self._wanted), self._wanted), seed=draw, close=_ROUGHLY)
+            walls = (min(first, self._wanted), self._wanted)
+            how: dict[str, Any] = {"seed": draw, "close": _ROUGHLY} | ({} if self._start is None else _NEAR)
+            tasks.append(partial(_climbed, self._problem, point, walls, asked, **how))
+        yield from map(self._kept, self._crew.each(tasks))
 
-    def onwards(self, coupling: Coupling, felt_n_per_m: float, draw: int) -> list[Rung]:
-        """Return stiffer walls, up to the wanted one, from one that is held on; none where its law is not of here."""
+    def onwards(
+        self, coupling: Coupling, felt_n_per_m: float, asked: AskedFirst, numbers: range
+    ) -> Iterator[list[Rung]]:
+        """Yield stiffer walls, up to the wanted one, from one that is held on; none where its law is not of here.
+
+        Args:
+            coupling: that holds it.
+            felt_n_per_m: its stiffness.
+            asked: who must all rest.
+            numbers: of the climbs: each has its own draw of laws.
+        """
         law = coupling.runtime.state_feedback
         laws = (one for rung in self.rungs for one in (rung.found, *rung.found.others))
         point = next((one.logarithms for one in laws if one.law is law), None)
         if point is None:
-            return []
+            return
         walls = (min(felt_n_per_m, self._wanted), self._wanted)
-        return self._climbed(point, walls, seed=_OTHERS + draw, rise=_ONWARDS, close=_NEARLY, softer=False)
+        how: dict[str, Any] = {"rise": _ONWARDS, "close": _NEARLY, "softer": 0}
+        tasks = [partial(_climbed, self._problem, point, walls, asked, seed=_OTHERS + one, **how) for one in numbers]
+        yield from map(self._kept, self._crew.each(tasks))
 
     def alternatives(self, rung: Rung) -> Alternatives:
         """Return the couplings of a wall."""
         laws = (rung.found.law, *(one.law for one in rung.found.others))
-        return [self._coupling(rung.gains, law) for law in laws]
+        return [_robust(self._problem, rung.gains, law) for law in laws]
 
     def _beginnings(self) -> list[tuple[FloatArray, float]]:
         """Return where laws begin, and the first wall from each."""
@@ -167,20 +176,34 @@ class RobustCandidates:
             return [(point, first if self._wanted > first else _SOFT * self._wanted) for point in usual]
         return [(self._start.found.logarithms, self._start.stiffness_n_per_m)]
 
-    def _climbed(self, point: FloatArray, walls_n_per_m: tuple[float, float], **how: Any) -> list[Rung]:
-        with suppress(np.linalg.LinAlgError):
-            return self._kept(climb(self._problem, point, walls_n_per_m, self._ends_at, **how))
-        return []
-
     def _kept(self, rungs: list[Rung]) -> list[Rung]:
         self.rungs += rungs
         return rungs
 
-    def _ends_at(self, gains: Gains, law: StateFeedback) -> Unrest:
-        return self._ends(self._coupling(gains, law))
 
-    def _coupling(self, gains: Gains, law: StateFeedback) -> Coupling:
-        return Coupling.constant(self._problem, gains, "robust", Runtime(state_feedback=law))
+def _at_once(problem: Problem, wanted_n_per_m: float, asked: AskedFirst) -> list[Rung]:
+    """Return laws for a wall: what a search finds, then one near it with which everybody rests, if there is one."""
+    found = list(robust_at(problem, wanted_n_per_m))
+    for rung in found:
+        climbed = _climbed(problem, rung.found.logarithms, (wanted_n_per_m, wanted_n_per_m), asked, softer=0)
+        if climbed:
+            return [*found, *climbed]
+    return found
+
+
+def _climbed(
+    problem: Problem, point: FloatArray, walls_n_per_m: tuple[float, float], asked: AskedFirst, **how: Any
+) -> list[Rung]:
+    def ends_at(gains: Gains, law: StateFeedback) -> Unrest:
+        return asked.ends(_robust(problem, gains, law))
+
+    with suppress(np.linalg.LinAlgError):
+        return climb(problem, point, walls_n_per_m, ends_at, **how)
+    return []
+
+
+def _robust(problem: Problem, gains: Gains, law: StateFeedback) -> Coupling:
+    return Coupling.constant(problem, gains, "robust", Runtime(state_feedback=law))
 
 
 def tuned_candidates(problem: Problem, progress: Progress = SILENT) -> Iterator[Alternatives]:

@@ -8,20 +8,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.loop import Hand
+from avc_casadi.recommendation._asked_first import AskedFirst
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import AS_STIFF, FIRST, Judged, confirmed, likeliest, tried
-from avc_casadi.trial import draw_hands, ends_of, loose_hands
+from avc_casadi.trial import draw_hands, loose_hands
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
     from concurrent.futures import Executor
 
     from avc_casadi.coupling import Coupling
-    from avc_casadi.design.robust import Unrest
     from avc_casadi.problem import Problem
     from avc_casadi.recommendation._candidates import Alternatives
-    from avc_casadi.runtime import StateFeedback
-    from avc_casadi.support import FloatArray, Progress
+    from avc_casadi.support import Progress
 
 # Of those who hold on loosely so many try a law before the others.
 _ONE_IN = 4
@@ -81,23 +80,11 @@ class Jury:
         self._candidates = [one for one in self._candidates if id(one[0]) not in gone]
         self.judged = [one for one in self.judged if id(one.coupling) not in gone]
 
-    def ends(self, coupling: Coupling) -> Unrest:
-        """Prepare to ask how fast those end who try a coupling first: all of them where a few come to rest."""
-        few, others = (ends_of(coupling, people, friction=self._lean, strike=True) for people in self._asked_first())
-
-        def unrest(laws: Sequence[StateFeedback]) -> FloatArray:
-            first = few(laws)
-            found = np.concatenate([first, np.resize(first.T, (others.people, len(laws))).T], axis=1)
-            rest = np.flatnonzero((first < 1).all(axis=1)).tolist()
-            if rest:
-                found[rest, first.shape[1] :] = others([laws[row] for row in rest])
-            return found
-
-        return unrest
-
-    def _asked_first(self) -> tuple[Hand, Hand]:
+    def asked_first(self) -> AskedFirst:
+        """Return who tries a law first: now, as they may be others after the next ones were tried."""
         few = np.arange(len(self._loose)) % _ONE_IN == 0
-        return _both(self._first, self._loose.pick(np.flatnonzero(few))), self._loose.pick(np.flatnonzero(~few))
+        likely = _both(self._first, self._loose.pick(np.flatnonzero(few)))
+        return AskedFirst(likely, self._loose.pick(np.flatnonzero(~few)), self._lean)
 
     def finds(self, more: Iterable[Alternatives], stiffness_n_per_m: float, search: str) -> bool:
         """Try more candidates until something so stiff is safe and quiet, as far as is known; say whether there is."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,7 @@ from avc_casadi.recommendation._off_file import OffFile, off_file
 from avc_casadi.recommendation._rest import RestKnown, with_rest
 from avc_casadi.recommendation._stages import judged_candidates
 from avc_casadi.stability import stiffest_wall
-from avc_casadi.support import SILENT, Comparable, Progress, plain, short
+from avc_casadi.support import SILENT, Comparable, Crew, Progress, plain, short
 from avc_casadi.trial import CouplingTrial, Population, draw_subjects, people_of, try_coupling
 
 if TYPE_CHECKING:
@@ -198,6 +199,7 @@ def recommend(
     lean_on_friction: bool = False,
     prove: bool = False,
     versions: Mapping[str, str] | None = None,
+    workers: int = 1,
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> Recommendation:
@@ -216,6 +218,8 @@ def recommend(
         prove: ask for proofs of the coupling that is chosen, as `certify` does; without it rest is proved where a
             second or two tells, and simulated otherwise.
         versions: of what makes it, by package; written into the coupling.
+        workers: processes, this one among them; more than one start this program anew, so that a script needs its
+            guard. What is found does not depend on it.
         progress: told of the candidates that are tuned, judged and tried.
         executor: who lets the hands try them, as for `Chunked.run`: for many thousands.
 
@@ -226,40 +230,45 @@ def recommend(
     """
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
-    limit = stiffest_wall(problem.device, with_let_go(extreme))
     why_none, considered = hopeless(problem), 0
     judged: list[Judged] = []
-    if not why_none:
-        found = judged_candidates(
-            problem, people, seed, limit, progress, lean_on_friction=lean_on_friction, executor=executor
+    with Crew(workers) as crew:
+        helps = crew.begin(partial(what_would_help, problem, extreme))
+        limit = stiffest_wall(problem.device, with_let_go(extreme))
+        if not why_none:
+            found = judged_candidates(
+                problem, people, seed, limit, progress, lean_on_friction=lean_on_friction, executor=executor, crew=crew
+            )
+            judged, considered = found.judged, found.considered
+        best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
+        declared_n = problem.device.coulomb_friction_n
+        leaning = best_of(judged, lean_on_friction=True) if judged and declared_n > 0 else None
+        coupling, rest, beside, off = None, None, {}, None
+        if best is not None:
+            told_off = crew.begin(partial(off_file, best.coupling, seed))
+            known = certified(best.coupling, progress, prove=prove)
+            known, rest = with_rest(known, felt_at_rest_n_per_m(known), progress)
+            coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
+            beside, off = _beside(best.coupling, hands, seed, executor), told_off()
+        held = [felt_at_rest_n_per_m(one.coupling) for one in judged]
+        return Recommendation(
+            problem=problem,
+            coupling=coupling,
+            trial=None if best is None else best.trial,
+            confirmed=None if best is None else best.others,
+            beside=beside,
+            off_file=off,
+            deployable=best is not None,
+            rest=rest,
+            stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *held]),
+            plain_wall_n_per_m=limit.stiffness_n_per_m,
+            with_friction_n_per_m=None if leaning is None else felt_at_rest_n_per_m(leaning.coupling),
+            helps=() if why_none else helps(),
+            considered=considered,
+            reason=why_none or reason_of(best, judged, considered),
+            assumed=assumed(problem, None if best is None else best.coupling, confirmed=best is not None),
+            not_used=not_used(problem),
         )
-        judged, considered = found.judged, found.considered
-    best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
-    declared_n = problem.device.coulomb_friction_n
-    leaning = best_of(judged, lean_on_friction=True) if judged and declared_n > 0 else None
-    coupling, rest = None, None
-    if best is not None:
-        known = certified(best.coupling, progress, prove=prove)
-        known, rest = with_rest(known, felt_at_rest_n_per_m(known), progress)
-        coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
-    return Recommendation(
-        problem=problem,
-        coupling=coupling,
-        trial=None if best is None else best.trial,
-        confirmed=None if best is None else best.others,
-        beside={} if best is None else _beside(best.coupling, hands, seed, executor),
-        off_file=None if best is None else off_file(best.coupling, seed),
-        deployable=best is not None,
-        rest=rest,
-        stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *(felt_at_rest_n_per_m(one.coupling) for one in judged)]),
-        plain_wall_n_per_m=limit.stiffness_n_per_m,
-        with_friction_n_per_m=None if leaning is None else felt_at_rest_n_per_m(leaning.coupling),
-        helps=() if why_none else what_would_help(problem, extreme),
-        considered=considered,
-        reason=why_none or reason_of(best, judged, considered),
-        assumed=assumed(problem, None if best is None else best.coupling, confirmed=best is not None),
-        not_used=not_used(problem),
-    )
 
 
 def _beside(coupling: Coupling, hands: int, seed: int, executor: Executor | None = None) -> dict[str, CouplingTrial]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import TYPE_CHECKING
 
 from avc_casadi.loop import hand_corners
@@ -20,8 +19,10 @@ from avc_casadi.recommendation._candidates import (
 )
 from avc_casadi.recommendation._jury import Jury
 from avc_casadi.stability import softest_wall_n_per_m
+from avc_casadi.support import ALONE, Crew
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from concurrent.futures import Executor
 
     from avc_casadi.design.robust import Rung
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
 
 # The way from the stiffest that is held to the next stiffer wall is halved until it is so short, or so often.
 _CLOSE, _MOST_HALVED = 1.05, 3
-CLIMBS, MOST_ONWARDS = range(3), 1
-"""Climbs, by their numbers, and how many more from what is held on, with those who moved among the first to try."""
+CLIMBS, ONWARDS = range(3), range(2)
+"""Climbs, by their numbers, and those that go on from what is held."""
 # Of a climb's walls the next that is asked about is so much softer.
 _LESS = 0.96
 # Searches, as they are told.
@@ -51,9 +52,10 @@ def judged_candidates(
     *,
     lean_on_friction: bool,
     executor: Executor | None = None,
+    crew: Crew = ALONE,
     start: Rung | None = None,
     climbs: range = CLIMBS,
-    onwards: int = MOST_ONWARDS,
+    onwards: range = ONWARDS,
 ) -> Candidates:
     """Try the likeliest couplings first, and the others only where none is the wall itself.
 
@@ -65,15 +67,16 @@ def judged_candidates(
         progress: told of the candidates.
         lean_on_friction: as in `best_of`.
         executor: as in `try_coupling`.
+        crew: who searches laws.
         start: as in `RobustCandidates`.
         climbs: numbers of those that are made.
-        onwards: how many more, from what is held on.
+        onwards: numbers of those that go on from what is held.
     """
     wall = problem.environment.stiffness_n_per_m
     # Where springs and dampers hold nothing, laws begin at the softest wall there is.
     limit = replace(limit, stiffness_n_per_m=max(limit.stiffness_n_per_m, softest_wall_n_per_m(problem.device)))
     jury = Jury(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
-    robust = RobustCandidates(problem, limit, jury.ends, start)
+    robust = RobustCandidates(problem, limit, crew, start)
     plainly = min(wall, limit.stiffness_n_per_m)
     corners = hand_corners(problem.hands)
     plain = list(plain_candidates(problem, corners, limit))
@@ -123,18 +126,23 @@ def _plainly(jury: Jury, plain: list[Alternatives], stiffness_n_per_m: float) ->
         jury.ask(behind_observers(plain), _OBSERVED)
 
 
-def _behind_laws(jury: Jury, robust: RobustCandidates, wall_n_per_m: float, climbs: range, onwards: int) -> None:
-    """Try the wanted wall, if it is near, then climb to it, then on from what is held."""
-    for rungs in chain(robust.at_once(), robust.climbs(climbs)):
+def _behind_laws(jury: Jury, robust: RobustCandidates, wall_n_per_m: float, climbs: range, onwards: range) -> None:
+    """Climb to the wanted wall, then on from what is held, with those who moved among the first to try."""
+    if _held(jury, robust, robust.climbs(jury.asked_first(), climbs), wall_n_per_m):
+        return
+    best = jury.stiffest()
+    if best is not None:
+        more = robust.onwards(best.coupling, best.felt_n_per_m, jury.asked_first(), onwards)
+        _held(jury, robust, more, wall_n_per_m)
+
+
+def _held(jury: Jury, robust: RobustCandidates, climbs: Iterable[list[Rung]], wall_n_per_m: float) -> bool:
+    """Ask for what each climb reached; say whether one holds the wanted wall, which makes the next ones needless."""
+    for rungs in climbs:
         _stiffest_held(jury, robust, rungs)
         if jury.holds(wall_n_per_m):
-            return
-    for draw in range(onwards):
-        best = jury.stiffest()
-        rungs = [] if best is None else robust.onwards(best.coupling, best.felt_n_per_m, draw)
-        _stiffest_held(jury, robust, rungs)
-        if jury.holds(wall_n_per_m):
-            return
+            return True
+    return False
 
 
 def _stiffest_held(jury: Jury, robust: RobustCandidates, rungs: list[Rung]) -> None:

@@ -16,7 +16,7 @@ from avc_casadi.recommendation._choice import Judged, best_of
 from avc_casadi.recommendation._helps import linear_changes, simulated_changes
 from avc_casadi.recommendation._hopeless import hopeless
 from avc_casadi.recommendation._recommend import SCHEMA
-from avc_casadi.recommendation._stages import MOST_ONWARDS, judged_candidates
+from avc_casadi.recommendation._stages import judged_candidates
 from avc_casadi.stability import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.support import SILENT, Chunked, Processes, Progress, plain
 from avc_casadi.trial import people_of, try_coupling
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # A wall out of reach, over what spring and damper hold.
 _FAR = 1e3
 # Climbs, by their numbers: of two searches on the device as it is, and anew on a changed one.
-_AS_IT_IS, _ANEW = (range(3), range(3, 6)), range(2)
+_AS_IT_IS, _ANEW, _ONWARDS = (range(2), range(2, 4)), range(1), range(1)
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def _best(
     asked: _Asked,
     *,
     climbs: range,
-    onwards: int = 0,
+    onwards: range = range(0),
     start: Rung | None = None,
 ) -> _Best | None:
     """Search the stiffest, where one can be held; arguments as for `judged_candidates`."""
@@ -182,7 +182,7 @@ def _best(
 def _as_it_is(problem: Problem, asked: _Asked, climbs: range) -> _Best | None:
     """Search on the device as it is."""
     simple, walled = _out_of_reach(problem)
-    return _best(walled, simple, asked, climbs=climbs, onwards=MOST_ONWARDS)
+    return _best(walled, simple, asked, climbs=climbs, onwards=_ONWARDS)
 
 
 def _anew(changed: Problem, asked: _Asked) -> _Best | None:

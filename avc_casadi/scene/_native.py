@@ -101,7 +101,12 @@ static int avc_sample(const double* now, const double* u, const double* p, doubl
 
 def compiler() -> str | None:
     """Return the path of the C compiler ($CC, or cc), or None."""
-    return shutil.which(os.environ.get("CC") or "cc")
+    return _found(os.environ.get("CC") or "cc", os.environ.get("PATH"))
+
+
+@lru_cache(maxsize=8)
+def _found(name: str, path: str | None) -> str | None:
+    return shutil.which(name, path=path)
 
 
 class NativeScene:

@@ -9,6 +9,8 @@ from avc_casadi.support._background import Background as Background
 from avc_casadi.support._chunked import Chunked as Chunked
 from avc_casadi.support._chunked import Part as Part
 from avc_casadi.support._commands import with_problem as with_problem
+from avc_casadi.support._crew import ALONE as ALONE
+from avc_casadi.support._crew import Crew as Crew
 from avc_casadi.support._display import Columns as Columns
 from avc_casadi.support._display import Tabular as Tabular
 from avc_casadi.support._display import columns_html as columns_html
@@ -24,6 +26,7 @@ from avc_casadi.support._json import packed as packed
 from avc_casadi.support._json import plain as plain
 from avc_casadi.support._json import unpacked as unpacked
 from avc_casadi.support._processes import Processes as Processes
+from avc_casadi.support._processors import processors as processors
 from avc_casadi.support._progress import SILENT as SILENT
 from avc_casadi.support._progress import Progress as Progress
 from avc_casadi.support._progress import chunks as chunks
@@ -49,4 +52,3 @@ from avc_casadi.support._units import told_in as told_in
 from avc_casadi.support._units import units_for as units_for
 from avc_casadi.support._workers import meanwhile as meanwhile
 from avc_casadi.support._workers import one_ahead as one_ahead
-from avc_casadi.support._workers import processors as processors

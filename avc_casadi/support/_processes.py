@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from avc_casadi._errors import WorkerLostError
 from avc_casadi.support._interrupt import starting_processes
+from avc_casadi.support._processors import processors, use_at_most
 
 R = TypeVar("R")
 # A task that takes so many processes with it would take the next one too.
@@ -29,9 +30,11 @@ class Processes(Executor):
 
     Args:
         workers: number of processes.
+        beside: number of processes that work beside them: each has its share of the processors.
     """
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int, beside: int = 0) -> None:
+        self._share = max(1, processors() // (workers + beside))
         self._threads = ThreadPoolExecutor(workers)
         self._idle: SimpleQueue[_Worker | None] = SimpleQueue()
         for _ in range(workers):
@@ -99,7 +102,7 @@ class Processes(Executor):
             if self._ending:
                 raise WorkerLostError("the executor ends; begin no more tasks")
             others = set(active_children())
-            pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=follow_parent)
+            pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_begin, initargs=(self._share,))
             with starting_processes():
                 pool.submit(os.getpid)  # begins the process
             worker = _Worker(pool, tuple(set(active_children()) - others))
@@ -117,6 +120,11 @@ class _Worker:
     def end(self) -> None:
         for process in self._processes:
             process.terminate()
+
+
+def _begin(share: int) -> None:
+    use_at_most(share)
+    follow_parent()
 
 
 def follow_parent() -> None:

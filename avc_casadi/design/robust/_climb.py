@@ -37,14 +37,16 @@ EndsAt = Callable[["Gains", "StateFeedback"], Unrest]
 
 CLOSE = 1.04
 """The next wall of a climb is no nearer than that."""
-# How far the first laws lie around the one that the last wall was held with, in logarithms.
-_SPREAD = 0.3
+MOST_SOFTER = 12
+"""How often a softer wall is tried where none is held yet."""
+# How far the first laws lie around the start, in logarithms, and, the widest way, those before a wall at least.
+_SPREAD, _LEAST_SPREAD, _WIDER = 0.3, 0.08, 1.5
 # The next wall over one that is held: at first, and at most where that took no longer than so many generations.
 _RISE, _MOST_RISE, _AT_ONCE = 1.3, 1.4, 2
 # What makes the rise larger.
 _FASTER = 1.5
-# A wall is given up after so many generations; where none is held yet a softer one is tried, so often.
-_PATIENCE, _SOFTER, _MOST_SOFTER = 14, 1.4, 12
+# A wall is given up after so many generations; where none is held yet one is tried that is so much softer.
+_PATIENCE, _SOFTER = 12, 1.4
 # The speed that is aimed at, over that at which a hand is no longer at rest; beyond the fastest all are as bad. The
 # price of a factor of e between them, of a law's own cost, and of the growth of a loop for each 1/s.
 _AIM, _FASTEST = 0.5, 1e3
@@ -63,7 +65,7 @@ def climb(
     seed: int = 0,
     rise: float = _RISE,
     close: float = CLOSE,
-    softer: bool = True,
+    softer: int = MOST_SOFTER,
 ) -> list[Rung]:
     """Search laws for stiffer and stiffer walls.
 
@@ -75,7 +77,7 @@ def climb(
         seed: of the draw of laws.
         rise: the second wall over the first.
         close: a wall that is not held ends the climb if it is no more than so many times the last that is.
-        softer: whether to try softer walls where the first is not held.
+        softer: how often a softer wall is tried where none is held yet.
 
     Returns:
         The walls that are held, the softest first, with laws whose loops are all damped.
@@ -84,7 +86,7 @@ def climb(
         numpy.linalg.LinAlgError: the start has no law.
     """
     first, last = walls_n_per_m
-    search = _Search(problem, ends_at, np.random.default_rng(seed))
+    search = _Search(problem, start, ends_at, np.random.default_rng(seed))
     held: list[Rung] = []
     wall, point, lowered = first, start, 0
     while True:
@@ -102,21 +104,25 @@ def climb(
                 return held
             rise = math.sqrt(wall / reached)
             wall = reached * rise
-        elif softer and lowered < _MOST_SOFTER:
+        elif lowered < softer:
             lowered, wall = lowered + 1, wall / _SOFTER
         else:
             return held
 
 
 class _Search:
-    """The search for laws with which everybody rests, wall by wall; arguments as for `climb`."""
+    """The search for laws with which everybody rests, wall by wall; arguments as for `climb`.
 
-    def __init__(self, problem: Problem, ends_at: EndsAt, draw: np.random.Generator) -> None:
-        self._problem, self._ends_at, self._draw = problem, ends_at, draw
+    It is one evolution: what it learned before one wall, held or not, is worth as much before the next.
+    """
+
+    def __init__(self, problem: Problem, start: FloatArray, ends_at: EndsAt, draw: np.random.Generator) -> None:
+        self._problem, self._ends_at = problem, ends_at
         self._space, self._loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+        self._evolution = evolution(start, self._space.bounds, _SPREAD, draw)
 
     def held(self, point: FloatArray, stiffness_n_per_m: float) -> tuple[Rung | None, int]:
-        """Search laws near one for one wall; return how many generations it took.
+        """Search laws for one wall, a given one among the first; return how many generations it took.
 
         Args:
             point: logarithms of the knobs of that one.
@@ -127,8 +133,10 @@ class _Search:
         stiffness = stiffness_at_rest(rendering)
         law = space.law(point, stiffness)
         hardest, unrest = loops.hardest(law, rendering), self._ends_at(gains, law)
-        search = evolution(point, space.bounds, _SPREAD, self._draw)
+        search = self._evolution
         for done in range(1, _PATIENCE + 1):
+            if search.stds.max() < _LEAST_SPREAD:
+                search.sigma *= _WIDER
             points = search.ask()
             if done == 1:
                 points[0] = np.clip(point, *space.bounds)
@@ -138,13 +146,13 @@ class _Search:
             for row in rest:
                 with suppress(np.linalg.LinAlgError):
                     found.append(found_at(space, loops, rendering, np.asarray(points[row])))
+            search.tell(points, value.tolist())
             whole = sorted((one for one in found if one.cost.holds), key=lambda one: one.cost.total)[:_MOST_LAWS]
             if whole:
                 return Rung(gains, stiffness_n_per_m, whole[0].beside(whole[1:])), done
             # The loops that are hardest for these were not among those that were for the first.
             for one in found:
                 hardest = hardest.and_of(loops.hardest(one.law, rendering))
-            search.tell(points, value.tolist())
         return None, _PATIENCE
 
 

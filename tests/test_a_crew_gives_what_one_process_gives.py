@@ -1,0 +1,84 @@
+"""Tasks that are shared with helpers give what they give alone, in their order; none is done twice."""
+
+import os
+import time
+from functools import partial
+
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.support import ALONE, Crew
+
+
+def squared(number):
+    return number**2, os.getpid()
+
+
+def written(folder, name):
+    with (folder / name).open("a") as file:
+        file.write("once ")
+    return name
+
+
+def slow(number):
+    time.sleep(60)
+    return number
+
+
+def broken():
+    raise ValueError("this task fails")
+
+
+def test_results_come_in_order_whoever_works_them_out():
+    tasks = [partial(squared, number) for number in range(12)]
+    with Crew(2) as crew:
+        warm = crew.begin(partial(squared, 0))
+        assert warm()[0] == 0
+        shared = list(crew.each(tasks))
+    assert [found for found, _ in shared] == [found for found, _ in ALONE.each(tasks)]
+    assert os.getpid() in {who for _, who in shared}
+
+
+def test_no_task_is_done_twice(tmp_path):
+    names = [f"task{number}" for number in range(6)]
+    with Crew(2) as crew:
+        begun = [crew.begin(partial(written, tmp_path, f"begun{number}")) for number in range(3)]
+        assert list(crew.each([partial(written, tmp_path, name) for name in names])) == names
+        for one in begun:
+            assert one() == one()
+    assert {path.read_text() for path in tmp_path.iterdir()} == {"once "}
+
+
+def test_left_early_it_drops_what_nobody_has_begun(tmp_path):
+    with Crew(2) as crew:
+        held = crew.begin(partial(slow, 1))  # the helper is busy, so that all the others are done here
+        for name in crew.each([partial(written, tmp_path, f"task{number}") for number in range(4)]):
+            if name == "task1":
+                break
+    assert {path.name for path in tmp_path.iterdir()} == {"task0", "task1"}
+    assert callable(held)
+
+
+def test_the_end_does_not_wait_for_a_helper():
+    begun = time.monotonic()
+    with Crew(2) as crew:
+        crew.begin(partial(slow, 1))
+    assert time.monotonic() - begun < 30
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_of_a_task_is_raised_where_its_result_is_asked_for(workers):
+    with Crew(workers) as crew:
+        result = crew.begin(broken)
+        with pytest.raises(ValueError, match="this task fails"):
+            result()
+        with pytest.raises(ValueError, match="this task fails"):
+            list(crew.each([partial(squared, 1), broken]))
+
+
+def test_a_recommendation_does_not_depend_on_how_many_work_at_it():
+    """Climbs that are given up, one that goes on from what is held, and what is tried beside."""
+    problem = avc.load_problem("reference-r3").changed(environment={"stiffness_n_per_m": 3e4})
+    alone, shared = (avc.recommend(problem, hands=30, workers=workers).document() for workers in (1, 2))
+    assert alone["coupling"]["runtime"]["state_feedback"]
+    assert alone == shared
