@@ -130,9 +130,10 @@ class RobustCandidates:
             asked: who must all rest.
             numbers: of the climbs: from each of the places where laws begin in turn, and with other draws of laws.
         """
-        tasks: list[Callable[[], list[Rung]]] = []
+        # Mostly enough where it is tried.
         if self._possible and self._start is None and self._wanted <= _AT_ONCE * self._plain:
-            tasks.append(partial(_at_once, self._problem, self._wanted, asked))
+            yield self._kept(_at_once(self._problem, self._wanted, asked))
+        tasks: list[Callable[[], list[Rung]]] = []
         places = self._beginnings() if self._possible else []
         for number in numbers if places else ():
             draw, place = divmod(number, len(places))

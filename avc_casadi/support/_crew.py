@@ -43,14 +43,15 @@ class Crew:
     def each(self, tasks: Sequence[Callable[[], R]]) -> Iterator[R]:
         """Yield what each task gives, in their order.
 
-        While the next one is awaited, this process does one that no helper has begun. Left early, it drops those that
-        nobody has begun.
+        The first one is done here. While another is awaited, this process does one that no helper has begun; left
+        early, it drops those that nobody has begun.
         """
         if self._helpers is None:
             yield from (task() for task in tasks)
             return
-        begun = [_Begun(task, self._helpers.submit(task)) for task in tasks]
+        begun = [_Begun(task, self._helpers.submit(task)) for task in tasks[1:]]
         try:
+            yield from (task() for task in tasks[:1])
             for place, one in enumerate(begun):
                 for other in begun[place:]:
                     if one.done:
