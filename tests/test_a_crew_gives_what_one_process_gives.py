@@ -1,13 +1,16 @@
 """Tasks that are shared with helpers give what they give alone, in their order; none is done twice."""
 
 import os
+import subprocess
+import sys
 import time
 from functools import partial
 
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.support import ALONE, Crew
+from avc_casadi.recommendation import stiffest
+from avc_casadi.support import ALONE, Crew, processors
 
 
 def squared(number):
@@ -74,6 +77,23 @@ def test_an_error_of_a_task_is_raised_where_its_result_is_asked_for(workers):
             result()
         with pytest.raises(ValueError, match="this task fails"):
             list(crew.each([partial(squared, 1), broken]))
+
+
+@pytest.mark.parametrize("workers", [0, -1, 2.5, True, None, "2"])
+def test_what_is_no_number_of_processes_is_refused(workers):
+    for asked in (avc.recommend, stiffest):
+        with pytest.raises(avc.InputError, match="allowed: a whole number, 1 or more"):
+            asked("spring" if asked is avc.recommend else avc.load_problem("spring"), workers=workers)
+
+
+@pytest.mark.skipif(processors() == 1, reason="nobody helps")
+def test_a_script_without_its_guard_is_told_of_it(tmp_path):
+    script = tmp_path / "no_guard.py"
+    script.write_text("import avc_casadi as avc\navc.recommend('spring', hands=10, workers=2)\n")
+    command = [sys.executable, str(script)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)  # noqa: S603 - ours
+    assert ended.returncode == 1
+    assert "__main__" in ended.stderr.splitlines()[-1]
 
 
 def test_a_recommendation_does_not_depend_on_how_many_work_at_it():

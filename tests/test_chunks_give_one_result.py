@@ -67,7 +67,7 @@ def test_a_task_that_kills_every_worker_is_named(tmp_path):
         ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor,
         pytest.raises(WorkerLostError, match=r"of 2.*same folder"),
     ):
-        whole.run(executor)
+        whole.run(executor, folder=tmp_path)
 
 
 def test_what_is_done_is_kept_and_not_repeated(alone, tmp_path):
@@ -165,7 +165,7 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path):
 
 @pytest.mark.parametrize("workers", [0, -1])
 def test_nobody_works_nothing_out(workers):
-    with pytest.raises(InputError, match=f"is {workers}; allowed: 1 or more"):
+    with pytest.raises(InputError, match=f"is {workers}; allowed: a whole number, 1 or more"):
         study().run(workers=workers)
 
 

@@ -10,8 +10,9 @@ import pytest
 import scipy.linalg
 
 import avc_casadi as avc
-from avc_casadi.certificate import require_deployable
-from avc_casadi.coupling import Coupling, Gains, GainTable, schedule_of
+from avc_casadi.certificate import _deployable, require_deployable
+from avc_casadi.coupling import Coupling, Gains, GainTable, Runtime, schedule_of
+from avc_casadi.design.robust import robust_at
 
 
 def growth(mass, damping, stiffness, gains, wall, time, delay):
@@ -187,3 +188,15 @@ def test_a_table_that_is_written_to_is_judged_anew():
     assert avc.deployable(coupling).passed
     coupling.table.gains[2] = 1e4
     assert not avc.deployable(coupling).passed
+
+
+def test_a_verdict_is_worked_out_once_though_others_have_the_same_gains(monkeypatch):
+    """A wall's laws differ in what runs beside the gains alone."""
+    rung = next(robust_at(avc.load_problem("reference-r1"), 3000.0))
+    problem, laws = avc.load_problem("reference-r1"), [rung.found.law, *(one.law for one in rung.found.others)][:2]
+    couplings = [Coupling.constant(problem, rung.gains, "x", Runtime(state_feedback=law)) for law in laws]
+    judged = []
+    monkeypatch.setattr(_deployable, "_verdict", lambda one, _: judged.append(one.runtime) or len(judged))
+    for _ in range(2):
+        assert [_deployable.deployable(one) for one in couplings] == [1, 2]
+    assert len(judged) == 2

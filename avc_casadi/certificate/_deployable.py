@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 _BETWEEN = 3
 _DRAWS = 24
 # Verbs judge before they push, export or tell; the numbers stand beside, as arrays can be written to.
-_VERDICTS: WeakKeyDictionary[GainTable, tuple[Problem, Runtime, bytes, Deployable]] = WeakKeyDictionary()
+# Tables are compared by value: of those with the same gains each runtime has its own.
+_VERDICTS: WeakKeyDictionary[GainTable, list[tuple[Problem, Runtime, bytes, Deployable]]] = WeakKeyDictionary()
+_KEPT = 32
 
 
 @dataclass(frozen=True)
@@ -125,11 +127,13 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
     """
     require_coupling(coupling)
     numbers = coupling.table.frequency_hz.tobytes() + coupling.table.gains.tobytes()
-    known = _VERDICTS.get(coupling.table)
-    if known is not None and known[0] is coupling.problem and known[1] is coupling.runtime and known[2] == numbers:
-        return known[3]
+    known = _VERDICTS.setdefault(coupling.table, [])
+    for problem, runtime, judged, verdict in known:
+        if problem is coupling.problem and runtime is coupling.runtime and judged == numbers:
+            return verdict
     verdict = _verdict(coupling, progress)
-    _VERDICTS[coupling.table] = (coupling.problem, coupling.runtime, numbers, verdict)
+    known.append((coupling.problem, coupling.runtime, numbers, verdict))
+    del known[:-_KEPT]
     return verdict
 
 

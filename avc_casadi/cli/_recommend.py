@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 _PHYSICAL_WALL = (
     "the physical wall, which does not know of samples: Z = m s + b_d + b_e + k_e/s at s = j omega, relative to |Z|"
 )
+_NO_COMPILER = (
+    "avc: no C compiler is found (cc, or what CC names): hands are simulated without one, which takes some fifteen "
+    "times as long"
+)
 _HANDS = 100
 _RESTING = ("at_rest", "at_rest_without_friction")
 
@@ -53,6 +57,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Recommend, write and show; 1 if nothing can be deployed."""
     from avc_casadi.coupling import coupling_document
     from avc_casadi.recommendation import recommend, stiffest
+    from avc_casadi.scene import compiler
     from avc_casadi.support import json_text, processors
 
     if args.stiffest and args.out is not None:
@@ -62,6 +67,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     hands = _HANDS if args.hands is None else args.hands
     out = None if args.out is None else output_file(args.out, "--out", (".json",))
     problem = load_problem(args.problem)
+    if compiler() is None:
+        console.notice(_NO_COMPILER)
     workers = min(2, processors())
     if args.stiffest:
         document = stiffest(problem, hands, lean_on_friction=args.lean_on_friction, workers=workers, progress=console)

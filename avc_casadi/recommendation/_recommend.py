@@ -223,6 +223,10 @@ def recommend(
         progress: told of the candidates that are tuned, judged and tried.
         executor: who lets the hands try them, as for `Chunked.run`: for many thousands.
 
+    Raises:
+        InputError: workers that are no whole number of 1 or more.
+        WorkerLostError: a helper died three times of the same task.
+
     Example:
         >>> found = avc.recommend("spring", hands=10)
         >>> found.felt()["share_of_wall"] > 0.99 and found.felt()["stiffness_n_per_m"] < found.stiffest_wall_n_per_m

@@ -18,7 +18,7 @@ from avc_casadi.recommendation._hopeless import hopeless
 from avc_casadi.recommendation._recommend import SCHEMA
 from avc_casadi.recommendation._stages import judged_candidates
 from avc_casadi.stability import softest_wall_n_per_m, stiffest_wall
-from avc_casadi.support import SILENT, Chunked, Processes, Progress, plain
+from avc_casadi.support import SILENT, Chunked, Processes, Progress, plain, require_workers
 from avc_casadi.trial import people_of, try_coupling
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def stiffest(
     simple, _ = _out_of_reach(problem)
     asked = _Asked(hands, seed, lean_on_friction)
     better = linear_changes(problem) | simulated_changes(problem)
+    require_workers(workers)
     with ExitStack() as stack:
         if executor is None and workers > 1:
             executor = stack.enter_context(Processes(workers))

@@ -26,6 +26,7 @@ from avc_casadi.support._json import packed as packed
 from avc_casadi.support._json import plain as plain
 from avc_casadi.support._json import unpacked as unpacked
 from avc_casadi.support._processes import Processes as Processes
+from avc_casadi.support._processes import require_workers as require_workers
 from avc_casadi.support._processors import processors as processors
 from avc_casadi.support._progress import SILENT as SILENT
 from avc_casadi.support._progress import Progress as Progress

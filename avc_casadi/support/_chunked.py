@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar
 
 from avc_casadi._errors import InputError, WorkerLostError
 from avc_casadi.support._kept_chunks import KeptChunks
-from avc_casadi.support._processes import Processes
+from avc_casadi.support._processes import Processes, require_workers
 from avc_casadi.support._progress import SILENT, Progress
 
 T = TypeVar("T")
@@ -140,8 +140,7 @@ class Chunked(Generic[T, R]):
         self, executor: Executor | None, workers: int, folder: str | Path | None, part: Part | None, progress: Progress
     ) -> dict[int, Any]:
         """Return the results of all chunks, or of one job's, in their order."""
-        if workers < 1:
-            raise InputError.of(f"is {workers}; allowed: 1 or more", key="workers")
+        require_workers(workers)
         mine = range(len(self.tasks))[slice(None) if part is None else slice(part.number - 1, None, part.of)]
         place = None if folder is None else self._kept(folder)
         if place is not None:
@@ -155,7 +154,7 @@ class Chunked(Generic[T, R]):
         with ExitStack() as stack:
             if executor is None and workers > 1 and len(left) > 1:
                 executor = stack.enter_context(Processes(min(workers, len(left))))
-            for index, result in self._results(left, executor):
+            for index, result in self._results(left, executor, kept=place is not None):
                 if place is not None:
                     place.keep(index, result)
                 found[index] = result
@@ -163,7 +162,7 @@ class Chunked(Generic[T, R]):
                 progress.advance(done, total, self.things)
         return {index: found[index] for index in mine}
 
-    def _results(self, left: Iterable[int], executor: Executor | None) -> Iterator[tuple[int, Any]]:
+    def _results(self, left: Iterable[int], executor: Executor | None, *, kept: bool) -> Iterator[tuple[int, Any]]:
         """Yield chunks as they are done."""
         if executor is None:
             yield from ((index, self.work(self.tasks[index])) for index in left)
@@ -174,9 +173,9 @@ class Chunked(Generic[T, R]):
                 try:
                     yield futures[future], future.result()
                 except (BrokenExecutor, WorkerLostError) as error:
+                    again = "; chunks that are done are kept: run it again with the same folder" if kept else ""
                     raise WorkerLostError(
-                        f"chunk {futures[future] + 1} of {len(self.tasks)}: {error}; chunks that are done stand in the "
-                        "folder, where one was given: run it again with the same folder"
+                        f"chunk {futures[future] + 1} of {len(self.tasks)}: {error}{again}"
                     ) from error
         finally:
             for future in futures:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
+from functools import cache
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-from avc_casadi.support._processes import Processes
+from avc_casadi.support._processes import Processes, require_workers
+from avc_casadi.support._processors import processors
 
 R = TypeVar("R")
 
@@ -18,11 +20,17 @@ class Crew:
     The context ends the helpers, whatever they still do.
 
     Args:
-        workers: processes, this one among them; each helper is a fresh interpreter, as for `Processes`.
+        workers: processes at most, this one among them, and no more than there are processors; each helper is a fresh
+            interpreter, as for `Processes`.
+
+    Raises:
+        InputError: no whole number of 1 or more.
     """
 
     def __init__(self, workers: int) -> None:
-        self._helpers = Processes(workers - 1, beside=1) if workers > 1 else None
+        require_workers(workers)
+        helpers = min(workers, processors()) - 1
+        self._helpers = Processes(helpers, beside=1) if helpers else None
 
     def __enter__(self) -> Self:
         return self
@@ -38,7 +46,7 @@ class Crew:
 
         It is done here where no helper has begun with it by then.
         """
-        return task if self._helpers is None else _Begun(task, self._helpers.submit(task)).result
+        return cache(task) if self._helpers is None else _Begun(task, self._helpers.submit(task)).result
 
     def each(self, tasks: Sequence[Callable[[], R]]) -> Iterator[R]:
         """Yield what each task gives, in their order.

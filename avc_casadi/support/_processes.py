@@ -8,13 +8,13 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
-from multiprocessing import active_children, get_context, parent_process
+from multiprocessing import active_children, current_process, get_context, parent_process
 from multiprocessing.process import BaseProcess
 from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, TypeVar
 
-from avc_casadi._errors import WorkerLostError
+from avc_casadi._errors import InputError, WorkerLostError
 from avc_casadi.support._interrupt import starting_processes
 from avc_casadi.support._processors import processors, use_at_most
 
@@ -34,6 +34,12 @@ class Processes(Executor):
     """
 
     def __init__(self, workers: int, beside: int = 0) -> None:
+        require_workers(workers)
+        if getattr(current_process(), "_inheriting", False):
+            raise WorkerLostError(
+                "a script whose workers start it anew begins workers as it is read; put what it does under "
+                'if __name__ == "__main__":'
+            )
         self._share = max(1, processors() // (workers + beside))
         self._threads = ThreadPoolExecutor(workers)
         self._idle: SimpleQueue[_Worker | None] = SimpleQueue()
@@ -92,8 +98,8 @@ class Processes(Executor):
         finally:
             self._idle.put(worker)
         raise WorkerLostError(
-            f"{_TRIES} processes died of the same task, the last one without a word: perhaps of too little memory; "
-            "take fewer workers or smaller chunks"
+            f"{_TRIES} processes died of the same task, the last one without a word: of too little memory, or as the "
+            'script that begins them has no if __name__ == "__main__": around what it does'
         )
 
     def _started(self) -> _Worker:
@@ -120,6 +126,16 @@ class _Worker:
     def end(self) -> None:
         for process in self._processes:
             process.terminate()
+
+
+def require_workers(workers: object) -> None:
+    """Refuse what is no number of processes.
+
+    Raises:
+        InputError: no whole number of 1 or more.
+    """
+    if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
+        raise InputError.of(f"is {workers!r}; allowed: a whole number, 1 or more", key="workers")
 
 
 def _begin(share: int) -> None:

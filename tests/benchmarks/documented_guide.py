@@ -97,9 +97,9 @@ def best_of_search(found: Document) -> str:
     longer = [cell["found"]["3 longer searches, the best"] for cell in cases]
     costs = " and ".join(f"{one['cost']:.1f}" for one in own)
     best = [min(one["cost"] for one in cell["found"].values()) for cell in cases]
-    times = sorted({f"{one['laws'] / first['laws']:.0f}" for one, first in zip(longer, own, strict=True)})
+    times = [f"{one['cpu_s'] / first['cpu_s']:.0f}" for one, first in zip(longer, own, strict=True)]
     return (
         "The robust design is the best of a search. [On two small cases](RESULTS_robust_optimality.md) its cost is "
-        f"{costs} where {' and '.join(times)} times as many "
-        f"laws, or brute force, find {' and '.join(f'{one:.1f}' for one in best)}."
+        f"{costs} where searches of {' and '.join(times)} times "
+        f"the processor time, or brute force, find {' and '.join(f'{one:.1f}' for one in best)}."
     )

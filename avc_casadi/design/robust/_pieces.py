@@ -181,5 +181,6 @@ class _Poles:
         vector = right[np.arange(len(place)), :, place]
         moved = np.moveaxis(self.slopes[:, share, plant], 0, 1)
         change = ((left[:, None, None, :] @ moved)[:, :, 0] @ vector[..., None])[..., 0]
-        slope = (change / self.values[share, plant, place][:, None]).real / self.sample_time_s
+        with np.errstate(all="ignore"):  # an eigenvalue of 0 has no logarithm, and hides nothing that is slow
+            slope = (change / self.values[share, plant, place][:, None]).real / self.sample_time_s
         return np.asarray(np.nan_to_num(slope, posinf=0.0, neginf=0.0))
