@@ -10,7 +10,7 @@ import avc_casadi as avc
 from avc_casadi.coupling import spring_before
 from avc_casadi.design.robust import Loops, Space, cost_of, search
 from avc_casadi.design.robust._descent import as_cheap, descend
-from avc_casadi.design.robust._pieces import _PER_GROWTH, _PER_SOFT, Piece, pieces_of
+from avc_casadi.design.robust._pieces import _PER_GROWTH, _PER_SOFT, Piece, _Poles, pieces_of
 from avc_casadi.stability import frozen_rendering, stiffness_at_rest
 
 BOX = (np.full(3, -2.0), np.full(3, 2.0))
@@ -134,3 +134,13 @@ def test_the_law_that_is_found_is_nearly_the_best_of_a_long_search(case, found):
 
     polished = minimize(cost, found.logarithms, method="Nelder-Mead", options={"maxfev": 250})
     assert polished.fun > 0.9 * found.cost.total
+
+
+def test_an_eigenvalue_of_zero_has_no_slope_and_no_warning():
+    """A loop that forgets a state at once, as without delay and damping: its logarithm has no slope there."""
+    t, moved = 1e-3, np.random.default_rng(0).normal(size=(3, 1, 1, 2, 2))
+    poles = _Poles(np.array([[[0.9 + 0j, 0j]]]), np.eye(2, dtype=complex)[None, None], moved, t)
+    ((growth, slopes),) = poles.slowest([(0, None)])
+    assert growth[0] == pytest.approx(np.log(0.9) / t)
+    np.testing.assert_allclose(slopes[0], moved[:, 0, 0, 0, 0] / 0.9 / t)
+    np.testing.assert_array_equal(slopes[1], 0.0)

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 # A wall out of reach, over what spring and damper hold.
 _FAR = 1e3
-# Climbs, by their numbers: of two searches on the device as it is, and anew on a changed one.
+# Climbs, by their numbers: of two searches on the device as it is, anew on a changed one, and on from what each of the
+# two holds.
 _AS_IT_IS, _ANEW, _ONWARDS = (range(2), range(2, 4)), range(1), range(1)
 
 
