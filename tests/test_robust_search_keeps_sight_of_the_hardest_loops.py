@@ -5,8 +5,10 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.coupling import spring_before
-from avc_casadi.design.robust import Loops, Space, search
-from avc_casadi.stability import frozen_rendering, largest_radius, state_feedback_loop
+from avc_casadi.design.robust import Loops, Space, cost_of, search
+from avc_casadi.design.robust._goal import DECAY_PER_S, RANGED_DECAY_PER_S
+from avc_casadi.loop import device_corners, hand_corners, sampled_plant
+from avc_casadi.stability import frozen_rendering, largest_radius, plants_with_forces, state_feedback_loop
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +40,27 @@ def test_a_stiffer_wall_is_reached_from_a_softer_one_on_a_device_of_many_corners
     assert found.cost.holds
     for plants in (loops.nominal, loops.varied, loops.free):
         assert largest_radius(state_feedback_loop(plants, found.law, stiff)).max() < 1
+    shares = np.linspace(0.01, 1.0, 34)
+    assert largest_radius(state_feedback_loop(loops.ranged, found.law, stiff, shares)).max() < 1
+
+
+def test_on_devices_within_the_ranges_any_share_of_the_innovation_may_pass():
+    alone = avc.load_problem("reference-r1").changed(environment={"stiffness_n_per_m": 1e5, "damping_ns_per_m": 0.0})
+    ranged = alone.changed(device={"range": {"delay_samples": (0.5, 1.5), "mass_kg": (0.08, 0.12)}})
+    before, loops = (Loops.of(one.device, one.hands) for one in (alone, ranged))
+    rendering = rendered(alone, 6000.0)
+    law = search(Space(alone.device, alone.hands), before, rendering).law
+    assert before.ranged is None
+    hands, devices = hand_corners(ranged.hands), device_corners(ranged.device)
+    plants = plants_with_forces(sampled_plant(devices, hands))
+    corners = largest_radius(state_feedback_loop(plants, law, rendering, tuple(RANGED_DECAY_PER_S)))
+    nominal = largest_radius(state_feedback_loop(loops.nominal, law, rendering, tuple(DECAY_PER_S)))
+    cost = cost_of(law, rendering, loops)
+    every = largest_radius(state_feedback_loop(loops.ranged, law, rendering, tuple(RANGED_DECAY_PER_S)))
+    assert corners.max() <= every.max()
+    assert cost.radius_any_share == pytest.approx(max(every.max(), nominal.max()), abs=1e-12)
+    assert cost_of(law, rendering, before).radius_any_share == pytest.approx(nominal.max(), abs=1e-12)
+    assert cost.total > cost_of(law, rendering, before).total
 
 
 def test_loops_that_are_kept_with_others_stand_once(known_to_a_tenth):

@@ -146,5 +146,23 @@ def test_a_search_that_begins_with_a_growing_loop_finds_a_damped_one(stiffness):
     )
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
     found = search(space, loops, frozen_rendering(problem, 0.0, near_rigid_n_per_m(problem.device)))
-    assert found.cost.growth_per_s == 0
+    assert found.cost.lacks_per_s == 0
     assert found.cost.holds
+
+
+def test_a_law_whose_press_settles_too_slowly_holds_no_wall(rung):
+    """An observer that hardly believes in a push that changes takes seconds until the wall is as stiff as at rest."""
+    space, loops = Space(PROBLEM.device, PROBLEM.hands), Loops.of(PROBLEM.device, PROBLEM.hands)
+    rendering = frozen_rendering(PROBLEM, 0.0, rung.gains.stiffness_n_per_m)
+    walk = [knob.name for knob in space.knobs].index("walk of the push")
+    felt, costs = [], []
+    for quicker in (0.0, -3.0):
+        point = rung.found.logarithms + quicker * (np.arange(len(space.knobs)) == walk)
+        law = space.law(point, rung.stiffness_n_per_m)
+        costs.append(cost_of(law, rendering, loops))
+        pressed = try_coupling(coupling(rung, law), people_of(PROBLEM.hands, HANDS)).stiffness
+        felt.append(pressed / rung.stiffness_n_per_m)
+    assert felt[0] > 0.95 > felt[1]
+    assert [cost.holds for cost in costs] == [True, False]
+    assert [cost.radius < 1 and cost.radius_any_share < 1 for cost in costs] == [True, True]
+    assert costs[0].lacks_per_s == 0 < costs[1].lacks_per_s

@@ -1,13 +1,16 @@
 """Hands that move with a candidate try the next laws first; who confirms one has tried none before."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains
+from avc_casadi.loop import RIGID_KEYS, device_corners
 from avc_casadi.recommendation import _asked_first, _choice
+from avc_casadi.recommendation._asked_first import elsewhere
 from avc_casadi.recommendation._jury import Jury
 from avc_casadi.support import SILENT
 from avc_casadi.trial import people_of, try_coupling
@@ -33,8 +36,9 @@ def masses_asked(one, monkeypatch):
     """Return the masses of those who try a law first, and of those who follow."""
     groups = []
 
-    def noted(_, people, *, friction, strike):
+    def noted(_, people, *, friction, strike, device):
         assert strike
+        assert device is None
         assert not friction
         groups.append(people.mass_kg)
 
@@ -77,6 +81,89 @@ def test_others_who_refute_it_are_among_the_first_and_the_next_are_others_again(
     assert [len(one) for one in met] == [2 * HANDS, 2 * HANDS]
     assert not np.isin(met[0].mass_kg, met[1].mass_kg).any()
     assert hall.judged[0].asked is met[0]
+
+
+RANGED = PROBLEM.changed(
+    device={"range": {"mass_kg": (0.05, 0.2), "damping_ns_per_m": (0.0, 2.0), "delay_samples": (0, 3)}}
+)
+
+
+def groups_asked(one):
+    """Return who tries a law on other devices."""
+    few, elsewhere, others = one.asked_first().stages
+    assert all(group.device is None for group in (*few, *others))
+    return elsewhere
+
+
+def test_where_the_device_has_ranges_some_try_a_law_on_light_devices_and_on_some_within():
+    people = people_of(RANGED.hands, HANDS)
+    corners = device_corners(RANGED.device)
+    light = {
+        (one.damping_ns_per_m, one.delay_samples) for one in corners if one.mass_kg == min(RANGED.device.range.mass_kg)
+    }
+    groups = groups_asked(Jury(RANGED, people, 0, SILENT, lean_on_friction=False, executor=None))
+    met = [group.device for group in groups]
+    assert {(one.damping_ns_per_m, one.delay_samples) for one in met if one in corners} == light
+    within = [one for one in met if one not in corners]
+    assert len(within) == 2
+    for key, (low, high) in (("mass_kg", (0.05, 0.2)), ("damping_ns_per_m", (0.0, 2.0)), ("delay_samples", (0, 3))):
+        assert all(low < getattr(one, key) < high for one in within)
+    corner_hands = set(people.mass_kg[:16])
+    assert all(0 < sum(mass in corner_hands for mass in group.people.mass_kg) < len(group.people) for group in groups)
+
+
+def test_of_many_light_corners_those_that_differ_most_are_tried():
+    """Of 32 corners 16 are light; any two of four of them that differ most differ in no less than two keys of four."""
+    problem = avc.load_problem("reference-r1")
+    ends = {key: (0.5 * getattr(problem.device, key), 2 * getattr(problem.device, key)) for key in RIGID_KEYS}
+    ranges = ends | {"max_force_n": (5.0, 9.0), "coulomb_friction_n": (0.0, 0.3)}
+    known = problem.changed(device={"range": ranges}).device
+    people = people_of(PROBLEM.hands, HANDS)
+    for seed in range(5):
+        met = [group.device for group in elsewhere(known, (people, people), seed)][:4]
+        told = [[getattr(one, key) for key in ranges] for one in met]
+        assert len({numbers[0] for numbers in told}) == 1
+        apart = [sum(a != b for a, b in zip(one, other, strict=True)) for one, other in combinations(told, 2)]
+        assert min(apart) >= 2
+
+
+def test_who_moves_on_another_device_tries_the_next_laws_on_that_one(monkeypatch):
+    people = people_of(RANGED.hands, HANDS)
+    hall = Jury(RANGED, people, 0, SILENT, lean_on_friction=False, executor=None)
+    before, met, real = groups_asked(hall), [], _choice.try_on_devices
+
+    def refuted(one, some, devices, *rest):
+        met.append((some, devices))
+        found = real(one, some, devices, *rest)
+        return moving(found, 5, 7 + len(devices)) if len(met) == 1 else found
+
+    monkeypatch.setattr(_choice, "try_on_devices", refuted)
+    ask = [[Coupling.constant(RANGED, Gains(0.0, stiffness, 0.5), "x")] for stiffness in (60.0, 30.0)]
+    hall.ask(ask, "springs")
+    assert hall.holds(25.0)
+    (some, devices), after = met[0], groups_asked(hall)
+    assert after[: len(before)] == before
+    added = {(group.people.mass_kg[0], group.device) for group in after[len(before) :]}
+    assert [len(group.people) for group in after[len(before) :]] == [1, 1]
+    assert {mass for mass, _ in added} == {some.mass_kg[5], some.mass_kg[7 + len(devices)]}
+    assert {id(device) for _, device in added} == {id(devices[5]), id(devices[7])}
+
+
+def test_with_whom_fewest_move_on_other_devices_is_tried_first():
+    class Known:
+        def __init__(self, speeds):
+            self.speeds = speeds
+
+        def unrest(self, some, *, friction):
+            assert not friction
+            return np.array([[self.speeds[one.table.at_rest.stiffness_n_per_m], 0.1] for one in some])
+
+    some = [coupling(stiffness) for stiffness in (1.0, 2.0, 3.0)]
+    first, slow = Known({1.0: 0.1, 2.0: 0.1, 3.0: 2.0}), Known({1.0: 3.0, 2.0: 0.2, 3.0: 0.1})
+    assert _choice.likeliest(some, (first,), (slow,), lean_on_friction=False) == ([some[1]], True)
+    all_move = Known({1.0: 3.0, 2.0: 3.0, 3.0: 3.0})
+    assert _choice.likeliest(some, (first,), (slow, all_move), lean_on_friction=False) == ([some[1], some[0]], False)
+    assert _choice.likeliest(some, (first,), lean_on_friction=False) == (some[:2], True)
 
 
 def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_they_move(monkeypatch):

@@ -8,42 +8,116 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.trial import ends_of
+from avc_casadi.loop import Hand, device_corners, device_set
+from avc_casadi.trial import ends_of, unrest
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.robust import Unrest
-    from avc_casadi.loop import Hand
+    from avc_casadi.problem import Device
     from avc_casadi.runtime import StateFeedback
-    from avc_casadi.support import FloatArray
+    from avc_casadi.support import BoolArray, FloatArray, IndexArray
+    from avc_casadi.trial import Ends
+
+# Where the device has ranges, so many at their corners and so many within are tried, by so many of each kind of people.
+_CORNERS, _WITHIN, _OF_EACH = 6, 2, 4
+
+
+@dataclass(frozen=True)
+class Group:
+    """People who press, tap, hold and strike.
+
+    Attributes:
+        people: who they are.
+        device: on which; None is that of the problem.
+    """
+
+    people: Hand
+    device: Device | None = None
+
+    def pick(self, moving: BoolArray) -> Group:
+        """Return some of them."""
+        return Group(self.people.pick(np.flatnonzero(moving)), self.device)
+
+    def unrest(self, couplings: Sequence[Coupling], *, friction: bool) -> FloatArray:
+        """Return how fast they end with couplings, shape (couplings, people)."""
+        return unrest(couplings, self.people, friction=friction, strike=True, device=self.device)
+
+    def ends(self, coupling: Coupling, *, friction: bool) -> Ends:
+        """Prepare to ask that with laws of the structure of one."""
+        return ends_of(coupling, self.people, friction=friction, strike=True, device=self.device)
 
 
 @dataclass(frozen=True)
 class AskedFirst:
-    """People who press, tap, hold and strike.
+    """Groups of people in stages: who comes later only tries what all before rest with.
 
     Attributes:
-        few: with whom somebody is likely to move, if anybody does.
-        others: who only try what these rest with.
+        stages: with the first of which somebody is likely to move, if anybody does.
         friction: whether the declared dry friction may help.
     """
 
-    few: Hand
-    others: Hand
+    stages: tuple[tuple[Group, ...], ...]
     friction: bool
 
     def ends(self, coupling: Coupling) -> Unrest:
-        """Prepare to ask how fast they end with laws of the structure of one: all of them where the few rest."""
-        few, others = (
-            ends_of(coupling, people, friction=self.friction, strike=True) for people in (self.few, self.others)
-        )
+        """Prepare to ask how fast they end with laws of the structure of one.
+
+        Who is not asked is taken to end as those before.
+        """
+        first, *later = ([group.ends(coupling, friction=self.friction) for group in stage] for stage in self.stages)
 
         def unrest(laws: Sequence[StateFeedback]) -> FloatArray:
-            first = few(laws)
-            found = np.concatenate([first, np.resize(first.T, (others.people, len(laws))).T], axis=1)
-            rest = np.flatnonzero((first < 1).all(axis=1)).tolist()
-            if rest:
-                found[rest, first.shape[1] :] = others([laws[row] for row in rest])
+            found = _speeds(first, laws)
+            for stage in later:
+                more = np.resize(found.T, (sum(ends.people for ends in stage), len(laws))).T
+                rest = np.flatnonzero((found < 1).all(axis=1)).tolist()
+                if rest:
+                    more[rest] = _speeds(stage, [laws[row] for row in rest])
+                found = np.concatenate([found, more], axis=1)
             return found
 
         return unrest
+
+
+def _speeds(stage: list[Ends], laws: Sequence[StateFeedback]) -> FloatArray:
+    return np.concatenate([ends(laws) for ends in stage], axis=1)
+
+
+def elsewhere(device: Device, kinds: Sequence[Hand], seed: int) -> tuple[Group, ...]:
+    """Deal people out among devices of the declared ranges; none where there are no ranges.
+
+    The lightest ones are where a law that is made for a heavier one does most; of their corners those are taken that
+    differ most. Who confirms a coupling has other devices within, and other corners.
+
+    Args:
+        device: with its ranges.
+        kinds: of people, of each of which there are some on every device.
+        seed: of the first corner, and of the devices within.
+    """
+    corners = device_corners(device)
+    if len(corners) == 1:
+        return ()
+    lightest = min(one.mass_kg for one in corners)
+    light = np.array([place for place, one in enumerate(corners) if one.mass_kg == lightest])
+    taken = _far_apart(light, np.random.default_rng(seed))
+    within = device_set(device, draws=_WITHIN, seed=seed + 1)[len(corners) :]
+    found = []
+    for place, one in enumerate([*(corners[row] for row in taken), *within]):
+        rows = np.arange(place * _OF_EACH, (place + 1) * _OF_EACH)
+        found.append(Group(together(*(people.pick(rows % len(people)) for people in kinds)), one))
+    return tuple(found)
+
+
+def _far_apart(corners: IndexArray, random: np.random.Generator) -> list[int]:
+    """Take some of the corners of a cube, each as far as can be from those before; a bit of its number is a side."""
+    taken = [int(random.choice(corners))]
+    while len(taken) < min(_CORNERS, len(corners)):
+        nearest = [min((int(one) ^ other).bit_count() for other in taken) for one in corners]
+        taken.append(int(corners[int(np.argmax(nearest))]))
+    return taken
+
+
+def together(*kinds: Hand) -> Hand:
+    """Return all of some people."""
+    return Hand(*(np.concatenate([getattr(people, name) for people in kinds]) for name in vars(kinds[0])))

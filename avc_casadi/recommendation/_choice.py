@@ -14,15 +14,16 @@ from avc_casadi.recommendation._candidates import Alternatives, felt_at_rest_n_p
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._rest import proved_first
 from avc_casadi.support import SILENT, Progress
-from avc_casadi.trial import CouplingTrial, exact_interval, try_coupling, try_on_devices, unrest
+from avc_casadi.trial import CouplingTrial, exact_interval, try_coupling, try_on_devices
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
     from concurrent.futures import Executor
 
     from avc_casadi.coupling import Coupling
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Device
+    from avc_casadi.recommendation._asked_first import Group
 
 # Stiffnesses closer than this share are equal: the coupling nearer to the wall in motion wins.
 AS_STIFF = 0.01
@@ -52,6 +53,7 @@ class Judged:
         order: place among the candidates: the simpler ones come first.
         others: how people fared who had no part in the choice; None before they were asked.
         asked: these people.
+        devices: among which they were dealt out in turn.
     """
 
     coupling: Coupling
@@ -59,6 +61,7 @@ class Judged:
     order: int
     others: CouplingTrial | None = None
     asked: Hand | None = None
+    devices: tuple[Device, ...] = ()
 
     @cached_property
     def safety(self) -> int:
@@ -145,7 +148,7 @@ def tried(
 
 
 def likeliest(
-    alternatives: Alternatives, groups: Iterable[Hand | StylusHand], *, lean_on_friction: bool
+    alternatives: Alternatives, groups: Iterable[Group], elsewhere: Sequence[Group] = (), *, lean_on_friction: bool
 ) -> tuple[Alternatives, bool]:
     """Take those with which everybody comes to rest, or the one with which most do; say whether everybody does.
 
@@ -153,18 +156,23 @@ def likeliest(
 
     Args:
         alternatives: equally stiff ones.
-        groups: who press, tap, hold and strike: who follows only tries what all before came to rest with.
+        groups: who try them: who follows only tries what all before came to rest with.
+        elsewhere: who try them on other devices: with whom fewest of these move come first.
         lean_on_friction: whether the declared dry friction may help.
     """
     left = alternatives
     slow = _SURELY if lean_on_friction else 1.0
     asked = len(left) > 1 or left[0].runtime.state_feedback is not None
-    for people in groups if asked else ():
-        restless = (~(unrest(left, people, friction=lean_on_friction, strike=True) < slow)).sum(axis=1)
+    for group in groups if asked else ():
+        restless = (~(group.unrest(left, friction=lean_on_friction) < slow)).sum(axis=1)
         if restless.min() > 0:
             return [left[int(restless.argmin())]], False
         left = [one for one, moving in zip(left, restless, strict=True) if not moving]
-    return left[:_MOST_TRIED], True
+    moving = np.zeros(len(left))
+    for group in elsewhere if asked else ():
+        moving += (~(group.unrest(left, friction=lean_on_friction) < slow)).sum(axis=1)
+    fewest = np.argsort(moving, kind="stable")[:_MOST_TRIED]
+    return [left[place] for place in fewest if moving[place] == 0 or moving.min() > 0], not moving.min()
 
 
 def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
@@ -223,7 +231,7 @@ def confirmed(
             devices = _devices(best.coupling.problem.device, seed)
             strangers = next(others)
             found = try_on_devices(best.coupling, strangers, devices, seed, executor)
-            asked = replace(best, others=found, asked=strangers)
+            asked = replace(best, others=found, asked=strangers, devices=tuple(devices))
         else:
             return judged
         judged = [asked if one is best else one for one in judged]

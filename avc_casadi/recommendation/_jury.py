@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.loop import Hand
-from avc_casadi.recommendation._asked_first import AskedFirst
+from avc_casadi.recommendation._asked_first import AskedFirst, Group, elsewhere, together
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import AS_STIFF, FIRST, Judged, confirmed, likeliest, tried
 from avc_casadi.trial import draw_hands, loose_hands
@@ -54,6 +54,7 @@ class Jury:
         draws = itertools.count(0, count)
         self._others = (draw_hands(problem.hands, count, seed, "training", first=first) for first in draws)
         self._first, self._loose = people.pick(slice(FIRST)), loose_hands(problem.hands, len(people), seed)
+        self._elsewhere = elsewhere(problem.device, (self._first, self._loose), seed)
         self._candidates: list[Alternatives] = []
         self._restless: list[Alternatives] = []
         self._search = ""
@@ -63,7 +64,8 @@ class Jury:
         self._search, everybody = search, False
         for alternatives in more:
             self.considered += len(alternatives)
-            likely, everybody = likeliest(alternatives, (self._first, self._loose), lean_on_friction=self._lean)
+            groups = (Group(self._first), Group(self._loose))
+            likely, everybody = likeliest(alternatives, groups, self._elsewhere, lean_on_friction=self._lean)
             self._candidates.append(likely)
             if everybody:
                 self._replace(likely[0])
@@ -83,8 +85,10 @@ class Jury:
     def asked_first(self) -> AskedFirst:
         """Return who tries a law first: now, as they may be others after the next ones were tried."""
         few = np.arange(len(self._loose)) % _ONE_IN == 0
-        likely = _both(self._first, self._loose.pick(np.flatnonzero(few)))
-        return AskedFirst(likely, self._loose.pick(np.flatnonzero(~few)), self._lean)
+        loose = Group(self._loose)
+        likely = Group(together(self._first, loose.pick(few).people))
+        stages = ((likely,), self._elsewhere, (loose.pick(~few),))
+        return AskedFirst(tuple(stage for stage in stages if stage), self._lean)
 
     def finds(self, more: Iterable[Alternatives], stiffness_n_per_m: float, search: str) -> bool:
         """Try more candidates until something so stiff is safe and quiet, as far as is known; say whether there is."""
@@ -140,8 +144,14 @@ class Jury:
             if people is None or trial.hands < len(people):
                 continue
             moving = np.flatnonzero(~(trial.stable if self._lean else trial.stable & trial.stable_without_friction))
-            if 0 < len(moving) <= _FEW_MOVE * trial.hands:
-                self._first = _both(self._first, people.pick(moving))
+            if not 0 < len(moving) <= _FEW_MOVE * trial.hands:
+                continue
+            if trial.devices == 1:
+                self._first = together(self._first, people.pick(moving))
+            else:
+                met = moving % len(one.devices)
+                groups = (Group(people.pick(moving[met == place]), one.devices[place]) for place in np.unique(met))
+                self._elsewhere = (*self._elsewhere, *groups)
 
     def _try(self) -> None:
         judged = tried(
@@ -157,7 +167,3 @@ class Jury:
         if len(judged) > len(self.judged):
             before, self.judged = self.judged, judged
             self._learn(before)
-
-
-def _both(some: Hand, others: Hand) -> Hand:
-    return Hand(*(np.append(getattr(some, name), getattr(others, name)) for name in vars(some)))

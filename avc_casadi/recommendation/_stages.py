@@ -150,7 +150,7 @@ def _stiffest_held(jury: Jury, robust: RobustCandidates, rungs: list[Rung]) -> N
     asked = math.inf
     for rung in reversed(rungs):
         felt = rung.stiffness_n_per_m
-        if jury.reaches(felt):
+        if jury.holds(felt):
             return
         if felt <= _LESS * asked:
             asked = felt

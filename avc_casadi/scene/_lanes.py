@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from avc_casadi.scene._native import in_threads, library
+from avc_casadi.scene._native import KEPT, in_threads, library
 from avc_casadi.support import FloatArray
 
 LANES = 16
@@ -204,7 +204,7 @@ class SideBySide:
         in_threads(work, len(parameters), workers, LANES)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT)
 def side_by_side(function: Any) -> SideBySide:
     """Return the loop of a sample, once for each: the text of its C takes as long as some runs."""
     return SideBySide(function)

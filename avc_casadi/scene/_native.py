@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from avc_casadi.scene._compile import CompiledScene
 
 
+KEPT = 1024
+"""Scenes whose machine code is at hand: some motions on many devices, in two processes no more than two dozen texts."""
 # To begin a thread takes as long as some runs do.
 _THREADS = ThreadPoolExecutor(processors(), thread_name_prefix="scene")
 _FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared")
@@ -114,9 +116,7 @@ class NativeScene:
 
     def __init__(self, scene: CompiledScene) -> None:
         self._traces = int(scene.function.numel_out(1))
-        whole, split = scene.function, scene.split()
-        functions = [whole] if split is None else [split.computer, split.until_event, split.to_the_end]
-        self._run = library(c_of(functions, _loop(whole, split)), _FLAGS).avc_run
+        self._run = _compiled(scene.function, scene.split()).avc_run
         self._run.restype = ctypes.c_int
         self._run.argtypes = [ctypes.c_longlong, ctypes.c_longlong] + [ctypes.c_void_p] * 4
 
@@ -185,6 +185,13 @@ def c_of(functions: Sequence[Any], loop: str) -> str:
     for function in functions:
         generator.add(function)
     return "".join([str(generator.dump()), *map(_call, functions), loop])
+
+
+@lru_cache(maxsize=KEPT)
+def _compiled(whole: Any, split: Any) -> ctypes.CDLL:
+    """Return the loop of a scene, once for each: the text of its C takes as long as some runs."""
+    functions = [whole] if split is None else [split.computer, split.until_event, split.to_the_end]
+    return library(c_of(functions, _loop(whole, split)), _FLAGS)
 
 
 def _loop(whole: Any, split: Any) -> str:

@@ -17,11 +17,12 @@ from avc_casadi.support import BoolArray, Chunked, FloatArray, json_text
 from avc_casadi.trial._binomial import CONFIDENCE, exact_interval
 from avc_casadi.trial._course import MOTIONS, course_of
 from avc_casadi.trial._subjects import BLOCK, draw_hands
-from avc_casadi.trial._trial import Conditions, Ends, resting
+from avc_casadi.trial._trial import Conditions, Ends, on_device, resting
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.loop import Hand, StylusHand
+    from avc_casadi.problem import Device
 
 SCHEMA = "avc-trial/1"
 # Of those who do not come to rest, so many are named.
@@ -122,7 +123,12 @@ def hands_at_rest(
 
 
 def unrest(
-    couplings: Sequence[Coupling], people: Hand | StylusHand, *, friction: bool = True, strike: bool = False
+    couplings: Sequence[Coupling],
+    people: Hand | StylusHand,
+    *,
+    friction: bool = True,
+    strike: bool = False,
+    device: Device | None = None,
 ) -> FloatArray:
     """Return how fast each of many ends the motion that ends fastest, with constant gains.
 
@@ -133,6 +139,7 @@ def unrest(
         people: who press, tap and hold.
         friction: False leaves the declared dry friction out.
         strike: whether they also strike the wall.
+        device: on which; None is that of each coupling.
 
     Returns:
         Largest speed over that at which a hand is no longer at rest, shape (couplings, people).
@@ -140,14 +147,21 @@ def unrest(
     found = [np.zeros((0, len(people)))]
     for _, group in groupby(couplings, _but_for_numbers):
         alike = list(group)
-        ends = ends_of(alike[0], people, friction=friction, strike=strike)
+        ends = ends_of(alike[0], people, friction=friction, strike=strike, device=device)
         found.append(ends([one.runtime.state_feedback for one in alike]))
     return np.concatenate(found)
 
 
-def ends_of(coupling: Coupling, people: Hand | StylusHand, *, friction: bool = True, strike: bool = False) -> Ends:
+def ends_of(
+    coupling: Coupling,
+    people: Hand | StylusHand,
+    *,
+    friction: bool = True,
+    strike: bool = False,
+    device: Device | None = None,
+) -> Ends:
     """Prepare to ask that of couplings that differ from one in nothing but the numbers of their state feedback."""
-    conditions = Conditions.of(coupling)
+    coupling, conditions = on_device(coupling, device)
     gains, course = coupling.table.at_rest, course_of(coupling.problem)
     whole = conditions if friction else conditions.without_friction()
     motions = [*course.motions.values(), *([course.strike] if strike else [])]

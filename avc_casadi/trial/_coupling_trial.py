@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from avc_casadi.problem import ObserverEffect
 from avc_casadi.scene import compiler
 from avc_casadi.support import (
     SILENT,
@@ -26,7 +25,7 @@ from avc_casadi.support import (
 )
 from avc_casadi.trial._binomial import exact_interval
 from avc_casadi.trial._course import MOTIONS, TRIAL_S, course_of
-from avc_casadi.trial._trial import Conditions, Simulation, Traces, simulations
+from avc_casadi.trial._trial import Conditions, Simulation, Traces, on_device, simulations
 from avc_casadi.trial._vibration import QUIET, felt_vibration
 
 if TYPE_CHECKING:
@@ -293,7 +292,9 @@ def try_on_devices(
     """
     dealt = [np.arange(place, len(subjects), len(devices)) for place in range(len(devices))]
     met = [
-        (subjects.pick(rows), *_met(coupling, device)) for rows, device in zip(dealt, devices, strict=True) if len(rows)
+        (subjects.pick(rows), *on_device(coupling, device))
+        for rows, device in zip(dealt, devices, strict=True)
+        if len(rows)
     ]
     study: Chunked[Any, list[CouplingTrial]] = Chunked({}, partial(_tried_on, seed), met, list, things="devices")
     trials = study.run(executor)
@@ -307,22 +308,6 @@ def try_on_devices(
         devices=len(trials),
         longest_s=max(one.longest_s for one in trials),
     )
-
-
-def _met(coupling: Coupling, device: Device) -> tuple[Coupling, Conditions]:
-    """Return a coupling that was made for one device on another one."""
-    met = replace(coupling, problem=coupling.problem.changed(device=device))
-    conditions = Conditions.of(met)
-    if conditions.observer is None:
-        return met, conditions
-    # What runs reckons with the device as declared, whichever it meets.
-    made_for = coupling.problem.device
-    observer = ObserverEffect(
-        mass_kg=conditions.observer.mass_kg,
-        resolution_m=made_for.encoder_resolution_m or None,
-        ahead_samples=made_for.delay_samples,
-    )
-    return met, replace(conditions, observer=observer)
 
 
 def _tried_on(seed: int, met: tuple[Hand | StylusHand, Coupling, Conditions]) -> CouplingTrial:

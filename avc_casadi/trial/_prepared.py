@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 # Dry friction is projected this many times a sample: several times quicker for a stylus hand than its exact events,
 # with the same share of stable hands (58.8 against 59.8 % of 500 where it is most divided).
 _FRICTION_SUBSTEPS = 4
-# Scenes that are kept: three motions with and without friction, on each device of the ranges.
-_KEPT = 128
+# Scenes that are kept: four motions with and without friction, watched for longer and longer, on each device of the
+# ranges.
+_KEPT = 512
 
 Prepared: TypeAlias = tuple[CompiledScene, "FloatArray", "FloatArray"]
 """A scene, everybody's parameters, and what all share."""

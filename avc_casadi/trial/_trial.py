@@ -42,7 +42,7 @@ from avc_casadi.trial._prepared import Prepared, prepared, with_law
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainSchedule, GainTable
     from avc_casadi.loop import Hand, StylusHand
-    from avc_casadi.problem import Motion, Problem
+    from avc_casadi.problem import Device, Motion, Problem
     from avc_casadi.runtime import StateFeedback
 
 
@@ -131,6 +131,23 @@ class Conditions:
         if self.dropped_share > 0:
             listed.append(JitterEffect(rms_s=0.0, dropped_share=self.dropped_share))
         return tuple(listed)
+
+
+def on_device(coupling: Coupling, device: Device | None) -> tuple[Coupling, Conditions]:
+    """Return a coupling that was made for one device on another one, and what is simulated; None is its own."""
+    conditions = Conditions.of(coupling)
+    if device is None:
+        return coupling, conditions
+    met = replace(coupling, problem=coupling.problem.changed(device=device))
+    observer, made_for = conditions.observer, coupling.problem.device
+    if observer is not None:
+        # What runs reckons with the device as declared, whichever it meets.
+        observer = ObserverEffect(
+            mass_kg=observer.mass_kg,
+            resolution_m=made_for.encoder_resolution_m or None,
+            ahead_samples=made_for.delay_samples,
+        )
+    return met, replace(Conditions.of(met), observer=observer)
 
 
 def _others(problem: Problem) -> tuple[Effect, ...]:

@@ -48,10 +48,10 @@ _FASTER = 1.5
 # A wall is given up after so many generations; where none is held yet one is tried that is so much softer.
 _PATIENCE, _SOFTER = 12, 1.4
 # The speed that is aimed at, over that at which a hand is no longer at rest; beyond the fastest all are as bad. The
-# price of a factor of e between them, of a law's own cost, and of the growth of a loop for each 1/s.
+# price of a factor of e between them, of a law's own cost, and of what loops lack of their decay for each 1/s.
 _AIM, _FASTEST = 0.5, 1e3
-_PER_UNREST, _PER_COST, _PER_GROWTH = 4.0, 0.02, 10.0
-# What no law costs that is simulated: one that lets some loop grow is not.
+_PER_UNREST, _PER_COST, _PER_DECAY = 4.0, 0.02, 10.0
+# What no law costs that is simulated: one whose loops lack some of their decay is not.
 _NEVER = 1e4
 _MOST_LAWS = 3
 
@@ -159,8 +159,8 @@ class _Search:
 def _weighed(space: Space, laws: Laws, costs: list[Cost], unrest: Unrest) -> tuple[FloatArray, list[int]]:
     """Return what laws are worth, the less the better, and with which of them everybody rests."""
     total = np.array([cost.total for cost in costs])
-    growth = np.nan_to_num([cost.growth_per_s for cost in costs], posinf=0.0)
-    value: FloatArray = _NEVER + np.minimum(total + _PER_GROWTH * growth, _NEVER)
+    lacks = np.nan_to_num([cost.lacks_per_s for cost in costs], posinf=0.0)
+    value: FloatArray = _NEVER + np.minimum(total + _PER_DECAY * lacks, _NEVER)
     damped = np.flatnonzero([cost.holds for cost in costs])
     if len(damped) == 0:
         return value, []

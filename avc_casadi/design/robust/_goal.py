@@ -27,10 +27,12 @@ if TYPE_CHECKING:
 DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.6, 0.025: 3.4, 0.01: 0.0}
 """Share of the innovation that passes -> decay, 1/s, that oscillations above `_SLOW_HZ` must have."""
 _SLOW_HZ = 2.0
-# The same of slower ones, times the share.
-SLOW_DECAY_PER_S = 5.0
+# The same of slower ones, times the share; and what they must have for the stiffness at rest to be what a press feels.
+SLOW_DECAY_PER_S, _SETTLES_PER_S = 5.0, 1.0
 VARIED_DECAY_PER_S = {1.0: 10.0, 0.5: 5.0}
 """The same with every hand at every device: a structure stiffer than believed buzzes at half the share first."""
+RANGED_DECAY_PER_S = {0.7: 2.0, 0.4: 2.0, 0.25: 1.5, 0.16: 1.0, 0.09: 0.5, 0.05: 0.5, 0.025: 0.3, 0.01: 0.1}
+"""The same at the devices that the declared ranges allow, for which more is promised."""
 # Decay of the device let go.
 FREE_DECAY_PER_S = 1.0
 # Decay with hands on a stylus and fingertips, which are no part of what is promised.
@@ -57,21 +59,22 @@ class Cost:
     Attributes:
         total: to be minimised.
         radius: largest spectral radius with every hand at every device that was looked at; infinite if it was not.
-        radius_any_share: the same of the nominal device over all shares of the innovation.
-        growth_per_s: how fast the loop grows that grows fastest; 0 where all are damped.
+        radius_any_share: the same of the devices for which that is promised over all shares of the innovation.
+        lacks_per_s: what loops lack of the decay without which a law is none: the growth of the one that grows fastest,
+            and what a press lacks to settle; 0 where nothing does.
         facts: sensitivity, gain and softness.
     """
 
     total: float
     radius: float = math.inf
     radius_any_share: float = math.inf
-    growth_per_s: float = math.inf
+    lacks_per_s: float = math.inf
     facts: dict[str, float] = field(default_factory=dict)
 
     @property
     def holds(self) -> bool:
-        """Whether all loops that were looked at are damped."""
-        return self.radius < 1 and self.radius_any_share < 1
+        """Whether all loops that were looked at are damped, and presses settle."""
+        return self.radius < 1 and self.radius_any_share < 1 and self.lacks_per_s <= 0
 
 
 def cost_of(law: StateFeedback, rendering: Rendering, loops: Loops) -> Cost:
@@ -99,7 +102,7 @@ def costs_of(laws: Laws, rendering: Rendering, loops: Loops) -> list[Cost]:
     rows = np.array([row for row, _ in left], dtype=np.intp)
     for (row, one), damped in zip(left, _damped(laws.pick(rows), rendering, loops), strict=True):
         total = 0.0 if damped.radius > _HOPELESS_RADIUS else PER_SOFTNESS * one.over + _paid(one.facts)
-        costs[row] = Cost(total + damped.cost, damped.radius, damped.radius_any_share, damped.growth_per_s, one.facts)
+        costs[row] = Cost(total + damped.cost, damped.radius, damped.radius_any_share, damped.lacks_per_s, one.facts)
     return costs
 
 
@@ -118,7 +121,7 @@ class _Damped:
     cost: float
     radius: float
     radius_any_share: float = math.inf
-    growth_per_s: float = math.inf
+    lacks_per_s: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -205,6 +208,9 @@ def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
     some = laws.pick(rows)
     every = poles(state_feedback_loops(loops.nominal, some, rendering, tuple(DECAY_PER_S)))
     beside = [largest_radius(state_feedback_loops(part, some, rendering)).max(axis=(1, 2)) for part in loops.beside]
+    ranged = np.zeros((len(rows), len(RANGED_DECAY_PER_S)))
+    if loops.ranged is not None:
+        ranged = worst_radius(state_feedback_loops(loops.ranged, some, rendering, tuple(RANGED_DECAY_PER_S)))
     largest = [part.max(axis=-1) for part in largest_by_speed(every, t)]
     for place, row in enumerate(rows.tolist()):
         cost = sum(
@@ -216,9 +222,12 @@ def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
         for index, (passed, decay) in enumerate(DECAY_PER_S.items()):
             cost += PER_DECAY * _missing(float(largest[0][place, index]), decay, t)
             cost += PER_DECAY * _missing(float(largest[1][place, index]), SLOW_DECAY_PER_S * passed, t)
-        any_share = float(largest[0][place].max(initial=largest[1][place].max()))
-        growth = _missing(max(float(radius[row]), any_share), 0.0, t)
-        found[row] = _Damped(cost, float(radius[row]), any_share, growth)
+        for one, decay in zip(ranged[place].tolist(), RANGED_DECAY_PER_S.values(), strict=True):
+            cost += PER_DECAY * _missing(one, decay, t)
+        any_share = max(float(part[place].max()) for part in (*largest, ranged))
+        lacks = _missing(max(float(radius[row]), any_share), 0.0, t)
+        lacks += _missing(float(largest[1][place, 0]), _SETTLES_PER_S, t)
+        found[row] = _Damped(cost, float(radius[row]), any_share, lacks)
     return found
 
 

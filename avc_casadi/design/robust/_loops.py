@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.design.robust._goal import DECAY_PER_S, VARIED_DECAY_PER_S, largest_by_speed
+from avc_casadi.design.robust._goal import DECAY_PER_S, RANGED_DECAY_PER_S, VARIED_DECAY_PER_S, largest_by_speed
 from avc_casadi.loop import (
     FINGERTIP,
     LINEAR_KEYS,
@@ -51,6 +51,7 @@ class Loops:
         nominal: the device as declared with every corner of the hands and one in the middle.
         beside: the device as declared with hands on a stylus, and with fingertips.
         varied: the hands with devices that are not quite as declared.
+        ranged: the hands with devices within the declared ranges; None without ranges.
         free: the device let go, at every corner that is declared and within.
         frequency_hz: where the loop is looked at, shape (f,).
         response: position that is measured over force, nominal, shape (hands, f), m/N.
@@ -61,6 +62,7 @@ class Loops:
     nominal: Plants
     beside: tuple[Plants, ...]
     varied: Plants
+    ranged: Plants | None
     free: Plants
     frequency_hz: FloatArray
     response: ComplexArray
@@ -83,7 +85,9 @@ class Loops:
             for one in (stylus_corners(), hand_corners(FINGERTIP))
         )
         varied = plants_with_forces(sampled_plant(other_devices(device), held))
-        free = plants_with_forces(sampled_plant(_declared(device), no_hand()))
+        declared = _declared(device)
+        ranged = plants_with_forces(sampled_plant(declared, held)) if len(declared) > 1 else None
+        free = plants_with_forces(sampled_plant(declared, no_hand()))
         fast = np.geomspace(1.05 * _FAST_HZ, 0.499 / t, _FAST) if 0.4 / t > _FAST_HZ else np.zeros(0)
         slow = np.geomspace(_SLOW_HZ, min(_FAST_HZ, 0.45 / t), _SLOW)
         frequency = np.concatenate([slow, fast])
@@ -92,14 +96,18 @@ class Loops:
         pencil = z[None, :, None, None] * np.eye(len(measured)) - matrix[:, None]
         response = np.linalg.solve(pencil, np.broadcast_to(push[:, None, :, None], (*pencil.shape[:3], 1)))
         seen = (response[..., 0] @ measured).astype(np.complex128)
-        return cls(nominal, beside, varied, free, frequency, seen, t, device.metres_per_unit)
+        return cls(nominal, beside, varied, ranged, free, frequency, seen, t, device.metres_per_unit)
 
     def hardest(self, law: StateFeedback, rendering: Rendering) -> Loops:
         """Keep the loops that miss most of their decay with a law; with laws like it they are the same ones."""
         t = self.sample_time_s
         beside = tuple(_worst(plants, law, rendering, {1.0: 0.0}, t, _KEPT_BESIDE) for plants in self.beside)
         varied = _worst(self.varied, law, rendering, VARIED_DECAY_PER_S, t, _KEPT)
-        return replace(self, nominal=_slowest(self.nominal, law, rendering, t), varied=varied, beside=beside)
+        ranged = self.ranged
+        if ranged is not None:
+            ranged = _worst(ranged, law, rendering, RANGED_DECAY_PER_S, t, _KEPT)
+        nominal = _slowest(self.nominal, law, rendering, t)
+        return replace(self, nominal=nominal, varied=varied, ranged=ranged, beside=beside)
 
     def and_of(self, others: Loops) -> Loops:
         """Return these and those of others, which were kept of the same loops."""
@@ -108,6 +116,7 @@ class Loops:
             self,
             nominal=_together(self.nominal, others.nominal),
             varied=_together(self.varied, others.varied),
+            ranged=None if self.ranged is None or others.ranged is None else _together(self.ranged, others.ranged),
             beside=tuple(_together(*pair) for pair in pairs),
         )
 

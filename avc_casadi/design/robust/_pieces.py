@@ -20,6 +20,7 @@ from avc_casadi.design.robust._goal import (
     PER_GAIN,
     PER_SENSITIVITY,
     PER_SOFTNESS,
+    RANGED_DECAY_PER_S,
     SLOW_DECAY_PER_S,
     USUAL_SENSITIVITY,
     VARIED_DECAY_PER_S,
@@ -109,11 +110,17 @@ def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[Piece]:
     held = [varied.slowest([(row, None) for row in range(len(VARIED_DECAY_PER_S))])]
     held += [free.slowest([(0, None)])]
     held += [nominal.slowest([(row, part[row]) for row in range(len(DECAY_PER_S)) for part in (quick, ~quick)])]
+    decay_ranged: list[float] = []
+    if loops.ranged is not None:
+        ranged = _Poles.of(loops.ranged, laws, rendering, t, tuple(RANGED_DECAY_PER_S))
+        held += [ranged.slowest([(row, None) for row in range(len(RANGED_DECAY_PER_S))])]
+        decay_ranged = list(RANGED_DECAY_PER_S.values())
     beside = [_Poles.of(part, laws, rendering, t).slowest([(0, None)])[0] for part in loops.beside]
     asked = [
         *VARIED_DECAY_PER_S.values(),
         FREE_DECAY_PER_S,
         *(decay for passed, most in DECAY_PER_S.items() for decay in (most, SLOW_DECAY_PER_S * passed)),
+        *decay_ranged,
     ]
     growing = [one for part in held for one in part]
     pieces = [

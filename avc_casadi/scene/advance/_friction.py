@@ -8,6 +8,7 @@ is a root of a polynomial. Time is counted in samples, so that all coefficients 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -81,7 +82,7 @@ class TaylorSeries:
         """Add the plant's numbers and return the state one sample later."""
         plant = PlantSymbols(self.layout, tick)
         if self.layout.friction_n > 0:
-            tick.split = lambda: self._split(tick, plant, drive)
+            tick.split = cache(lambda: self._split(tick, plant, drive))
         if drive.late is None:
             return self._through(plant, state, drive.force, drive.target, 1.0)
         middle = self._through(plant, state, drive.force_before, drive.target, drive.late)
