@@ -54,6 +54,26 @@ def test_hands_that_move_beyond_a_proof_are_told(document):
     assert lines_of(changed, "beyond the proof") == []
 
 
+def test_how_long_those_are_watched_who_still_move_is_told_where_it_is_longer_than_usual(document):
+    changed = copy.deepcopy(document)
+    assert "watched" not in lines_of(changed, "trial")[0]
+    changed["trial"]["longest_s"] = 12.5
+    assert lines_of(changed, "trial")[0].endswith("; who still moves is watched for 12.5 s")
+
+
+def test_a_loop_that_grows_beside_hands_that_rest_says_with_whom(document):
+    changed = copy.deepcopy(document)
+    assert changed["off_file"]["linearly_unstable"] == 0
+    assert "unstable" not in lines_of(changed, "off its file")[0]
+    changed["off_file"]["linearly_unstable"] = 4
+    told = lines_of(changed, "off its file")[0]
+    assert (
+        "on 4 of them the loop is linearly unstable all the same: with other hands of [hands], next to rest, or let go"
+        in told
+    )
+    assert "[device.range]" in told
+
+
 def test_hands_at_the_force_limit_are_no_part_of_what_is_felt(document):
     changed = copy.deepcopy(document)
     assert "median of" not in lines_of(changed, "felt")[0]

@@ -6,6 +6,7 @@ from typing import Any
 
 from avc_casadi.recommendation._edge import NOTICED_N
 from avc_casadi.support import number
+from avc_casadi.trial import TRIAL_S
 
 # Shares of the force limit and of the stiffness felt from which it is worth a line.
 _AT_LIMIT, _STIFFER = 0.97, 1.1
@@ -34,7 +35,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
             f"trial: {trial['at_rest']} of {trial['hands']} hands at rest, {trial['at_rest_without_friction']} without "
             f"friction; {trial['quiet']} press without a vibration that is felt, with the declared friction"
             f"{_others_quiet(document['confirmed'])}; "
-            f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}"
+            f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}{_watched(trial)}"
         ),
         rest_line(document["rest"]),
         *_unlike_the_proof(document["rest"], trial),
@@ -44,6 +45,11 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         f"other hands, to whom nothing is promised: {_other_hands(document['other_hands'])}",
         f"why: {document['reason']}",
     ]
+
+
+def _watched(trial: dict[str, Any]) -> str:
+    """Say how long those are watched whose hand and device alone swing for longer than a trial lasts."""
+    return "" if trial["longest_s"] <= TRIAL_S else f"; who still moves is watched for {number(trial['longest_s'])} s"
 
 
 def _others_quiet(confirmed: dict[str, int] | None) -> str:
@@ -102,7 +108,10 @@ def _off_file(off: dict[str, Any] | None) -> list[str]:
     if off is None:
         return []
     enough = off["at_rest_without_friction"] == off["hands"] and not off["linearly_unstable"]
-    shaky = f"; linearly unstable with somebody, or let go, on {off['linearly_unstable']} of them"
+    shaky = (
+        f"; on {off['linearly_unstable']} of them the loop is linearly unstable all the same: with other hands of "
+        "[hands], next to rest, or let go"
+    )
     advice = "" if enough else "; state in [device.range] how far yours may be off, to have it searched for"
     line = (
         f"off its file: on {off['devices']} devices of which {_listed(off['keys'])} are {100 * off['share']:g} % off, "

@@ -9,6 +9,7 @@ an hour and a half of processor time.
 from __future__ import annotations
 
 import argparse
+import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,16 +17,33 @@ from typing import Any
 import numpy as np
 from studied import about, computed, cpu_seconds, expected_n_per_m, felt_n_per_m, made_by, rounded, table
 
+sys.path.insert(0, str(Path(__file__).parent.parent))
+from whole_device import WholeDevice, rests_as_tried
+
 import avc_casadi as avc
+import avc_hardware
 from avc_casadi.certificate import deployable
 from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.loop import FINGERTIP, device_with, hand_corners, linear_values, with_let_go
+from avc_casadi.loop import (
+    FINGERTIP,
+    device_corners,
+    device_set,
+    device_with,
+    hand_corners,
+    linear_values,
+    with_let_go,
+)
 from avc_casadi.problem import Device, DeviceFile, Problem, SdkExample, device_catalogue, load_device
 from avc_casadi.stability import damping_range, stiffest_wall
-from avc_casadi.trial import people_of, try_coupling
+from avc_casadi.trial import draw_hands, people_of, try_coupling, try_on_devices
 
-SEED = 2026
-PEOPLE = 100
+# Of the hands and devices that `recommend` tries, and of those it never saw.
+SEED, FRESH_SEED = 2026, 4711
+PEOPLE, FRESH = 100, 400
+# Corners of the ranges, and devices within, among which fresh hands are dealt out.
+FRESH_CORNERS, FRESH_WITHIN = 24, 16
+# As many processes as `avc recommend` has.
+WORKERS = 2
 WALL_N_PER_M = 1e5
 OUT = Path(__file__).parent / "results" / "catalogue_walls.json"
 PAGE = Path(__file__).parent / "RESULTS_catalogue.md"
@@ -103,7 +121,7 @@ def cell(file: DeviceFile, reading: str, hands: str) -> dict[str, Any]:
     extreme = with_let_go(hand_corners(problem.hands))
     plain = stiffest_wall(problem.device, extreme).stiffness_n_per_m
     started = cpu_seconds()
-    found = avc.recommend(problem, hands=PEOPLE, seed=SEED)
+    found = avc.recommend(problem, hands=PEOPLE, seed=SEED, workers=WORKERS)
     seconds = cpu_seconds() - started
     coupling, trial = found.coupling, found.trial
     same = {
@@ -129,6 +147,7 @@ def cell(file: DeviceFile, reading: str, hands: str) -> dict[str, Any]:
         "at_rest_without_friction": int(trial.stable_without_friction.sum()),
         "quiet": int(trial.quiet.sum()),
         "at_force_limit": int(trial.at_force_limit.sum()),
+        "fresh_at_rest": fresh_at_rest(coupling),
         "inside": inside(coupling),
         "corners": bool(deployable(coupling).passed),
     }
@@ -168,6 +187,26 @@ def plain_at_rest(problem: Problem, extreme: Any, plain: float) -> dict[str, int
             ("no encoder", free.changed(device={"encoder_resolution_m": 0.0})),
         )
     }
+
+
+def fresh_at_rest(coupling: Coupling) -> dict[str, int | None]:
+    """Count fresh hands at rest without friction, dealt out among devices at corners of the ranges and within.
+
+    In the scene, and with the exported C in a simulator that shares no code with the project, which has a structure
+    and an amplifier and counts in metres.
+    """
+    device, random = coupling.problem.device, np.random.default_rng(FRESH_SEED)
+    corners = device_corners(device)
+    some = [corners[place] for place in random.permutation(len(corners))[:FRESH_CORNERS]]
+    devices = [*some, *device_set(device, draws=FRESH_WITHIN, seed=FRESH_SEED)[len(corners) :]]
+    people = draw_hands(coupling.problem.hands, FRESH, FRESH_SEED)
+    found = {"scene": int(try_on_devices(coupling, people, devices, FRESH_SEED).stable_without_friction.sum())}
+    if device.motion == "rotary" or device.resonance is None or device.amplifier_bandwidth_hz is None:
+        return found | {"second_simulator": None}
+    bench = WholeDevice(device, avc_hardware.export_c(coupling))
+    hands = list(zip(*vars(people).values(), strict=True))
+    dealt = ((one, hands[place :: len(devices)]) for place, one in enumerate(devices))
+    return found | {"second_simulator": int(sum(rests_as_tried(bench, *each, friction=0.0).sum() for each in dealt))}
 
 
 def inside(coupling: Coupling) -> int:
@@ -236,6 +275,7 @@ HEAD = (
     "by",
     "leaning on friction, N/m",
     "at rest / without friction / quiet of 100",
+    "fresh hands at rest on devices of the ranges / in the second simulator",
     "at the force limit",
     "holds inside the ranges",
     "limited by",
@@ -247,7 +287,7 @@ def row(name: str, hands: str, found: dict[str, Any]) -> list[str]:
     if "error" in found:
         return [name, hands, found["error"], *[""] * (len(HEAD) - 3)]
     if found["recommended_n_per_m"] is None:
-        return [name, hands, rounded(found["plain_n_per_m"]), "none", *["-"] * 6, limited_by(found), sdk_example(name)]
+        return [name, hands, rounded(found["plain_n_per_m"]), "none", *["-"] * 7, limited_by(found), sdk_example(name)]
     return [
         name,
         hands,
@@ -257,11 +297,17 @@ def row(name: str, hands: str, found: dict[str, Any]) -> list[str]:
         found["method"] + (" + observer" if found["observer"] and found["method"] != "robust" else ""),
         rounded(found["with_friction_n_per_m"]) if found["friction_n"] else "no friction known",
         f"{found['at_rest']} / {found['at_rest_without_friction']} / {found['quiet']}",
+        fresh(found["fresh_at_rest"]),
         str(found["at_force_limit"]),
         f"{found['inside']} of {INSIDE}",
         limited_by(found),
         sdk_example(name),
     ]
+
+
+def fresh(found: dict[str, int | None]) -> str:
+    second = found["second_simulator"]
+    return f"{found['scene']}" if second is None else f"{found['scene']} / {second}"
 
 
 TEXT = """# How stiff a wall each device of the catalogue can show
@@ -273,9 +319,11 @@ and damper hold with every corner of the hands and let go, at every corner of th
 (`avc_casadi.stability.stiffest_wall`), linear. **Recommended**: coupling and wall in series of `avc recommend`;
 **felt**: median at the end of a press, hands at the force limit left out. **Leaning on friction**: what
 `with_friction_n_per_m` tells: of what was tried, so at least that. Trials: 100 hands, corners among them, on the
-nominal device. **Holds inside the ranges**: of {inside} devices drawn inside the ranges (claims are made at their
-corners), those on which the coupling is
-deployable. **Limited by**: the force limit if most presses end at it; else the single change that raises the plain
+nominal device. **Fresh hands**: {fresh} that `recommend` never saw, dealt out among devices at corners of the ranges
+and within ({corners} and {within}, drawn anew), at rest without dry friction: in the scene, and with the exported C in
+a simulator that shares no code with the project (linear devices with amplifier and structure). **Holds inside the
+ranges**: of {inside} devices drawn inside the ranges (claims are made at their corners), those on which the coupling
+is deployable. **Limited by**: the force limit if most presses end at it; else the single change that raises the plain
 limit most (no delay, no resonance, ideal amplifier, each with its range gone; half the sample time) and by how much;
 and the encoder, if without it more hands rest (without friction) before the plain wall of {share:.0%} of the limit.
 Walls of a device that turns are told at its handle.
@@ -333,11 +381,18 @@ def said(document: dict[str, Any], reading: str) -> str:
     whole = sum(one["at_rest_without_friction"] == one["people"] for one in found.values())
     over = sum(limit > one["recommended_n_per_m"] for limit, one in beyond)
     inner = sum(one["inside"] == INSIDE for one in found.values())
+    tried = {
+        name: [one["fresh_at_rest"][name] for one in found.values() if one["fresh_at_rest"][name] is not None]
+        for name in ("scene", "second_simulator")
+    }
+    rest = {name: f"{rounded(sum(some), 9)} of {rounded(FRESH * len(some), 9)}" for name, some in tried.items()}
+    beyond_the_scene = f" ({rest['second_simulator']} in the second simulator)" if tried["second_simulator"] else ""
     return (
         f"In {len(found)} rows the recommended wall is {min(gain):.2g} to {max(gain):.2g} times the plain limit, or "
         f"the wall where that is less (median {np.median(gain):.2g}); in {whole} all hands come to rest without "
-        f"friction; in {inner} the coupling holds on all devices drawn inside the ranges. The SDK's example limit is "
-        f"stiffer than what is recommended in {over} of {len(beyond)} devices and hands that have one."
+        f"friction; of fresh hands on devices all over the ranges {rest['scene']} do{beyond_the_scene}; in {inner} the "
+        "coupling holds on all devices drawn inside the ranges. The SDK's example limit is stiffer than what is "
+        f"recommended in {over} of {len(beyond)} devices and hands that have one."
     )
 
 
@@ -358,6 +413,9 @@ def write_page(document: dict[str, Any]) -> None:
             made_by=made_by(document["about"]),
             wall=rounded(WALL_N_PER_M),
             inside=INSIDE,
+            fresh=FRESH,
+            corners=FRESH_CORNERS,
+            within=FRESH_WITHIN,
             share=PLAIN_SHARE,
             cautious=rows("cautious"),
             filed=rows("as filed"),
