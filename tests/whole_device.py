@@ -134,17 +134,17 @@ class WholeDevice:
         return found
 
 
-def rests_as_tried(bench, device, hands, friction=None):
+def rests_as_tried(bench, device, hands, friction=None, longest_s=TRIAL_SECONDS):
     """Whether each hand rests in the three motions of a trial of `recommend`, which looks at the motor; shape (hands,).
 
-    The device may be another one than that of the bench's exported files.
+    The device may be another one than that of the bench's exported files. Who still moves is watched for so long.
     """
     changed = {name: getattr(declared(device), name) for name in _DEVICE}
     changed |= {} if friction is None else {"friction": friction}
     motions = (lambda hand: held(hand, 0.07), striking_again, grasped)
-    return np.array(
-        [
-            all(bench.meets(motion(hand), TRIAL_SECONDS, **changed).motor_speed < REST for motion in motions)
-            for hand in hands
-        ]
-    )
+
+    def rests(deed):
+        watched = dict.fromkeys((TRIAL_SECONDS, longest_s))
+        return any(bench.meets(deed, seconds, **changed).motor_speed < REST for seconds in watched)
+
+    return np.array([all(rests(motion(hand)) for motion in motions) for hand in hands])

@@ -97,8 +97,9 @@ def judged_candidates(
         jury.ask(tuned_candidates(problem, progress), "tuned gains")
     if jury.judged:
         best = jury.stiffest()
-        # Climbs have come as near as that to what is not held.
-        if best is None or best.coupling.runtime.state_feedback is None:
+        # Climbs have come as near as that to what is not held, where springs end before laws do.
+        behind_a_law = best is not None and best.coupling.runtime.state_feedback is not None
+        if not behind_a_law or jury.reached_n_per_m() < plainly:
             _closer(problem, jury, limit)
         jury.confirm()
     return Candidates(jury.judged, jury.considered, tuple(robust.rungs))

@@ -35,7 +35,7 @@ from avc_casadi.loop import (
 )
 from avc_casadi.problem import Device, DeviceFile, Problem, SdkExample, device_catalogue, load_device
 from avc_casadi.stability import damping_range, stiffest_wall
-from avc_casadi.trial import draw_hands, people_of, try_coupling, try_on_devices
+from avc_casadi.trial import course_of, draw_hands, people_of, try_coupling, try_on_devices
 
 # Of the hands and devices that `recommend` tries, and of those it never saw.
 SEED, FRESH_SEED = 2026, 4711
@@ -205,8 +205,11 @@ def fresh_at_rest(coupling: Coupling) -> dict[str, int | None]:
         return found | {"second_simulator": None}
     bench = WholeDevice(device, avc_hardware.export_c(coupling))
     hands = list(zip(*vars(people).values(), strict=True))
-    dealt = ((one, hands[place :: len(devices)]) for place, one in enumerate(devices))
-    return found | {"second_simulator": int(sum(rests_as_tried(bench, *each, friction=0.0).sum() for each in dealt))}
+    rest = 0
+    for place, one in enumerate(devices):
+        longest_s = course_of(coupling.problem.changed(device=one)).longest_s
+        rest += int(rests_as_tried(bench, one, hands[place :: len(devices)], 0.0, longest_s).sum())
+    return found | {"second_simulator": rest}
 
 
 def inside(coupling: Coupling) -> int:
