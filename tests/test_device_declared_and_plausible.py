@@ -65,7 +65,7 @@ def test_every_range_is_named():
         ({"device": {"sample_time_s": 1.0}, "frequency": {"values_hz": [0.1]}}, "device.sample_time_s is 1: usual"),
         ({"device": {"max_force_n": 0.01}}, "device.max_force_n is 0.01: usual 0.5 to 500 N"),
         ({"device": {"resonance": MODE | {"frequency_hz": 1e4}}}, "device.resonance.frequency_hz is 10000: usual"),
-        ({"device": {"range": {"mass_kg": [0.0, 9.0]}}}, "device.range.mass_kg is [0, 9]: usual"),
+        ({"device": {"range": {"mass_kg": [1e-6, 9.0]}}}, "device.range.mass_kg is [1e-6, 9]: usual"),
         ({"device": {"encoder_at": "handle"}}, "device.encoder_at is"),
         ({"device": {"amplifier_order": 2}}, "device.amplifier_order is 2, which says nothing without"),
         ({"device": {"amplifier_damping_ratio": 0.5}}, "device.amplifier_damping_ratio says nothing of a lag"),

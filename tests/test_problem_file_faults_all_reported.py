@@ -169,7 +169,12 @@ def test_windows_line_ends_do_not_move_the_lines():
         (
             MODE + "[device.range]\nmass_kg = [0, 0.2]",
             "device.range.mass_kg",
-            "device.resonance divides the mass",
+            "allowed: from above 0 kg",
+        ),
+        (
+            "[device.range]\nmass_kg = [0, 0.2]",
+            "device.range.mass_kg",
+            "allowed: from above 0 kg",
         ),
         ("[device.resonance]\nfrequency_hz = 100\ndamping_ratio = 0.1", "device.resonance.mass_ratio", "is missing"),
         ("[boundaries.upper]\ndamping_ns_per_m = 1\nstiffness_n_per_m = 1", "boundaries.lower", "is missing"),
@@ -200,6 +205,13 @@ def test_each_rule_names_its_key(addition, key, message):
     assert fault.key == key
     assert message in fault.message
     assert fault.line is None or fault.line > SMALL.count("\n")
+
+
+def test_a_range_that_is_wrong_hides_no_other_one():
+    ranges = "[device.range]\nmass_kg = [0.3, 0.1]\ndelay_samples = [2, 3]\ndamping_ns_per_m = [-1, 'x']\n"
+    found = {fault.key for fault in faults_of(SMALL + ranges)}
+    keys = ("mass_kg", "delay_samples", "damping_ns_per_m[0]", "damping_ns_per_m[1]")
+    assert found == {f"device.range.{key}" for key in keys}
 
 
 def test_a_fault_hides_no_broken_rule_that_does_not_need_it():

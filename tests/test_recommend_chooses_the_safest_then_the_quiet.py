@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,10 +14,11 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains, Runtime, spring_before
 from avc_casadi.design.robust import Space
 from avc_casadi.loop import device_with, hand_corners, with_let_go
-from avc_casadi.recommendation import _candidates, _choice, _stages
+from avc_casadi.recommendation import _candidates, _choice, _jury, _stages
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import Judged, best_of, confirmed
 from avc_casadi.recommendation._stages import judged_candidates
+from avc_casadi.runtime import StateFeedback
 from avc_casadi.stability import stiffest_wall
 from avc_casadi.support import SILENT
 from avc_casadi.trial import CouplingTrial, people_of, try_coupling, try_on_devices
@@ -133,6 +135,34 @@ def test_where_others_refute_a_softened_wall_a_softer_one_is_looked_for(held, mo
     best = best_of(found)
     assert best.safety == 0
     assert 0.75 * held < felt_at_rest_n_per_m(best.coupling) / limit.stiffness_n_per_m < held
+
+
+@pytest.mark.parametrize(("law", "held", "best_of_all"), [(0.46, 0.57, 0.56), (0.46, 0.47, 0.46)])
+def test_springs_between_a_law_and_what_they_do_not_hold_are_tried(law, held, best_of_all, monkeypatch):
+    """Springs were looked at at 0.45 and 0.6 of their limit; what the others hold lies between."""
+    people = people_of(PROBLEM.hands, HANDS)
+    limit = stiffest_wall(PROBLEM.device, with_let_go(hand_corners(PROBLEM.hands)))
+    plainly = min(WALL, limit.stiffness_n_per_m)
+    gains = Gains(0.0, spring_before(PROBLEM, law * plainly))
+    feedback = StateFeedback(((1.0,),), (0.0,), (1.0,), (1.0,), (0,), 0)
+    behind = Coupling.constant(PROBLEM, gains, "robust", Runtime(state_feedback=feedback))
+
+    def rests(coupling, most):
+        springs = coupling.runtime.state_feedback is None and felt_at_rest_n_per_m(coupling) >= most * plainly
+        everybody = HANDS - 1 if springs else HANDS
+        return trial(everybody, everybody, everybody)
+
+    monkeypatch.setattr(_choice, "try_coupling", lambda coupling, *_, **__: rests(coupling, 0.9))
+    monkeypatch.setattr(_choice, "try_on_devices", lambda coupling, *_, **__: rests(coupling, held))
+    monkeypatch.setattr(_choice, "deployable", lambda _: SimpleNamespace(passed=True))
+    monkeypatch.setattr(_choice, "proved_first", lambda left: left)
+    monkeypatch.setattr(_jury, "likeliest", lambda alternatives, *_, **__: (alternatives, True))
+    monkeypatch.setattr(_stages, "_behind_laws", lambda jury, *_: jury.ask([[behind]], "laws"))
+    monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
+    found = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False).judged
+    best = best_of(found)
+    assert best.safety == 0
+    assert felt_at_rest_n_per_m(best.coupling) / plainly == pytest.approx(best_of_all, rel=0.03)
 
 
 @pytest.mark.parametrize("free", [10, 4])

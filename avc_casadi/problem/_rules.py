@@ -85,10 +85,12 @@ def _known_range(*path: str) -> Rule:
     where = ".".join(("device", *path))
 
     def rule(values: Values) -> Iterator[Finding]:
-        interval = _inside(values[table], quantity)
+        # What is wrong beside it in its table hides nothing; a resonance may be none.
+        alone = len(path) == 1
+        interval = values[f"{table}.{quantity}"] if alone else _inside(values[table], quantity)
         if interval is None:
             return
-        nominal = _inside(values[".".join(("device", *path[:-1]))], quantity)
+        nominal = values[where] if alone else _inside(values[".".join(("device", *path[:-1]))], quantity)
         if nominal is None and quantity in _WITHOUT_DEFAULT:
             message = f"is {shown(interval)}, but {where} is missing; allowed: beside a nominal value in it"
             yield ("device", "range", *path), message
@@ -96,6 +98,9 @@ def _known_range(*path: str) -> Rule:
         nominal = values[where] if nominal is None else nominal
         if not interval[0] <= nominal <= interval[1]:
             message = f"is {shown(interval)}; allowed: an interval that holds {where} = {shown(nominal)}"
+            yield ("device", "range", *path), message
+        elif quantity == "mass_kg" and interval[0] == 0 < interval[1]:
+            message = f"is {shown(interval)}; allowed: from above 0 kg, for without a mass nothing is there to hold"
             yield ("device", "range", *path), message
 
     return rule
@@ -123,11 +128,9 @@ def _turns(values: Values) -> Iterator[Finding]:
 def _resonance(values: Values) -> Iterator[Finding]:
     if values["device.resonance"] is None:
         return
-    interval = values["device.range.mass_kg"]
-    for path, mass in (("mass_kg",), values["device.mass_kg"]), (("range", "mass_kg"), interval and interval[0]):
-        if mass == 0:
-            message = "holds 0, but device.resonance divides the mass; allowed: above 0, or no resonance"
-            yield ("device", *path), message
+    if values["device.mass_kg"] == 0:
+        message = "is 0, but device.resonance divides the mass; allowed: above 0, or no resonance"
+        yield ("device", "mass_kg"), message
 
 
 def _contact_damping(values: Values) -> Iterator[Finding]:

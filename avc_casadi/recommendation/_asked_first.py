@@ -25,7 +25,7 @@ _CORNERS, _WITHIN, _OF_EACH = 6, 2, 4
 
 @dataclass(frozen=True)
 class Group:
-    """People who press, tap, hold and strike.
+    """People who press, tap, hold, strike and touch lightly.
 
     Attributes:
         people: who they are.
@@ -41,11 +41,11 @@ class Group:
 
     def unrest(self, couplings: Sequence[Coupling], *, friction: bool) -> FloatArray:
         """Return how fast they end with couplings, shape (couplings, people)."""
-        return unrest(couplings, self.people, friction=friction, strike=True, device=self.device)
+        return unrest(couplings, self.people, friction=friction, beyond=True, device=self.device)
 
     def ends(self, coupling: Coupling, *, friction: bool) -> Ends:
         """Prepare to ask that with laws of the structure of one."""
-        return ends_of(coupling, self.people, friction=friction, strike=True, device=self.device)
+        return ends_of(coupling, self.people, friction=friction, beyond=True, device=self.device)
 
 
 @dataclass(frozen=True)

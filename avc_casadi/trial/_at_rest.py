@@ -127,7 +127,7 @@ def unrest(
     people: Hand | StylusHand,
     *,
     friction: bool = True,
-    strike: bool = False,
+    beyond: bool = False,
     device: Device | None = None,
 ) -> FloatArray:
     """Return how fast each of many ends the motion that ends fastest, with constant gains.
@@ -138,7 +138,7 @@ def unrest(
         couplings: what runs.
         people: who press, tap and hold.
         friction: False leaves the declared dry friction out.
-        strike: whether they also strike the wall.
+        beyond: whether they also strike the wall, and touch it lightly.
         device: on which; None is that of each coupling.
 
     Returns:
@@ -147,7 +147,7 @@ def unrest(
     found = [np.zeros((0, len(people)))]
     for _, group in groupby(couplings, _but_for_numbers):
         alike = list(group)
-        ends = ends_of(alike[0], people, friction=friction, strike=strike, device=device)
+        ends = ends_of(alike[0], people, friction=friction, beyond=beyond, device=device)
         found.append(ends([one.runtime.state_feedback for one in alike]))
     return np.concatenate(found)
 
@@ -157,14 +157,14 @@ def ends_of(
     people: Hand | StylusHand,
     *,
     friction: bool = True,
-    strike: bool = False,
+    beyond: bool = False,
     device: Device | None = None,
 ) -> Ends:
     """Prepare to ask that of couplings that differ from one in nothing but the numbers of their state feedback."""
     coupling, conditions = on_device(coupling, device)
     gains, course = coupling.table.at_rest, course_of(coupling.problem)
     whole = conditions if friction else conditions.without_friction()
-    motions = [*course.motions.values(), *([course.strike] if strike else [])]
+    motions = [*course.motions.values(), *(course.beyond if beyond else ())]
     return Ends(coupling.problem, gains, people, motions, whole)
 
 

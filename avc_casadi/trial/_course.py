@@ -18,8 +18,9 @@ _TAP = Stroke(frequency_hz=2.0, amplitude_m=0.015)
 # A tap leaves the wall and strikes it again twice a second, and ends in contact: where it ended in free space, every
 # coupling would be at rest.
 MOTIONS: dict[str, Motion] = {"press": Press(), "tap": _TAP, "hold": Hold()}
-STRIKE = Press(speed_m_per_s=0.3)
-"""Beyond what a trial tells: a wall that is struck may be driven to the force limit and not come back."""
+BEYOND: tuple[Motion, ...] = (Press(speed_m_per_s=0.3), Press(end_m=5e-4, speed_m_per_s=0.03))
+"""Beyond what a trial tells. A wall that is struck may be driven to the force limit and not come back; where one is
+touched lightly, by a loose hand, an observer may hop from one side of its dead zone to the other for ever."""
 # A quarter of a second more than the paper's experiment: the last tap is then a second past when rest is judged, and
 # what dies out is told from what does not.
 TRIAL_S = 3.25
@@ -41,16 +42,16 @@ class Course:
 
     Attributes:
         motions: of the hands' target.
-        strike: the wall struck, no part of what a trial tells.
+        beyond: the wall struck, and touched lightly, no part of what a trial tells.
     """
 
     motions: dict[str, Watched]
-    strike: Watched
+    beyond: tuple[Watched, ...]
 
     @property
     def longest_s(self) -> float:
         """How long those are watched who still move."""
-        return self.strike[-1][1]
+        return self.motions["press"][-1][1]
 
 
 def course_of(problem: Problem) -> Course:
@@ -68,7 +69,7 @@ def course_of(problem: Problem) -> Course:
     def watched(motion: Motion) -> Watched:
         return tuple((_resting(at_handle(motion, problem.device), rest_s), TRIAL_S + rest_s) for rest_s in rests_s)
 
-    return Course({name: watched(motion) for name, motion in MOTIONS.items()}, watched(STRIKE))
+    return Course({name: watched(motion) for name, motion in MOTIONS.items()}, tuple(map(watched, BEYOND)))
 
 
 def _resting(motion: Motion, longer_s: float) -> Motion:
