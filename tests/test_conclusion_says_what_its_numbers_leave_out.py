@@ -83,7 +83,29 @@ def test_hands_at_the_force_limit_are_no_part_of_what_is_felt(document):
 
 def test_a_press_with_friction_is_where_no_vibration_is_felt(document):
     (line,) = lines_of(document, "trial")
-    assert "10 press without a vibration that is felt, with the declared friction" in line
+    assert "10 press without a vibration that is felt, and" in line
+    changed = copy.deepcopy(document)
+    changed["felt"]["friction_n"] = 0.2
+    assert "10 press without a vibration that is felt, with the declared friction, and" in lines_of(changed, "trial")[0]
+
+
+def test_a_wall_of_which_hardly_anything_is_left_is_said_to_be_that_first(document):
+    changed = copy.deepcopy(document)
+    assert conclusion_lines(changed)[0].startswith("deploy on soft: ")
+    changed["felt"]["share_of_wall"] = 0.05
+    assert conclusion_lines(changed)[0].startswith("deploy, though hardly anything of the wall is left, on soft: ")
+
+
+def test_a_wall_that_is_stiff_at_rest_and_soft_in_motion_is_told(document):
+    changed = copy.deepcopy(document)
+    changed["felt"]["complex_error"]["1"] = 0.468
+    assert lines_of(changed, "in motion") == []
+    changed["coupling"]["runtime"]["state_feedback"] = {"innovation": [1.0], "dead_zone_m": 1e-5}
+    assert "the error of 46.8 % at 1 Hz" in lines_of(changed, "in motion")[0]
+    changed["felt"]["complex_error"]["1"] = 0.1
+    assert lines_of(changed, "in motion") == []
+    changed["felt"]["complex_error"]["1"], changed["felt"]["share_of_wall"] = 0.468, 0.5
+    assert lines_of(changed, "in motion") == []
 
 
 def test_an_error_of_a_law_that_nobody_feels_is_said_to_be_that(document):

@@ -10,6 +10,8 @@ from avc_casadi.trial import TRIAL_S
 
 # Shares of the force limit and of the stiffness felt from which it is worth a line.
 _AT_LIMIT, _STIFFER = 0.97, 1.1
+# A share of the wall that is hardly anything, and an error at 1 Hz from which motion is another matter than rest.
+_HARDLY, _OTHERWISE = 0.1, 0.2
 # So far from its face a wall begins noticeably elsewhere.
 _ELSEWHERE_M = 5e-4
 
@@ -26,6 +28,8 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     if document["deployable"] and at_rest < hands:
         first = f"the least bad, which {hands - at_rest} of {hands} hands do not rest at, on"
     springy = coupling["wall"]["stiffness_n_per_m"] > 0
+    if first == "deploy on" and springy and (felt["share_of_wall"] or 1.0) < _HARDLY:
+        first = "deploy, though hardly anything of the wall is left, on"
     stiffness = _felt(felt, springy=springy, limited=trial["at_force_limit"], hands=trial["hands"])
     alone = "" if felt["stiffness_n_per_m"] is not None or not springy else " of the law alone, which nobody feels,"
     return [
@@ -33,12 +37,13 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         f"felt: {stiffness}; complex error{alone} against the physical wall {errors}",
         (
             f"trial: {trial['at_rest']} of {trial['hands']} hands at rest, {trial['at_rest_without_friction']} without "
-            f"friction; {trial['quiet']} press without a vibration that is felt, with the declared friction"
-            f"{_others_quiet(document['confirmed'])}; "
+            f"friction; {trial['quiet']} press without a vibration that is felt"
+            f"{', with the declared friction' if felt['friction_n'] else ''}{_others_quiet(document['confirmed'])}; "
             f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}{_watched(trial)}"
         ),
         rest_line(document["rest"]),
         *_unlike_the_proof(document["rest"], trial),
+        *([] if coupling["runtime"]["state_feedback"] is None else _in_motion(felt)),
         *_edge(felt),
         *_limits(document),
         *_off_file(document["off_file"]),
@@ -84,6 +89,18 @@ def _felt(felt: dict[str, Any], *, springy: bool, limited: int, hands: int) -> s
     behind = "" if handle == sensed else f" at the sensor, and {number(handle)} N/m at the handle"
     most = f" (median of the {hands - limited} hands that stay below the force limit)" if limited else ""
     return f"{number(sensed)} N/m, {share}{behind}{most}"
+
+
+def _in_motion(felt: dict[str, Any]) -> list[str]:
+    """Say that a wall behind an observer that is stiff at rest is softer in motion, where its error says so."""
+    error = felt["complex_error"]["1"]
+    if felt["stiffness_n_per_m"] is None or felt["share_of_wall"] < 1 - _OTHERWISE or error < _OTHERWISE:
+        return []
+    line = (
+        f"in motion: softer than at rest, as the error of {100 * error:.3g} % at 1 Hz says: the observer gives way "
+        "before it pushes, and a press is as stiff as told some tenths of a second after it began"
+    )
+    return [line]
 
 
 def _edge(felt: dict[str, Any]) -> list[str]:
