@@ -67,7 +67,7 @@ STUDIES = (
     Study("realism_ladder.py", 6.8, ("realism_ladder",)),
     Study("robust_optimality.py 3 10000", 6.9, ("robust_optimality",)),
     Study("clip_last.py 200", 7.5, ("clip_last",)),
-    Study("catalogue_walls.py", 92, ("catalogue_walls",)),
+    Study("catalogue_walls.py", 62, ("catalogue_walls",)),
     Study("proofs_of_rest.py", 18, ("proofs_of_rest_walls", "proofs_of_rest_designs", "proofs_of_rest_references")),
     Study("random_devices.py --count 200", 37, ("random_devices",)),
     Study("identification.py", None, ("identification",)),
