@@ -88,7 +88,7 @@ def elsewhere(device: Device, kinds: Sequence[Hand], seed: int) -> tuple[Group, 
     """Deal people out among devices of the declared ranges; none where there are no ranges.
 
     The lightest ones are where a law that is made for a heavier one does most; of their corners those are taken that
-    differ most. Who confirms a coupling has other devices within, and other corners.
+    differ most. Who confirms a coupling has other devices within, and may have the same corners: there are few.
 
     Args:
         device: with its ranges.

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 KEPT = 1024
-"""Scenes whose machine code is at hand: some motions on many devices, in two processes no more than two dozen texts."""
+"""Scenes whose machine code is at hand: a device with ranges is tried in some hundreds, many of the same text."""
 # To begin a thread takes as long as some runs do.
 _THREADS = ThreadPoolExecutor(processors(), thread_name_prefix="scene")
 _FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared")

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 # Dry friction is projected this many times a sample: several times quicker for a stylus hand than its exact events,
 # with the same share of stable hands (58.8 against 59.8 % of 500 where it is most divided).
 _FRICTION_SUBSTEPS = 4
-# Scenes that are kept: four motions with and without friction, watched for longer and longer, on each device of the
-# ranges.
+# Scenes that are kept: all motions, watched usually and for long, with and without friction, on some two dozen devices
+# of the ranges.
 _KEPT = 512
 
 Prepared: TypeAlias = tuple[CompiledScene, "FloatArray", "FloatArray"]
