@@ -89,6 +89,13 @@ def test_a_press_with_friction_is_where_no_vibration_is_felt(document):
     assert "10 press without a vibration that is felt, with the declared friction, and" in lines_of(changed, "trial")[0]
 
 
+def test_the_trial_of_a_device_with_ranges_is_said_to_be_on_the_nominal_one(document):
+    assert conclusion_lines(document)[2].startswith("trial: ")
+    changed = copy.deepcopy(document)
+    changed["confirmed"]["devices"] = 16
+    assert conclusion_lines(changed)[2].startswith("trial on the nominal device: ")
+
+
 def test_a_wall_of_which_hardly_anything_is_left_is_said_to_be_that_first(document):
     changed = copy.deepcopy(document)
     assert conclusion_lines(changed)[0].startswith("deploy on soft: ")

@@ -1,6 +1,7 @@
 """A device that turns is read, answered, drawn, reported and exported in rad, N.m and kg.m2, and in nothing else."""
 
 import json
+import math
 import re
 
 import pytest
@@ -112,6 +113,23 @@ def test_keys_of_the_other_motion_are_refused_at_once():
     told = {fault.key: fault.message for fault in refused.value.faults}
     assert told["device.inertia_kgm2"].endswith('allowed: mass_kg, or device.motion = "rotary"')
     assert {"environment.stiffness_nm_per_rad", "device.encoder_counts_per_turn", "device.max_torque_nm"} <= set(told)
+
+
+def test_a_range_of_counts_is_one_of_the_step():
+    def device(ends):
+        return avc.parse_problem(f"{KNOB}\n[device.range]\nencoder_counts_per_turn = {ends}\n").device
+
+    coarsest, finest = 2 * math.pi / 4000, 2 * math.pi / 16384
+    assert device("[4000, 16384]").range.encoder_resolution_m == (finest, coarsest)
+    for ends in ("[16384, 4000]", "4000", "[1, 4000]", "[4000]", '["a", 4000]'):
+        with pytest.raises(avc.InputError) as refused:
+            device(ends)
+        (fault,) = refused.value.faults
+        assert fault.key == "device.range.encoder_counts_per_turn"
+        assert "4 to 1e9 counts" in fault.message
+    with pytest.raises(avc.InputError) as refused:
+        device("[4000, 16384]\nencoder_resolution_rad = [1e-4, 1e-3]")
+    assert "beside encoder_resolution_rad" in refused.value.faults[0].message
 
 
 def test_a_problem_is_written_and_read_in_its_own_keys():

@@ -62,7 +62,13 @@ class Worded:
 def _unknown(path: Path, message: str) -> str:
     """Name the keys of a table, those that a device that turns has beside, and the nearest to one that is none."""
     keys = message.removeprefix(UNKNOWN).partition(";")[0].split(", ")
-    keys += [COUNTS] if path[:-1] == ("device",) else ["per_turn"] if path[:-1] == ("detent",) else []
+    keys += (
+        [COUNTS]
+        if path[:-1] in {("device",), ("device", "range")}
+        else ["per_turn"]
+        if path[:-1] == ("detent",)
+        else []
+    )
     near = difflib.get_close_matches(str(path[-1])[:60], keys, n=1)
     return f"{UNKNOWN}{', '.join(keys)}{f'; did you mean {near[0]}?' if near else ''}"
 
@@ -134,11 +140,33 @@ def resolved(table: Mapping[str, Any], path: Path, findings: list[_Finding]) -> 
         place = (*path, COUNTS)
         if "encoder_resolution_m" in found:
             findings.append((place, "stands beside encoder_resolution_rad; allowed: one of the two"))
-        if isinstance(counts, bool) or not isinstance(counts, int | float) or not 4 <= counts <= 1e9:
+        if not _is_count(counts):
             findings.append((place, f"is {shown(counts)}; allowed: 4 to 1e9 counts, four for each line"))
         else:
             found.setdefault("encoder_resolution_m", 2 * math.pi / float(counts))
+    if isinstance(found.get("range"), Mapping):
+        found["range"] = _resolved_range(found["range"], (*path, "range"), findings)
     return found
+
+
+def _resolved_range(table: Mapping[str, Any], path: Path, findings: list[_Finding]) -> dict[str, Any]:
+    """Return ranges with that of the counts as one of the angle, whose ends change places."""
+    found = dict(table)
+    counts = found.pop(COUNTS, None)
+    if counts is not None:
+        place = (*path, COUNTS)
+        if "encoder_resolution_m" in found:
+            findings.append((place, "stands beside encoder_resolution_rad; allowed: one of the two"))
+        ends = counts if isinstance(counts, list) and len(counts) == 2 and all(map(_is_count, counts)) else None
+        if ends is None or ends[0] > ends[1]:
+            findings.append((place, f"is {shown(counts)}; allowed: [low, high] with low <= high, 4 to 1e9 counts"))
+        else:
+            found.setdefault("encoder_resolution_m", [2 * math.pi / float(end) for end in reversed(ends)])
+    return found
+
+
+def _is_count(value: Any) -> bool:
+    return not isinstance(value, bool) and isinstance(value, int | float) and 4 <= value <= 1e9
 
 
 def at_handle(device: Mapping[str, Any], radius_m: float) -> dict[str, Any]:

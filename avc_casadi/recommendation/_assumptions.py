@@ -29,7 +29,7 @@ _SCENE_ALONE = {
 
 
 def assumed(
-    problem: Problem, coupling: Coupling | None = None, *, tried: bool = True, confirmed: bool = False
+    problem: Problem, coupling: Coupling | None = None, *, tried: bool = True, devices: int = 1
 ) -> tuple[str, ...]:
     """Say what is taken for granted.
 
@@ -37,7 +37,7 @@ def assumed(
         problem: device, wall and hands.
         coupling: what is recommended.
         tried: whether simulated hands try it, or linear stability alone is asked for.
-        confirmed: whether others tried it too, on devices of the declared ranges.
+        devices: of the declared ranges, on which others tried it.
     """
     device = problem.device
     gaps = [
@@ -56,7 +56,7 @@ def assumed(
     else:
         gaps.append("linear stability alone: dry friction, encoder, noise and force limit play no part")
     linear, rest = _ranges(problem)
-    at = "trial at nominal and at some devices of it" if confirmed else "trial at nominal"
+    at = "trial at nominal" if devices == 1 else f"trial at nominal, and by others at {devices} devices of the ranges"
     gaps += [f"{key}: linear stability at its corners{f', {at}' if tried else ''}" for key in linear]
     gaps += [f"{key}: {f'{at}; ' if tried else ''}no part of linear stability" for key in rest]
     if coupling is not None:

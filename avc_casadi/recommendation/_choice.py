@@ -143,7 +143,8 @@ def tried(
             judged.append(found)
             if found.complete(lean_on_friction=lean_on_friction):
                 break
-        progress.advance(done, len(ranked), f"candidates tried, {search}")
+        # Those that were tried before stand among the new ones.
+        progress.advance(max(done, min(len(judged), len(ranked))), len(ranked), f"candidates tried, {search}")
     return judged
 
 
@@ -245,6 +246,11 @@ def _devices(device: Device, seed: int) -> list[Device]:
     some = np.random.default_rng(seed).permutation(len(corners))[: _DEVICES // 2]
     within = device_set(device, draws=_DEVICES - 1 - len(some), seed=seed)[len(corners) :]
     return [device, *(corners[place] for place in some), *within]
+
+
+def devices_of(best: Judged | None) -> int:
+    """Return among how many devices those were dealt out who confirmed a coupling, if there is one."""
+    return 1 if best is None or best.others is None else best.others.devices
 
 
 def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str:

@@ -16,7 +16,7 @@ from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.problem import Problem, load_problem
 from avc_casadi.recommendation._assumptions import assumed, not_used
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
-from avc_casadi.recommendation._choice import ERROR_HZ, Judged, best_of, reason_of
+from avc_casadi.recommendation._choice import ERROR_HZ, Judged, best_of, devices_of, reason_of
 from avc_casadi.recommendation._edge import edges_m
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
@@ -270,7 +270,7 @@ def recommend(
             helps=() if why_none else helps(),
             considered=considered,
             reason=why_none or reason_of(best, judged, considered),
-            assumed=assumed(problem, None if best is None else best.coupling, confirmed=best is not None),
+            assumed=assumed(problem, None if best is None else best.coupling, devices=devices_of(best)),
             not_used=not_used(problem),
         )
 

@@ -12,7 +12,7 @@ from avc_casadi.certificate import deployable
 from avc_casadi.design.robust import moved
 from avc_casadi.loop import hand_corners, with_let_go
 from avc_casadi.recommendation._assumptions import assumed, not_used
-from avc_casadi.recommendation._choice import Judged, best_of
+from avc_casadi.recommendation._choice import Judged, best_of, devices_of
 from avc_casadi.recommendation._helps import linear_changes, simulated_changes
 from avc_casadi.recommendation._hopeless import hopeless
 from avc_casadi.recommendation._recommend import SCHEMA
@@ -107,7 +107,7 @@ def stiffest(
             "plain_wall_n_per_m": simple.stiffness_n_per_m,
             "damping_ns_per_m": [simple.lowest_ns_per_m, simple.highest_ns_per_m],
             "what_would_help": sorted(helps, key=_safest_then_stiffest),
-            "assumed": list(assumed(problem.changed(detent=None), confirmed=best is not None)),
+            "assumed": list(assumed(problem.changed(detent=None), devices=devices_of(judged))),
             "not_used": list(not_used(problem)),
         }
     )

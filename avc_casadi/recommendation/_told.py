@@ -36,9 +36,8 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         f"{first} {document['problem']}: {gains_line(coupling)}",
         f"felt: {stiffness}; complex error{alone} against the physical wall {errors}",
         (
-            f"trial: {trial['at_rest']} of {trial['hands']} hands at rest, {trial['at_rest_without_friction']} without "
-            f"friction; {trial['quiet']} press without a vibration that is felt"
-            f"{', with the declared friction' if felt['friction_n'] else ''}{_others_quiet(document['confirmed'])}; "
+            f"trial{_nominal(document['confirmed'])}: {trial['at_rest']} of {trial['hands']} hands at rest, "
+            f"{trial['at_rest_without_friction']} without friction; {_quietly(document)}; "
             f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}{_watched(trial)}"
         ),
         rest_line(document["rest"]),
@@ -57,8 +56,17 @@ def _watched(trial: dict[str, Any]) -> str:
     return "" if trial["longest_s"] <= TRIAL_S else f"; who still moves is watched for {number(trial['longest_s'])} s"
 
 
-def _others_quiet(confirmed: dict[str, int] | None) -> str:
-    return f", and {confirmed['quiet']} of {confirmed['hands']} others" if confirmed else ""
+def _nominal(confirmed: dict[str, int] | None) -> str:
+    """Say that the hands of the trial have the device as declared, where others had devices of its ranges."""
+    return " on the nominal device" if confirmed and confirmed["devices"] > 1 else ""
+
+
+def _quietly(document: dict[str, Any]) -> str:
+    """Say who presses without a vibration that is felt."""
+    trial, confirmed, declared_n = document["trial"], document["confirmed"], document["felt"]["friction_n"]
+    friction = ", with the declared friction" if declared_n else ""
+    others = f", and {confirmed['quiet']} of {confirmed['hands']} others" if confirmed else ""
+    return f"{trial['quiet']} press without a vibration that is felt{friction}{others}"
 
 
 def rest_line(rest: dict[str, Any]) -> str:

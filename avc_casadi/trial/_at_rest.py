@@ -138,7 +138,7 @@ def unrest(
         couplings: what runs.
         people: who press, tap and hold.
         friction: False leaves the declared dry friction out.
-        beyond: whether they also strike the wall, and touch it lightly.
+        beyond: whether they also strike the wall, and touch it lightly; the lightest with the declared friction.
         device: on which; None is that of each coupling.
 
     Returns:
@@ -164,8 +164,10 @@ def ends_of(
     coupling, conditions = on_device(coupling, device)
     gains, course = coupling.table.at_rest, course_of(coupling.problem)
     whole = conditions if friction else conditions.without_friction()
-    motions = [*course.motions.values(), *(course.beyond if beyond else ())]
-    return Ends(coupling.problem, gains, people, motions, whole)
+    motions = [(motion, whole) for motion in (*course.motions.values(), *(course.beyond if beyond else ()))]
+    if beyond:
+        motions.append((course.lightest, conditions))
+    return Ends(coupling.problem, gains, people, motions)
 
 
 def _but_for_numbers(coupling: Coupling) -> tuple[Any, ...]:

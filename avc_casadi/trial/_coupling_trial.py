@@ -114,9 +114,10 @@ class CouplingTrial(Tabular):
         )
 
     def counts(self) -> dict[str, int]:
-        """Return how many there are, rest, rest without dry friction, and rest quietly."""
+        """Return how many there are, on how many devices, rest, rest without dry friction, and rest quietly."""
         return {
             "hands": self.hands,
+            "devices": self.devices,
             "at_rest": int(self.stable.sum()),
             "at_rest_without_friction": int(self.stable_without_friction.sum()),
             "quiet": int(self.quiet.sum()),

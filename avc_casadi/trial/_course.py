@@ -18,9 +18,13 @@ _TAP = Stroke(frequency_hz=2.0, amplitude_m=0.015)
 # A tap leaves the wall and strikes it again twice a second, and ends in contact: where it ended in free space, every
 # coupling would be at rest.
 MOTIONS: dict[str, Motion] = {"press": Press(), "tap": _TAP, "hold": Hold()}
-BEYOND: tuple[Motion, ...] = (Press(speed_m_per_s=0.3), Press(end_m=5e-4, speed_m_per_s=0.03))
+_TOUCH_M_PER_S = 0.03
+BEYOND: tuple[Motion, ...] = (Press(speed_m_per_s=0.3), Press(end_m=5e-4, speed_m_per_s=_TOUCH_M_PER_S))
 """Beyond what a trial tells. A wall that is struck may be driven to the force limit and not come back; where one is
 touched lightly, by a loose hand, an observer may hop from one side of its dead zone to the other for ever."""
+LIGHTEST: Motion = Press(end_m=2e-4, speed_m_per_s=_TOUCH_M_PER_S)
+"""A touch so light that dry friction, where any is declared, mostly carries it: it is always there. Without any, the
+device may lift off the wall and fall back to it for ever."""
 # A quarter of a second more than the paper's experiment: the last tap is then a second past when rest is judged, and
 # what dies out is told from what does not.
 TRIAL_S = 3.25
@@ -43,10 +47,12 @@ class Course:
     Attributes:
         motions: of the hands' target.
         beyond: the wall struck, and touched lightly, no part of what a trial tells.
+        lightest: the wall hardly touched, no part of it either.
     """
 
     motions: dict[str, Watched]
     beyond: tuple[Watched, ...]
+    lightest: Watched
 
     @property
     def longest_s(self) -> float:
@@ -69,7 +75,9 @@ def course_of(problem: Problem) -> Course:
     def watched(motion: Motion) -> Watched:
         return tuple((_resting(at_handle(motion, problem.device), rest_s), TRIAL_S + rest_s) for rest_s in rests_s)
 
-    return Course({name: watched(motion) for name, motion in MOTIONS.items()}, tuple(map(watched, BEYOND)))
+    return Course(
+        {name: watched(motion) for name, motion in MOTIONS.items()}, tuple(map(watched, BEYOND)), watched(LIGHTEST)
+    )
 
 
 def _resting(motion: Motion, longer_s: float) -> Motion:

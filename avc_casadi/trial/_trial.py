@@ -296,8 +296,8 @@ class Ends:
         problem: as for `simulations`.
         gains: constant gains.
         subjects: as for `simulations`.
-        motions: of their hands' target.
-        conditions: what of the device is simulated, with some state feedback of the structure, or none.
+        motions: of their hands' target, and what of the device is simulated in each, with some state feedback of the
+            structure, or none.
     """
 
     def __init__(
@@ -305,13 +305,12 @@ class Ends:
         problem: Problem,
         gains: Gains,
         subjects: Hand | StylusHand,
-        motions: Iterable[Watched],
-        conditions: Conditions,
+        motions: Iterable[tuple[Watched, Conditions]],
     ) -> None:
         self._gains, self.people = gains, len(subjects)
         self._scenes = [
             [prepared(problem, gains, subjects, one, conditions, duration_s) for one, duration_s in motion]
-            for motion in motions
+            for motion, conditions in motions
         ]
 
     def __call__(self, laws: Sequence[StateFeedback | None]) -> FloatArray:
