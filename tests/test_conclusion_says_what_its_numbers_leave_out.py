@@ -81,6 +81,14 @@ def test_hands_at_the_force_limit_are_no_part_of_what_is_felt(document):
     assert "(median of the 3 hands that stay below the force limit)" in lines_of(changed, "felt")[0]
 
 
+def test_hands_that_feel_another_stiffness_are_told(document):
+    assert "from hand to hand" not in lines_of(document, "felt")[0]
+    changed = copy.deepcopy(document)
+    median = changed["trial"]["stiffness_n_per_m"]["median"]
+    changed["trial"]["stiffness_n_per_m"] |= {"lowest": 0.5 * median, "highest": 1.01 * median}
+    assert f"; {0.5 * median:.4g} to {1.01 * median:.4g} N/m from hand to hand" in lines_of(changed, "felt")[0]
+
+
 def test_a_press_with_friction_is_where_no_vibration_is_felt(document):
     (line,) = lines_of(document, "trial")
     assert "10 press without a vibration that is felt, and" in line

@@ -54,6 +54,7 @@ def test_every_range_is_named():
     named = declared(problem(PLAIN | EVERYTHING | {"range": ends}))
     expected = [f"device.range.{key}" for key in DeviceRange.model_fields if key != "resonance"]
     assert named[len(EVERYTHING) :] == (*expected, *(f"device.range.resonance.{key}" for key in MODE))
+    assert declared(problem(PLAIN | {"range": {"amplifier_damping_ratio": [0.5, 0.9]}})) == ()  # of a lag, nothing
 
 
 @pytest.mark.parametrize(

@@ -39,8 +39,8 @@ def declared(problem: Problem) -> tuple[str, ...]:
     # These say nothing alone.
     if device.amplifier_bandwidth_hz is None:
         whole -= {"amplifier_order", "amplifier_damping_ratio"}
-    if device.amplifier_order == 1:
-        whole.discard("amplifier_damping_ratio")
+    idle = {"amplifier_damping_ratio"} if device.amplifier_order == 1 else set()
+    whole -= idle
     if device.resonance is None:
         whole.discard("encoder_at")
     values = {key: (getattr(device, key), field.default) for key, field in type(device).model_fields.items()}
@@ -48,7 +48,7 @@ def declared(problem: Problem) -> tuple[str, ...]:
     found += [
         f"device.range.{key}"
         for key in type(range_).model_fields
-        if key != "resonance" and getattr(range_, key) is not None
+        if key not in {"resonance", *idle} and getattr(range_, key) is not None
     ]
     mode = range_.resonance
     found += [f"device.range.resonance.{key}" for key in type(mode).model_fields if getattr(mode, key) is not None]

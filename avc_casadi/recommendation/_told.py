@@ -12,6 +12,8 @@ from avc_casadi.trial import TRIAL_S
 _AT_LIMIT, _STIFFER = 0.97, 1.1
 # A share of the wall that is hardly anything, and an error at 1 Hz from which motion is another matter than rest.
 _HARDLY, _OTHERWISE = 0.1, 0.2
+# Hands that feel so much more or less than the median differ noticeably.
+_SPREAD = 0.1
 # So far from its face a wall begins noticeably elsewhere.
 _ELSEWHERE_M = 5e-4
 
@@ -30,7 +32,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     springy = coupling["wall"]["stiffness_n_per_m"] > 0
     if first == "deploy on" and springy and (felt["share_of_wall"] or 1.0) < _HARDLY:
         first = "deploy, though hardly anything of the wall is left, on"
-    stiffness = _felt(felt, springy=springy, limited=trial["at_force_limit"], hands=trial["hands"])
+    stiffness = _felt(felt, trial, springy=springy)
     alone = "" if felt["stiffness_n_per_m"] is not None or not springy else " of the law alone, which nobody feels,"
     return [
         f"{first} {document['problem']}: {gains_line(coupling)}",
@@ -87,7 +89,8 @@ def _unlike_the_proof(rest: dict[str, Any], trial: dict[str, Any]) -> list[str]:
     return [f"beyond the proof: with what it leaves out {who} do not rest without dry friction"]
 
 
-def _felt(felt: dict[str, Any], *, springy: bool, limited: int, hands: int) -> str:
+def _felt(felt: dict[str, Any], trial: dict[str, Any], *, springy: bool) -> str:
+    limited = trial["at_force_limit"]
     if not springy:
         return "a damper, no stiffness"
     if felt["stiffness_n_per_m"] is None:
@@ -95,8 +98,17 @@ def _felt(felt: dict[str, Any], *, springy: bool, limited: int, hands: int) -> s
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
     share = f"{100 * (felt['share_of_wall'] or 0):.3g} % of the wall"
     behind = "" if handle == sensed else f" at the sensor, and {number(handle)} N/m at the handle"
-    most = f" (median of the {hands - limited} hands that stay below the force limit)" if limited else ""
-    return f"{number(sensed)} N/m, {share}{behind}{most}"
+    below = trial["hands"] - limited
+    most = f" (median of the {below} hands that stay below the force limit)" if limited else ""
+    return f"{number(sensed)} N/m, {share}{behind}{most}{_spread(trial['stiffness_n_per_m'])}"
+
+
+def _spread(over_hands: dict[str, float]) -> str:
+    """Say how far hands differ, where some feel noticeably more or less than the median."""
+    low, high = (over_hands[end] / over_hands["median"] for end in ("lowest", "highest"))
+    if max(1 - low, high - 1) < _SPREAD:
+        return ""
+    return f"; {number(over_hands['lowest'])} to {number(over_hands['highest'])} N/m from hand to hand"
 
 
 def _in_motion(felt: dict[str, Any]) -> list[str]:
