@@ -82,11 +82,14 @@ def test_hands_at_the_force_limit_are_no_part_of_what_is_felt(document):
 
 
 def test_hands_that_feel_another_stiffness_are_told(document):
-    assert "from hand to hand" not in lines_of(document, "felt")[0]
+    over_hands = document["trial"]["stiffness_n_per_m"]
+    low, high = over_hands["nine_in_ten"]
+    assert over_hands["lowest"] <= low <= over_hands["median"] <= high <= over_hands["highest"]
+    assert "nine hands in ten" not in lines_of(document, "felt")[0]
     changed = copy.deepcopy(document)
-    median = changed["trial"]["stiffness_n_per_m"]["median"]
-    changed["trial"]["stiffness_n_per_m"] |= {"lowest": 0.5 * median, "highest": 1.01 * median}
-    assert f"; {0.5 * median:.4g} to {1.01 * median:.4g} N/m from hand to hand" in lines_of(changed, "felt")[0]
+    low, high = 0.5 * over_hands["median"], 1.01 * over_hands["median"]
+    changed["trial"]["stiffness_n_per_m"]["nine_in_ten"] = [low, high]
+    assert f"; {low:.4g} to {high:.4g} N/m for nine hands in ten" in lines_of(changed, "felt")[0]
 
 
 def test_a_press_with_friction_is_where_no_vibration_is_felt(document):
@@ -101,7 +104,9 @@ def test_the_trial_of_a_device_with_ranges_is_said_to_be_on_the_nominal_one(docu
     assert conclusion_lines(document)[2].startswith("trial: ")
     changed = copy.deepcopy(document)
     changed["confirmed"]["devices"] = 16
-    assert conclusion_lines(changed)[2].startswith("trial on the nominal device: ")
+    told = conclusion_lines(changed)[2]
+    assert told.startswith("trial on the nominal device: ")
+    assert "20 of 20 others on 16 devices of the ranges; " in told
 
 
 def test_a_wall_of_which_hardly_anything_is_left_is_said_to_be_that_first(document):

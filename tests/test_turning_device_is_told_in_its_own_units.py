@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, Gains
+from avc_casadi.recommendation._assumptions import assumed
 from avc_casadi.support import LINEAR, ROTARY
 
 KNOB = """
@@ -121,15 +122,41 @@ def test_a_range_of_counts_is_one_of_the_step():
 
     coarsest, finest = 2 * math.pi / 4000, 2 * math.pi / 16384
     assert device("[4000, 16384]").range.encoder_resolution_m == (finest, coarsest)
-    for ends in ("[16384, 4000]", "4000", "[1, 4000]", "[4000]", '["a", 4000]'):
+    for ends, said in (
+        ("[16384, 4000]", "reversed"),
+        ("4000", "4 to 1e9 counts"),
+        ("[1, 4000]", "4 to 1e9 counts"),
+        ("[4000]", "4 to 1e9 counts"),
+        ('["a", 4000]', "4 to 1e9 counts"),
+        ("[4000, 8000]", "that hold device.encoder_counts_per_turn = 16384"),
+        ("[4000, 16384]\nencoder_resolution_rad = [1e-4, 1e-3]", "beside encoder_resolution_rad"),
+    ):
         with pytest.raises(avc.InputError) as refused:
             device(ends)
         (fault,) = refused.value.faults
         assert fault.key == "device.range.encoder_counts_per_turn"
-        assert "4 to 1e9 counts" in fault.message
-    with pytest.raises(avc.InputError) as refused:
-        device("[4000, 16384]\nencoder_resolution_rad = [1e-4, 1e-3]")
-    assert "beside encoder_resolution_rad" in refused.value.faults[0].message
+        assert said in fault.message
+
+
+def test_a_box_of_gains_that_no_file_states_bounds_nothing():
+    own = "contact_damping_nms_per_rad = [0.0, 0.05]\n"
+    for box, told in (("", False), ("stiffness_nm_per_rad = [0.0, 0.5]\n", True)):
+        problem = avc.parse_problem(KNOB.replace(own, box), name="knob")
+        found = assumed(problem, Coupling.constant(problem, Gains(0.0, 1e6), "x"))
+        assert any("gain box of [coupling]" in line for line in found) == told
+
+
+def test_a_range_of_counts_that_says_nothing_is_refused():
+    ends = "\n[device.range]\nencoder_counts_per_turn = [4000, 16384]\n"
+    linear = KNOB.replace('motion = "rotary"\nhandle_radius_m = 0.02', "")
+    for text, said in (
+        (KNOB.replace("encoder_counts_per_turn = 16384\n", ""), "without device.encoder_counts_per_turn"),
+        (linear, "is a key of a device that turns"),
+    ):
+        with pytest.raises(avc.InputError) as refused:
+            avc.parse_problem(text + ends)
+        told = {fault.key: fault.message for fault in refused.value.faults}
+        assert said in told["device.range.encoder_counts_per_turn"]
 
 
 def test_a_problem_is_written_and_read_in_its_own_keys():

@@ -145,23 +145,31 @@ def resolved(table: Mapping[str, Any], path: Path, findings: list[_Finding]) -> 
         else:
             found.setdefault("encoder_resolution_m", 2 * math.pi / float(counts))
     if isinstance(found.get("range"), Mapping):
-        found["range"] = _resolved_range(found["range"], (*path, "range"), findings)
+        found["range"] = _resolved_range(found["range"], (*path, "range"), counts, findings)
     return found
 
 
-def _resolved_range(table: Mapping[str, Any], path: Path, findings: list[_Finding]) -> dict[str, Any]:
+def _resolved_range(table: Mapping[str, Any], path: Path, counts: Any, findings: list[_Finding]) -> dict[str, Any]:
     """Return ranges with that of the counts as one of the angle, whose ends change places."""
     found = dict(table)
-    counts = found.pop(COUNTS, None)
-    if counts is not None:
-        place = (*path, COUNTS)
-        if "encoder_resolution_m" in found:
-            findings.append((place, "stands beside encoder_resolution_rad; allowed: one of the two"))
-        ends = counts if isinstance(counts, list) and len(counts) == 2 and all(map(_is_count, counts)) else None
-        if ends is None or ends[0] > ends[1]:
-            findings.append((place, f"is {shown(counts)}; allowed: [low, high] with low <= high, 4 to 1e9 counts"))
-        else:
-            found.setdefault("encoder_resolution_m", [2 * math.pi / float(end) for end in reversed(ends)])
+    ends = found.pop(COUNTS, None)
+    if ends is None:
+        return found
+    wrong = None
+    if "encoder_resolution_m" in found:
+        wrong = "stands beside encoder_resolution_rad; allowed: one of the two"
+    elif not (isinstance(ends, list) and len(ends) == 2 and all(map(_is_count, ends))):
+        wrong = f"is {shown(ends)}; allowed: [low, high], 4 to 1e9 counts"
+    elif ends[0] > ends[1]:
+        wrong = f"is {shown(ends)}, reversed; allowed: [low, high] with low <= high"
+    elif counts is None:
+        wrong = f"says nothing without device.{COUNTS}; allowed: beside it, or encoder_resolution_rad"
+    elif _is_count(counts) and not ends[0] <= counts <= ends[1]:
+        wrong = f"is {shown(ends)}; allowed: ends that hold device.{COUNTS} = {shown(counts)}"
+    if wrong:
+        findings.append(((*path, COUNTS), wrong))
+    else:
+        found["encoder_resolution_m"] = [2 * math.pi / float(end) for end in reversed(ends)]
     return found
 
 
@@ -235,10 +243,12 @@ def device_words(device: Any, base: Mapping[str, Any], findings: list[_Finding])
     found = inner_table(device, units, ("device",), findings)
     if not units.linear:
         return resolved(found, ("device",), findings), units
-    if COUNTS in found:
-        message = 'is a key of a device that turns; allowed: encoder_resolution_m, or device.motion = "rotary"'
-        findings.append((("device", COUNTS), message))
-    return {key: value for key, value in found.items() if key != COUNTS}, units
+    ranges = found.get("range")
+    for place, table in ((("device",), found), (("device", "range"), ranges if isinstance(ranges, dict) else {})):
+        if table.pop(COUNTS, None) is not None:
+            message = 'is a key of a device that turns; allowed: encoder_resolution_m, or device.motion = "rotary"'
+            findings.append(((*place, COUNTS), message))
+    return found, units
 
 
 def felt_at_handle(device: Any, units: Units, findings: list[_Finding]) -> tuple[Any, Units]:

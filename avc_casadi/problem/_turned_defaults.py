@@ -58,6 +58,16 @@ def turned_hands(radius_m: float) -> dict[str, tuple[float, float]]:
     return found
 
 
+def turned_gains(radius_m: float) -> dict[str, tuple[float, float]]:
+    """Return the box of gains of a device that turns whose file states none, by key.
+
+    Args:
+        radius_m: of its handle.
+    """
+    found: dict[str, tuple[float, float]] = _filled({}, _GAINS, radius_m)
+    return found
+
+
 def turned_motion(motion: Any, radius_m: float) -> Any:
     """Return the motion of a hand that turns something, filled in.
 

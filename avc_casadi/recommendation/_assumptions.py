@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.loop import LINEAR_KEYS
-from avc_casadi.problem import declared, declared_effects, plausibility
+from avc_casadi.problem import declared, declared_effects, plausibility, turned_gains
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -88,8 +88,11 @@ def _ranges(problem: Problem) -> tuple[list[str], list[str]]:
 
 def _outside(coupling: Coupling) -> list[str]:
     """Say where gains leave what the problem states of the gain box of [coupling]."""
-    box, gains = coupling.problem.coupling, coupling.table.gains
-    stated = (getattr(box, key) if key in box.model_fields_set else _ANY for key in _BOX)
+    box, gains, device = coupling.problem.coupling, coupling.table.gains, coupling.problem.device
+    # Filled in where the file of a device that turns states none.
+    usual = turned_gains(device.metres_per_unit) if device.motion == "rotary" else {}
+    given = {key: getattr(box, key) for key in box.model_fields_set}
+    stated = (_ANY if given.get(key) in {None, usual.get(key)} else given[key] for key in _BOX)
     left = [
         f"{symbol} of {outside[np.argmax(np.abs(outside - low))]:.4g} {unit} lies outside [{low:g}, {high:g}]"
         for (symbol, unit), (low, high), values in zip(

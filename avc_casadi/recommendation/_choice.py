@@ -257,16 +257,18 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
     """Say why this one, or why none."""
     if best is None:
         return f"none of {considered} couplings is linearly stable with every hand of [hands] and let go"
-    trial = best.trial
+    trial, device = best.trial, best.coupling.problem.device
+    rough = device.coulomb_friction_n > 0 or device.range.coulomb_friction_n is not None
     who = {
-        0: f"all of {trial.hands} simulated hands come to rest, with and without dry friction",
+        0: f"all of {trial.hands} simulated hands come to rest{', with and without dry friction' if rough else ''}",
         1: f"all of {trial.hands} simulated hands come to rest, but only thanks to the declared dry friction",
         2: f"{int(trial.stable.sum())} of {trial.hands} simulated hands come to rest, as many as with any candidate",
     }[best.safety]
     if best.others is not None:
         rest, free = best.others.stable, best.others.stable_without_friction
         where = "" if best.others.devices == 1 else f" on {best.others.devices} devices of [device.range]"
-        who += f"; of {len(rest)} others{where} {int(rest.sum())}, without dry friction {int(free.sum())}"
+        who += f"; of {len(rest)} others{where} {int(rest.sum())}"
+        who += f", without dry friction {int(free.sum())}" if rough else ""
         fewest = int((free if best.safety == 0 else rest).sum())
         who += f", so at least {100 * exact_interval(fewest, len(rest))[0]:.3g} % of all such hands, to 95 %"
     if len(judged) == 1:

@@ -14,6 +14,8 @@ _AT_LIMIT, _STIFFER = 0.97, 1.1
 _HARDLY, _OTHERWISE = 0.1, 0.2
 # Hands that feel so much more or less than the median differ noticeably.
 _SPREAD = 0.1
+# How hands hold a device, where the key of the document is no phrase.
+_HELD = {"one fingertip": "with one fingertip"}
 # So far from its face a wall begins noticeably elsewhere.
 _ELSEWHERE_M = 5e-4
 
@@ -68,7 +70,8 @@ def _quietly(document: dict[str, Any]) -> str:
     trial, confirmed, declared_n = document["trial"], document["confirmed"], document["felt"]["friction_n"]
     friction = ", with the declared friction" if declared_n else ""
     others = f", and {confirmed['quiet']} of {confirmed['hands']} others" if confirmed else ""
-    return f"{trial['quiet']} press without a vibration that is felt{friction}{others}"
+    where = f" on {confirmed['devices']} devices of the ranges" if confirmed and confirmed["devices"] > 1 else ""
+    return f"{trial['quiet']} press without a vibration that is felt{friction}{others}{where}"
 
 
 def rest_line(rest: dict[str, Any]) -> str:
@@ -103,12 +106,12 @@ def _felt(felt: dict[str, Any], trial: dict[str, Any], *, springy: bool) -> str:
     return f"{number(sensed)} N/m, {share}{behind}{most}{_spread(trial['stiffness_n_per_m'])}"
 
 
-def _spread(over_hands: dict[str, float]) -> str:
-    """Say how far hands differ, where some feel noticeably more or less than the median."""
-    low, high = (over_hands[end] / over_hands["median"] for end in ("lowest", "highest"))
-    if max(1 - low, high - 1) < _SPREAD:
+def _spread(over_hands: dict[str, Any]) -> str:
+    """Say how far hands differ, where one in twenty feels noticeably less than the median, or more."""
+    low, high = over_hands["nine_in_ten"]
+    if max(1 - low / over_hands["median"], high / over_hands["median"] - 1) < _SPREAD:
         return ""
-    return f"; {number(over_hands['lowest'])} to {number(over_hands['highest'])} N/m from hand to hand"
+    return f"; {number(low)} to {number(high)} N/m for nine hands in ten"
 
 
 def _in_motion(felt: dict[str, Any]) -> list[str]:
@@ -164,7 +167,8 @@ def _listed(keys: list[str]) -> str:
 
 def _other_hands(tried: dict[str, Any]) -> str:
     return "; ".join(
-        f"{holding} {of['at_rest']} of {of['hands']} at rest, {of['at_rest_without_friction']} without friction"
+        f"{_HELD.get(holding, holding)} {of['at_rest']} of {of['hands']} at rest, {of['at_rest_without_friction']} "
+        "without friction"
         for holding, of in tried.items()
     )
 

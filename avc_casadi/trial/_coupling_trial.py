@@ -142,6 +142,7 @@ class CouplingTrial(Tabular):
                     "lowest": float(felt.min()) if len(felt) else None,
                     "median": self.stiffness,
                     "highest": float(felt.max()) if len(felt) else None,
+                    "nine_in_ten": np.quantile(felt, (0.05, 0.95)).tolist() if len(felt) else None,
                 },
                 "at_force_limit": int(self.at_force_limit.sum()),
                 "share_of_wall": self.stiffness / self.wall_n_per_m if self.wall_n_per_m else None,
