@@ -152,8 +152,8 @@ def recommend_time(found: Document) -> str:
         f"{np.median(took[~beyond]):.1f} s in the median where spring and damper hold the wall, "
         f"{np.median(took[beyond]):.0f} s where they do not, over 10 s on {int((took > 10).sum())} and "
         f"{took.max():.0f} s at most (as of commit {found['about']['commit']}). A device whose file gives ranges, so "
-        "that many devices are tried, takes half a minute where it is known to a tenth, and one or two minutes where "
-        "gaps of the file are wide ranges."
+        "that many devices are tried, takes up to a minute where it is known to a tenth, and some minutes where gaps "
+        "of the file are wide ranges."
     )
 
 
