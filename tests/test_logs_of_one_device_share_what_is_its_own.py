@@ -112,6 +112,7 @@ def test_logs_of_two_devices_are_told():
     assert "by heavy" in note
 
 
+@pytest.mark.one_of(2)
 @pytest.mark.parametrize(("side", "resonance"), [("rooted", 30.0), ("rooted", 60.0), ("ground", 60.0)])
 def test_a_spring_may_be_on_either_side_of_a_resonance(side, resonance):
     """Force to position of the motor is the same; the intervals hold both devices."""
