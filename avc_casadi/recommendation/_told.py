@@ -107,9 +107,9 @@ def _felt(felt: dict[str, Any], trial: dict[str, Any], *, springy: bool) -> str:
 
 
 def _spread(over_hands: dict[str, Any]) -> str:
-    """Say how far hands differ, where one in twenty feels noticeably less than the median, or more."""
-    low, high = over_hands["nine_in_ten"]
-    if max(1 - low / over_hands["median"], high / over_hands["median"] - 1) < _SPREAD:
+    """Say how far hands differ, where more than one in twenty feels noticeably less than the median, or more."""
+    median, (low, high) = over_hands["median"], over_hands["nine_in_ten"]
+    if (1 - _SPREAD) * median <= low <= high <= (1 + _SPREAD) * median:
         return ""
     return f"; {number(low)} to {number(high)} N/m for nine hands in ten"
 
