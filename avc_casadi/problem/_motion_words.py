@@ -62,7 +62,7 @@ class Worded:
 def _unknown(path: Path, message: str) -> str:
     """Name the keys of a table, those that a device that turns has beside, and the nearest to one that is none."""
     keys = message.removeprefix(UNKNOWN).partition(";")[0].split(", ")
-    beside = {("device",): [COUNTS], ("device", "range"): [COUNTS], ("detent",): ["per_turn"]}
+    beside: dict[Path, list[str]] = {("device",): [COUNTS], ("device", "range"): [COUNTS], ("detent",): ["per_turn"]}
     keys += beside.get(path[:-1], [])
     near = difflib.get_close_matches(str(path[-1])[:60], keys, n=1)
     return f"{UNKNOWN}{', '.join(keys)}{f'; did you mean {near[0]}?' if near else ''}"
