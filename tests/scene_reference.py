@@ -156,7 +156,10 @@ class Reference:
         return y
 
     def run(self, samples, noise=None, late=None, dropped=None, commands=None):
-        """Return position, velocity and held force at each sample; `commands` replay the forces of another computer."""
+        """Return position, velocity and held force at each sample; `commands` replay the forces of another computer.
+
+        Position and velocity of the handle are left in `handle`.
+        """
         effects, period = self.effects, self.T
         delay = (effects["delay"].samples or self.problem.device.delay_samples) if "delay" in effects else 0
         lag = math.floor(delay)
@@ -176,7 +179,7 @@ class Reference:
         computer, line, before = Computer(self, rest), [0.0] * lag, 0.0
         believer = Believer(effects["state-feedback"]) if "state-feedback" in effects else None
         y = np.array([self.start, 0.0, self.start, 0.0, self.start, 0.0, 0.0, 0.0])
-        out = []
+        out, self.handle = [], np.empty((2, samples))
         for k in range(samples):
             command = before
             if commands is not None:
@@ -195,6 +198,7 @@ class Reference:
                 if believer is not None:
                     believer.force = line[-1] if line else command
             out.append((y[0], y[1], command))
+            self.handle[:, k] = y[2:4]
             arrival = (delay - lag) * period if late is None else late[k] * period
             if arrival > 0:
                 y = self.move(y, before, k, 0.0, arrival)

@@ -13,6 +13,7 @@ from avc_casadi.design import simulate
 from avc_casadi.design.constant import static_coupling
 from avc_casadi.loop import Hand
 from avc_casadi.scene import judge, screen, simulate_batch
+from avc_casadi.trial import Traces
 
 T = 1e-3
 TIME = np.arange(3000) * T
@@ -36,6 +37,24 @@ def test_stable_is_below_5_mm_per_second_in_the_last_half_second():
     assert judge(np.zeros(3000), velocity, np.zeros(3000), T).stable
     velocity[2500] = -0.0051
     assert not judge(np.zeros(3000), velocity, np.zeros(3000), T).stable
+
+
+def test_a_handle_that_rings_is_not_at_rest():
+    still = np.zeros(3000)
+    for speed, rests in ((0.0049, True), (0.0051, False)):
+        found = judge(still, still, still, T, held_m_per_s=speed * np.sin(2 * np.pi * 125 * TIME))
+        assert found.stable == rests
+        assert found.peak_velocity_m_per_s == pytest.approx(speed, rel=1e-9)
+
+
+def test_what_is_felt_is_what_the_hand_holds():
+    """2 um at 80 Hz are 1.25 thresholds, and a motor that moves by a tenth of it is not felt."""
+    held = 2e-6 * np.sin(2 * np.pi * 80 * TIME)
+    ringing = Traces(0.1 * held, np.zeros(3000), np.zeros(3000), T, held_m=held, held_m_per_s=np.gradient(held, T))
+    assert ringing.vibration == pytest.approx(1.25, rel=1e-2)
+    assert ringing.judged().peak_velocity_m_per_s == pytest.approx(2e-6 * 2 * np.pi * 80, rel=0.05)
+    assert Traces(held, np.zeros(3000), np.zeros(3000), T).vibration == pytest.approx(1.25, rel=1e-2)
+    assert Traces(2 * held, np.zeros(3000), np.zeros(3000), T, 0.5).vibration == pytest.approx(1.25, rel=1e-2)
 
 
 @pytest.mark.parametrize("amplitude", [0.0, 0.8e-3])

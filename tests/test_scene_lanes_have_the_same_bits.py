@@ -25,6 +25,7 @@ from avc_casadi.scene.effects import build_effects
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
 ENCODER = 'kind = "encoder"\nresolution_m = 2e-6'
+RESONANCE = 'kind = "resonance"\nfrequency_hz = 180.0\ndamping_ratio = 0.02\nmass_ratio = 0.3'
 ADAPTED = (HAND, WALL, 'kind = "estimator"', 'kind = "adaptation"', FRICTION, ENCODER)
 
 
@@ -64,24 +65,35 @@ def test_any_scene(case, damping, stiffness, contact, integrator, runs, spread, 
     scene, row = compiled_scene(CASES[case][0], Gains(damping, stiffness, contact), how)
     parameters, inputs = several(row, runs, seed, spread), scene.input_values()
     with np.errstate(all="ignore"):
-        lanes = SideBySide(scene.function)(scene.initial, inputs.T, parameters, 1)
+        lanes = SideBySide(scene.function, len(scene.speeds))(scene.initial, inputs.T, parameters, 1)
         alone = execute(scene, parameters, inputs, engine="casadi")
     for index, (name, values) in enumerate(alone.items()):
         assert name == scene.traces[index]
         assert_same_bits(lanes[:, :, index], values)
 
 
-@pytest.mark.parametrize(("effects", "gains"), [(ADAPTED, None), ((HAND, WALL, FRICTION, ENCODER), Gains(10.0, 1e5))])
+@pytest.mark.parametrize(
+    ("effects", "gains"),
+    [
+        (ADAPTED, None),
+        ((HAND, WALL, FRICTION, ENCODER), Gains(10.0, 1e5)),
+        ((RESONANCE, HAND, WALL, ENCODER), Gains(10.0, 1e5)),
+    ],
+)
 def test_peaks_and_rest_are_those_of_the_traces(effects, gains):
     scene, row = compiled_scene(effects, gains, 'duration_s = 0.8\nintegrator = "projected"\nsubsteps = 4\n')
     parameters, inputs = several(row, LANES + 5, 3, 0.05), scene.input_values()
-    lanes, alone = SideBySide(scene.function), NativeScene(scene)(scene.initial, inputs.T, parameters, 2)
+    lanes = SideBySide(scene.function, len(scene.speeds))
+    alone = NativeScene(scene)(scene.initial, inputs.T, parameters, 2)
     assert_same_bits(lanes(scene.initial, inputs.T, parameters, 3), alone)
     with np.errstate(all="ignore"):
         peaks = lanes.peaks(scene.initial, inputs.T, parameters, 2, scene.samples - 500)
         np.testing.assert_array_equal(peaks[:, 0], np.abs(alone[:, :, 0]).max(axis=1))
-        np.testing.assert_array_equal(peaks[:, 1], np.abs(alone[:, -500:, 1]).max(axis=1))
-        judged = judge(alone[..., 0], alone[..., 1], alone[..., scene.traces.index("force_n")], scene.sample_time_s)
+        named = {name: alone[..., place] for place, name in enumerate(scene.traces)}
+        speeds = [np.abs(named[name][:, -500:]).max(axis=1) for name in scene.speeds]
+        np.testing.assert_array_equal(peaks[:, 1], np.max(speeds, axis=0))
+        moved, force, time = (named["position_m"], named["velocity_m_per_s"]), named["force_n"], scene.sample_time_s
+        judged = judge(*moved, force, time, held_m_per_s=named.get("held_m_per_s"))
         speed = execute_to_speed(scene, parameters, inputs, engine="native")
         few = execute_to_speed(scene, parameters[:3], inputs, engine="casadi")
     np.testing.assert_array_equal(speed < 1, judged.stable)

@@ -11,7 +11,7 @@ from avc_casadi import InputError
 from avc_casadi.cli._main import main
 from avc_casadi.coupling import NO_COUPLING, Gains
 from avc_casadi.problem import Scene, declared_effects, left_out, scene_effects
-from avc_casadi.scene import compile_scene, simulate
+from avc_casadi.scene import compile_for, compile_scene, execute, simulate
 from avc_casadi.scene.effects import KINDS, build_effects
 
 HAND, WALL = 'kind = "hand"', 'kind = "wall"'
@@ -75,13 +75,20 @@ def test_the_declared_device_agrees_with_an_independent_integration():
     scene = compile_scene(problem)
     noise = dict(zip(scene.inputs, scene.input_values(), strict=True))["noise_m"]
     same = avc.parse_problem(avc.dump_problem(problem) + listed, name="listed")
-    reference = Reference(same, gains, scene.target.position_m, scene.target.device_start_m).run(120, noise)
+    device = Reference(same, gains, scene.target.position_m, scene.target.device_start_m)
+    reference = device.run(120, noise)
     run = simulate(problem, gains)
     assert reference[2].max() > 0.1
     for mine, other, size in zip(
         (run.position_m, run.velocity_m_per_s, run.force_n), reference, (1e-10, 1e-7, 1e-6), strict=True
     ):
         assert np.abs(mine - other).max() < size
+    held = execute(
+        compile_for(problem, build_effects(problem), gains), scene.parameter_values(gains), scene.input_values()
+    )
+    for name, other, size in zip(("held_m", "held_m_per_s"), device.handle, (1e-10, 1e-7), strict=True):
+        assert np.ptp(other - reference[0 if name == "held_m" else 1]) > 0
+        assert np.abs(held[name][0] - other).max() < size
 
 
 def test_at_the_handle_the_encoder_sees_the_handle():

@@ -135,7 +135,7 @@ class WholeDevice:
 
 
 def rests_as_tried(bench, device, hands, friction=None, longest_s=TRIAL_SECONDS):
-    """Whether each hand rests in the three motions of a trial of `recommend`, which looks at the motor; shape (hands,).
+    """Whether each hand, motor and handle rest in the three motions of a trial of `recommend`, shape (hands,).
 
     The device may be another one than that of the bench's exported files. Who still moves is watched for so long.
     """
@@ -145,6 +145,7 @@ def rests_as_tried(bench, device, hands, friction=None, longest_s=TRIAL_SECONDS)
 
     def rests(deed):
         watched = dict.fromkeys((TRIAL_SECONDS, longest_s))
-        return any(bench.meets(deed, seconds, **changed).motor_speed < REST for seconds in watched)
+        found = (bench.meets(deed, seconds, **changed) for seconds in watched)
+        return any(max(one.motor_speed, one.handle_speed) < REST for one in found)
 
     return np.array([all(rests(motion(hand)) for motion in motions) for hand in hands])

@@ -11,7 +11,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi.coupling import Gains, contact_law
-from avc_casadi.loop import DEVICE, GROUND, LinearPlant, Plant
+from avc_casadi.loop import DEVICE, GROUND, HANDLE, LinearPlant, Plant
 from avc_casadi.scene._motion import Target, target_of
 from avc_casadi.scene.advance import (
     Advance,
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from avc_casadi.problem import Contact, Problem
+
+_SPEEDS = ("velocity_m_per_s", "held_m_per_s")
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,11 @@ class CompiledScene:
     def instructions(self) -> int:
         """Number of instructions of one sample."""
         return int(self.function.n_instructions())
+
+    @property
+    def speeds(self) -> tuple[str, ...]:
+        """Names of the traces of what moves; they follow the first trace."""
+        return tuple(name for name in self.traces if name in _SPEEDS)
 
     @property
     def branches(self) -> bool:
@@ -164,8 +171,7 @@ def compile_scene(
         with tick.owned_by(owners[name]):
             tick.state(name, target.device_start_m if name.endswith("_position_m") else 0.0, computed=False)
     tick.position = _sensed(problem, effects, tick)
-    tick.trace("position_m", tick.states[0].symbol)
-    tick.trace("velocity_m_per_s", tick.states[1].symbol)
+    _watch(tick)
     if tick.position is not tick.states[0].symbol:
         tick.trace("measured_m", tick.position)
     damper = damped if table is None else bool(np.any(table.gains[2] > 0))
@@ -215,6 +221,16 @@ def _mechanics(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[Line
         )
     linear = plant.linear()
     return linear, {name: owners[name.split("_", 1)[0]] for name in linear.names}
+
+
+def _watch(tick: Tick) -> None:
+    """Record how the device moves, and its handle where that is another body: what a hand holds and feels."""
+    moves = {slot.name: slot.symbol for slot in tick.states}
+    tick.trace("position_m", moves[f"{DEVICE}_position_m"])
+    tick.trace("velocity_m_per_s", moves[f"{DEVICE}_velocity_m_per_s"])
+    if f"{HANDLE}_position_m" in moves:
+        tick.trace("held_m_per_s", moves[f"{HANDLE}_velocity_m_per_s"])
+        tick.trace("held_m", moves[f"{HANDLE}_position_m"])
 
 
 def _lawful(environment: Environment, stiffness_n_per_m: ArrayLike) -> Environment:

@@ -73,8 +73,8 @@ def execute_to_speed(
     for begin in range(0, len(parameters), _TRACES):
         run = execute(scene, parameters[begin : begin + _TRACES], inputs, engine=engine)
         last = slice(-judged_samples(scene.samples, scene.sample_time_s), None)
-        far, fast = np.abs(run["position_m"]).max(axis=-1), np.abs(run["velocity_m_per_s"][:, last]).max(axis=-1)
-        found.append(_over_rest(scene, far, fast))
+        fast = np.max([np.abs(run[name][:, last]).max(axis=-1) for name in scene.speeds], axis=0)
+        found.append(_over_rest(scene, np.abs(run["position_m"]).max(axis=-1), fast))
     return np.concatenate(found)
 
 
@@ -92,7 +92,7 @@ def _compiled(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | 
         return None
     if runs >= LANES:
         with suppress(LookupError, OSError, subprocess.CalledProcessError):
-            return side_by_side(scene.function)
+            return side_by_side(scene.function, len(scene.speeds))
     try:
         return NativeScene(scene)
     except (OSError, subprocess.CalledProcessError):

@@ -10,7 +10,7 @@ from avc_casadi.support import BoolArray, Columns, FloatArray, Tabular
 
 JUDGED_S = 0.5
 AT_REST_M_PER_S = 5e-3
-"""Speed of the handle below which it is at rest."""
+"""Speed of device and handle below which they are at rest."""
 RIPPLE_HZ = (20.0, 500.0)
 BUZZ_SHARE = 0.07
 IMPACT_S = 0.01
@@ -22,8 +22,9 @@ LOST_M = 10.0
 
 def criterion(metres_per_unit: float = 1.0) -> str:
     """Say what is judged, of a device whose handle moves so far for a unit of its position."""
+    slow = AT_REST_M_PER_S * 1e3 / metres_per_unit
     return (
-        f"largest true velocity in the last {JUDGED_S:g} s below {AT_REST_M_PER_S * 1e3 / metres_per_unit:g} mm/s; "
+        f"largest true velocity of device and handle in the last {JUDGED_S:g} s below {slow:g} mm/s; "
         f"buzzing: force between {RIPPLE_HZ[0]:g} and {RIPPLE_HZ[1]:g} Hz (rms) above {BUZZ_SHARE:.0%} of the mean "
         "force"
     )
@@ -37,7 +38,7 @@ class Judgement(Tabular):
         stable: at rest at the end, as `criterion` says.
         diverged: the device left the workspace, or its numbers are no longer finite.
         buzzing: as `criterion` says.
-        peak_velocity_m_per_s: largest true velocity at the end.
+        peak_velocity_m_per_s: largest true velocity at the end, of device or handle.
         position_peak_to_peak_m: travel of the true position at the end, of a limit cycle for one.
         mean_force_n: mean force at the end.
         mean_penetration_m: mean true position at the end, of the body that is measured.
@@ -75,6 +76,7 @@ def judge(
     sample_time_s: float,
     metres_per_unit: float = 1.0,
     measured_m: FloatArray | None = None,
+    held_m_per_s: FloatArray | None = None,
 ) -> Judgement:
     """Judge runs by the last half second (or the whole run, where it is shorter).
 
@@ -85,6 +87,7 @@ def judge(
         sample_time_s: T.
         metres_per_unit: how far the hand moves for a unit of the position.
         measured_m: true position of the body that is measured, where that is another; as position_m.
+        held_m_per_s: true velocity of the handle, where that is another body.
     """
     last = slice(-judged_samples(position_m.shape[-1], sample_time_s), None)
     here = np.all(np.abs(position_m) < LOST_M / metres_per_unit, axis=-1)
@@ -92,6 +95,8 @@ def judge(
     measured = position_m if measured_m is None else measured_m
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         peak = np.abs(velocity_m_per_s[..., last]).max(axis=-1)
+        if held_m_per_s is not None:
+            peak = np.maximum(peak, np.abs(held_m_per_s[..., last]).max(axis=-1))
         travel = np.ptp(position_m[..., last], axis=-1)
         force, depth = force_n[..., last].mean(axis=-1), measured[..., last].mean(axis=-1)
         ripple = _ripple(force_n[..., last], sample_time_s)

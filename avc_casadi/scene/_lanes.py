@@ -120,7 +120,8 @@ int avc_lanes(long long runs, long long samples, long long judged, const double*
       for (int v = 0; v < VECTORS; ++v) {{
         sample(now[tick & 1][v], inputs + tick * {n_inputs}, p[v], now[~tick & 1][v], seen[v]);
         far[v] = peak(seen[v][0], far[v]);
-        if (tick >= judged) fast[v] = peak(seen[v][1], fast[v]);
+        if (tick >= judged)
+          for (int i = 1; i <= {speeds}; ++i) fast[v] = peak(seen[v][i], fast[v]);
       }}
       if (traces)
         for (int lane = 0; lane < LANES && first + lane < runs; ++lane)
@@ -143,15 +144,16 @@ class SideBySide:
 
     Args:
         function: the sample of a compiled scene.
+        speeds: of its traces, those after the first that are speeds.
 
     Raises:
         LookupError: an instruction that has no form in lanes.
         OSError, CalledProcessError: there is no compiler, or none that knows vectors.
     """
 
-    def __init__(self, function: Any) -> None:
+    def __init__(self, function: Any, speeds: int) -> None:
         self._traces = int(function.numel_out(1))
-        self._run = library(_code(function), _FLAGS).avc_lanes
+        self._run = library(_code(function, speeds), _FLAGS).avc_lanes
         self._run.restype = ctypes.c_int
         self._run.argtypes = [ctypes.c_longlong] * 3 + [ctypes.c_void_p] * 5
 
@@ -164,14 +166,14 @@ class SideBySide:
     def peaks(
         self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, judged: int
     ) -> FloatArray:
-        """Return only the largest size of the first trace, and of the second one from a sample on, shape (runs, 2).
+        """Return only the largest size of the first trace, and of the speeds from a sample on, shape (runs, 2).
 
         Args:
             initial: shape (states,).
             inputs: shape (samples, inputs).
             parameters: shape (runs, parameters).
             workers: number of threads.
-            judged: the sample from which on the second one counts.
+            judged: the sample from which on speeds count.
         """
         peaks = np.empty((len(parameters), 2))
         self._go(initial, inputs, parameters, workers, judged, None, peaks)
@@ -205,9 +207,9 @@ class SideBySide:
 
 
 @lru_cache(maxsize=KEPT)
-def side_by_side(function: Any) -> SideBySide:
+def side_by_side(function: Any, speeds: int) -> SideBySide:
     """Return the loop of a sample, once for each: the text of its C takes as long as some runs."""
-    return SideBySide(function)
+    return SideBySide(function, speeds)
 
 
 @lru_cache(maxsize=1)
@@ -250,7 +252,7 @@ def in_lanes(function: Any, given: Sequence[str], results: Sequence[str]) -> str
     return "\n  ".join([f"Lanes {work};", *lines])
 
 
-def _code(function: Any) -> str:
+def _code(function: Any, speeds: int) -> str:
     """Return the C of a sample and its loop."""
     body = in_lanes(function, ("now[{}]", "SPREAD(u[{}])", "p[{}]"), ("next[{}]", "traces[{}]"))
     sizes = {
@@ -259,7 +261,6 @@ def _code(function: Any) -> str:
         "parameters": function.numel_in(2),
         "traces": function.numel_out(1),
     }
-    loop = _LOOP.format(
-        **{name: max(1, size) for name, size in sizes.items()}, **{f"n_{name}": size for name, size in sizes.items()}
-    )
+    least = {name: max(1, size) for name, size in sizes.items()}
+    loop = _LOOP.format(**least, **{f"n_{name}": size for name, size in sizes.items()}, speeds=speeds)
     return "\n".join([LANES_HEAD, f"#define LANES {LANES}", _SAMPLE.format(body=body), loop])

@@ -183,6 +183,7 @@ def _judged(problem: Problem, scene: CompiledScene, traces: Mapping[str, FloatAr
         scene.sample_time_s,
         problem.device.metres_per_unit,
         traces.get("measured_m"),
+        traces.get("held_m_per_s"),
     )
 
 

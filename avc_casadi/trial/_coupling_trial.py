@@ -26,7 +26,7 @@ from avc_casadi.support import (
 from avc_casadi.trial._binomial import exact_interval
 from avc_casadi.trial._course import MOTIONS, TRIAL_S, course_of
 from avc_casadi.trial._trial import Conditions, Simulation, Traces, on_device, simulations
-from avc_casadi.trial._vibration import QUIET, felt_vibration
+from avc_casadi.trial._vibration import QUIET
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -269,7 +269,7 @@ def _figures(name: str | None, limit_n: float, part: Traces) -> _Figures:
         limited = np.abs(found.mean_force_n) > _NEAR_LIMIT * limit_n
         figures["at_force_limit"] = limited
         figures["stiffness_n_per_m"] = np.where(limited, np.nan, found.apparent_stiffness_n_per_m)
-        figures["vibration"] = felt_vibration(part.position_m * part.metres_per_unit, part.sample_time_s)
+        figures["vibration"] = part.vibration
     if name == "tap":
         figures["tap_force_n"] = np.abs(part.force_n).max(axis=-1)
         figures["tap_depth_m"] = part.depth_m.max(axis=-1)

@@ -38,6 +38,7 @@ from avc_casadi.scene import (
 from avc_casadi.support import BoolArray, FloatArray, processors
 from avc_casadi.trial._course import Watched, motions_at
 from avc_casadi.trial._prepared import Prepared, prepared, with_law
+from avc_casadi.trial._vibration import felt_vibration
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainSchedule, GainTable
@@ -163,12 +164,14 @@ class Traces:
     """Traces of some people, each of shape (people, samples).
 
     Attributes:
-        position_m: true position.
-        velocity_m_per_s: true velocity.
+        position_m: true position of the device.
+        velocity_m_per_s: its true velocity.
         force_n: force of the actuator, positive against +x.
         sample_time_s: T.
         metres_per_unit: how far the hand moves for a unit of the position.
-        measured_m: true position of the body that is measured; None where that is the one that moves.
+        measured_m: true position of the body that is measured; None where that is the device itself.
+        held_m: true position of the handle; None where that is the device itself.
+        held_m_per_s: its velocity.
     """
 
     position_m: FloatArray
@@ -177,11 +180,19 @@ class Traces:
     sample_time_s: float
     metres_per_unit: float = 1.0
     measured_m: FloatArray | None = None
+    held_m: FloatArray | None = None
+    held_m_per_s: FloatArray | None = None
 
     @property
     def depth_m(self) -> FloatArray:
         """How deep the body is that is measured, shape (people, samples)."""
         return self.position_m if self.measured_m is None else self.measured_m
+
+    @property
+    def vibration(self) -> FloatArray:
+        """What the hand feels at the end, in detection thresholds, shape (people,)."""
+        held = self.position_m if self.held_m is None else self.held_m
+        return felt_vibration(held * self.metres_per_unit, self.sample_time_s)
 
     def judged(self) -> Judgement:
         """Judge every run."""
@@ -192,6 +203,7 @@ class Traces:
             self.sample_time_s,
             self.metres_per_unit,
             self.measured_m,
+            self.held_m_per_s,
         )
 
 
@@ -259,6 +271,8 @@ def simulations(
             device.sample_time_s,
             device.metres_per_unit,
             found.get("measured_m"),
+            found.get("held_m"),
+            found.get("held_m_per_s"),
         )
 
     at_once = min(PEOPLE_AT_ONCE, max(1, _SAMPLES_AT_ONCE // inputs.shape[-1]))
