@@ -186,6 +186,23 @@ def test_a_device_that_is_not_quite_as_declared_rests_too(name):
             assert fastest(meetings(name, motion, **other)) < REST
 
 
+def test_without_friction_a_light_device_whose_structure_is_stiffer_than_its_file_says_rests():
+    """A law for which nobody was asked on such devices leaves hands in a cycle of 11 to 30 mm/s there."""
+    mode = {"frequency_hz": 110.0, "damping_ratio": 0.04, "mass_ratio": 0.5}
+    changes = {"mass_kg": 0.07, "encoder_resolution_m": 1.2e-5, "coulomb_friction_n": 0.05, "damping_ns_per_m": 0.8}
+    problem = avc.load_problem("reference-r1").changed(
+        device={**changes, "max_force_n": 6.0, "resonance": mode},
+        environment={"stiffness_n_per_m": 4e3, "damping_ns_per_m": 0.0},
+    )
+    found = avc.recommend(problem)
+    assert found.felt()["stiffness_n_per_m"] > 3900
+    light = WholeDevice(problem.device, avc_hardware.export_c(found.coupling))
+    other = {"mass": 0.063, "resonance": 121.0, "delay": 1.25, "friction": 0.0}
+    for hand in people(problem.hands, 92, 777):
+        for motion in MOTIONS.values():
+            assert fastest([light.meets(motion(hand), **other)]) < REST
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_stiffness_told_is_that_of_the_simulator(name):
     """Median within 2 %, everybody within 8 %, at the motor; at the handle the structure gives way too."""

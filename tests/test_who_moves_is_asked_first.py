@@ -10,7 +10,7 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains
 from avc_casadi.loop import RIGID_KEYS, device_corners
 from avc_casadi.recommendation import _asked_first, _choice
-from avc_casadi.recommendation._asked_first import elsewhere
+from avc_casadi.recommendation._asked_first import SURELY, AskedFirst, Group, elsewhere, off_file
 from avc_casadi.recommendation._jury import Jury
 from avc_casadi.support import SILENT
 from avc_casadi.trial import people_of, try_coupling
@@ -186,3 +186,46 @@ def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_
     np.testing.assert_allclose(found[0], [*(0.1 + 0.001 * np.arange(first)), *(0.1 + 0.001 * np.arange(others))])
     np.testing.assert_allclose(found[1], 2.0 + 0.001 * (np.arange(first + others) % first))
     assert (found[2] < 1).all()
+
+
+FIRST = avc.load_problem("reference-r1")
+
+
+def off(changes):
+    device = FIRST.changed(device=changes).device
+    return off_file(device, people_of(FIRST.hands, HANDS), people_of(FIRST.hands, HANDS, 1)), device
+
+
+@pytest.mark.parametrize(
+    ("known", "masses", "modes", "late"),
+    [
+        ({}, {0.9}, {0.9, 1.1}, {0.0, 0.25}),
+        ({"mass_kg": (0.05, 0.2)}, {1.0}, {0.9, 1.1}, {0.0, 0.25}),
+        ({"delay_samples": (0.5, 2)}, {0.9}, {0.9, 1.1}, {0.0}),
+        ({"resonance": {"frequency_hz": (100.0, 200.0)}}, {0.9}, {1.0}, {0.0, 0.25}),
+    ],
+)
+def test_some_may_try_a_law_on_light_devices_that_are_a_little_off_what_the_file_does_not_bound(
+    known, masses, modes, late
+):
+    groups, device = off({"range": known})
+    assert len(groups) == len(masses) * len(modes) * len(late)
+    met = [group.device for group in groups]
+    assert {round(one.mass_kg / device.mass_kg, 9) for one in met} == masses
+    assert {round(one.resonance.frequency_hz / device.resonance.frequency_hz, 9) for one in met} == modes
+    assert {round(one.delay_samples - device.delay_samples, 9) for one in met} == late
+
+
+def test_nobody_tries_a_law_on_other_devices_where_the_file_bounds_all_that_may_be_off():
+    known = {"mass_kg": (0.05, 0.2), "delay_samples": (0.5, 2), "resonance": {"frequency_hz": (100.0, 200.0)}}
+    assert off({"range": known})[0] == ()
+
+
+def test_on_devices_off_the_file_they_rest_only_where_they_surely_do():
+    """With the same hands and device: what is just at rest on the one is not on the other."""
+    group = Group(people_of(PROBLEM.hands, HANDS))
+    ends = AskedFirst(((group,),), friction=False).ends(coupling(300.0))([None])
+    surely = AskedFirst(((group,),), friction=False, off=(replace(group, slow=SURELY),))
+    np.testing.assert_array_equal(surely.ends(coupling(300.0))([None]), ends)
+    found = surely.and_off().ends(coupling(300.0))([None])
+    np.testing.assert_allclose(found, np.concatenate([ends, ends / SURELY], axis=1), rtol=1e-12)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.loop import Hand, device_corners, device_set
+from avc_casadi.design.robust import assumed_devices
+from avc_casadi.loop import Hand, device_corners, device_set, linear_values
 from avc_casadi.trial import ends_of, unrest
 
 if TYPE_CHECKING:
@@ -21,6 +22,11 @@ if TYPE_CHECKING:
 
 # Where the device has ranges, so many at their corners and so many within are tried, by so many of each kind of people.
 _CORNERS, _WITHIN, _OF_EACH = 6, 2, 4
+# On every device that is a little off its file so many of each kind of people try a law: all corners of the hands, and
+# of those who hold on loosely some.
+_OFF_FIRST, _OFF_LOOSE = 8, 24
+SURELY = 0.7
+"""Who ends at less than this share of the speed below which a hand is at rest is so in another simulation too."""
 
 
 @dataclass(frozen=True)
@@ -30,22 +36,42 @@ class Group:
     Attributes:
         people: who they are.
         device: on which; None is that of the problem.
+        slow: what they end at when they rest, over the speed below which a hand is at rest.
     """
 
     people: Hand
     device: Device | None = None
+    slow: float = 1.0
 
     def pick(self, moving: BoolArray) -> Group:
         """Return some of them."""
-        return Group(self.people.pick(np.flatnonzero(moving)), self.device)
+        return replace(self, people=self.people.pick(np.flatnonzero(moving)))
 
     def unrest(self, couplings: Sequence[Coupling], *, friction: bool) -> FloatArray:
-        """Return how fast they end with couplings, shape (couplings, people)."""
-        return unrest(couplings, self.people, friction=friction, beyond=True, device=self.device)
+        """Return how fast they end with couplings, over what they rest at, shape (couplings, people)."""
+        return unrest(couplings, self.people, friction=friction, beyond=True, device=self.device) / self.slow
 
-    def ends(self, coupling: Coupling, *, friction: bool) -> Ends:
+    def ends(self, coupling: Coupling, *, friction: bool) -> _Asked:
         """Prepare to ask that with laws of the structure of one."""
-        return ends_of(coupling, self.people, friction=friction, beyond=True, device=self.device)
+        ends = ends_of(coupling, self.people, friction=friction, beyond=True, device=self.device)
+        return _Asked(ends, self.slow)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A group who are ready to try laws of one structure."""
+
+    ends: Ends
+    slow: float
+
+    @property
+    def people(self) -> int:
+        """How many they are."""
+        return self.ends.people
+
+    def __call__(self, laws: Sequence[StateFeedback]) -> FloatArray:
+        """Return how fast they end, over what they rest at, shape (laws, people)."""
+        return self.ends(laws) / self.slow
 
 
 @dataclass(frozen=True)
@@ -55,10 +81,16 @@ class AskedFirst:
     Attributes:
         stages: with the first of which somebody is likely to move, if anybody does.
         friction: whether the declared dry friction may help.
+        off: who try a law on devices that are a little off their file, where that is asked for.
     """
 
     stages: tuple[tuple[Group, ...], ...]
     friction: bool
+    off: tuple[Group, ...] = ()
+
+    def and_off(self) -> AskedFirst:
+        """Return them with those on devices that are a little off their file as the last."""
+        return AskedFirst((*self.stages, self.off), self.friction)
 
     def ends(self, coupling: Coupling) -> Unrest:
         """Prepare to ask how fast they end with laws of the structure of one.
@@ -80,7 +112,7 @@ class AskedFirst:
         return unrest
 
 
-def _speeds(stage: list[Ends], laws: Sequence[StateFeedback]) -> FloatArray:
+def _speeds(stage: list[_Asked], laws: Sequence[StateFeedback]) -> FloatArray:
     return np.concatenate([ends(laws) for ends in stage], axis=1)
 
 
@@ -106,6 +138,26 @@ def elsewhere(device: Device, kinds: Sequence[Hand], seed: int) -> tuple[Group, 
     for place, one in enumerate([*(corners[row] for row in taken), *within]):
         rows = np.arange(place * _OF_EACH, (place + 1) * _OF_EACH)
         found.append(Group(together(*(people.pick(rows % len(people)) for people in kinds)), one))
+    return tuple(found)
+
+
+def off_file(device: Device, corners: Hand, loose: Hand) -> tuple[Group, ...]:
+    """Deal people out among devices that are a little off their file where that does not say how well it is known.
+
+    Nothing is promised of these, and on the lightest, where a law does most, nothing stiffer is given up for them; but
+    of laws for the same wall those are better with which they surely rest.
+
+    Args:
+        device: with its ranges, if it has any.
+        corners: of the hands, and others.
+        loose: who hold on loosely.
+    """
+    others = [one for one in assumed_devices(device) if linear_values(one) != linear_values(device)]
+    lightest = min((one.mass_kg for one in others), default=0.0)
+    found = []
+    for place, one in enumerate(one for one in others if one.mass_kg == lightest):
+        rows = np.arange(place * _OFF_LOOSE, (place + 1) * _OFF_LOOSE) % len(loose)
+        found.append(Group(together(corners.pick(slice(_OFF_FIRST)), loose.pick(rows)), one, SURELY))
     return tuple(found)
 
 

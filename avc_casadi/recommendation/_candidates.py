@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -188,8 +189,17 @@ def _at_once(problem: Problem, wanted_n_per_m: float, asked: AskedFirst) -> list
     for rung in found:
         climbed = _climbed(problem, rung.found.logarithms, (wanted_n_per_m, wanted_n_per_m), asked, softer=0)
         if climbed:
-            return [*found, *climbed]
+            return [*found, _surely(problem, climbed[-1], asked)]
     return found
+
+
+def _surely(problem: Problem, rung: Rung, asked: AskedFirst) -> Rung:
+    """Return a wall with a law with which all rest on devices a little off their file too, before those it has."""
+    walls = (rung.stiffness_n_per_m, rung.stiffness_n_per_m)
+    for one in _climbed(problem, rung.found.logarithms, walls, asked.and_off(), softer=0) if asked.off else ():
+        laws = (*one.found.others, rung.found, *rung.found.others)
+        return replace(rung, found=one.found.beside(laws))
+    return rung
 
 
 def _climbed(

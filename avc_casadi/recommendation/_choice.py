@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi.certificate import deployable
 from avc_casadi.loop import device_corners, device_set
+from avc_casadi.recommendation._asked_first import SURELY
 from avc_casadi.recommendation._candidates import Alternatives, felt_at_rest_n_per_m
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._rest import proved_first
@@ -33,9 +34,6 @@ _SLOW = 0.95
 QUIET_SHARE = 0.9
 FIRST = 16
 """So many hands, the corners among them, try a coupling before the others do; only what these can use is for all."""
-# Where only friction brings somebody to rest, those who try first end at less than this share of the speed below which
-# a hand is at rest: another simulation, or another hand, may be a little faster.
-_SURELY = 0.7
 # Of equally stiff ones no more are tried: one after the other, where others refute the one before.
 _MOST_TRIED = 5
 # Devices of the declared ranges among which those who confirm it are divided.
@@ -162,7 +160,8 @@ def likeliest(
         lean_on_friction: whether the declared dry friction may help.
     """
     left = alternatives
-    slow = _SURELY if lean_on_friction else 1.0
+    # Where only friction brings somebody to rest, another hand may be a little faster.
+    slow = SURELY if lean_on_friction else 1.0
     asked = len(left) > 1 or left[0].runtime.state_feedback is not None
     for group in groups if asked else ():
         restless = (~(group.unrest(left, friction=lean_on_friction) < slow)).sum(axis=1)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.loop import Hand
-from avc_casadi.recommendation._asked_first import AskedFirst, Group, elsewhere, together
+from avc_casadi.recommendation._asked_first import AskedFirst, Group, elsewhere, off_file, together
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import AS_STIFF, FIRST, Judged, confirmed, likeliest, tried
 from avc_casadi.trial import draw_hands, loose_hands
@@ -55,6 +55,7 @@ class Jury:
         self._others = (draw_hands(problem.hands, count, seed, "training", first=first) for first in draws)
         self._first, self._loose = people.pick(slice(FIRST)), loose_hands(problem.hands, len(people), seed)
         self._elsewhere = elsewhere(problem.device, (self._first, self._loose), seed)
+        self._off = off_file(problem.device, self._first, self._loose)
         self._candidates: list[Alternatives] = []
         self._restless: list[Alternatives] = []
         self._search = ""
@@ -88,7 +89,7 @@ class Jury:
         loose = Group(self._loose)
         likely = Group(together(self._first, loose.pick(few).people))
         stages = ((likely,), self._elsewhere, (loose.pick(~few),))
-        return AskedFirst(tuple(stage for stage in stages if stage), self._lean)
+        return AskedFirst(tuple(stage for stage in stages if stage), self._lean, self._off)
 
     def finds(self, more: Iterable[Alternatives], stiffness_n_per_m: float, search: str) -> bool:
         """Try more candidates until something so stiff is safe and quiet, as far as is known; say whether there is."""

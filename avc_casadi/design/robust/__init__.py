@@ -11,7 +11,7 @@ from avc_casadi.design.robust._ladder import robust_at as robust_at
 from avc_casadi.design.robust._ladder import why_no_law as why_no_law
 from avc_casadi.design.robust._law import Space as Space
 from avc_casadi.design.robust._loops import Loops as Loops
-from avc_casadi.design.robust._loops import other_devices as other_devices
+from avc_casadi.design.robust._loops import assumed_devices as assumed_devices
 from avc_casadi.design.robust._moved import moved as moved
 from avc_casadi.design.robust._search import Found as Found
 from avc_casadi.design.robust._search import search as search

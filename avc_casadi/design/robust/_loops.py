@@ -84,8 +84,8 @@ class Loops:
             plants_with_forces(sampled_plant(device, one.at_handle(device.metres_per_unit)))
             for one in (stylus_corners(), hand_corners(FINGERTIP))
         )
-        varied = plants_with_forces(sampled_plant(other_devices(device), held))
         declared = _declared(device)
+        varied = plants_with_forces(sampled_plant([*declared, *assumed_devices(device)], held))
         ranged = plants_with_forces(sampled_plant(declared, held)) if len(declared) > 1 else None
         free = plants_with_forces(sampled_plant(declared, no_hand()))
         fast = np.geomspace(1.05 * _FAST_HZ, 0.499 / t, _FAST) if 0.4 / t > _FAST_HZ else np.zeros(0)
@@ -151,9 +151,8 @@ def _slowest(plants: Plants, law: StateFeedback, rendering: Rendering, t: float)
     return matrix[kept], push[kept], measured
 
 
-def other_devices(device: Device) -> list[Device]:
-    """Return what the ranges declare, and what the device may be where the file does not say how well it is known."""
-    declared = _declared(device)
+def assumed_devices(device: Device) -> list[Device]:
+    """Return what the device may be where the file does not say how well it is known; the device itself if it does."""
     known = device.range
     masses: tuple[float, ...] = (1.0,) if known.mass_kg is not None else _MASS
     modes: tuple[float, ...] = (1.0,)
@@ -166,7 +165,7 @@ def other_devices(device: Device) -> list[Device]:
         if device.resonance is not None:
             values["resonance.frequency_hz"] = device.resonance.frequency_hz * mode
         assumed.append(device_with(device, values))
-    return [*declared, *assumed]
+    return assumed
 
 
 def _declared(device: Device) -> list[Device]:
