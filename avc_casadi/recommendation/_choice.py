@@ -151,7 +151,7 @@ def likeliest(
 ) -> tuple[Alternatives, bool]:
     """Take those with which everybody comes to rest, or the one with which most do; say whether everybody does.
 
-    A single one without an observer is taken as it is.
+    A single one without state feedback is taken as it is.
 
     Args:
         alternatives: equally stiff ones.
