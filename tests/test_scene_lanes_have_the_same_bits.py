@@ -83,6 +83,7 @@ def test_any_scene(case, damping, stiffness, contact, integrator, runs, spread, 
 def test_peaks_and_rest_are_those_of_the_traces(effects, gains):
     scene, row = compiled_scene(effects, gains, 'duration_s = 0.8\nintegrator = "projected"\nsubsteps = 4\n')
     parameters, inputs = several(row, LANES + 5, 3, 0.05), scene.input_values()
+    assert scene.speeds == ("velocity_m_per_s", "held_m_per_s")[: 1 + (RESONANCE in effects)]
     lanes = SideBySide(scene.function, len(scene.speeds))
     alone = NativeScene(scene)(scene.initial, inputs.T, parameters, 2)
     assert_same_bits(lanes(scene.initial, inputs.T, parameters, 3), alone)

@@ -217,6 +217,12 @@ def test_some_may_try_a_law_on_light_devices_that_are_a_little_off_what_the_file
     assert {round(one.delay_samples - device.delay_samples, 9) for one in met} == late
 
 
+@pytest.mark.parametrize("mass", [1e-9, 1e-3])
+def test_a_device_at_the_end_of_what_it_may_be_is_off_to_the_other_side_only(mass):
+    lightest = min(group.device.mass_kg for group in off({"mass_kg": mass})[0])
+    assert lightest == pytest.approx(1.1e-9 if mass == 1e-9 else 0.9e-3)
+
+
 def test_nobody_tries_a_law_on_other_devices_where_the_file_bounds_all_that_may_be_off():
     known = {"mass_kg": (0.05, 0.2), "delay_samples": (0.5, 2), "resonance": {"frequency_hz": (100.0, 200.0)}}
     assert off({"range": known})[0] == ()

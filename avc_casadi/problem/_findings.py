@@ -11,7 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ValidationError
 
 from avc_casadi.problem._quantity import Quantity, Whole, shown
 from avc_casadi.problem._rules import RULES, Finding, Rule, broken_rules
-from avc_casadi.problem._values import STANDS_IN, UNKNOWN, Path, Values
+from avc_casadi.problem._values import BELONGS_IN, UNKNOWN, Path, Values
 
 _M = TypeVar("_M", bound=BaseModel)
 
@@ -112,7 +112,7 @@ def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item
         message = f"is missing; allowed: {_allowed(whole, tables, path)}"
     elif fault == "extra_forbidden":
         keys = _keys(_models_at(whole, tables, path[:-1]))
-        message = f"{UNKNOWN}{', '.join(keys)}{_hint(whole, str(path[-1]), keys)}"
+        message = f"{UNKNOWN}{', '.join(keys)}{_hint(whole, path, keys)}"
     elif fault in {"model_type", "model_attributes_type"}:
         message = f"is {shown(value)}, not a table; allowed: {_table(_models_at(whole, tables, path))}"
     elif fault in {"union_tag_invalid", "union_tag_not_found"}:
@@ -127,12 +127,13 @@ def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item
     return path, message
 
 
-def _hint(whole: type[BaseModel], key: str, keys: list[str]) -> str:
-    """Say which tables have a key, or which key of its own table is like it."""
+def _hint(whole: type[BaseModel], path: Path, keys: list[str]) -> str:
+    """Say which tables have a key, or which key of its own table is like it; effects have words of their own."""
+    key = str(path[-1])
     tables = {name: _models(field.annotation) for name, field in whole.model_fields.items()}
     others = [f"[{name}]" for name, models in tables.items() if len(models) == 1 and key in _keys(models)]
-    if others:
-        return f"{STANDS_IN}{' or '.join(others)}"
+    if others and path[0] != "scene":
+        return f"{BELONGS_IN}{' or '.join(others)}"
     near = difflib.get_close_matches(key[:60], keys, n=1)
     return f"; did you mean {near[0]}?" if near else ""
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 from typing import Any
 
 from avc_casadi.problem._quantity import shown
-from avc_casadi.problem._values import STANDS_IN, UNKNOWN, Path
+from avc_casadi.problem._values import BELONGS_IN, UNKNOWN, Path
 from avc_casadi.support import LINEAR, ROTARY, Units, units_for
 
 _Finding = tuple[Path, str]
@@ -64,9 +64,9 @@ def _unknown(path: Path, message: str) -> str:
     keys = message.removeprefix(UNKNOWN).partition(";")[0].split(", ")
     beside: dict[Path, list[str]] = {("device",): [COUNTS], ("device", "range"): [COUNTS], ("detent",): ["per_turn"]}
     keys += beside.get(path[:-1], [])
-    _, stands, table = message.partition(STANDS_IN)
+    _, belongs, table = message.partition(BELONGS_IN)
     near = difflib.get_close_matches(str(path[-1])[:60], keys, n=1)
-    hint = f"{stands}{table}" if stands else f"; did you mean {near[0]}?" if near else ""
+    hint = f"{belongs}{table}" if belongs else f"; did you mean {near[0]}?" if near else ""
     return f"{UNKNOWN}{', '.join(keys)}{hint}"
 
 

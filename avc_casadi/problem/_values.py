@@ -13,7 +13,7 @@ from avc_casadi.problem._quantity import shown
 Path = tuple[str | int, ...]
 UNKNOWN = "is not a known key; allowed: "
 """How the finding of a mistyped key begins."""
-STANDS_IN = "; it stands in "
+BELONGS_IN = "; it belongs in "
 """How it goes on where other tables have that key."""
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")

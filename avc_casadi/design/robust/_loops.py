@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING
@@ -152,7 +153,10 @@ def _slowest(plants: Plants, law: StateFeedback, rendering: Rendering, t: float)
 
 
 def assumed_devices(device: Device) -> list[Device]:
-    """Return what the device may be where the file does not say how well it is known; the device itself if it does."""
+    """Return what the device may be where the file does not say how well it is known; the device itself if it does.
+
+    Who is at the end of what a device may be has fewer.
+    """
     known = device.range
     masses: tuple[float, ...] = (1.0,) if known.mass_kg is not None else _MASS
     modes: tuple[float, ...] = (1.0,)
@@ -164,7 +168,8 @@ def assumed_devices(device: Device) -> list[Device]:
         values = {"mass_kg": device.mass_kg * mass, "delay_samples": device.delay_samples + delay}
         if device.resonance is not None:
             values["resonance.frequency_hz"] = device.resonance.frequency_hz * mode
-        assumed.append(device_with(device, values))
+        with suppress(ValueError):
+            assumed.append(device_with(device, values))
     return assumed
 
 
