@@ -36,9 +36,8 @@ def masses_asked(one, monkeypatch):
     """Return the masses of those who try a law first, and of those who follow."""
     groups = []
 
-    def noted(_, people, *, friction, beyond, device, racing):
+    def noted(_, people, *, friction, beyond, device):
         assert beyond
-        assert racing
         assert device is None
         assert not friction
         groups.append(people.mass_kg)
