@@ -92,6 +92,10 @@ class AskedFirst:
         """Return them with those on devices that are a little off their file as the last."""
         return AskedFirst((*self.stages, self.off), self.friction)
 
+    def only_off(self) -> AskedFirst:
+        """Return those on devices that are a little off their file alone."""
+        return AskedFirst((self.off,), self.friction)
+
     def ends(self, coupling: Coupling) -> Unrest:
         """Prepare to ask how fast they end with laws of the structure of one.
 

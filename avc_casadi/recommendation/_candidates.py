@@ -13,14 +13,14 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.coupling import Coupling, Gains, Runtime, near_rigid_n_per_m, spring_before
 from avc_casadi.design.constant import tuned_margin
-from avc_casadi.design.robust import Space, climb, robust_at, why_no_law
+from avc_casadi.design.robust import Space, between, climb, robust_at, why_no_law
 from avc_casadi.loop import with_let_go
 from avc_casadi.recommendation._reach import tuned
 from avc_casadi.stability import DampingRange, damping_range
 from avc_casadi.support import SILENT, Progress
 
 if TYPE_CHECKING:
-    from avc_casadi.design.robust import Rung, Unrest
+    from avc_casadi.design.robust import EndsAt, Found, Rung, Unrest
     from avc_casadi.loop import Hand, StylusHand
     from avc_casadi.problem import Problem
     from avc_casadi.recommendation._asked_first import AskedFirst
@@ -47,6 +47,8 @@ _ROUGHLY, _NEARLY, _ONWARDS = 1.12, 1.06, 1.15
 _OTHERS = 100
 # From a law that was given no much softer wall is tried: what is near it is no good then.
 _NEAR: dict[str, Any] = {"softer": 2}
+# Laws with which all surely rest are drawn so often, while those found are so many times as soft in motion.
+_SURE_DRAWS, _AS_SOFT = 3, 1.1
 # How much stiffer another wall is at least.
 _BARELY = 1.02
 
@@ -189,28 +191,53 @@ def _at_once(problem: Problem, wanted_n_per_m: float, asked: AskedFirst) -> list
     for rung in found:
         climbed = _climbed(problem, rung.found.logarithms, (wanted_n_per_m, wanted_n_per_m), asked, softer=0)
         if climbed:
-            return [*found, _surely(problem, climbed[-1], asked)]
+            return [*found, _surely(problem, climbed[-1], asked) if asked.off else climbed[-1]]
     return found
 
 
 def _surely(problem: Problem, rung: Rung, asked: AskedFirst) -> Rung:
-    """Return a wall with a law with which all rest on devices a little off their file too, before those it has."""
-    walls = (rung.stiffness_n_per_m, rung.stiffness_n_per_m)
-    for one in _climbed(problem, rung.found.logarithms, walls, asked.and_off(), softer=0) if asked.off else ():
-        laws = (*one.found.others, rung.found, *rung.found.others)
-        return replace(rung, found=one.found.beside(laws))
-    return rung
+    """Return a wall with laws with which all rest on devices a little off their file too, before those it has.
+
+    Such a law may give way more in motion, so a few are searched; of those on the line between the best of them and
+    the best of all the nearest to that comes first.
+    """
+    best, wall = rung.found, rung.stiffness_n_per_m
+    laws, everybody = (best, *best.others), asked.and_off()
+    ends = asked.only_off().ends(_robust(problem, rung.gains, best.law))([one.law for one in laws])
+    rest = np.flatnonzero((ends < 1).all(axis=1)).tolist()
+    if 0 in rest:
+        return rung
+    sure, others = [laws[row] for row in rest], [law for row, law in enumerate(laws) if row not in rest]
+    for draw in range(_SURE_DRAWS):
+        if all(_softness(one) > _AS_SOFT * _softness(best) for one in sure):
+            rungs = _climbed(problem, best.logarithms, (wall, wall), everybody, seed=draw, softer=0)
+            sure += [law for one in rungs for law in (one.found, *one.found.others)]
+    if not sure:
+        return rung
+    sure.sort(key=_softness)
+    nearer = between(problem, wall, best, sure[0], _ends_at(problem, everybody))
+    found = [*([] if nearer is None else [nearer]), *sure, *others]
+    return replace(rung, found=found[0].beside(found[1:]))
+
+
+def _softness(law: Found) -> float:
+    """Return by what share of the wall a law gives way in motion, at 3 and at 10 Hz together."""
+    return law.cost.facts["softness_3hz"] + law.cost.facts["softness_10hz"]
 
 
 def _climbed(
     problem: Problem, point: FloatArray, walls_n_per_m: tuple[float, float], asked: AskedFirst, **how: Any
 ) -> list[Rung]:
+    with suppress(np.linalg.LinAlgError):
+        return climb(problem, point, walls_n_per_m, _ends_at(problem, asked), **how)
+    return []
+
+
+def _ends_at(problem: Problem, asked: AskedFirst) -> EndsAt:
     def ends_at(gains: Gains, law: StateFeedback) -> Unrest:
         return asked.ends(_robust(problem, gains, law))
 
-    with suppress(np.linalg.LinAlgError):
-        return climb(problem, point, walls_n_per_m, ends_at, **how)
-    return []
+    return ends_at
 
 
 def _robust(problem: Problem, gains: Gains, law: StateFeedback) -> Coupling:

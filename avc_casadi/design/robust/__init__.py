@@ -1,6 +1,8 @@
 """Robust design: coupling, observer and feedback together, for every hand and a device not quite as declared."""
 
+from avc_casadi.design.robust._between import between as between
 from avc_casadi.design.robust._climb import CLOSE as CLOSE
+from avc_casadi.design.robust._climb import EndsAt as EndsAt
 from avc_casadi.design.robust._climb import Unrest as Unrest
 from avc_casadi.design.robust._climb import climb as climb
 from avc_casadi.design.robust._goal import Cost as Cost
