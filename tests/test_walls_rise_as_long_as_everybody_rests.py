@@ -10,7 +10,7 @@ from avc_casadi.coupling import Coupling, Gains, Runtime, near_rigid_n_per_m
 from avc_casadi.design.robust import Loops, Space, climb, cost_of, robust_at, search
 from avc_casadi.problem import Press
 from avc_casadi.stability import frozen_rendering
-from avc_casadi.trial import Conditions, ends_of, people_of, try_coupling, unrest
+from avc_casadi.trial import Conditions, course_of, ends_of, people_of, try_coupling, unrest
 from avc_casadi.trial._coupling_trial import TRIAL_S
 from avc_casadi.trial._trial import Ends
 
@@ -134,6 +134,21 @@ def test_who_strikes_and_touches_lightly_too_ends_as_fast_as_in_the_fastest_moti
     np.testing.assert_array_equal(both, np.maximum.reduce([*beyond, calmly]))
     assert (beyond[0] != calmly).any()
     assert rough.friction_n > 0
+
+
+def test_a_law_with_which_somebody_moves_is_out_of_the_race_and_with_another_all_try_everything(rung):
+    """Who is left ends as without a race; who is out ends as in the motions so far, and somebody is not at rest."""
+    one, people = coupling(rung, rung.found.law), people_of(PROBLEM.hands, HANDS)
+    law = one.runtime.state_feedback
+    both = [law, dataclasses.replace(law, feedback=tuple(4.0 * value for value in law.feedback))]
+    everything = ends_of(one, people, beyond=True)(both)
+    raced = ends_of(one, people, beyond=True, racing=True)(both)
+    assert (everything[0] < 1).all()
+    np.testing.assert_array_equal(raced[0], everything[0])
+    gains, taps = one.table.at_rest, course_of(PROBLEM).motions["tap"]
+    first = Ends(PROBLEM, gains, people, [(taps, Conditions.of(one))])(both)
+    assert (first[1] > 1).any()
+    np.testing.assert_array_equal(raced[1], first[1])
 
 
 @pytest.mark.parametrize("stiffness", [3753.0, 1000.0])

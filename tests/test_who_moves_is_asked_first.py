@@ -36,8 +36,9 @@ def masses_asked(one, monkeypatch):
     """Return the masses of those who try a law first, and of those who follow."""
     groups = []
 
-    def noted(_, people, *, friction, beyond, device):
+    def noted(_, people, *, friction, beyond, device, racing):
         assert beyond
+        assert racing
         assert device is None
         assert not friction
         groups.append(people.mass_kg)

@@ -52,8 +52,8 @@ class Group:
         return unrest(couplings, self.people, friction=friction, beyond=True, device=self.device) / self.slow
 
     def ends(self, coupling: Coupling, *, friction: bool) -> _Asked:
-        """Prepare to ask that with laws of the structure of one."""
-        ends = ends_of(coupling, self.people, friction=friction, beyond=True, device=self.device)
+        """Prepare to ask that with laws of the structure of one, until somebody moves."""
+        ends = ends_of(coupling, self.people, friction=friction, beyond=True, device=self.device, racing=True)
         return _Asked(ends, self.slow)
 
 

@@ -159,15 +159,27 @@ def ends_of(
     friction: bool = True,
     beyond: bool = False,
     device: Device | None = None,
+    racing: bool = False,
 ) -> Ends:
-    """Prepare to ask that of couplings that differ from one in nothing but the numbers of their state feedback."""
+    """Prepare to ask that of couplings that differ from one in nothing but the numbers of their state feedback.
+
+    Args:
+        coupling: as for `unrest`.
+        people: as for `unrest`.
+        friction: as for `unrest`.
+        beyond: as for `unrest`.
+        device: as for `unrest`.
+        racing: as for `Ends`.
+    """
     coupling, conditions = on_device(coupling, device)
     gains, course = coupling.table.at_rest, course_of(coupling.problem)
     whole = conditions if friction else conditions.without_friction()
-    motions = [(motion, whole) for motion in (*course.motions.values(), *(course.beyond if beyond else ()))]
+    # Who moves at all mostly does so after a tap.
+    told = sorted(course.motions, key=lambda name: name != "tap")
+    motions = [(course.motions[name], whole) for name in told]
     if beyond:
-        motions.append((course.lightest, conditions))
-    return Ends(coupling.problem, gains, people, motions)
+        motions += [*((motion, whole) for motion in course.beyond), (course.lightest, conditions)]
+    return Ends(coupling.problem, gains, people, motions, racing=racing)
 
 
 def _but_for_numbers(coupling: Coupling) -> tuple[Any, ...]:

@@ -312,6 +312,7 @@ class Ends:
         subjects: as for `simulations`.
         motions: of their hands' target, and what of the device is simulated in each, with some state feedback of the
             structure, or none.
+        racing: whether a law with which somebody moves is out, and not asked about in the motions that follow.
     """
 
     def __init__(
@@ -320,22 +321,27 @@ class Ends:
         gains: Gains,
         subjects: Hand | StylusHand,
         motions: Iterable[tuple[Watched, Conditions]],
+        *,
+        racing: bool = False,
     ) -> None:
-        self._gains, self.people = gains, len(subjects)
+        self._gains, self.people, self._racing = gains, len(subjects), racing
         self._scenes = [
             [prepared(problem, gains, subjects, one, conditions, duration_s) for one, duration_s in motion]
             for motion, conditions in motions
         ]
 
     def __call__(self, laws: Sequence[StateFeedback | None]) -> FloatArray:
-        """Return the largest speed as of `execute_to_speed`, shape (laws, people)."""
-        found = np.zeros((len(laws), self.people))
+        """Return the largest speed as of `execute_to_speed` in the motions asked about, shape (laws, people)."""
+        found, left = np.zeros((len(laws), self.people)), np.arange(len(laws))
         for scenes in self._scenes:
             compiled = scenes[0][0]
-            each = [replace(compiled, effects=with_law(compiled.effects, law)) for law in laws]
+            each = [replace(compiled, effects=with_law(compiled.effects, laws[row])) for row in left.tolist()]
             parameters = np.concatenate([one.parameter_values(self._gains) for one in each])
             speed = _last_speed(scenes, parameters, _engine(len(parameters)), workers=processors())
-            found = np.maximum(found, np.reshape(speed, found.shape))
+            found[left] = np.maximum(found[left], np.reshape(speed, (len(left), self.people)))
+            left = np.flatnonzero((found < 1).all(axis=1)) if self._racing else left
+            if len(left) == 0:
+                break
         return found
 
 
