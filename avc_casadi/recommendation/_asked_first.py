@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _CORNERS, _WITHIN, _OF_EACH = 6, 2, 4
 # On every device that is a little off its file so many of each kind of people try a law: all corners of the hands, and
 # of those who hold on loosely some.
-_OFF_FIRST, _OFF_LOOSE = 8, 24
+_OFF_FIRST, _OFF_LOOSE = 8, 60
 SURELY = 0.7
 """Who ends at less than this share of the speed below which a hand is at rest is so in another simulation too."""
 

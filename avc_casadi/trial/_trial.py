@@ -312,7 +312,9 @@ class Ends:
         subjects: as for `simulations`.
         motions: of their hands' target, and what of the device is simulated in each, with some state feedback of the
             structure, or none.
-        racing: whether a law with which somebody moves is out, and not asked about in the motions that follow.
+        racing: whether a law with which somebody moves is out, and not asked about in the motions that follow. With
+            it nobody is taken to end more slowly than at what is no longer rest: so it is worth less than one with
+            which all rest so far.
     """
 
     def __init__(
@@ -339,7 +341,10 @@ class Ends:
             parameters = np.concatenate([one.parameter_values(self._gains) for one in each])
             speed = _last_speed(scenes, parameters, _engine(len(parameters)), workers=processors())
             found[left] = np.maximum(found[left], np.reshape(speed, (len(left), self.people)))
-            left = np.flatnonzero((found < 1).all(axis=1)) if self._racing else left
+            if self._racing and scenes is not self._scenes[-1]:
+                rest = (found < 1).all(axis=1)
+                found[~rest] = np.maximum(found[~rest], 1.0)
+                left = np.flatnonzero(rest)
             if len(left) == 0:
                 break
         return found

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # How many laws are looked at, evenly spaced, and at what share of the speed below which a hand rests all must end: the
 # nearest is near to where somebody moves, and only some are asked.
-_BETWEEN, _SURELY = 9, 0.8
+_BETWEEN, _SURELY = 9, 0.5
 
 
 def between(problem: Problem, stiffness_n_per_m: float, first: Found, last: Found, ends_at: EndsAt) -> Found | None:
@@ -38,11 +38,11 @@ def between(problem: Problem, stiffness_n_per_m: float, first: Found, last: Foun
     gains, rendering = softened(problem, stiffness_n_per_m)
     shares = np.linspace(0.0, 1.0, _BETWEEN + 2)[1:-1]
     points = [first.logarithms + share * (last.logarithms - first.logarithms) for share in shares.tolist()]
-    laws = space.laws(np.array(points), stiffness_at_rest(rendering))
-    each = [space.one_of(laws, row) for row in range(_BETWEEN)]
-    rest = (ends_at(gains, each[0])(each) < _SURELY).all(axis=1)
-    for row in np.flatnonzero(rest).tolist():
-        with suppress(np.linalg.LinAlgError):
+    with suppress(np.linalg.LinAlgError):
+        laws = space.laws(np.array(points), stiffness_at_rest(rendering))
+        each = [space.one_of(laws, row) for row in range(_BETWEEN)]
+        rest = (ends_at(gains, each[0])(each) < _SURELY).all(axis=1)
+        for row in np.flatnonzero(rest).tolist():
             found = found_at(space, loops, rendering, points[row])
             if found.cost.holds:
                 return found
