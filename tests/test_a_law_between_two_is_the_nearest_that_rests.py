@@ -89,3 +89,28 @@ def test_laws_with_which_all_rest_off_the_file_come_before_those_with_which_some
     assert places.index(id(other)) < places.index(id(best))
     sure = [_candidates._softness(one) for one in found.others[: places.index(id(best))]]
     assert sure == sorted(sure)
+
+
+class Only:
+    """Who rest with one law and with no other."""
+
+    off = ()
+
+    def __init__(self, law=None):
+        self.law = law
+
+    def ends(self, _):
+        return lambda laws: np.array([[0.1 if self.law is not None and same(one, self.law) else 2.0] for one in laws])
+
+
+def same(one, other):
+    return all(np.array_equal(value, vars(other)[name]) for name, value in vars(one).items())
+
+
+def test_of_the_laws_that_a_search_finds_those_are_taken_with_which_all_rest():
+    """Nobody rests with what is climbed to; that all loops of a law are damped is not enough."""
+    assert _candidates._at_once(PROBLEM, WALL_N_PER_M, Only()) == []
+    other = next(robust_at(PROBLEM, WALL_N_PER_M)).found.others[1]
+    (taken,) = _candidates._at_once(PROBLEM, WALL_N_PER_M, Only(other.law))
+    assert same(taken.found.law, other.law)
+    assert taken.found.others == ()

@@ -20,6 +20,7 @@ from avc_casadi.problem import (
     HandEffect,
     SaturationEffect,
     WallEffect,
+    scene_effects,
 )
 from avc_casadi.runtime import StateFeedback
 from avc_casadi.trial import LONGEST_S
@@ -240,6 +241,23 @@ def test_the_wall_of_one_coupling_is_not_that_of_the_other() -> None:
     stiff, soft = tried("ve3").apparent_stiffness_n_per_m, tried("soft").apparent_stiffness_n_per_m
     assert stiff > 5 * soft
     assert tried("ve3").push.coupling_id != tried("soft").push.coupling_id
+
+
+def test_a_handle_that_swings_on_a_motor_that_stands_is_not_at_rest() -> None:
+    mode = {"frequency_hz": 12.0, "damping_ratio": 0.001, "mass_ratio": 0.02}
+    hand = {"mass_kg": (1e-3, 1e-3), "damping_ns_per_m": (0.02, 0.02), "stiffness_n_per_m": (200.0, 200.0)}
+    problem = avc.load_problem("reference-r1").changed(
+        device={"mass_kg": 2.0, "damping_ns_per_m": 20.0, "max_force_n": 60.0, "resonance": mode},
+        environment={"stiffness_n_per_m": 2000.0, "damping_ns_per_m": 0.0},
+        hands=hand,
+    )
+    kinds = ("hand", "wall", "resonance")
+    swinging = problem.changed(scene={"effects": tuple(one for one in scene_effects(problem) if one.kind in kinds)})
+    loop = FirmwareInTheLoop(swinging)
+    assert len(loop.run(0.01).held_m_per_s) == len(loop.trace.velocity_m_per_s)
+    found = tried_in_the_loop(with_gains(problem, 20.0, 1e8), seconds=3.0)
+    assert found.judgement.peak_velocity_m_per_s > REST_M_PER_S
+    assert not found.at_rest
 
 
 def test_a_lower_force_limit_is_the_board_s() -> None:

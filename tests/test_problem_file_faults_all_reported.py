@@ -320,3 +320,23 @@ sample_time_s = {period}
 stiffness_n_per_m = 100.0
 damping_ns_per_m = 1.0
 """
+
+
+@pytest.mark.parametrize(
+    ("key", "hint"),
+    [
+        ("force_n", "did you mean max_force_n?"),  # [detent] has a key of this name
+        ("damping_ratio", "it belongs in [device.resonance]"),
+        ("frequency_hz", "it belongs in [device.resonance]"),
+        ("stiffness_n_per_m", "it belongs in [environment] or [coupling] or [hands]"),
+    ],
+)
+def test_the_likeliest_place_of_a_key_is_told(key, hint):
+    (fault,) = faults_of(SMALL.replace("[environment]", f"{key} = 3.0\n[environment]"))
+    assert fault.key == f"device.{key}"
+    assert fault.message.endswith(hint)
+
+
+def test_a_key_that_is_of_the_device_alone_has_no_other_table_in_its_range():
+    (fault,) = faults_of(SMALL + "[device.range]\nsample_time_s = [1e-3, 2e-3]")
+    assert "belongs" not in fault.message

@@ -189,6 +189,15 @@ def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_
     assert (found[2] < 1).all()
 
 
+@pytest.mark.parametrize("hands", [1, 2])
+def test_few_who_are_asked_are_all_among_the_first(hands):
+    one = Jury(PROBLEM, people_of(PROBLEM.hands, hands), 0, SILENT, lean_on_friction=False, executor=None)
+    stages = one.asked_first().stages
+    assert all(len(group.people) for stage in stages for group in stage)
+    ends = one.asked_first().ends(coupling(300.0))
+    assert ends([None]).shape == (1, sum(len(group.people) for stage in stages for group in stage))
+
+
 FIRST = avc.load_problem("reference-r1")
 
 

@@ -111,8 +111,8 @@ def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item
     if fault == "missing":
         message = f"is missing; allowed: {_allowed(whole, tables, path)}"
     elif fault == "extra_forbidden":
-        keys = _keys(_models_at(whole, tables, path[:-1]))
-        message = f"{UNKNOWN}{', '.join(keys)}{_hint(whole, path, keys)}"
+        own = _models_at(whole, tables, path[:-1])
+        message = f"{UNKNOWN}{', '.join(_keys(own))}{_hint(whole, own, path)}"
     elif fault in {"model_type", "model_attributes_type"}:
         message = f"is {shown(value)}, not a table; allowed: {_table(_models_at(whole, tables, path))}"
     elif fault in {"union_tag_invalid", "union_tag_not_found"}:
@@ -127,15 +127,24 @@ def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item
     return path, message
 
 
-def _hint(whole: type[BaseModel], path: Path, keys: list[str]) -> str:
+def _hint(whole: type[BaseModel], own: list[type[BaseModel]], path: Path) -> str:
     """Say which tables have a key, or which key of its own table is like it; effects have words of their own."""
-    key = str(path[-1])
-    tables = {name: _models(field.annotation) for name, field in whole.model_fields.items()}
-    others = [f"[{name}]" for name, models in tables.items() if len(models) == 1 and key in _keys(models)]
-    if others and path[0] != "scene":
-        return f"{BELONGS_IN}{' or '.join(others)}"
+    key, table, keys = str(path[-1]), ".".join(map(str, path[:-1])), _keys(own)
     near = difflib.get_close_matches(key[:60], keys, n=1)
+    if path[0] != "scene" and "range" not in path:
+        inside = [f"[{table}.{name}]" for model in own for name in _tables_with(model, key)]
+        # A key of which a word was left out is of its own table, whoever else has one of that name.
+        left_out = near and key in near[0]
+        others = inside or ([] if left_out else [f"[{name}]" for name in _tables_with(whole, key)])
+        if others:
+            return f"{BELONGS_IN}{' or '.join(others)}"
     return f"; did you mean {near[0]}?" if near else ""
+
+
+def _tables_with(model: type[BaseModel], key: str) -> list[str]:
+    """Return the tables of a model that have a key and are of one kind."""
+    tables = {name: _models(field.annotation) for name, field in model.model_fields.items()}
+    return [name for name, models in tables.items() if len(models) == 1 and key in _keys(models)]
 
 
 def _allowed(whole: type[BaseModel], tables: Mapping[str, Any], path: Path) -> str:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # Where the device has ranges, so many at their corners and so many within are tried, by so many of each kind of people.
 _CORNERS, _WITHIN, _OF_EACH = 6, 2, 4
-# On every device that is a little off its file so many of each kind of people try a law: all corners of the hands, and
+# On every device that is a little off its file so many of each kind of people try a law: corners of the hands, and
 # of those who hold on loosely some.
 _OFF_FIRST, _OFF_LOOSE = 8, 60
 SURELY = 0.7

@@ -186,13 +186,21 @@ class RobustCandidates:
 
 
 def _at_once(problem: Problem, wanted_n_per_m: float, asked: AskedFirst) -> list[Rung]:
-    """Return laws for a wall: what a search finds, then one near it with which everybody rests, if there is one."""
+    """Return laws for a wall with which everybody rests, near those that a search finds or among them; none may be."""
     found = list(robust_at(problem, wanted_n_per_m))
     for rung in found:
         climbed = _climbed(problem, rung.found.logarithms, (wanted_n_per_m, wanted_n_per_m), asked, softer=0)
         if climbed:
-            return [*found, _surely(problem, climbed[-1], asked) if asked.off else climbed[-1]]
-    return found
+            return [_surely(problem, climbed[-1], asked) if asked.off else climbed[-1]]
+    return [rung for rung in (_resting(problem, rung, asked) for rung in found) if rung is not None]
+
+
+def _resting(problem: Problem, rung: Rung, asked: AskedFirst) -> Rung | None:
+    """Return a wall with those of its laws with which everybody rests, if there are any."""
+    laws = (rung.found, *rung.found.others)
+    ends = asked.ends(_robust(problem, rung.gains, laws[0].law))([one.law for one in laws])
+    rest = [laws[row] for row in np.flatnonzero((ends < 1).all(axis=1)).tolist()]
+    return replace(rung, found=rest[0].beside(rest[1:])) if rest else None
 
 
 def _surely(problem: Problem, rung: Rung, asked: AskedFirst) -> Rung:

@@ -23,7 +23,9 @@ _FROM_M, _TO_M = -0.04, 0.01
 
 
 def edges_m(coupling: Coupling) -> dict[str, float | None]:
-    """Return how deep a hand is when the device first pushes back, by its speed in m/s; below 0 before the wall.
+    """Return how deep a hand is when the device first pushes back, by its speed; below 0 before the wall.
+
+    Depth and speed are those of the device, of a turn in rad and rad/s; what pushes back is noticed at its handle.
 
     A hand that nothing stops comes from free space, in the scene of all that the problem declares of the device. None
     stands where nothing pushes back within 10 mm.
@@ -40,5 +42,5 @@ def edges_m(coupling: Coupling) -> dict[str, float | None]:
         duration_s = (_TO_M - _FROM_M) / speed
         (run,) = traces(coupling.problem, chosen, hand, press, Conditions.of(coupling), duration_s)
         pushed = np.flatnonzero(run.force_n[0] / radius > NOTICED_N)
-        found[f"{speed:g}"] = float(run.depth_m[0, pushed[0]] * radius) if len(pushed) else None
+        found[f"{speed / radius:g}"] = float(run.depth_m[0, pushed[0]]) if len(pushed) else None
     return found

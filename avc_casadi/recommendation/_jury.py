@@ -88,7 +88,8 @@ class Jury:
         few = np.arange(len(self._loose)) % _ONE_IN == 0
         loose = Group(self._loose)
         likely = Group(together(self._first, loose.pick(few).people))
-        stages = ((likely,), self._elsewhere, (loose.pick(~few),))
+        others = loose.pick(~few)
+        stages = ((likely,), self._elsewhere, (others,) if len(others.people) else ())
         return AskedFirst(tuple(stage for stage in stages if stage), self._lean, self._off)
 
     def finds(self, more: Iterable[Alternatives], stiffness_n_per_m: float, search: str) -> bool:

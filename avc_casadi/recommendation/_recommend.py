@@ -17,7 +17,7 @@ from avc_casadi.problem import Problem, load_problem
 from avc_casadi.recommendation._assumptions import assumed, not_used
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import ERROR_HZ, Judged, best_of, devices_of, reason_of
-from avc_casadi.recommendation._edge import edges_m
+from avc_casadi.recommendation._edge import NOTICED_N, edges_m
 from avc_casadi.recommendation._error_curve import error_curve
 from avc_casadi.recommendation._helps import Help, what_would_help
 from avc_casadi.recommendation._hopeless import hopeless
@@ -104,6 +104,7 @@ class Recommendation(Comparable):
             "tap_force_n": tried["tap_force_n"],
             "tap_depth_m": tried["tap_depth_m"],
             "edge_m": edges_m(self.coupling) if springy else {},
+            "edge_force_n": NOTICED_N * self.problem.device.metres_per_unit,
             "vibration": tried["felt_vibration"],
             "friction_n": self.problem.device.coulomb_friction_n,
         }

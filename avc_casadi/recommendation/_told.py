@@ -129,14 +129,17 @@ def _in_motion(felt: dict[str, Any]) -> list[str]:
 def _edge(felt: dict[str, Any]) -> list[str]:
     """Say where the wall begins for a hand that moves, if that is felt to be elsewhere than its face."""
     at = {speed: depth for speed, depth in felt["edge_m"].items() if depth is not None}
-    give = NOTICED_N / felt["stiffness_n_per_m"] if felt["stiffness_n_per_m"] else 0.0
-    if all(-_ELSEWHERE_M < depth < _ELSEWHERE_M + give for depth in at.values()):
+    noticed = felt["edge_force_n"]
+    give = noticed / felt["stiffness_n_per_m"] if felt["stiffness_n_per_m"] else 0.0
+    metres_per_unit = noticed / NOTICED_N
+    elsewhere = _ELSEWHERE_M / metres_per_unit
+    if all(-elsewhere < depth < elsewhere + give for depth in at.values()):
         return []
     where = ", ".join(
         f"{_depth(abs(depth))} {'before' if depth < 0 else 'behind'} its face at {speed} m/s"
         for speed, depth in at.items()
     )
-    return [f"edge: a hand that comes fast meets the wall's first {NOTICED_N:g} N elsewhere: {where}"]
+    return [f"edge: a hand that comes fast meets the wall's first {noticed:g} N elsewhere: {where}"]
 
 
 def _depth(depth_m: float) -> str:

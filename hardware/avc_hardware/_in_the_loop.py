@@ -15,7 +15,7 @@ import numpy as np
 
 from avc_casadi import InputError, UnsupportedError
 from avc_casadi.coupling import Coupling
-from avc_casadi.loop import DEVICE, GROUND, Plant
+from avc_casadi.loop import DEVICE, GROUND, HANDLE, Plant
 from avc_casadi.scene import target_of
 from avc_casadi.scene.effects import Delay, Saturation, SceneEffect, build_effects
 from avc_hardware._bench_plant import BenchPlant, force_of_code
@@ -45,11 +45,13 @@ class LoopTrace:
         position_m: true position of the device.
         velocity_m_per_s: true velocity.
         force_n: on the output of the firmware, held from this tick to the next.
+        held_m_per_s: true velocity of the handle, where that is another body; empty where it is not.
     """
 
     position_m: list[float] = field(default_factory=list)
     velocity_m_per_s: list[float] = field(default_factory=list)
     force_n: list[float] = field(default_factory=list)
+    held_m_per_s: list[float] = field(default_factory=list)
 
 
 class FirmwareInTheLoop:
@@ -85,7 +87,10 @@ class FirmwareInTheLoop:
         time_s = limits.sample_time_s
         self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
         late = sum(effect.samples for effect in effects if isinstance(effect, Delay))
-        self._plant = BenchPlant(plant.linear(), time_s, delay_samples=late)
+        linear = plant.linear()
+        held = f"{HANDLE}_velocity_m_per_s"
+        self._handle = linear.names.index(held) if held in linear.names else None
+        self._plant = BenchPlant(linear, time_s, delay_samples=late)
         self._plant.place(self._target.device_start_m)
         self._sample = -1  # the motion has not begun
         self._limits = limits
@@ -148,6 +153,8 @@ class FirmwareInTheLoop:
             self._sample += 1
             self.trace.position_m.append(position_m)
             self.trace.velocity_m_per_s.append(velocity_m_per_s)
+            if self._handle is not None:
+                self.trace.held_m_per_s.append(float(self._plant.state[self._handle]))
         return round(position_m / self._limits.metres_per_count)
 
     def _actuate(self, code: int) -> None:

@@ -48,7 +48,7 @@ class LoopResult:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the device came to rest, by the scene's criterion, and holds the wall: it latched no fault."""
+        """Whether device and handle came to rest, by the scene's criterion, and holds the wall: it latched no fault."""
         return bool(self.judgement.stable) and not self.status.faults
 
     @property
@@ -127,7 +127,14 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, devic
         )
         return LoopResult(
             seconds=whole_s,
-            judgement=judge(position, velocity, force, coupling.sample_time_s, coupling.problem.device.metres_per_unit),
+            judgement=judge(
+                position,
+                velocity,
+                force,
+                coupling.sample_time_s,
+                coupling.problem.device.metres_per_unit,
+                held_m_per_s=np.array(trace.held_m_per_s[:samples]) if trace.held_m_per_s else None,
+            ),
             peak_force_n=float(np.abs(force).max(initial=0.0)),
             left_out=left_out,
             push=pushed,

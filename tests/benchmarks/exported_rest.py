@@ -107,9 +107,9 @@ TEXT = """# As many hands at rest as the trial says
 `avc recommend NAME --out coupling.json`, then `avc export coupling.json --c DIR`. The two files drive a plant of its
 own, `tests/whole_device.c`: two masses and the spring between them, viscous and dry friction, amplifier, delay, encoder
 and force limit, 64 steps a sample. It shares no code with the project. {people} people, the {own} of the trial first,
-press, tap and hold as in the trial; at rest is who stays below 5 mm/s at the motor during the last half second of every
-motion. Then device and scene are made another than the one that was declared, with the same C, until hands do not rest
-any more: the count has to be the same there too.
+press, tap and hold as in the trial; at rest is who stays below 5 mm/s at motor and handle during the last half second
+of every motion. Then device and scene are made another than the one that was declared, with the same C, until hands do
+not rest any more: the count has to be the same there too.
 
 {tables}
 

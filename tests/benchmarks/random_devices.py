@@ -1,9 +1,10 @@
 """`recommend` on devices drawn at random: what it claims against fresh hands, and against plain springs and dampers.
 
-nice -n 10 python tests/benchmarks/random_devices.py --count 200
+OPENBLAS_NUM_THREADS=1 nice -n 10 python tests/benchmarks/random_devices.py --count 200
 
-Overwrites results/random_devices.json and RESULTS_random_devices.md after every device and goes on where it stopped.
-The first devices of a larger count are those of a smaller one; about ten seconds of processor time each.
+One thread for matrices, as `avc` sets it itself. Overwrites results/random_devices.json and RESULTS_random_devices.md
+after every device and goes on where it stopped. The first devices of a larger count are those of a smaller one; about
+ten seconds of processor time each.
 """
 
 from __future__ import annotations
@@ -383,7 +384,8 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200, help="devices; default 200")
     count = parser.parse_args().count
     cells = {f"device {index}": partial(cell, index) for index in range(count)}
-    computed(cells, OUT, about("python tests/benchmarks/random_devices.py --count N", SEED), write_page)
+    made = about("OPENBLAS_NUM_THREADS=1 python tests/benchmarks/random_devices.py --count N", SEED)
+    computed(cells, OUT, made, write_page)
 
 
 if __name__ == "__main__":

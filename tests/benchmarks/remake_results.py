@@ -140,7 +140,7 @@ def remade(study: Study) -> bool:
             if path.exists():
                 shutil.move(path, aside)
         places = (ROOT, ROOT / "hardware", ROOT / "tests", HERE)
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, places))}
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, places)), "OPENBLAS_NUM_THREADS": "1"}
         ran = subprocess.run(study.command, cwd=ROOT, env=environment, check=False)  # noqa: S603
         done = ran.returncode == 0 and all(path.exists() for path, _ in kept)
         for path, aside in kept:

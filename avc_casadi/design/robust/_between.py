@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from avc_casadi.design.robust._climb import EndsAt
     from avc_casadi.problem import Problem
 
-# How many laws are looked at, evenly spaced, and at what share of the speed below which a hand rests all must end: the
+# How many laws are looked at, evenly spaced, and at what share of the speed that is asked of the last all must end: the
 # nearest is near to where somebody moves, and only some are asked.
-_BETWEEN, _SURELY = 9, 0.5
+_BETWEEN, _CLEARLY = 9, 0.5
 
 
 def between(problem: Problem, stiffness_n_per_m: float, first: Found, last: Found, ends_at: EndsAt) -> Found | None:
@@ -41,7 +41,7 @@ def between(problem: Problem, stiffness_n_per_m: float, first: Found, last: Foun
     with suppress(np.linalg.LinAlgError):
         laws = space.laws(np.array(points), stiffness_at_rest(rendering))
         each = [space.one_of(laws, row) for row in range(_BETWEEN)]
-        rest = (ends_at(gains, each[0])(each) < _SURELY).all(axis=1)
+        rest = (ends_at(gains, each[0])(each) < _CLEARLY).all(axis=1)
         for row in np.flatnonzero(rest).tolist():
             found = found_at(space, loops, rendering, points[row])
             if found.cost.holds:

@@ -141,7 +141,7 @@ def _document(
 def _method() -> dict[str, Any]:
     """Say what was assumed, calibrated and predicted."""
     return {
-        "stable": "largest true velocity in the last 0.5 s below 5 mm/s, in press, tap and hold",
+        "stable": "largest true velocity of device and handle in the last 0.5 s below 5 mm/s, in press, tap and hold",
         "asymptotic": "the same in a press without dry friction; the encoder stays",
         "interval": f"exact binomial (Clopper-Pearson), {CONFIDENCE:.0%}",
         "calibrated": "stiffness of VE4 to VE6, from the paper's column without coupling alone",
