@@ -8,6 +8,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.cli._recommend import stiffest_text
 from avc_casadi.recommendation import _stiffest, stiffest
+from avc_casadi.recommendation._stages import CLIMBS, ONWARDS
 from avc_casadi.trial import draw_hands, try_coupling
 
 # Anew, from the law of the device as it is on, and that as it is.
@@ -35,8 +36,8 @@ def searched():
         return lambda problem: {name: changes(problem)[name] for name in names}
 
     with pytest.MonkeyPatch.context() as patch:
-        # Two climbs from two places; whoever asks has four.
-        patch.setattr(_stiffest, "_AS_IT_IS", (range(1), range(2, 3)))
+        # Two climbs from two places; whoever asks has five.
+        patch.setattr(_stiffest, "_AS_IT_IS", ((range(1), range(1)), (range(2, 3), range(1))))
         patch.setattr(_stiffest, "linear_changes", some(_stiffest.linear_changes, "no delay"))
         patch.setattr(_stiffest, "simulated_changes", some(_stiffest.simulated_changes, "no play", "twice the force"))
         for way in WAYS:
@@ -113,3 +114,10 @@ def test_a_device_that_nothing_holds_has_none():
     assert told["stiffest_wall_n_per_m"] is None
     assert {one["stiffest_wall_n_per_m"] for one in told["what_would_help"]} == {None}
     assert "none was found" in stiffest_text(told)
+
+
+def test_the_device_as_it_is_is_searched_as_for_a_recommendation_and_more():
+    """So that no wall which is recommended is stiffer than the stiffest."""
+    (climbs, onwards), *beside = _stiffest._AS_IT_IS
+    assert (climbs, onwards) == (CLIMBS, ONWARDS)
+    assert all(not set(others) & set(climbs) for others, _ in beside)

@@ -16,7 +16,7 @@ from avc_casadi.recommendation._choice import Judged, best_of, devices_of
 from avc_casadi.recommendation._helps import linear_changes, simulated_changes
 from avc_casadi.recommendation._hopeless import hopeless
 from avc_casadi.recommendation._recommend import SCHEMA
-from avc_casadi.recommendation._stages import judged_candidates
+from avc_casadi.recommendation._stages import CLIMBS, ONWARDS, judged_candidates
 from avc_casadi.stability import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.support import SILENT, Chunked, Processes, Progress, plain, require_workers
 from avc_casadi.trial import people_of, try_coupling
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 # A wall out of reach, over what spring and damper hold.
 _FAR = 1e3
-# Climbs, by their numbers: of two searches on the device as it is, anew on a changed one, and on from what each of the
-# two holds.
-_AS_IT_IS, _ANEW, _ONWARDS = (range(2), range(2, 4)), range(1), range(1)
+# Climbs, by their numbers, and those on from what they hold: of a recommendation, so that none is stiffer, and of
+# another search beside it, on the device as it is; and climbs anew on a changed one.
+_AS_IT_IS, _ANEW = ((CLIMBS, ONWARDS), (range(CLIMBS.stop, CLIMBS.stop + 2), range(1))), range(1)
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def stiffest(
         if executor is None and workers > 1:
             executor = stack.enter_context(Processes(workers))
         with progress.step("stiffest wall"):
-            begun: list[_Task] = [partial(_as_it_is, problem, asked, climbs) for climbs in _AS_IT_IS]
+            begun: list[_Task] = [partial(_as_it_is, problem, asked, *numbers) for numbers in _AS_IT_IS]
             best = _best_of(_done(begun, executor, progress), asked)
         reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g} N/m"
         changed: list[_Task] = [partial(_anew, one, asked) for one in better.values()]
@@ -181,10 +181,10 @@ def _best(
     return _Best(best, next(rungs, None))
 
 
-def _as_it_is(problem: Problem, asked: _Asked, climbs: range) -> _Best | None:
+def _as_it_is(problem: Problem, asked: _Asked, climbs: range, onwards: range) -> _Best | None:
     """Search on the device as it is."""
     simple, walled = _out_of_reach(problem)
-    return _best(walled, simple, asked, climbs=climbs, onwards=_ONWARDS)
+    return _best(walled, simple, asked, climbs=climbs, onwards=onwards)
 
 
 def _anew(changed: Problem, asked: _Asked) -> _Best | None:
