@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 # A wall out of reach, over what spring and damper hold.
 _FAR = 1e3
-# Climbs, by their numbers, and those on from what they hold: of a recommendation, so that none is stiffer, and of
-# another search beside it, on the device as it is; and climbs anew on a changed one.
+# Climbs, by their numbers, and those on from what they hold: of a recommendation for such a wall, and of another
+# search beside it, on the device as it is; and climbs anew on a changed one.
 _AS_IT_IS, _ANEW = ((CLIMBS, ONWARDS), (range(CLIMBS.stop, CLIMBS.stop + 2), range(1))), range(1)
 
 
