@@ -19,10 +19,10 @@ from avc_casadi.problem import (
     EstimatorEffect,
     HandEffect,
     SaturationEffect,
+    StateFeedback,
     WallEffect,
     scene_effects,
 )
-from avc_casadi.runtime import StateFeedback
 from avc_casadi.trial import LONGEST_S
 from avc_hardware import FirmwareInTheLoop, LoopResult, tried_in_the_loop
 from avc_hardware import _messages as m

@@ -18,7 +18,7 @@ import avc_hardware
 from avc_casadi import load_problem
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, Runtime
-from avc_casadi.runtime import StateFeedback
+from avc_casadi.problem import StateFeedback
 from avc_hardware import BoardLimits, Connection, DeviceFault, DeviceStatus, EmulatedBoard, TableImage, clear_faults
 from avc_hardware import _messages as m
 from avc_hardware._excite import ENDS

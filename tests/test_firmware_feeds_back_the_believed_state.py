@@ -12,7 +12,7 @@ from hardware_bench import believer, bench_problem, dense_believer, host_library
 from numpy.typing import NDArray
 
 from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.runtime import StateFeedback
+from avc_casadi.problem import StateFeedback
 from avc_hardware import DeviceFault, TableImage
 from avc_hardware import _messages as m
 from avc_hardware._host import HostCore, HostLink

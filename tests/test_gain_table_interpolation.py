@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from schedule_problems import figure5
 
 from avc_casadi import InputError, solve
-from avc_casadi.coupling import Gains, GainTable, Status, gain_schedule, gains_at, interpolate, reduce_rows, single_ln
+from avc_casadi.certificate import reduce_rows
+from avc_casadi.coupling import Gains, GainTable, Status, gain_schedule, gains_at, interpolate, single_ln
 from avc_casadi.loop import loop_at
 from avc_casadi.problem import load_problem
 from avc_hardware._reference import lookup

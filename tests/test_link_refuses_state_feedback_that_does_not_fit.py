@@ -12,7 +12,7 @@ from hardware_bench import believer, bench_problem, coupling, dense_believer, ho
 
 from avc_casadi import InputError, UnsupportedError
 from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.runtime import StateFeedback
+from avc_casadi.problem import StateFeedback
 from avc_hardware import Connection, TableImage, check_runs_on
 from avc_hardware import _messages as m
 from avc_hardware._host import HostLink

@@ -14,11 +14,11 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling, Gains, Runtime, spring_before
 from avc_casadi.design.robust import Space
 from avc_casadi.loop import device_with, hand_corners, with_let_go
+from avc_casadi.problem import StateFeedback
 from avc_casadi.recommendation import _candidates, _choice, _jury, _stages
 from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
 from avc_casadi.recommendation._choice import Judged, best_of, confirmed
 from avc_casadi.recommendation._stages import judged_candidates
-from avc_casadi.runtime import StateFeedback
 from avc_casadi.stability import stiffest_wall
 from avc_casadi.support import SILENT
 from avc_casadi.trial import CouplingTrial, people_of, try_coupling, try_on_devices

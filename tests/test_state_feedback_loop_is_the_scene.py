@@ -11,13 +11,14 @@ from avc_casadi.certificate import _feedback_radius, feedback_radius
 from avc_casadi.coupling import Coupling, Gains, Runtime, felt_impedance, schedule_of
 from avc_casadi.design.robust import Space
 from avc_casadi.loop import Hand, hand_ranges, hand_set, sampled_plant
-from avc_casadi.problem import Device, Hands, StateFeedbackEffect
-from avc_casadi.runtime import StateFeedback, state_feedback_step
+from avc_casadi.problem import Device, Hands, StateFeedback, StateFeedbackEffect
+from avc_casadi.runtime import state_feedback_step
 from avc_casadi.scene import compile_scene
 from avc_casadi.scene.effects import Grip, build_effects
 from avc_casadi.stability import (
+    Laws,
     Rendering,
-    force_over_position,
+    force_over_innovation,
     frozen_rendering,
     largest_radius,
     plants_with_forces,
@@ -91,6 +92,11 @@ def test_its_eigenvalues_are_those_of_the_jacobian(seed):
         distance = np.abs(ours[:, None] - theirs)
         assert distance.min(axis=0).max() < 1e-6
         assert distance.min(axis=1).max() < 1e-6
+
+
+def force_over_position(law, rendering, frequency_hz, sample_time_s):
+    force, believed = force_over_innovation(Laws.of(law), rendering, frequency_hz, sample_time_s)
+    return force[0] / (1 + believed[0])
 
 
 @pytest.mark.one_of(2)

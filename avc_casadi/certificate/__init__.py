@@ -22,6 +22,8 @@ from avc_casadi.certificate._rest_proof import promises_rest as promises_rest
 from avc_casadi.certificate._rest_proof import proved_wall_n_per_m as proved_wall_n_per_m
 from avc_casadi.certificate._rest_proof import quick_rest_level as quick_rest_level
 from avc_casadi.certificate._rest_proof import quickly_proved as quickly_proved
+from avc_casadi.certificate._thinning import ReducedRows as ReducedRows
+from avc_casadi.certificate._thinning import reduce_rows as reduce_rows
 from avc_casadi.certificate._zwidth import Curve as Curve
 from avc_casadi.certificate._zwidth import ZWidth as ZWidth
 from avc_casadi.certificate._zwidth import zwidth as zwidth

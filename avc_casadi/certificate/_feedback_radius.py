@@ -22,8 +22,7 @@ from avc_casadi.stability import (
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import Device, Hands
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import Device, Hands, StateFeedback
     from avc_casadi.stability import Rendering
     from avc_casadi.support import FloatArray
 

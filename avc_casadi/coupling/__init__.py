@@ -16,6 +16,7 @@ from avc_casadi.coupling._coupling_file import read_file as read_file
 from avc_casadi.coupling._coupling_file import same_problem as same_problem
 from avc_casadi.coupling._coupling_file import write_coupling as write_coupling
 from avc_casadi.coupling._felt import felt_impedance as felt_impedance
+from avc_casadi.coupling._felt import gain_schedule as gain_schedule
 from avc_casadi.coupling._gain_file import gain_csv as gain_csv
 from avc_casadi.coupling._gain_file import gain_document as gain_document
 from avc_casadi.coupling._gain_file import read_document as read_document
@@ -30,10 +31,9 @@ from avc_casadi.coupling._interpolation import DeviceLn as DeviceLn
 from avc_casadi.coupling._interpolation import double_ln as double_ln
 from avc_casadi.coupling._interpolation import interpolate as interpolate
 from avc_casadi.coupling._interpolation import single_ln as single_ln
-from avc_casadi.coupling._reduction import ReducedRows as ReducedRows
-from avc_casadi.coupling._reduction import reduce_rows as reduce_rows
+from avc_casadi.coupling._reduction import Deviation as Deviation
+from avc_casadi.coupling._reduction import thinned_rows as thinned_rows
 from avc_casadi.coupling._runtime import RUNTIME_KINDS as RUNTIME_KINDS
 from avc_casadi.coupling._runtime import Runtime as Runtime
 from avc_casadi.coupling._schedule import GainSchedule as GainSchedule
 from avc_casadi.coupling._schedule import Status as Status
-from avc_casadi.coupling._schedule import gain_schedule as gain_schedule

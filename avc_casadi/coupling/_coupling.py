@@ -14,18 +14,18 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi.coupling._contact import FIRST_CONTACT, contact_law
+from avc_casadi.coupling._felt import gain_schedule
 from avc_casadi.coupling._gain_table import GainTable
-from avc_casadi.coupling._reduction import reduce_rows
+from avc_casadi.coupling._reduction import Deviation, thinned_rows
 from avc_casadi.coupling._runtime import Runtime
-from avc_casadi.coupling._schedule import Status, gain_schedule
+from avc_casadi.coupling._schedule import Status
 from avc_casadi.problem import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.support import columns_html
 
 if TYPE_CHECKING:
     from avc_casadi.coupling._gains import Gains
     from avc_casadi.coupling._schedule import GainSchedule
-    from avc_casadi.problem import Contact, Device, Impedance, Problem
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import Contact, Device, Impedance, Problem, StateFeedback
 
 THINNING = 1e-3
 """Largest relative change of a gain where rows are left out; certificate, scene and device read what is left."""
@@ -190,8 +190,11 @@ def thinned(table: GainTable) -> GainTable:
     """Leave out what the other rows say: one row for constant gains, otherwise the fewest within `THINNING`."""
     if table.constant:
         return GainTable(table.rows[:1])
-    kept = reduce_rows(table, tolerance=THINNING).table
-    return kept if len(kept) <= CAPACITY_ROWS else reduce_rows(table, rows=CAPACITY_ROWS).table
+    deviation = Deviation(table.rows)
+    kept = thinned_rows(deviation, tolerance=THINNING)
+    if len(kept) > CAPACITY_ROWS:
+        kept = thinned_rows(deviation, rows=CAPACITY_ROWS)
+    return GainTable(table.rows[kept])
 
 
 def schedule_of(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import StateFeedback
 
 SCHEMA = "avc-gains/1"
 COUPLING_SCHEMA = "avc-coupling/1"

@@ -2,22 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi._errors import InputError
-from avc_casadi.coupling._gain_table import GainTable
-from avc_casadi.coupling._interpolation import interpolate, single_ln
-from avc_casadi.loop import loop_at
-from avc_casadi.stability import scope_slack
+from avc_casadi.coupling._interpolation import interpolate
 from avc_casadi.support import BoolArray, FloatArray, IndexArray
-
-if TYPE_CHECKING:
-    from avc_casadi.problem import Problem
-
 
 _CANDIDATES = 256
 """Rows among which the best are sought; of longer schedules as many are taken evenly, and then those missed most."""
@@ -26,43 +15,20 @@ _AT_ONCE = 64
 _ROUNDS = 20
 
 
-@dataclass(frozen=True)
-class ReducedRows:
-    """Some rows of a schedule and what their interpolation makes of the others.
-
-    Attributes:
-        table: the rows that are kept.
-        kept: their positions among all rows, shape (m,).
-        error: largest deviation at the dropped rows: |Z - Z_h|/|Z_h| of the perceived impedance where a problem was
-            given, otherwise the largest relative deviation of b, k or b_p.
-        single_error: the same for rows and arithmetic in single precision, at all rows.
-        scope_slack: smallest slack of the problem's scope at the dropped rows, interpolated: N.s/m, or spectral radius
-            for scope hands; not a number without a problem, infinite where nothing is dropped. What is missing can be
-            asked for beforehand as `margin_ns_per_m`.
-    """
-
-    table: GainTable
-    kept: IndexArray
-    error: float
-    single_error: float
-    scope_slack: float
-
-
-def reduce_rows(
-    table: GainTable, problem: Problem | None = None, *, rows: int | None = None, tolerance: float | None = None
-) -> ReducedRows:
+def thinned_rows(deviation: Deviation, *, rows: int | None = None, tolerance: float | None = None) -> IndexArray:
     """Choose rows, first and last among them, so that interpolation between them serves for the others.
 
     The choice is exactly the best one among all subsets of the rows, a shortest path whose edges are pairs of
     neighbouring rows. Of more than 256 rows it is the best among 256 candidates and those missed most; or, with a
-    tolerance of the gains alone, the fewest rows, whichever of these are the most accurate. With a problem, a pair is
-    admitted only if Re Z_h stays at or above the margin at the rows between, where the rows themselves do.
+    tolerance of the gains alone, the fewest rows, whichever of these are the most accurate.
 
     Args:
-        table: the rows to choose among.
-        problem: measure the error of Z_h; without it, of the gains.
-        rows: at most so many, with the smallest largest error; or
-        tolerance: the fewest rows with at most this largest error, and of those the most accurate.
+        deviation: the table to choose from, and how far other gains are from its own.
+        rows: at most so many, with the smallest largest deviation; or
+        tolerance: the fewest rows with at most this largest deviation, and of those the most accurate.
+
+    Returns:
+        Positions of the rows among all, shape (m,).
 
     Raises:
         InputError: neither or both of ``rows`` and ``tolerance``, or no subset serves.
@@ -73,10 +39,9 @@ def reduce_rows(
         raise InputError.of(f"is {rows}; allowed: at least 1", key="rows")
     if tolerance is not None and not tolerance >= 0:
         raise InputError.of(f"is {tolerance:g}; allowed: at least 0", key="tolerance")
-    n = len(table)
-    deviation = _Deviation(table.rows, problem)
-    if tolerance is not None and problem is None and n > _CANDIDATES:
-        return _result(deviation, _fewest(deviation, tolerance))
+    n = len(deviation.table)
+    if tolerance is not None and deviation.linear and n > _CANDIDATES:
+        return _fewest(deviation, tolerance)
     candidates = np.unique(np.linspace(0, n - 1, min(n, _CANDIDATES)).round().astype(np.intp))
     for _ in range(_ROUNDS):
         kept = candidates[_best_path(_edges(deviation, candidates), rows, tolerance)]
@@ -85,69 +50,38 @@ def reduce_rows(
             break
         worst = np.argsort(error)[-_ADDED:]
         candidates = np.union1d(candidates, worst[error[worst] > tolerance])
-    return _result(deviation, kept)
+    return kept
 
 
-def _result(deviation: _Deviation, kept: IndexArray) -> ReducedRows:
-    table = deviation.table
-    dropped = np.setdiff1d(np.arange(len(table)), kept)
-    single = interpolate(table[kept].astype(np.float32), table[:, 0], single_ln).astype(np.float64)
-    after = interpolate(table[kept], table[dropped, 0])
-    return ReducedRows(
-        table=GainTable(table[kept]),
-        kept=kept,
-        error=float(deviation.of(dropped, after).max(initial=0.0)),
-        single_error=float(deviation.of(np.arange(len(table)), single).max(initial=0.0)),
-        scope_slack=deviation.scope_slack(dropped, after),
-    )
-
-
-class _Deviation:
-    """How far other gains are from those of a row.
+class Deviation:
+    """How far other gains are from those of a row: the largest relative deviation of b, k and b_p.
 
     Attributes:
         table: all rows, (n, 4).
         size: what a deviation of each gain is relative to, (n, 3).
+        linear: whether it is linear in the gains, so that a slope decides.
     """
 
-    def __init__(self, table: FloatArray, problem: Problem | None) -> None:
+    linear = True
+
+    def __init__(self, table: FloatArray) -> None:
         self.table = table
-        self._problem = problem
-        if problem is not None:
-            self._loop = loop_at(problem, table[:, 0])
-            self._own = self._loop.perceived(*table.T[1:])
-            self._least = np.minimum(problem.stability.margin_ns_per_m, self._own.real)
         self.size = np.where(table[:, 1:] == 0, np.maximum(table[:, 1:].max(axis=0), 1.0), table[:, 1:])
 
     def of(self, row: IndexArray, gains: FloatArray) -> FloatArray:
         """Relative deviation of gains (..., 3) from those of the rows ``row`` (...,)."""
-        if self._problem is None:
-            deviation = np.abs(gains - self.table[row, 1:]) / self.size[row]
-            return np.asarray(deviation.max(axis=-1))
-        z, own = self._perceived(row, gains), self._own[row]
-        return np.asarray(np.abs(z - own) / np.where(own == 0, 1.0, np.abs(own)))
+        return np.asarray((np.abs(gains - self.table[row, 1:]) / self.size[row]).max(axis=-1))
 
     def admitted(self, row: IndexArray, gains: FloatArray) -> BoolArray:
-        """Whether Re Z_h keeps the margin where the row itself does."""
-        if self._problem is None:
-            return np.ones(row.shape, dtype=bool)
-        return np.asarray(self._perceived(row, gains).real >= self._least[row])
+        """Whether such gains may stand in for those of the row."""
+        return np.ones(np.broadcast_shapes(row.shape, gains.shape[:-1]), dtype=bool)
 
     def at(self, kept: IndexArray) -> FloatArray:
         """Deviation of each row of the table when only some are kept, (n,)."""
         return self.of(np.arange(len(self.table)), interpolate(self.table[kept], self.table[:, 0]))
 
-    def scope_slack(self, row: IndexArray, gains: FloatArray) -> float:
-        """Smallest slack of the scope over rows with other gains."""
-        if self._problem is None:
-            return np.nan
-        return float(scope_slack(self._problem, self.table[row, 0], *gains.T).slack.min(initial=np.inf))
 
-    def _perceived(self, row: IndexArray, gains: FloatArray) -> NDArray[np.complex128]:
-        return np.asarray(self._loop.rows(row).perceived(*np.moveaxis(gains, -1, 0)))
-
-
-def _fewest(deviation: _Deviation, tolerance: float) -> IndexArray:
+def _fewest(deviation: Deviation, tolerance: float) -> IndexArray:
     """Positions of the fewest rows between which all others are met within a tolerance of the gains.
 
     From one row, a line meets the rows up to another one if its slope lies in what each of them leaves, for every gain:
@@ -181,7 +115,7 @@ def _fewest(deviation: _Deviation, tolerance: float) -> IndexArray:
     return np.array(path[::-1], dtype=np.intp)
 
 
-def _edges(deviation: _Deviation, candidates: IndexArray) -> FloatArray:
+def _edges(deviation: Deviation, candidates: IndexArray) -> FloatArray:
     """Largest deviation at the candidates between two of them, (c, c); infinite where the pair is not admitted."""
     table = deviation.table[candidates]
     ln_frequency, gains = np.log(table[:, 0]), table[:, 1:]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, get_args
 
 from avc_casadi._errors import InputError
 from avc_casadi.problem import (
@@ -12,10 +12,12 @@ from avc_casadi.problem import (
     EstimatorEffect,
     GuardEffect,
     ObserverEffect,
+    StateFeedback,
     StateFeedbackEffect,
 )
-from avc_casadi.runtime import ESTIMATORS, GUARDS, StateFeedback
 
+ESTIMATOR_METHODS: tuple[str, ...] = get_args(EstimatorEffect.model_fields["method"].annotation)
+GUARD_METHODS: tuple[str, ...] = get_args(GuardEffect.model_fields["method"].annotation)
 RUNTIME_KINDS = ("observer", "state-feedback", "estimator", "adaptation", "guard")
 """Effects of a scene that belong to the control computer: a coupling brings its own."""
 
@@ -43,10 +45,10 @@ class Runtime:
     state_feedback: StateFeedback | None = None
 
     def __post_init__(self) -> None:
-        if self.estimator not in ESTIMATORS:
-            raise InputError.of(f"is {self.estimator!r}; allowed: {', '.join(ESTIMATORS)}", key="estimator")
-        if self.guard is not None and self.guard not in GUARDS:
-            raise InputError.of(f"is {self.guard!r}; allowed: {', '.join(GUARDS)}, or none", key="guard")
+        if self.estimator not in ESTIMATOR_METHODS:
+            raise InputError.of(f"is {self.estimator!r}; allowed: {', '.join(ESTIMATOR_METHODS)}", key="estimator")
+        if self.guard is not None and self.guard not in GUARD_METHODS:
+            raise InputError.of(f"is {self.guard!r}; allowed: {', '.join(GUARD_METHODS)}, or none", key="guard")
         for name in ("hold_s", "slew_per_s", "observer_mass_kg"):
             value = getattr(self, name)
             if value is not None and not 0 <= value < float("inf"):

@@ -9,13 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.coupling._felt import felt_impedance
-from avc_casadi.loop import loop_at
 from avc_casadi.support import BoolArray, Columns, ComplexArray, FloatArray, Tabular, short
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Problem, Structure
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import StateFeedback, Structure
 
 
 class Status(StrEnum):
@@ -147,72 +144,3 @@ class GainSchedule(Tabular):
     def counts(self) -> dict[str, int]:
         """Return how many rows have each status."""
         return dict(Counter(status.value for status in self.status))
-
-
-def gain_schedule(
-    problem: Problem,
-    method: str,
-    gains: tuple[FloatArray, FloatArray, FloatArray],
-    status: tuple[Status, ...],
-    *,
-    solver: str | None = None,
-    reason: tuple[str, ...] | None = None,
-    requested: tuple[FloatArray, FloatArray] | None = None,
-    requested_contact: FloatArray | None = None,
-    impedance: ComplexArray | None = None,
-    frequency_hz: FloatArray | None = None,
-    build_seconds: float = 0.0,
-    solve_seconds: float = 0.0,
-    notes: tuple[str, ...] = (),
-    state_feedback: StateFeedback | None = None,
-) -> GainSchedule:
-    """Complete gains (b, k, b_p) into a schedule; one code recomputes the impedances of every method.
-
-    Args:
-        problem: the problem that the gains answer.
-        method: name of the method.
-        gains: b (N.s/m), k (N/m), b_p (N.s/m), each of shape (n,).
-        status: one for each row; gains of rows without usable gains are blanked.
-        solver: name of the solver.
-        reason: one sentence for each row.
-        requested: b and k that an unrealisable row asked for.
-        requested_contact: b_p that it asked for.
-        impedance: perceived impedance where it is not that of the gains (the closed form's projection).
-        frequency_hz: frequencies of the rows; None is those of the problem.
-        build_seconds: time to set the method up.
-        solve_seconds: time to solve.
-        notes: facts for people.
-        state_feedback: observer and feedback that belong to the gains.
-    """
-    frequency = problem.frequencies_hz() if frequency_hz is None else frequency_hz
-    loop = loop_at(problem, frequency)
-    usable = np.array([item.has_gains for item in status], dtype=bool)
-    b, k, bp = (np.where(usable, np.asarray(gain, dtype=np.float64), np.nan) for gain in gains)
-    perceived = np.full(frequency.shape, np.nan, dtype=np.complex128)
-    if usable.any():
-        perceived[usable] = felt_impedance(
-            problem, frequency[usable], (b[usable], k[usable], bp[usable]), state_feedback
-        )
-    return GainSchedule(
-        problem=problem.name,
-        method=method,
-        solver=solver,
-        structure=problem.coupling.structure,
-        model=problem.stability.model,
-        sample_time_s=problem.device.sample_time_s,
-        frequency_hz=frequency,
-        damping_ns_per_m=b,
-        stiffness_n_per_m=k,
-        contact_damping_ns_per_m=bp,
-        impedance=perceived if impedance is None else impedance,
-        target=np.asarray(loop.target),
-        status=status,
-        reason=reason or ("",) * len(status),
-        requested_damping_ns_per_m=b if requested is None else requested[0],
-        requested_stiffness_n_per_m=k if requested is None else requested[1],
-        requested_contact_damping_ns_per_m=bp if requested_contact is None else requested_contact,
-        build_seconds=build_seconds,
-        solve_seconds=solve_seconds,
-        notes=notes,
-        state_feedback=state_feedback,
-    )

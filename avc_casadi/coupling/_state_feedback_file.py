@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.problem import StateFeedbackEffect, effect_of
-from avc_casadi.runtime import STATE_FEEDBACK_KEYS, StateFeedback
+from avc_casadi.problem import STATE_FEEDBACK_KEYS, StateFeedback, StateFeedbackEffect, effect_of
 
 
 def state_feedback_of(found: object, path: Path, key: str) -> StateFeedback | None:

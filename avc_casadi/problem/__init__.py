@@ -94,5 +94,7 @@ from avc_casadi.problem._quantity import LARGEST_STIFFNESS_N_PER_M as LARGEST_ST
 from avc_casadi.problem._scene_file import CouplingChoice as CouplingChoice
 from avc_casadi.problem._scene_file import Integrator as Integrator
 from avc_casadi.problem._scene_file import Scene as Scene
+from avc_casadi.problem._state_feedback import STATE_FEEDBACK_KEYS as STATE_FEEDBACK_KEYS
+from avc_casadi.problem._state_feedback import StateFeedback as StateFeedback
 from avc_casadi.problem._turned_defaults import turned_gains as turned_gains
 from avc_casadi.problem._turned_defaults import turned_hands as turned_hands

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from avc_casadi.runtime import StateFeedback
+from avc_casadi.problem import StateFeedback
 from avc_casadi.support import plain
 
 if TYPE_CHECKING:

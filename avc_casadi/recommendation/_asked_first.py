@@ -15,8 +15,7 @@ from avc_casadi.trial import ends_of, unrest
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.robust import Unrest
-    from avc_casadi.problem import Device
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import Device, StateFeedback
     from avc_casadi.support import BoolArray, FloatArray, IndexArray
     from avc_casadi.trial import Ends
 

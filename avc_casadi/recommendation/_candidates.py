@@ -22,9 +22,8 @@ from avc_casadi.support import SILENT, Progress
 if TYPE_CHECKING:
     from avc_casadi.design.robust import EndsAt, Found, Rung, Unrest
     from avc_casadi.loop import Hand, StylusHand
-    from avc_casadi.problem import Problem
+    from avc_casadi.problem import Problem, StateFeedback
     from avc_casadi.recommendation._asked_first import AskedFirst
-    from avc_casadi.runtime import StateFeedback
     from avc_casadi.support import Crew, FloatArray
 
 # Damping kept in reserve, as multiples of the tuned designs' own: a coarse encoder asks for more.

@@ -13,8 +13,6 @@ from avc_casadi.runtime._hold import hold_step as hold_step
 from avc_casadi.runtime._observer import ObserverSettings as ObserverSettings
 from avc_casadi.runtime._observer import observer_step as observer_step
 from avc_casadi.runtime._signal import EstimatorSettings as EstimatorSettings
-from avc_casadi.runtime._state_feedback import STATE_FEEDBACK_KEYS as STATE_FEEDBACK_KEYS
-from avc_casadi.runtime._state_feedback import StateFeedback as StateFeedback
 from avc_casadi.runtime._state_feedback import state_feedback_step as state_feedback_step
 from avc_casadi.runtime._step import Expr as Expr
 from avc_casadi.runtime._step import Step as Step

@@ -17,7 +17,6 @@ from avc_casadi.stability._spectral import frozen_rendering as frozen_rendering
 from avc_casadi.stability._spectral import linear_stability as linear_stability
 from avc_casadi.stability._state_feedback import Laws as Laws
 from avc_casadi.stability._state_feedback import force_over_innovation as force_over_innovation
-from avc_casadi.stability._state_feedback import force_over_position as force_over_position
 from avc_casadi.stability._state_feedback import largest_radius as largest_radius
 from avc_casadi.stability._state_feedback import poles as poles
 from avc_casadi.stability._state_feedback import state_feedback_loop as state_feedback_loop

@@ -15,7 +15,7 @@ from avc_casadi.stability._eigenvalues import eigenvalues
 from avc_casadi.support import ComplexArray, FloatArray, IndexArray
 
 if TYPE_CHECKING:
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import StateFeedback
     from avc_casadi.stability._transition import Rendering
 
 
@@ -146,14 +146,6 @@ def force_over_innovation(
     # One product for each law: all at once would be rounded otherwise where there is a single frequency.
     force = [wall * (states @ weight) for states, weight in zip(believed + gain, laws.feedback, strict=True)]
     return np.reshape(force, believed.shape[:2]), np.asarray(believed[..., laws.measures])
-
-
-def force_over_position(
-    law: StateFeedback, rendering: Rendering, frequency_hz: FloatArray, sample_time_s: float
-) -> ComplexArray:
-    """Return force over the measured position at each frequency, N/m, shape (f,), the dead zone passing all."""
-    force, believed = force_over_innovation(Laws.of(law), rendering, frequency_hz, sample_time_s)
-    return np.asarray(force[0] / (1 + believed[0]))
 
 
 def stiffness_at_rest(rendering: Rendering) -> float:

@@ -16,8 +16,7 @@ from avc_casadi.scene.effects import build_effects
 if TYPE_CHECKING:
     from avc_casadi.coupling import GainSchedule, GainTable
     from avc_casadi.loop import Hand, StylusHand
-    from avc_casadi.problem import Motion, Problem
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import Motion, Problem, StateFeedback
     from avc_casadi.scene.effects import SceneEffect
     from avc_casadi.support import FloatArray
     from avc_casadi.trial._trial import Conditions

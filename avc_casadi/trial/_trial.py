@@ -43,8 +43,7 @@ from avc_casadi.trial._vibration import felt_vibration
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, GainSchedule, GainTable
     from avc_casadi.loop import Hand, StylusHand
-    from avc_casadi.problem import Device, Motion, Problem
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import Device, Motion, Problem, StateFeedback
 
 
 DURATION_S = 3.0

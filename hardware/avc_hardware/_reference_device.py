@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avc_casadi.runtime import StateFeedback, Step, state_feedback_step
+from avc_casadi.problem import StateFeedback
+from avc_casadi.runtime import Step, state_feedback_step
 from avc_casadi.support import BoolArray, Float32Array
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._float_program import FloatProgram

@@ -14,7 +14,7 @@ from avc_casadi import InputError, UnsupportedError
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling, Gains
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import StateFeedback
     from avc_casadi.support import Float32Array, FloatArray
 
 FLAG_DAMPED = 1

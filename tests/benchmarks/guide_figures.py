@@ -16,7 +16,8 @@ from script_arguments import script_arguments
 from studied import about
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, GainTable, reduce_rows
+from avc_casadi.certificate import reduce_rows
+from avc_casadi.coupling import Coupling, GainTable
 from avc_casadi.design.constant import static_coupling
 from avc_casadi.loop import bound_magnitudes, judge_realism, loop_at
 

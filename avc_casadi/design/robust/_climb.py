@@ -26,8 +26,7 @@ from avc_casadi.support import FloatArray
 if TYPE_CHECKING:
     from avc_casadi.coupling import Gains
     from avc_casadi.design.robust._goal import Cost
-    from avc_casadi.problem import Problem
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import Problem, StateFeedback
     from avc_casadi.stability import Laws
 
 Unrest = Callable[[Sequence["StateFeedback"]], FloatArray]

@@ -20,7 +20,7 @@ from avc_casadi.stability import (
 
 if TYPE_CHECKING:
     from avc_casadi.design.robust._loops import Loops
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import StateFeedback
     from avc_casadi.stability import Rendering
     from avc_casadi.support import BoolArray, ComplexArray, FloatArray
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi.loop import DEVICE, Hand, Mode, device_plant, sampled_plant, transition
-from avc_casadi.runtime import StateFeedback
+from avc_casadi.problem import StateFeedback
 from avc_casadi.stability import Laws
 from avc_casadi.support import FloatArray
 

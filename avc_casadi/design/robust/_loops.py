@@ -26,8 +26,7 @@ from avc_casadi.stability import largest_radius, plants_with_forces, poles, stat
 from avc_casadi.support import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Device
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import Device, StateFeedback
     from avc_casadi.stability import Rendering
 
 Plants = tuple[FloatArray, FloatArray, FloatArray]

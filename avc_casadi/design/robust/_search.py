@@ -18,7 +18,7 @@ from avc_casadi.support import FloatArray
 if TYPE_CHECKING:
     from avc_casadi.design.robust._law import Space
     from avc_casadi.design.robust._loops import Loops
-    from avc_casadi.runtime import StateFeedback
+    from avc_casadi.problem import StateFeedback
     from avc_casadi.stability import Rendering
 
 # A search that lost sight of the loops that are hardest for what it found, so that it costs so many times as much,

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.problem import Problem
-from avc_casadi.runtime import STATE_FEEDBACK_KEYS, state_feedback_step
-from avc_casadi.runtime import StateFeedback as Settings
+from avc_casadi.problem import STATE_FEEDBACK_KEYS, Problem
+from avc_casadi.problem import StateFeedback as Settings
+from avc_casadi.runtime import state_feedback_step
 from avc_casadi.scene.effects._base import SceneEffect, Station
 from avc_casadi.scene.effects._step import insert
 from avc_casadi.scene.loop import Tick
