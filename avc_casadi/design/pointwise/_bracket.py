@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from avc_casadi.support import FloatArray
 
-Function = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
+Functions = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
 """(x, index) -> value: evaluate function number ``index[i]`` at ``x[i]``."""
 
 _MOST_STEPS = 120
@@ -21,7 +21,7 @@ _SMALL = 1e-14
 
 
 def bracketed_roots(
-    function: Function,
+    function: Functions,
     low: FloatArray,
     high: FloatArray,
     value_low: FloatArray,
