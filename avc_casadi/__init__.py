@@ -63,7 +63,6 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from avc_casadi import figures as figures
     from avc_casadi._errors import AvcError as AvcError
     from avc_casadi._errors import Fault as Fault
     from avc_casadi._errors import InputError as InputError
@@ -74,32 +73,33 @@ if TYPE_CHECKING:
     from avc_casadi._errors import UnsupportedError as UnsupportedError
     from avc_casadi._errors import WorkerLostError as WorkerLostError
     from avc_casadi._errors import fault_document as fault_document
-    from avc_casadi.certificate import Certificate as Certificate
-    from avc_casadi.certificate import Deployable as Deployable
-    from avc_casadi.certificate import certify as certify
-    from avc_casadi.certificate import deployable as deployable
-    from avc_casadi.certificate import zwidth as zwidth
+    from avc_casadi.claims.certificate import Certificate as Certificate
+    from avc_casadi.claims.certify import certify as certify
+    from avc_casadi.claims.deployable import Deployable as Deployable
+    from avc_casadi.claims.deployable import deployable as deployable
+    from avc_casadi.claims.zwidth import zwidth as zwidth
     from avc_casadi.coupling import Coupling as Coupling
-    from avc_casadi.coupling import GainSchedule as GainSchedule
-    from avc_casadi.coupling import read_coupling as read_coupling
-    from avc_casadi.coupling import write_coupling as write_coupling
-    from avc_casadi.design import screen as screen
-    from avc_casadi.design import simulate as simulate
-    from avc_casadi.design import solve as solve
-    from avc_casadi.problem import Problem as Problem
-    from avc_casadi.problem import catalogue as catalogue
-    from avc_casadi.problem import catalogue_path as catalogue_path
-    from avc_casadi.problem import dump_problem as dump_problem
-    from avc_casadi.problem import load_device as load_device
-    from avc_casadi.problem import load_problem as load_problem
-    from avc_casadi.problem import parse_problem as parse_problem
-    from avc_casadi.recommendation import Recommendation as Recommendation
-    from avc_casadi.recommendation import recommend as recommend
-    from avc_casadi.scene import Run as Run
-    from avc_casadi.scene import simulate_batch as simulate_batch
-    from avc_casadi.study.comparison import Comparison as Comparison
-    from avc_casadi.study.comparison import compare as compare
-    from avc_casadi.study.pareto import pareto as pareto
+    from avc_casadi.design.comparison.comparison import Comparison as Comparison
+    from avc_casadi.design.comparison.comparison import compare as compare
+    from avc_casadi.design.methods import solve as solve
+    from avc_casadi.design.scene_coupling import screen as screen
+    from avc_casadi.design.scene_coupling import simulate as simulate
+    from avc_casadi.files.catalogue import catalogue as catalogue
+    from avc_casadi.files.catalogue import catalogue_path as catalogue_path
+    from avc_casadi.files.coupling_file import read_coupling as read_coupling
+    from avc_casadi.files.coupling_file import write_coupling as write_coupling
+    from avc_casadi.files.device_file import load_device as load_device
+    from avc_casadi.files.problem_document import dump_problem as dump_problem
+    from avc_casadi.files.problem_file import load_problem as load_problem
+    from avc_casadi.files.problem_file import parse_problem as parse_problem
+    from avc_casadi.model.problem import Problem as Problem
+    from avc_casadi.model.schedule import GainSchedule as GainSchedule
+    from avc_casadi.present import figures as figures
+    from avc_casadi.recommendation.recommend import Recommendation as Recommendation
+    from avc_casadi.recommendation.recommend import recommend as recommend
+    from avc_casadi.simulation.run import Run as Run
+    from avc_casadi.simulation.scene import simulate_batch as simulate_batch
+    from avc_casadi.study.pareto.study import pareto as pareto
 else:
     # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
     _LAZY = {
@@ -113,39 +113,39 @@ else:
         "UnsupportedError": "_errors",
         "WorkerLostError": "_errors",
         "fault_document": "_errors",
-        "Certificate": "certificate",
-        "certify": "certificate",
-        "zwidth": "certificate",
-        "Deployable": "certificate",
-        "deployable": "certificate",
-        "Recommendation": "recommendation",
-        "recommend": "recommendation",
+        "Certificate": "claims.certificate",
+        "certify": "claims.certify",
+        "zwidth": "claims.zwidth",
+        "Deployable": "claims.deployable",
+        "deployable": "claims.deployable",
+        "Recommendation": "recommendation.recommend",
+        "recommend": "recommendation.recommend",
         "Coupling": "coupling",
-        "GainSchedule": "coupling",
-        "read_coupling": "coupling",
-        "write_coupling": "coupling",
-        "screen": "design",
-        "simulate": "design",
-        "solve": "design",
-        "Problem": "problem",
-        "catalogue": "problem",
-        "catalogue_path": "problem",
-        "dump_problem": "problem",
-        "load_device": "problem",
-        "load_problem": "problem",
-        "parse_problem": "problem",
-        "Run": "scene",
-        "simulate_batch": "scene",
-        "Comparison": "study.comparison",
-        "compare": "study.comparison",
-        "pareto": "study.pareto",
+        "GainSchedule": "model.schedule",
+        "read_coupling": "files.coupling_file",
+        "write_coupling": "files.coupling_file",
+        "screen": "design.scene_coupling",
+        "simulate": "design.scene_coupling",
+        "solve": "design.methods",
+        "Problem": "model.problem",
+        "catalogue": "files.catalogue",
+        "catalogue_path": "files.catalogue",
+        "dump_problem": "files.problem_document",
+        "load_device": "files.device_file",
+        "load_problem": "files.problem_file",
+        "parse_problem": "files.problem_file",
+        "Run": "simulation.run",
+        "simulate_batch": "simulation.scene",
+        "Comparison": "design.comparison.comparison",
+        "compare": "design.comparison.comparison",
+        "pareto": "study.pareto.study",
     }
 
     def __getattr__(name):
         from importlib import import_module  # noqa: PLC0415 - paid at first use only
 
         if name == "figures":
-            return import_module(f"{__name__}.{name}")
+            return import_module(f"{__name__}.present.{name}")
         if name not in _LAZY:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         value = getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)

@@ -4,9 +4,10 @@ import itertools
 
 import numpy as np
 
-from avc_casadi.loop import Hand, hand_ranges
-from avc_casadi.problem import load_problem
-from avc_casadi.stability import frozen_parts, whole_stability
+from avc_casadi.claims.stability.declared_device import whole_stability
+from avc_casadi.claims.stability.frozen_loop import frozen_parts
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.hands import Hand, hand_ranges
 
 FIGURE5 = load_problem("figure5")
 WALL = {"damping_ns_per_m": 0.7, "stiffness_n_per_m": 4650.0}

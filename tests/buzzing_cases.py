@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from buzzing_device import Buzzing, logged, played
 
-from avc_casadi.coupling import NO_COUPLING
-from avc_casadi.identification import Columns
-from avc_casadi.problem import Device, Hands, problem_of
-from avc_casadi.scene import simulate
-from avc_casadi.trial import QUIET, felt_vibration
+from avc_casadi.files.problem_document import problem_of
+from avc_casadi.identification.record import Columns
+from avc_casadi.model.device import Device
+from avc_casadi.model.gains import NO_COUPLING
+from avc_casadi.model.problem import Hands
+from avc_casadi.simulation.population.motions import QUIET, felt_vibration
+from avc_casadi.simulation.scene import simulate
 
 CAUSES = ("delay", "damping", "encoder", "resonance", "stiffness", "let-go", "ticks", "rate")
 _SECONDS = 1.6

@@ -6,12 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from avc_casadi.coupling import GainSchedule
-from avc_casadi.design.joint import States
-from avc_casadi.loop import device_corners, least_damped, loop_at, relative_errors
-from avc_casadi.passivity import SampledLoop, llewellyn_margin, worst_margin
-from avc_casadi.problem import Problem, load_problem
-from avc_casadi.stability import scope_slack
+from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.design.schedule.states import States
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.corners import device_corners, least_damped
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.realism import relative_errors
 
 
 def drawn_device_problem(

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from clip_last_simulator import Simulator, at_rest
 
-from avc_casadi.problem import Device
-from avc_casadi.proof import ContactLaw, Rest, prove_rest
+from avc_casadi.claims.prove.law import ContactLaw
+from avc_casadi.claims.prove.rest import Rest, prove_rest
+from avc_casadi.model.device import Device
 
 HANDS = 24
 SECONDS = 2.0

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from avc_casadi.problem import Problem
+from avc_casadi.model.problem import Problem
 
 
 def drawn_problem(rng: np.random.Generator, *, frequencies: int = 8, structure: str | None = None) -> Problem:

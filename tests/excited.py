@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 from hardware_bench import host_library
 
-from avc_casadi.excitation import plan_excitation
-from avc_casadi.problem import Device
+from avc_casadi.identification.excitation.design import plan_excitation
+from avc_casadi.model.device import Device
 from avc_hardware import BenchDevice, excite
 from avc_hardware._excite import plan_bytes
 from avc_hardware._host import HostCore, HostLink

@@ -12,8 +12,8 @@ import numpy as np
 from exported import WARNINGS
 from hardware_bench import export_c, require, run, scratch
 
+from avc_casadi._util.arrays import Float32Array, FloatArray
 from avc_casadi.coupling import Coupling
-from avc_casadi.support import Float32Array, FloatArray
 
 _HERE = Path(__file__).parent
 _BARE = ("-ffreestanding", "-nostdlib", f"-Wl,-T,{_HERE / 'exported_bench.ld'}", "-Wl,--build-id=none")

@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 from hardware_bench import believer, coupling
 
-from avc_casadi.coupling import Coupling, Runtime
-from avc_casadi.support import FloatArray
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.runtime import Runtime
 
 
 def drawn(seed: int) -> Coupling:

@@ -18,8 +18,10 @@ import pytest
 
 import avc_hardware
 from avc_casadi import Problem, load_problem
-from avc_casadi.coupling import Coupling, Gains, GainSchedule, GainTable, Runtime, Status
-from avc_casadi.problem import StateFeedback
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.model.runtime import Runtime, StateFeedback
+from avc_casadi.model.schedule import GainSchedule, Status
 from avc_hardware import BoardLimits, Connection, TableImage
 from avc_hardware._firmware import ARM_INSTALL
 from avc_hardware._host import HostCore, HostLink

@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from avc_casadi.problem import Problem
+from avc_casadi.model.problem import Problem
 
 Pair = tuple[Any, Any]
 

@@ -2,7 +2,7 @@
 
 import math
 
-from avc_casadi.coupling import NO_COUPLING, Gains
+from avc_casadi.model.gains import NO_COUPLING, Gains
 
 HAND, WALL = 'kind = "hand"', 'kind = "wall"'
 FRICTION = 'kind = "coulomb-friction"'

@@ -15,19 +15,13 @@ import numpy as np
 import rest_proof_checker
 
 import avc_casadi as avc
-from avc_casadi.problem import Device
-from avc_casadi.proof import (
-    HAND,
-    Changing,
-    ContactLaw,
-    FrozenGains,
-    HandsProof,
-    HeldDevice,
-    Rest,
-    prove_changes,
-    prove_hands,
-    prove_rest,
-)
+from avc_casadi.claims.prove.changing import Changing, prove_changes
+from avc_casadi.claims.prove.frozen_loop import FrozenGains
+from avc_casadi.claims.prove.hands import HandsProof, prove_hands
+from avc_casadi.claims.prove.held_device import HAND, HeldDevice
+from avc_casadi.claims.prove.law import ContactLaw
+from avc_casadi.claims.prove.rest import Rest, prove_rest
+from avc_casadi.model.device import Device
 
 RIGID = (math.inf, math.inf)
 # Sample time, delay, b, k, b_p, b_e, k_e.

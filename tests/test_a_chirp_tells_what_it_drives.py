@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from measured_device import Truth, measured
 
-from avc_casadi.identification import Record, identify
-from avc_casadi.identification._closed_loop import feeds_back
+from avc_casadi.identification.closed_loop import feeds_back
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.record import Record
 
 SECONDS, PERIOD = 12.0, 2.5e-4
 

@@ -9,8 +9,8 @@ from functools import partial
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.recommendation import stiffest
-from avc_casadi.support import ALONE, Crew, processors
+from avc_casadi._util.parallel import ALONE, Crew, processors
+from avc_casadi.recommendation.stiffest import stiffest
 
 
 def squared(number):

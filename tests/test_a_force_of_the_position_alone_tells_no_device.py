@@ -7,10 +7,12 @@ import pytest
 from buzzing_device import Buzzing, logged
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification import Record, _estimates, identify
-from avc_casadi.identification._only_feedback import only_feedback
-from avc_casadi.identification._uncertainty import spread_of
-from avc_casadi.problem import DeviceFile
+from avc_casadi.files.device_file import DeviceFile
+from avc_casadi.identification import estimates as _estimates
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.only_feedback import only_feedback
+from avc_casadi.identification.record import Record
+from avc_casadi.identification.uncertainty import spread_of
 
 BASE = {
     "name": "base",

@@ -8,8 +8,9 @@ import pytest
 from measured_device import Truth, measured, multisine
 
 import avc_casadi as avc
-from avc_casadi.identification import Record, identify
-from avc_casadi.identification._start import cut_force_n, first_guess
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.record import Record
+from avc_casadi.identification.start import cut_force_n, first_guess
 
 USUAL = Truth(mass=0.12, damping=0.8, coulomb=0.1, delay=1.0, encoder=2e-5)
 

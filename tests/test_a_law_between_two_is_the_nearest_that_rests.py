@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design.robust import Loops, Space, between, robust_at
-from avc_casadi.loop import hand_corners, sampled_plant
-from avc_casadi.recommendation import _candidates
-from avc_casadi.stability import frozen_rendering, largest_radius, plants_with_forces, state_feedback_loop
+from avc_casadi.claims.stability.declared_device import plants_with_forces
+from avc_casadi.claims.stability.frozen_loop import frozen_rendering
+from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
+from avc_casadi.design.robust.between import between
+from avc_casadi.design.robust.ladder import robust_at
+from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.loops import Loops
+from avc_casadi.model.hands import hand_corners
+from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.recommendation import candidates as _candidates
 
 WALL_N_PER_M = 5000.0
 PROBLEM = avc.load_problem("reference-r1").changed(

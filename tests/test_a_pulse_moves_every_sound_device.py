@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from test_commissioning_names_what_is_wired_wrongly import bench
 
 from avc_casadi import InputError
-from avc_casadi.problem import Device
+from avc_casadi.model.device import Device
 from avc_hardware import DeviceFault, Wiring, commission
 from avc_hardware._commission import _pulse
 from avc_hardware._pulse import LEAST_COUNTS, Moved

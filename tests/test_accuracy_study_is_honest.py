@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import solve
-from avc_casadi.figures import draw_accuracy, save_figure
-from avc_casadi.study.accuracy import (
-    grid_misses,
-    linear,
-    nearest,
-    pchip,
-    reference_errors,
-    study_accuracy,
-    table_errors,
-)
+from avc_casadi.design.methods import solve
+from avc_casadi.present.figures.accuracy import draw_accuracy
+from avc_casadi.present.figures.layout import save_figure
+from avc_casadi.study.accuracy.grids import grid_misses
+from avc_casadi.study.accuracy.interpolations import linear, nearest, pchip
+from avc_casadi.study.accuracy.solvers import reference_errors
+from avc_casadi.study.accuracy.study import study_accuracy
+from avc_casadi.study.accuracy.tables import table_errors
 
 
 def fewer(name, points):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avc_casadi.runtime import AdaptationSettings, adaptation_step
+from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step
 
 T = 1e-3
 CHANGES = 10_000

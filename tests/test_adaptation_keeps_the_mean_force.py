@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Gains, GainTable
-from avc_casadi.design import simulate, solve
-from avc_casadi.problem import load_problem
-from avc_casadi.runtime import AdaptationSettings, adaptation_step
-from avc_casadi.scene import Run
+from avc_casadi.design.methods import solve
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.simulation.run import Run
+from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step
 
 T = 1e-3
 ADAPTIVE = [{"kind": "estimator"}, {"kind": "adaptation"}]

@@ -8,8 +8,9 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.cli._main import main
 from avc_casadi.coupling import Coupling
-from avc_casadi.trial import draw_hands, draw_subjects, hands_at_rest, try_coupling
-from avc_casadi.trial._subjects import BLOCK
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import BLOCK, draw_hands, draw_subjects
+from avc_casadi.simulation.population.settled import hands_at_rest
 
 SEED = 4
 

@@ -11,17 +11,18 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.arm import (
-    arm,
+from avc_casadi.arm.arm import evaluated
+from avc_casadi.arm.effective_mass import (
     effective_masses,
-    evaluated,
     mass_range,
     mobility,
     one_normal,
     operational_inertia,
     reached,
 )
-from avc_casadi.problem import arm_names, load_arm
+from avc_casadi.arm.mechanisms import arm
+from avc_casadi.files.arm_file import load_arm
+from avc_casadi.files.catalogue import arm_names
 
 PREMIUM, PANTOGRAPH = arm("phantom-premium-1.5"), arm("pantograph")
 ANGLES = st.tuples(*[st.floats(-0.6, 0.6)] * 3)

@@ -14,7 +14,7 @@ from test_firmware_tick_equals_reference import queue
 import avc_casadi
 import avc_hardware
 from avc_casadi import InputError, LinkError, load_device
-from avc_casadi.coupling import Runtime
+from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, DeviceStatus, TableImage, build_firmware
 from avc_hardware._build_faults import build_faults
 from avc_hardware._host import HostCore

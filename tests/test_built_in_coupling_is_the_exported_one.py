@@ -9,8 +9,10 @@ from exported import Exported
 from hardware_bench import coupling, host_library, push, require, scratch
 
 from avc_casadi import InputError, load_device
-from avc_casadi.cli import main
-from avc_casadi.coupling import Coupling, Runtime, write_coupling
+from avc_casadi.cli._main import main
+from avc_casadi.coupling import Coupling
+from avc_casadi.files.coupling_file import write_coupling
+from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableImage, build_firmware
 from avc_hardware import _messages as m
 from avc_hardware._host import State

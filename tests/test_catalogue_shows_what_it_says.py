@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.loop import loop_at
+from avc_casadi.paper.loop import loop_at
 
 LADDER = ["ve2", "ve3", "ve4", "ve5", "ve6", "ve7"]
 PLAIN = {"figure5", "soft", "damper", "spring", "damped", *LADDER}

@@ -8,12 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import load_problem, parse_problem
-from avc_casadi.certificate import TITLES, certify
-from avc_casadi.coupling import Status, gain_schedule
-from avc_casadi.design import solve
-from avc_casadi.loop import hand_corners, hand_set
-from avc_casadi.passivity import SampledLoop, llewellyn_margin, worst_margin
-from avc_casadi.stability import deciding_frequencies_hz, frozen_parts, linear_stability, scope_slack
+from avc_casadi.claims.certificate import TITLES
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
+from avc_casadi.claims.stability.scope import deciding_frequencies_hz, scope_slack
+from avc_casadi.design.methods import solve
+from avc_casadi.model.hands import hand_corners, hand_set
+from avc_casadi.model.schedule import Status
+from avc_casadi.paper.rendered import gain_schedule
 
 
 def problem(b_d=1.0, delay=0, rows=5, **stability):

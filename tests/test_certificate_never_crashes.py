@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import parse_problem
-from avc_casadi.certificate import certify
-from avc_casadi.coupling import Status, gain_schedule
+from avc_casadi.claims.certify import certify
+from avc_casadi.model.schedule import Status
+from avc_casadi.paper.rendered import gain_schedule
 
 
 def decades(low, high):

@@ -14,12 +14,20 @@ from clip_last_simulator import Simulator
 from hardware_bench import believer
 
 import avc_casadi as avc
-from avc_casadi.certificate import certify, levels_table, quickly_proved
+from avc_casadi.claims.certificate import levels_table
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.proof_levels import quickly_proved
+from avc_casadi.claims.prove.hands import HandsProof
+from avc_casadi.claims.prove.held_device import HAND
+from avc_casadi.claims.prove.law import ContactLaw
+from avc_casadi.claims.prove.rest import Rest, prove_rest
+from avc_casadi.claims.prove.walls import same_gains, wall_gap
 from avc_casadi.cli._console import Console
 from avc_casadi.cli._main import main
-from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.problem import Device
-from avc_casadi.proof import HAND, ContactLaw, HandsProof, Rest, prove_rest, same_gains, wall_gap
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.device import Device
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.runtime import Runtime
 
 SOFT = Gains(20.0, 8e3, 0.0)
 STIFF = Gains(287.4, 2.913e6, 84.82)

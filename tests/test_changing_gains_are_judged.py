@@ -15,10 +15,13 @@ from scipy.linalg import expm
 from scipy.optimize import nnls
 
 import avc_casadi as avc
-from avc_casadi.certificate import certify
-from avc_casadi.coupling import Coupling, GainTable
-from avc_casadi.proof import Changing, gain_corners, joint_spectral_radius, prove_changes, rows_and_between
-from avc_casadi.stability import joint_rendering
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.prove.between_rows import gain_corners, rows_and_between
+from avc_casadi.claims.prove.changing import Changing, prove_changes
+from avc_casadi.claims.prove.joint_radius import joint_spectral_radius
+from avc_casadi.claims.stability.frozen_loop import joint_rendering
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import GainTable
 
 INF = np.inf
 SPRING = avc.load_problem("figure5").changed(environment={"damping_ns_per_m": 0.0})

@@ -10,7 +10,9 @@ from chunk_work import deadly, drawn, failing, killed_once
 
 import avc_casadi
 from avc_casadi import InputError, WorkerLostError
-from avc_casadi.support import Chunked, Part, Processes, json_text
+from avc_casadi._util.checkpoint import Chunked, Part
+from avc_casadi._util.json_values import json_text
+from avc_casadi._util.parallel import Processes
 
 SEED = 11
 

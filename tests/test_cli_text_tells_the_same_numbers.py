@@ -6,11 +6,11 @@ import re
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli import main
+from avc_casadi._util.text import ROWS_SHOWN, sample_rows
+from avc_casadi.cli._main import main
 from avc_casadi.cli._simulate_text import simulation_text
-from avc_casadi.loop import PAPER_ERRORS
-from avc_casadi.recommendation import _stiffest
-from avc_casadi.support import ROWS_SHOWN, sample_rows
+from avc_casadi.paper.errata import PAPER_ERRORS
+from avc_casadi.recommendation import stiffest as _stiffest
 
 MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
 HAND = {"mass_kg": 0.1, "damping_ns_per_m": 5.0, "stiffness_n_per_m": 400.0}
@@ -80,7 +80,7 @@ def test_a_stiffest_wall_that_is_not_found_is_told_with_what_was_assumed(capsys,
     device = {"delay_samples": 9, "backlash_m": 1e-5, "encoder_at": "handle", "resonance": MODE}
     (tmp_path / "late.toml").write_text(avc.dump_problem(avc.load_problem("ve3").changed(device=device)))
     monkeypatch.setattr(_stiffest, "_best", lambda *_, **__: None)
-    monkeypatch.setattr("avc_casadi.support.processors", lambda: 1)
+    monkeypatch.setattr("avc_casadi._util.parallel.processors", lambda: 1)
     text, document = both(capsys, "recommend", str(tmp_path / "late.toml"), "--stiffest", "--hands", "3")
     assert document["stiffest_wall_n_per_m"] is document["by"] is document["confirmed"] is None
     assert "stiffest wall: none was found" in text

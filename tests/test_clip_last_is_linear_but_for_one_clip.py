@@ -14,10 +14,13 @@ from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.coupling import Coupling, Gains, GainTable
-from avc_casadi.problem import EnvironmentEffect, HandEffect, Press, SaturationEffect, Scene, WallEffect
-from avc_casadi.scene import compile_scene, simulate
-from avc_casadi.stability import joint_rendering
+from avc_casadi.claims.stability.frozen_loop import joint_rendering
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.effects import EnvironmentEffect, HandEffect, SaturationEffect, WallEffect
+from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.model.scene import Press, Scene
+from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.scene import simulate
 
 # Of the wall of figure 5, tuned as tests/test_table1_everybody_rests_at_the_stiff_wall.py does.
 CONSTANT = Gains(287.40231141495383, 2913306.7219205513, 84.82101786072512)

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import solve
-from avc_casadi.design.pointwise import project
-from avc_casadi.loop import PAPER_ERRORS, coupling_gains, coupling_impedance, loop_at, tustin
+from avc_casadi.design.methods import solve
+from avc_casadi.paper.closed_form import project
+from avc_casadi.paper.equations import coupling_gains, coupling_impedance, tustin
+from avc_casadi.paper.errata import PAPER_ERRORS
+from avc_casadi.paper.loop import loop_at
 
 PROBLEM = avc.load_problem("figure5")
 LOOP = loop_at(PROBLEM, PROBLEM.frequencies_hz())

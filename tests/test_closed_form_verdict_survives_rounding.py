@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import solve
-from avc_casadi.design.pointwise import project
-from avc_casadi.loop import environment_impedance, loop_at
-from avc_casadi.problem import Frequency
+from avc_casadi.design.methods import solve
+from avc_casadi.model.problem import Frequency
+from avc_casadi.paper.closed_form import project
+from avc_casadi.paper.equations import environment_impedance
+from avc_casadi.paper.loop import loop_at
 
 
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.certificate import levels_table
-from avc_casadi.cli import main
-from avc_casadi.recommendation import conclusion_lines
-from avc_casadi.report import ReportContents, report_html, summarise
-from avc_casadi.study.comparison import comparison_document, comparison_tables
-from avc_casadi.support import Table, number
+from avc_casadi._util.text import Table, number
+from avc_casadi.claims.certificate import levels_table
+from avc_casadi.cli._main import main
+from avc_casadi.design.comparison.document import comparison_document, comparison_tables
+from avc_casadi.present.report.page import ReportContents, report_html
+from avc_casadi.present.report.summary import summarise
+from avc_casadi.recommendation.told import conclusion_lines
 
 PROBLEM = avc.load_problem("figure5").changed(title="a < b")
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.problem import Frequency
+from avc_casadi.model.problem import Frequency
 
 PROBLEM = avc.load_problem("figure5").changed(frequency={"points": 40})
 

@@ -5,10 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.design.pointwise import project
-from avc_casadi.loop import loop_at
-from avc_casadi.problem import Impedance
-from avc_casadi.study.comparison import damping_injection
+from avc_casadi.design.comparison.injection import damping_injection
+from avc_casadi.model.problem import Impedance
+from avc_casadi.paper.closed_form import project
+from avc_casadi.paper.loop import loop_at
 
 FREQUENCY = np.geomspace(0.5, 480.0, 40)
 BASE = avc.load_problem("figure5")

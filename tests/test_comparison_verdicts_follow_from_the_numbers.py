@@ -9,9 +9,10 @@ import pytest
 from drawn_problems import drawn_problem
 
 import avc_casadi as avc
-from avc_casadi.coupling import Status
-from avc_casadi.problem import Frequency
-from avc_casadi.study.comparison import Verdict, comparison_document, judge
+from avc_casadi.design.comparison.comparison import Verdict, judge
+from avc_casadi.design.comparison.document import comparison_document
+from avc_casadi.model.problem import Frequency
+from avc_casadi.model.schedule import Status
 
 PROBLEMS = [entry.name for entry in avc.catalogue()]
 

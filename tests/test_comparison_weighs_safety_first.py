@@ -6,9 +6,10 @@ from dataclasses import replace
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli import main
+from avc_casadi.cli._main import main
 from avc_casadi.coupling import Coupling
-from avc_casadi.study.comparison import Safety, comparison_document, comparison_tables, safer, safety_reason
+from avc_casadi.design.comparison.document import comparison_document, comparison_tables
+from avc_casadi.design.comparison.judged import Safety, safer, safety_reason
 
 PROBLEM = avc.load_problem("figure5")
 METHODS = ("closed-form", "direct")

@@ -5,8 +5,8 @@ import pytest
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.coupling import Gains
-from avc_casadi.recommendation import error_curve
+from avc_casadi.model.gains import Gains
+from avc_casadi.recommendation.error_curve import error_curve
 
 T, STEPS = 1e-3, 20
 STIFFNESS, DAMPING = 1200.0, 1.0

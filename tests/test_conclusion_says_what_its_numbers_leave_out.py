@@ -5,9 +5,10 @@ import copy
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.recommendation import conclusion_lines
-from avc_casadi.recommendation._edge import NOTICED_N, edges_m
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.recommendation.edge import NOTICED_N, edges_m
+from avc_casadi.recommendation.told import conclusion_lines
 
 
 @pytest.fixture(scope="module")

@@ -10,30 +10,18 @@ from hardware_bench import require, run, scratch
 from test_exported_examples_keep_axes_units_and_time import STUBS, played
 
 import avc_casadi as avc
-from avc_casadi.arm import (
-    RESERVE,
-    ArmDesign,
-    Contacts,
-    DirectedGains,
-    arm,
-    contact_loops,
-    coupled_certificate,
-    design_arm,
-    effective_masses,
-    electronics,
-    evaluated,
-    gains_document,
-    mobility,
-    radii,
-    random_points,
-    reached,
-    tip_device,
-    workspace_map,
-)
-from avc_casadi.cli import main
-from avc_casadi.loop import Hand, hand_corners, with_let_go
-from avc_casadi.problem import Device
-from avc_casadi.stability import loop_radius, stiffest_wall
+from avc_casadi.arm.arm import evaluated
+from avc_casadi.arm.contact import Contacts, contact_loops
+from avc_casadi.arm.coupled import coupled_certificate, electronics, radii, random_points
+from avc_casadi.arm.design import RESERVE, ArmDesign, DirectedGains, design_arm, gains_document
+from avc_casadi.arm.effective_mass import effective_masses, mobility, reached
+from avc_casadi.arm.mechanisms import arm
+from avc_casadi.arm.tip_device import tip_device
+from avc_casadi.arm.walls import workspace_map
+from avc_casadi.claims.stability.stiffest_wall import loop_radius, stiffest_wall
+from avc_casadi.cli._main import main
+from avc_casadi.model.device import Device
+from avc_casadi.model.hands import Hand, hand_corners, with_let_go
 from avc_hardware import arm_gains_c
 
 PREMIUM, PANTOGRAPH = arm("phantom-premium-1.5"), arm("pantograph")

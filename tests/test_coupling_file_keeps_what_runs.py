@@ -8,20 +8,13 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.cli import main
-from avc_casadi.coupling import (
-    THINNING,
-    Coupling,
-    Gains,
-    GainTable,
-    Runtime,
-    coupling_document,
-    gain_csv,
-    gain_document,
-    read_file,
-)
-from avc_casadi.coupling._coupling_file import COUPLING_KEYS
-from avc_casadi.support import json_text
+from avc_casadi._util.json_values import json_text
+from avc_casadi.cli._main import main
+from avc_casadi.coupling import THINNING, Coupling
+from avc_casadi.files.coupling_file import COUPLING_KEYS, coupling_document, read_file
+from avc_casadi.files.gain_file import gain_csv, gain_document
+from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.model.runtime import Runtime
 
 NAMES = ("figure5", "damped", "ve3", "soft", "hard/long-delay", "hard/resonance")
 CLOSED = ("figure5", "soft", "hard/long-delay")

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.coupling import Coupling, Gains, Runtime, gain_document
-from avc_casadi.support import json_text
+from avc_casadi._util.json_values import json_text
+from avc_casadi.cli._main import main
+from avc_casadi.coupling import Coupling
+from avc_casadi.files.gain_file import gain_document
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.runtime import Runtime
 
 SOFT = avc.load_problem("soft")
 EVERY_VERB = (

@@ -7,7 +7,10 @@ import pytest
 from schedule_problems import figure5
 
 from avc_casadi import InputError, solve
-from avc_casadi.coupling import Coupling, Gains, GainTable, Runtime, read_coupling, thinned, write_coupling
+from avc_casadi.coupling import Coupling, thinned
+from avc_casadi.files.coupling_file import read_coupling, write_coupling
+from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.model.runtime import Runtime
 
 RUNTIME = Runtime(estimator="zero-crossing", hold_s=0.3, slew_per_s=None, observer_mass_kg=0.2, guard="energy-tank")
 

@@ -5,9 +5,9 @@ import math
 import pytest
 from buzzing_device import Buzzing, logged
 
-from avc_casadi.diagnosis import diagnose
-from avc_casadi.identification import Columns
-from avc_casadi.problem import Device
+from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.record import Columns
+from avc_casadi.model.device import Device
 
 LATE = Buzzing(
     mass=0.12, damping=0.8, encoder=1e-5, limit=20.0, stiffness=800.0, hand_mass=0.15, hand_damping=5.0, end=0.001

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification import Record, identification_text, identify
-from avc_casadi.problem import DeviceFile
+from avc_casadi.files.device_file import DeviceFile
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.record import Record
+from avc_casadi.identification.told import identification_text
 
 
 def told(seed, base=None, **device):

@@ -9,20 +9,19 @@ from declared_device import MODE, growth, loop, random_device
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.certificate import certify
-from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.loop import LINEAR_KEYS, Hand, device_corners, hand_corners, no_hand, with_let_go
-from avc_casadi.recommendation._assumptions import assumed
-from avc_casadi.stability import (
-    damping_range,
-    frozen_parts,
-    linear_stability,
-    loop_radius,
-    sampled_stability,
-    stiffest_wall,
-    whole_stability,
-)
-from avc_casadi.trial import Conditions, people_of, try_coupling
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.stability.declared_device import sampled_stability, whole_stability
+from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
+from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_radius, stiffest_wall
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import Hand, hand_corners, no_hand, with_let_go
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.recommendation.assumptions import assumed
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.trial import Conditions
 
 HANDS = Hand(np.array([0.05, 0.15, 0.3]), np.array([3.0, 8.0, 20.0]), np.array([200.0, 500.0, 800.0]))
 

@@ -10,9 +10,12 @@ import pytest
 import scipy.linalg
 
 import avc_casadi as avc
-from avc_casadi.certificate import _deployable, require_deployable
-from avc_casadi.coupling import Coupling, Gains, GainTable, Runtime, schedule_of
-from avc_casadi.design.robust import robust_at
+from avc_casadi.claims import deployable as _deployable
+from avc_casadi.claims.deployable import require_deployable
+from avc_casadi.coupling import Coupling, schedule_of
+from avc_casadi.design.robust.ladder import robust_at
+from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.model.runtime import Runtime
 
 
 def growth(mass, damping, stiffness, gains, wall, time, delay):

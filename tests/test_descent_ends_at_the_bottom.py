@@ -7,11 +7,15 @@ import pytest
 from scipy.optimize import linprog, minimize
 
 import avc_casadi as avc
-from avc_casadi.coupling import spring_before
-from avc_casadi.design.robust import Loops, Space, cost_of, search
-from avc_casadi.design.robust._descent import as_cheap, descend
-from avc_casadi.design.robust._pieces import _PER_GROWTH, _PER_SOFT, Piece, _Poles, pieces_of
-from avc_casadi.stability import frozen_rendering, stiffness_at_rest
+from avc_casadi.claims.stability.frozen_loop import frozen_rendering
+from avc_casadi.claims.stability.state_feedback import stiffness_at_rest
+from avc_casadi.design.robust.descent import as_cheap, descend
+from avc_casadi.design.robust.goal import cost_of
+from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.loops import Loops
+from avc_casadi.design.robust.pieces import _PER_GROWTH, _PER_SOFT, Piece, _Poles, pieces_of
+from avc_casadi.design.robust.search import search
+from avc_casadi.model.gains import spring_before
 
 BOX = (np.full(3, -2.0), np.full(3, 2.0))
 

@@ -18,10 +18,10 @@ from design_oracles import (
 from schedule_problems import figure5
 
 from avc_casadi import solve
-from avc_casadi.design.constant import static_coupling
-from avc_casadi.loop import loop_at
-from avc_casadi.problem import load_problem
-from avc_casadi.stability import scope_slack
+from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.design.constant.static import static_coupling
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.paper.loop import loop_at
 
 WALL = {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 2e3}
 

@@ -9,10 +9,11 @@ from avc_process import strict_json
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.certificate import deployable
-from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.loop import Hand, hand_set, no_hand
-from avc_casadi.stability import damping_range, loop_poles
+from avc_casadi.claims.deployable import deployable
+from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_poles
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import Hand, hand_set, no_hand
 from avc_hardware import TableImage
 
 T = 1e-3

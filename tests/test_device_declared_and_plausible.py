@@ -6,8 +6,10 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.cli._main import main
-from avc_casadi.problem import DeviceRange, declared, plausibility
-from avc_casadi.recommendation._assumptions import assumed
+from avc_casadi.files.plausibility import plausibility
+from avc_casadi.model.declared import declared
+from avc_casadi.model.device import DeviceRange
+from avc_casadi.recommendation.assumptions import assumed
 
 PLAIN = {"mass_kg": 0.1, "damping_ns_per_m": 2.0, "sample_time_s": 1e-3}
 MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}

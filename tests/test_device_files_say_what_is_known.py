@@ -6,14 +6,10 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.cli._main import main
-from avc_casadi.problem import (
-    Device,
-    catalogue_names,
-    device_catalogue,
-    device_names,
-    parse_device,
-    plausibility,
-)
+from avc_casadi.files.catalogue import catalogue_names, device_names
+from avc_casadi.files.device_file import device_catalogue, parse_device
+from avc_casadi.files.plausibility import plausibility
+from avc_casadi.model.device import Device
 
 CATALOGUE = (
     "reference-r1",

@@ -11,7 +11,7 @@ from hardware_bench import believer, coupling, push, require, stream
 
 import avc_hardware
 from avc_casadi import InputError, LinkError, MissingExtraError, UnsupportedError
-from avc_casadi.coupling import Runtime
+from avc_casadi.model.runtime import Runtime
 from avc_hardware import EMULATOR_IS_FRESH, Connection, DeviceStatus, EmulatedBoard, RuntimeFigures, TableImage, monitor
 from avc_hardware import _messages as m
 from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault

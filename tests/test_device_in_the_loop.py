@@ -10,8 +10,9 @@ from hardware_bench import require, scratch, with_gains
 
 import avc_casadi as avc
 from avc_casadi import InputError, Problem, UnsupportedError
-from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.problem import (
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.declared import scene_effects
+from avc_casadi.model.effects import (
     AdaptationEffect,
     CoulombFrictionEffect,
     DelayEffect,
@@ -19,11 +20,11 @@ from avc_casadi.problem import (
     EstimatorEffect,
     HandEffect,
     SaturationEffect,
-    StateFeedback,
     WallEffect,
-    scene_effects,
 )
-from avc_casadi.trial import LONGEST_S
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.runtime import Runtime, StateFeedback
+from avc_casadi.simulation.population.motions import LONGEST_S
 from avc_hardware import FirmwareInTheLoop, LoopResult, tried_in_the_loop
 from avc_hardware import _messages as m
 from avc_hardware._device_fault import DeviceFault

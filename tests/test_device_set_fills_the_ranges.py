@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi.loop import LINEAR_KEYS, device_corners, device_set, linear_values
-from avc_casadi.problem import Device
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_set, linear_values
+from avc_casadi.model.device import Device
 
 MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
 

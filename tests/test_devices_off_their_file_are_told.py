@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains, near_rigid_n_per_m
-from avc_casadi.loop import device_corners, hand_corners, linear_values, with_let_go
-from avc_casadi.recommendation import conclusion_lines
-from avc_casadi.recommendation._off_file import _off, off_file
-from avc_casadi.stability import damping_range, stiffest_wall
+from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.corners import device_corners, linear_values
+from avc_casadi.model.gains import Gains, near_rigid_n_per_m
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.recommendation.off_file import _off, off_file
+from avc_casadi.recommendation.told import conclusion_lines
 
 WALL_N_PER_M = 20e3
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from avc_casadi.diagnosis import diagnose
-from avc_casadi.identification import Columns
-from avc_casadi.problem import Device
+from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.record import Columns
+from avc_casadi.model.device import Device
 
 PERIOD_S, STEPS, PARTS = 1e-3, 2000, 20
 MASS_KG, DAMPING, RUBS_N, STEP_M, LIMIT_N = 0.1, 0.5, 0.1, 1e-5, 8.0

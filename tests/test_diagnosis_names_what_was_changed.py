@@ -12,17 +12,18 @@ from hypothesis import strategies as st
 from scipy.signal import find_peaks
 
 import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.coupling import Gains
-from avc_casadi.diagnosis import CAUSES, diagnose
-from avc_casadi.diagnosis._answer import Answer
-from avc_casadi.diagnosis._law import find_law
-from avc_casadi.diagnosis._log import log_of
-from avc_casadi.diagnosis._loop import growth_over, limit_of, worst_mode
-from avc_casadi.diagnosis._oscillation import find_oscillation
-from avc_casadi.identification import Columns
-from avc_casadi.loop import Hand
-from avc_casadi.problem import Device
+from avc_casadi.cli._main import main
+from avc_casadi.identification.diagnosis.answer import Answer
+from avc_casadi.identification.diagnosis.causes import CAUSES
+from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.diagnosis.law import find_law
+from avc_casadi.identification.diagnosis.log import log_of
+from avc_casadi.identification.diagnosis.loop import growth_over, limit_of, worst_mode
+from avc_casadi.identification.diagnosis.oscillation import find_oscillation
+from avc_casadi.identification.record import Columns
+from avc_casadi.model.device import Device
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import Hand
 
 HEALTHY = Buzzing(encoder=5e-6, stiffness=3000.0, damper=12.0)
 SAMPLES = 1500

@@ -8,17 +8,17 @@ from buzzing_cases import case_of, declared_of, healthy_case, rests, unfelt
 from buzzing_device import Buzzing, logged
 
 from avc_casadi import InputError
-from avc_casadi.diagnosis import diagnose
-from avc_casadi.diagnosis._answer import Answer
-from avc_casadi.diagnosis._jump import find_jump
-from avc_casadi.diagnosis._law import find_law
-from avc_casadi.diagnosis._level import Level
-from avc_casadi.diagnosis._log import log_of
-from avc_casadi.diagnosis._loop import limit_of, reserve_of, worst_mode
-from avc_casadi.diagnosis._oscillation import find_oscillation
-from avc_casadi.identification import Columns
-from avc_casadi.loop import Hand
-from avc_casadi.problem import Device
+from avc_casadi.identification.diagnosis.answer import Answer
+from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.diagnosis.jump import find_jump
+from avc_casadi.identification.diagnosis.law import find_law
+from avc_casadi.identification.diagnosis.level import Level
+from avc_casadi.identification.diagnosis.log import log_of
+from avc_casadi.identification.diagnosis.loop import limit_of, reserve_of, worst_mode
+from avc_casadi.identification.diagnosis.oscillation import find_oscillation
+from avc_casadi.identification.record import Columns
+from avc_casadi.model.device import Device
+from avc_casadi.model.hands import Hand
 
 LIGHT = Buzzing(mass=0.045, damping=2.0, encoder=2e-6, limit=50.0, stiffness=900.0, damper=130.0, hand_mass=0.08)
 STEPS = 400

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import solve
+from avc_casadi.design.methods import solve
 from tests.drawn_problems import drawn_problem
 
 

@@ -5,9 +5,13 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import best_candidate, solve
-from avc_casadi.design.pointwise import KKT_TOLERANCE, coupling_nlp, nlp_parameters, nlp_solvers, optimality
-from avc_casadi.loop import abs2, coupling_impedance, loop_at
+from avc_casadi.design.methods import solve
+from avc_casadi.paper.equations import coupling_impedance
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.nlp import KKT_TOLERANCE, coupling_nlp, nlp_parameters, optimality
+from avc_casadi.paper.nlp_solver import nlp_solvers
+from avc_casadi.paper.numbers import abs2
+from avc_casadi.paper.rows import best_candidate
 from tests.drawn_problems import drawn_problem
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from avc_casadi import UnsupportedError, load_problem, solve
-from avc_casadi.certificate import certify
-from avc_casadi.loop import loop_at
-from avc_casadi.problem import Problem
-from avc_casadi.stability import scope_slack
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.model.problem import Problem
+from avc_casadi.paper.loop import loop_at
 
 DAMPED = {"coupling": {"structure": "damped", "contact_damping_ns_per_m": (0.0, 150.0)}}
 CASES: list[tuple[str, dict[str, dict[str, Any]]]] = [

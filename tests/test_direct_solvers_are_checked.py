@@ -10,20 +10,15 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import solve
-from avc_casadi.design.pointwise import (
-    BACKENDS,
-    EXCESS_TOLERANCE,
-    SOLVERS,
-    _nlp_solver,
-    _optimality,
-    backend,
-    edge_search_gains,
-    excess_error,
-    nlp_gains,
-    optimality,
-)
-from avc_casadi.loop import loop_at
+from avc_casadi.design.methods import solve
+from avc_casadi.paper import nlp as _optimality
+from avc_casadi.paper import nlp_solver as _nlp_solver
+from avc_casadi.paper.backends import BACKENDS, SOLVERS, backend
+from avc_casadi.paper.direct import EXCESS_TOLERANCE, excess_error
+from avc_casadi.paper.edge_search import edge_search_gains
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.nlp import optimality
+from avc_casadi.paper.nlp_solver import nlp_gains
 from tests.drawn_problems import drawn_problem
 
 # The others may stop short now and then, and then say so.

@@ -33,7 +33,7 @@ def commands(text):
 @pytest.fixture
 def once(monkeypatch):
     """One recommendation serves all blocks that ask for the same."""
-    whole = avc_casadi.recommendation.recommend
+    whole = avc_casadi.recommendation.recommend.recommend
 
     answers = {}
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avc_casadi.identification import Record
-from avc_casadi.identification._encoder import encoder_step_m
+from avc_casadi.identification.encoder import encoder_step_m
+from avc_casadi.identification.record import Record
 
 ROUNDED = {
     "as they are": lambda position, _: position,

@@ -4,21 +4,17 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from avc_casadi.loop import (
-    NUMPY,
-    ComplexExpr,
+from avc_casadi.model.problem import Problem
+from avc_casadi.paper.equations import (
     SampleAngle,
-    abs2,
     backward_difference,
-    casadi_numbers,
     coupling_gains,
     coupling_impedance,
     hold,
-    loop_at,
-    mpmath_numbers,
     tustin,
 )
-from avc_casadi.problem import Problem
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.numbers import NUMPY, ComplexExpr, abs2, casadi_numbers, mpmath_numbers
 
 DIGITS = mpmath_numbers(50)
 MP = DIGITS.complex(0, 0).context

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import solve
-from avc_casadi.loop import coupling_impedance, loop_at
-from avc_casadi.study.reference import MP, NUMBERS, damped_error, series_error
+from avc_casadi.design.methods import solve
+from avc_casadi.paper.equations import coupling_impedance
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.study.reference.optimum import MP, NUMBERS, damped_error, series_error
 from tests.drawn_problems import drawn_problem
 
 WITHIN = 1e-10

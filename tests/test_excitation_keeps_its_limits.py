@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.excitation import check_plan, corners_of, forecast, plan_excitation
-from avc_casadi.problem import Device
+from avc_casadi.cli._main import main
+from avc_casadi.identification.excitation.design import check_plan, plan_excitation
+from avc_casadi.identification.excitation.forecast import corners_of, forecast
+from avc_casadi.model.device import Device
 from avc_hardware import Connection, RefusedError, excite
 from avc_hardware import _messages as m
 from avc_hardware._excite import plan_bytes

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import InputError
-from avc_casadi.excitation import FULL, Signal
-from avc_casadi.identification import read_logs
+from avc_casadi.identification.excitation.signal import FULL, Signal
+from avc_casadi.identification.read import read_logs
 from avc_hardware import Connection, excite
 from avc_hardware import _messages as m
 from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault

@@ -9,8 +9,8 @@ from excited import Bench, device, planned
 from hardware_bench import require, scratch
 
 import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.excitation import FULL
+from avc_casadi.cli._main import main
+from avc_casadi.identification.excitation.signal import FULL
 from avc_hardware import BenchDevice, excite
 from avc_hardware._qemu import LockStepBoard
 from avc_hardware.firmware_build import build_image

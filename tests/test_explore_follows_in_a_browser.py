@@ -12,8 +12,11 @@ from browser import WIDTHS, chromium, console_errors, requested, resize, serious
 from selenium.webdriver import ActionChains
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.explore import Explorer, ExploreServer, _explorer
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.present.explore import explorer as _explorer
+from avc_casadi.present.explore.explorer import Explorer
+from avc_casadi.present.explore.server import ExploreServer
 
 WALL = "f-environment-stiffness_n_per_m"
 

@@ -9,10 +9,13 @@ from browser import chromium
 from hardware_bench import believer
 
 import avc_casadi as avc
-from avc_casadi.coupling import NO_COUPLING, Coupling, Gains, Runtime
-from avc_casadi.explore import Explorer, ExploreServer
-from avc_casadi.explore._toy import toy_document
-from avc_casadi.scene import simulate
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.present.explore.explorer import Explorer
+from avc_casadi.present.explore.server import ExploreServer
+from avc_casadi.present.explore.toy import toy_document
+from avc_casadi.simulation.scene import simulate
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,9 @@ import pytest
 from background_work import endless, halved
 
 import avc_casadi as avc
-from avc_casadi.explore import Explorer, ExploreServer
-from avc_casadi.support import Background
+from avc_casadi._util.background import Background
+from avc_casadi.present.explore.explorer import Explorer
+from avc_casadi.present.explore.server import ExploreServer
 
 SETTINGS = {"device": None, "values": {}, "method": "direct", "gains": {}, "motion": "press"}
 QUESTION = json.dumps({"settings": SETTINGS}).encode()

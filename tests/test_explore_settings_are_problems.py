@@ -9,11 +9,11 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.coupling import Gains
-from avc_casadi.explore import PARTS, Explorer, problem_of_settings
-from avc_casadi.explore._answers import answer
-from avc_casadi.explore._fields import FIELDS
-from avc_casadi.explore._settings import LIVE, settings_of, values_of
+from avc_casadi.model.gains import Gains
+from avc_casadi.present.explore.answers import PARTS, answer
+from avc_casadi.present.explore.explorer import Explorer
+from avc_casadi.present.explore.fields import FIELDS
+from avc_casadi.present.explore.settings import LIVE, problem_of_settings, settings_of, values_of
 
 BASE = avc.load_problem("figure5").changed(frequency={"points": 30})
 WALL = {"environment.stiffness_n_per_m": 5e3}

@@ -12,9 +12,9 @@ from hardware_bench import believer, bench_problem, coupling, export_c, require,
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.coupling import Runtime
-from avc_casadi.problem import DelayEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
-from avc_casadi.support import FloatArray
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.effects import DelayEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
+from avc_casadi.model.runtime import Runtime
 from avc_hardware._precision import PRECISIONS
 from avc_hardware._reference_coupling import ReferenceCoupling
 

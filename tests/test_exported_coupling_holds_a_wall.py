@@ -12,7 +12,8 @@ from exported import Exported
 from hardware_bench import with_gains
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Runtime
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.runtime import Runtime
 
 SUBSTEPS = 8
 

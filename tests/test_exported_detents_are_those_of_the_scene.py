@@ -12,7 +12,7 @@ from hardware_bench import bench_problem, coupling, export_c, with_gains
 
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
-from avc_casadi.problem import DelayEffect, DetentEffect, EncoderEffect, HandEffect, WallEffect
+from avc_casadi.model.effects import DelayEffect, DetentEffect, EncoderEffect, HandEffect, WallEffect
 from avc_hardware import TableImage
 from avc_hardware._precision import PRECISIONS
 from avc_hardware._reference_coupling import ReferenceCoupling

@@ -11,8 +11,9 @@ import pytest
 from exported import WARNINGS, Exported
 from hardware_bench import coupling, export_c, require, run, scratch
 
-from avc_casadi.coupling import Coupling, Runtime
-from avc_casadi.support import FloatArray
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.runtime import Runtime
 
 STUBS = Path(__file__).parent / "stub_devices"
 # Of each example: a point of its wall (m), the normal out of it, and what it is called with.

@@ -16,7 +16,8 @@ from hardware_bench import coupling, export_c, require, run, scratch
 import avc_casadi
 import avc_casadi.cli._export
 from avc_casadi import InputError
-from avc_casadi.coupling import Coupling, Runtime
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.runtime import Runtime
 from avc_hardware._packages import PACKAGES
 
 CORE = Path("/usr/share/arduino/hardware/arduino/avr/cores")

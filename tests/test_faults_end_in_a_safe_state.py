@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 import avc_hardware
 from avc_casadi import load_problem
-from avc_casadi.cli import main
-from avc_casadi.coupling import Coupling, Runtime
-from avc_casadi.problem import StateFeedback
+from avc_casadi.cli._main import main
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import BoardLimits, Connection, DeviceFault, DeviceStatus, EmulatedBoard, TableImage, clear_faults
 from avc_hardware import _messages as m
 from avc_hardware._excite import ENDS

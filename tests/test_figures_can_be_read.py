@@ -10,9 +10,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 import avc_casadi as avc
-from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived, save_figure
-from avc_casadi.problem import Frequency
-from avc_casadi.study.comparison import with_delivered
+from avc_casadi.design.comparison.comparison import with_delivered
+from avc_casadi.model.problem import Frequency
+from avc_casadi.present.figures.comparison import draw_boundaries, draw_comparison
+from avc_casadi.present.figures.layout import save_figure
+from avc_casadi.present.figures.perceived import draw_perceived
 
 DRAWERS = (draw_boundaries, draw_perceived, draw_comparison)
 

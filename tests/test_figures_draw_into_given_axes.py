@@ -12,14 +12,19 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import avc_casadi as avc
-from avc_casadi import figures
-from avc_casadi.arm import arm, workspace_map
-from avc_casadi.certificate import llewellyn_table
-from avc_casadi.diagnosis import diagnose
-from avc_casadi.identification import Columns, Record, identify
-from avc_casadi.study.accuracy import Accuracy, GridMiss, SolverCost, TableError
-from avc_casadi.study.estimators import EstimatorTraces
-from avc_casadi.study.pareto import Pareto, Point
+from avc_casadi.arm.mechanisms import arm
+from avc_casadi.arm.walls import workspace_map
+from avc_casadi.claims.zwidth import llewellyn_table
+from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.record import Columns, Record
+from avc_casadi.present import figures
+from avc_casadi.study.accuracy.grids import GridMiss
+from avc_casadi.study.accuracy.solvers import SolverCost
+from avc_casadi.study.accuracy.study import Accuracy
+from avc_casadi.study.accuracy.tables import TableError
+from avc_casadi.study.estimators.estimator_study import EstimatorTraces
+from avc_casadi.study.pareto.study import Pareto, Point
 
 RESULTS = Path(__file__).parent / "benchmarks" / "results"
 PROBLEM = avc.load_problem("figure5").changed(frequency={"points": 12})

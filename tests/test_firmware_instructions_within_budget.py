@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from hardware_bench import coupling, dense_believer, require, scratch
 
-from avc_casadi.coupling import GainTable, Runtime
+from avc_casadi.model.gains import GainTable
+from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection
 from avc_hardware._elf import read_elf
 from avc_hardware._host import BEFORE_WALL

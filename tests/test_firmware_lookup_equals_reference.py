@@ -10,8 +10,9 @@ from hardware_bench import coupling, host_library
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avc_casadi.coupling import Coupling, GainTable
-from avc_casadi.support import Float32Array
+from avc_casadi._util.arrays import Float32Array
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import GainTable
 from avc_hardware import TableImage
 from avc_hardware._reference import ln, lookup
 

@@ -10,8 +10,10 @@ from hardware_bench import coupling, require
 
 import avc_casadi as avc
 from avc_casadi import InputError, UnsupportedError
-from avc_casadi.cli import main
-from avc_casadi.coupling import Coupling, Gains, write_coupling
+from avc_casadi.cli._main import main
+from avc_casadi.coupling import Coupling
+from avc_casadi.files.coupling_file import write_coupling
+from avc_casadi.model.gains import Gains
 from avc_hardware import build_firmware, export_c
 from avc_hardware._packages import packaged
 from avc_hardware._refusal import Reason, Refusal

@@ -21,7 +21,8 @@ from hardware_bench import believer, coupling, dense_believer, require, scratch,
 from numpy.typing import NDArray
 
 from avc_casadi import LinkError, UnsupportedError
-from avc_casadi.coupling import Coupling, Runtime
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.runtime import Runtime
 from avc_hardware import BoardLimits, Connection, EmulatedBoard, RuntimeFigures, TableImage
 from avc_hardware._frames import Decoder, Frame
 from avc_hardware._host import HostCore, State

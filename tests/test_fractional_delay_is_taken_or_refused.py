@@ -6,13 +6,20 @@ from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
-from avc_casadi.certificate import certify, deployable, llewellyn_table
-from avc_casadi.cli import main
-from avc_casadi.coupling import Coupling, Status, gain_schedule
-from avc_casadi.design import scene_coupling
-from avc_casadi.loop import Hand, loop_at
-from avc_casadi.passivity import SampledLoop, llewellyn_margin, passive_limit_n_per_m, worst_margin
-from avc_casadi.stability import frozen_parts, frozen_transition, joint_rendering, linear_stability
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.deployable import deployable
+from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop, passive_limit_n_per_m
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.claims.stability.frozen_loop import frozen_parts, frozen_transition, joint_rendering, linear_stability
+from avc_casadi.claims.zwidth import llewellyn_table
+from avc_casadi.cli._main import main
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.scene_coupling import scene_coupling
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.schedule import Status
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.rendered import gain_schedule
 
 T = 1e-3
 HAND = Hand(np.array([0.05]), np.array([3.0]), np.array([800.0]))

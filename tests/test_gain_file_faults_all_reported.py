@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avc_casadi import GainSchedule, InputError, load_problem, solve
-from avc_casadi.cli import main
-from avc_casadi.coupling import gain_csv, gain_document, read_file
+from avc_casadi.cli._main import main
+from avc_casadi.files.coupling_file import read_file
+from avc_casadi.files.gain_file import gain_csv, gain_document
 
 VALID = {
     structure: gain_document(solve(load_problem(name), method))

@@ -9,10 +9,12 @@ from hypothesis import strategies as st
 from schedule_problems import figure5
 
 from avc_casadi import InputError, solve
-from avc_casadi.certificate import reduce_rows
-from avc_casadi.coupling import Gains, GainTable, Status, gain_schedule, gains_at, interpolate, single_ln
-from avc_casadi.loop import loop_at
-from avc_casadi.problem import load_problem
+from avc_casadi.claims.thinning import reduce_rows
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.gains import Gains, GainTable, gains_at, interpolate, single_ln
+from avc_casadi.model.schedule import Status
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.rendered import gain_schedule
 from avc_hardware._reference import lookup
 
 

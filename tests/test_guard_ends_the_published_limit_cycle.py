@@ -6,9 +6,9 @@ Plant, encoder, actuator and stiffness are the published ones; the pressing forc
 import numpy as np
 import pytest
 
-from avc_casadi.design import simulate
-from avc_casadi.problem import load_problem
-from avc_casadi.runtime import GuardSettings, guard_step
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.simulation.runtime.guard import GuardSettings, guard_step
 
 ENCODER_M = 61.4e-6
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design import solve
-from avc_casadi.design.pointwise import project
-from avc_casadi.loop import coupling_gains, loop_at
-from avc_casadi.problem import Problem
-from avc_casadi.study.reference import MP, NUMBERS, series_error
+from avc_casadi.design.methods import solve
+from avc_casadi.model.problem import Problem
+from avc_casadi.paper.closed_form import project
+from avc_casadi.paper.equations import coupling_gains
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.study.reference.optimum import MP, NUMBERS, series_error
 
 WITHIN = 1e-10
 

@@ -7,10 +7,11 @@ import pytest
 from measured_device import Truth, measured, multisine
 
 import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.identification import Record, device_text, identify
-from avc_casadi.identification._record import Columns, records_of
-from avc_casadi.problem import load_device
+from avc_casadi.cli._main import main
+from avc_casadi.files.device_file import load_device
+from avc_casadi.identification.device import device_text
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.record import Columns, Record, records_of
 
 PERIOD = 1e-3
 

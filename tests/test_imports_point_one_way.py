@@ -166,7 +166,7 @@ def test_modules_of_one_room_do_not_go_round():
     "text",
     [
         "def late():\n    from avc_casadi.cli import main\n",
-        "PLACE = 'avc_casadi.cli:main'\n",
+        "PLACE = 'avc_casadi.cli._main:main'\n",
         "if 1:\n    import avc_casadi.cli\n",
         "from avc_casadi import cli\n",
     ],

@@ -10,8 +10,8 @@ import casadi
 import pytest
 from avc_process import AVC, ENVIRONMENT, strict_json, wait_until_begun
 
+from avc_casadi._util.interrupt import HeldInterrupt, undisguised_interrupts
 from avc_casadi.cli import _main
-from avc_casadi.support import HeldInterrupt, undisguised_interrupts
 
 LONG = {
     "table1": ("table1", "--hands", "100000", "--workers", "2"),

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification import Estimate
-from avc_casadi.identification._fit import Block, Fit
-from avc_casadi.identification._predictor import Observer
-from avc_casadi.identification._terms import Structure
-from avc_casadi.identification._uncertainty import spread_of
+from avc_casadi.identification.fit import Block, Fit
+from avc_casadi.identification.model import Estimate
+from avc_casadi.identification.predictor import Observer
+from avc_casadi.identification.terms import Structure
+from avc_casadi.identification.uncertainty import spread_of
 
 
 def test_simulator_turns_without_losing_an_impulse():

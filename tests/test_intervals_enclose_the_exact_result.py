@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi.proof import ComplexInterval, Interval, cosine, matrix_product, sine
+from avc_casadi.claims.prove.interval import ComplexInterval, Interval, cosine, matrix_product, sine
 
 ENDS = st.floats(-1e150, 1e150, allow_nan=False).map(lambda x: x if abs(x) > 1e-150 else 0.0)
 MODEST = st.floats(-50.0, 50.0).map(lambda x: x if abs(x) > 1e-150 else 0.0)

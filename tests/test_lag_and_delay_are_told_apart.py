@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification import Record, identify
-from avc_casadi.problem import DeviceFile
+from avc_casadi.files.device_file import DeviceFile
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.record import Record
 
 
 def told(seed, **device):

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Gains
-from avc_casadi.loop import hand_corners
-from avc_casadi.problem import Press
-from avc_casadi.trial import Conditions, judged, loose_hands
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import hand_corners
+from avc_casadi.model.scene import Press
+from avc_casadi.simulation.population.operators import loose_hands
+from avc_casadi.simulation.population.trial import Conditions, judged
 
 
 @pytest.fixture(scope="module")

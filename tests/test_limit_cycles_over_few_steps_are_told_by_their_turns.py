@@ -7,21 +7,20 @@ import pytest
 from buzzing_cases import declared_of
 from buzzing_device import Buzzing, logged
 
-from avc_casadi.diagnosis import diagnose
-from avc_casadi.diagnosis._answer import Answer
-from avc_casadi.diagnosis._causes import Asked
-from avc_casadi.diagnosis._declared import Declared
-from avc_casadi.diagnosis._even import outgrows
-from avc_casadi.diagnosis._felt import felt
-from avc_casadi.diagnosis._jump import find_jump
-from avc_casadi.diagnosis._law import find_law
-from avc_casadi.diagnosis._log import log_of
-from avc_casadi.diagnosis._oscillation import find_oscillation
-from avc_casadi.diagnosis._played import settled
-from avc_casadi.diagnosis._toggling import find_toggling
-from avc_casadi.identification import Columns
-from avc_casadi.identification._lost import wrapped
-from avc_casadi.identification._record import records_of
+from avc_casadi.identification.diagnosis.answer import Answer
+from avc_casadi.identification.diagnosis.causes import Asked
+from avc_casadi.identification.diagnosis.declared import Declared
+from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.diagnosis.even import outgrows
+from avc_casadi.identification.diagnosis.felt import felt
+from avc_casadi.identification.diagnosis.jump import find_jump
+from avc_casadi.identification.diagnosis.law import find_law
+from avc_casadi.identification.diagnosis.log import log_of
+from avc_casadi.identification.diagnosis.oscillation import find_oscillation
+from avc_casadi.identification.diagnosis.played import settled
+from avc_casadi.identification.diagnosis.toggling import find_toggling
+from avc_casadi.identification.lost import wrapped
+from avc_casadi.identification.record import Columns, records_of
 
 STEP = 5e-5
 TIME = np.arange(3000) * 1e-3

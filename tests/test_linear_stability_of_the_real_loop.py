@@ -7,19 +7,19 @@ import pytest
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from avc_casadi import UnsupportedError, parse_problem
-from avc_casadi.loop import Hand, hand_corners, hand_set, no_hand
-from avc_casadi.passivity import SampledLoop, fractions, llewellyn_margin, worst_margin
-from avc_casadi.stability import (
-    common_lyapunov,
+from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.claims.stability.frozen_loop import (
     fraction_rendering,
     frozen_parts,
     frozen_transition,
     joint_rendering,
     linear_stability,
-    lyapunov,
     mechanics,
-    switching_proof,
 )
+from avc_casadi.claims.stability.switching import common_lyapunov, lyapunov, switching_proof
+from avc_casadi.model.hands import Hand, hand_corners, hand_set, no_hand
 
 T = 1e-3
 

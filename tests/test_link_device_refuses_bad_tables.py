@@ -9,7 +9,7 @@ import pytest
 from hardware_bench import coupling, host_core, image, refused
 
 from avc_casadi import InputError
-from avc_casadi.coupling import GainTable
+from avc_casadi.model.gains import GainTable
 from avc_hardware import Connection, TableImage
 from avc_hardware import _messages as m
 from avc_hardware._host import HostLink

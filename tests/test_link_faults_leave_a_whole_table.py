@@ -11,8 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import LinkError
-from avc_casadi.cli import main
-from avc_casadi.coupling import Coupling, Gains, Runtime
+from avc_casadi.cli._main import main
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.runtime import Runtime
 from avc_hardware import TableImage, _clear
 from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
 from avc_hardware._host import HostCore, HostLink

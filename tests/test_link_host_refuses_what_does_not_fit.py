@@ -8,7 +8,7 @@ from hardware_bench import coupling, host_core, host_library, image, push, refus
 
 import avc_hardware
 from avc_casadi import LinkError, NotDeployableError, UnsupportedError
-from avc_casadi.coupling import Runtime
+from avc_casadi.model.runtime import Runtime
 from avc_hardware import TableImage, check_runs_on
 from avc_hardware._host import HostCore, HostLink
 from avc_hardware._refusal import Reason, Refusal

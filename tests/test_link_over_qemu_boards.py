@@ -11,7 +11,7 @@ import pytest
 from hardware_bench import coupling, push, require, scratch, stream
 
 from avc_casadi import LinkError, UnsupportedError
-from avc_casadi.coupling import Runtime
+from avc_casadi.model.runtime import Runtime
 from avc_hardware import TableImage, monitor, store
 from avc_hardware.firmware_build import TARGETS, build_image
 

@@ -11,8 +11,9 @@ import pytest
 from hardware_bench import believer, bench_problem, coupling, dense_believer, host_core, push
 
 from avc_casadi import InputError, UnsupportedError
-from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.problem import StateFeedback
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import Connection, TableImage, check_runs_on
 from avc_hardware import _messages as m
 from avc_hardware._host import HostLink

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi.passivity import SampledLoop, largest_llewellyn_stiffness, llewellyn_margin
+from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness, llewellyn_margin
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 
 T = 1e-3
 

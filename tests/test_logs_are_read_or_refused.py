@@ -7,7 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.identification import Layout, identify, read_columns, read_logs
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.read import read_columns, read_logs
+from avc_casadi.identification.units import Layout
 
 SIZE = 400
 TIME = np.arange(SIZE) * 1e-3
@@ -165,7 +167,7 @@ def test_any_bytes_end_in_a_fault(tmp_path_factory, data):
 
 
 def test_logs_that_tell_nothing_are_refused_with_what_would():
-    from avc_casadi.identification import Record  # noqa: PLC0415 - beside its use
+    from avc_casadi.identification.record import Record  # noqa: PLC0415 - beside its use
 
     random = np.random.default_rng(0)
     still = Record("still", 1e-3, 1e-5 * random.integers(0, 4, 3000), random.standard_normal(3000))

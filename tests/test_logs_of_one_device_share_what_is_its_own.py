@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification import Columns, Estimate, identification_document, identify, read_logs
-from avc_casadi.identification._device import device_file
-from avc_casadi.identification._record import Record, records_of
-from avc_casadi.problem import parse_device
+from avc_casadi.files.device_file import parse_device
+from avc_casadi.identification.device import device_file
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.model import Estimate
+from avc_casadi.identification.read import read_logs
+from avc_casadi.identification.record import Columns, Record, records_of
+from avc_casadi.identification.told import identification_document
 
 DEVICE = Truth(mass=0.12, damping=0.8, coulomb=0.1, delay=1.3, encoder=20e-6, spring=20.0, damper=0.6)
 GAPS = (

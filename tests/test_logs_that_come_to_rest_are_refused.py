@@ -7,7 +7,8 @@ import pytest
 from buzzing_device import Buzzing, logged
 
 from avc_casadi import InputError
-from avc_casadi.identification import Record, identify
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.record import Record
 
 PRESSED = Buzzing(mass=0.15, damping=1.0, friction=0.2, encoder=2e-5, stiffness=1500.0, damper=5.0, end=0.003)
 

@@ -7,11 +7,14 @@ import pytest
 from scene_reference import scene_problem
 
 from avc_casadi import parse_problem, solve
-from avc_casadi.design.constant import tune_static
-from avc_casadi.design.joint import States, worst_slack
-from avc_casadi.design.joint._hands_table import hands_slack
-from avc_casadi.loop import hand_set, loop_at
-from avc_casadi.stability import frozen_parts, linear_stability, scope_slack
+from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
+from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.design.constant.static_tuned import tune_static
+from avc_casadi.design.schedule.hands_table import hands_slack
+from avc_casadi.design.schedule.scope import worst_slack
+from avc_casadi.design.schedule.states import States
+from avc_casadi.model.hands import hand_set
+from avc_casadi.paper.loop import loop_at
 
 ROWS = np.array([1.0, 20.0, 100.0, 400.0])
 GAINS = np.array([0.1, 5.0, 40.0, 200.0]), np.array([500.0, 2e3, 8e3, 5e4]), np.array([0.0, 5.0, 0.0, 20.0])

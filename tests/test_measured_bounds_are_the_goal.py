@@ -7,9 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.loop import NUMPY, SampleAngle, bound_magnitudes, environment_impedance, judge_realism, loop_at
-from avc_casadi.problem import MeasuredBounds, MeasuredImpedance, plausibility, problem_document, problem_of
-from avc_casadi.study.reference import NUMBERS
+from avc_casadi.files.plausibility import plausibility
+from avc_casadi.files.problem_document import problem_document, problem_of
+from avc_casadi.model.measured_bounds import MeasuredBounds, MeasuredImpedance
+from avc_casadi.paper.equations import SampleAngle, environment_impedance
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.numbers import NUMPY
+from avc_casadi.paper.realism import bound_magnitudes, judge_realism
+from avc_casadi.study.reference.optimum import NUMBERS
 
 FIGURE5 = avc.load_problem("figure5")
 FREQUENCY = FIGURE5.frequencies_hz()

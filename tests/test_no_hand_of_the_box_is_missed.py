@@ -7,10 +7,13 @@ import pytest
 from boxes_of_hands import FIGURE5, INSIDE, brute_force, edges, random_gains, random_problem
 
 import avc_casadi as avc
-from avc_casadi.certificate import certify
-from avc_casadi.loop import hand_ranges, hand_set
-from avc_casadi.proof import prove_hands
-from avc_casadi.stability import frozen_parts, scope_slack, whole_stability, worst_hands
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.prove.hands import prove_hands
+from avc_casadi.claims.stability.declared_device import whole_stability
+from avc_casadi.claims.stability.frozen_loop import frozen_parts
+from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.claims.stability.worst_hand import worst_hands
+from avc_casadi.model.hands import hand_ranges, hand_set
 
 BROKEN = 562.19, 0.0
 

@@ -5,12 +5,15 @@ import pytest
 from exported import Exported
 from scene_reference import scene_problem
 
-from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.design import simulate, solve
-from avc_casadi.loop import Hand
-from avc_casadi.problem import load_problem
-from avc_casadi.runtime import ObserverSettings, observer_step
-from avc_casadi.scene import simulate_batch
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.methods import solve
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step
+from avc_casadi.simulation.scene import simulate_batch
 
 T, MASS, STEP_M = 1e-3, 0.2, 2e-5
 

@@ -6,11 +6,15 @@ from clip_last_simulator import Simulator
 from drawn_loops import contradiction, drawn_loop
 
 import avc_casadi as avc
-from avc_casadi.coupling import Gains
-from avc_casadi.loop import Hand
-from avc_casadi.proof import HAND, ContactLaw, Orbit, find_orbit, prove_rest
-from avc_casadi.scene import compile_scene
-from avc_casadi.scene.effects import Grip, build_effects
+from avc_casadi.claims.prove.held_device import HAND
+from avc_casadi.claims.prove.law import ContactLaw
+from avc_casadi.claims.prove.orbits import Orbit, find_orbit
+from avc_casadi.claims.prove.rest import prove_rest
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import Hand
+from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.effects.hand import Grip
+from avc_casadi.simulation.effects.registry import build_effects
 
 LIGHT = Hand(*(np.array([value]) for value in (0.05, 3.0, 200.0)))
 # Contact law, delay, b, k, b_p of loops that are stable in contact with the light hand, and bounce all the same.

@@ -3,7 +3,7 @@
 import numpy as np
 
 import avc_casadi as avc
-from avc_casadi.loop import ASSUMPTIONS, PAPER_ERRORS
+from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
 
 PROBLEM = avc.load_problem("figure5")
 T = PROBLEM.device.sample_time_s

@@ -6,16 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avc_casadi import UnsupportedError
-from avc_casadi.passivity import (
+from avc_casadi.claims.passivity.sampled_loop import (
     SampledLoop,
     fractions,
     largest_lead_for_all_frequencies,
     passive_limit_n_per_m,
     real_part,
     size_of_terms,
-    worst_margin,
 )
-from avc_casadi.problem import Device
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.model.device import Device
 
 T = 1e-3
 damping = st.floats(-3, 4).map(lambda x: 10**x)

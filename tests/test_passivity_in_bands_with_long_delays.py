@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from avc_casadi.passivity import SampledLoop, fractions, real_part, worst_margin
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, real_part
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
 
 T = 1e-3
 

@@ -4,8 +4,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from avc_casadi.loop import SampleAngle, coupling_impedance, environment_impedance, hold, mpmath_numbers, series
-from avc_casadi.passivity import SampledLoop, fractions, real_part, size_of_terms, worst_margin
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, real_part, size_of_terms
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.paper.equations import SampleAngle, coupling_impedance, environment_impedance, hold, series
+from avc_casadi.paper.numbers import mpmath_numbers
 
 NUMBERS = mpmath_numbers(50)
 T = 1e-3

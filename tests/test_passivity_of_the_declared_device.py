@@ -11,20 +11,18 @@ import pytest
 from declared_device import MODE, lowest_eigenvalue, port_equations, random_device, rendered
 
 import avc_casadi as avc
-from avc_casadi.certificate import certify, levels_table
-from avc_casadi.coupling import Status, gain_schedule
-from avc_casadi.loop import Hand, device_corners
-from avc_casadi.passivity import (
-    CouplingSlack,
-    RenderingSlack,
-    SampledLoop,
-    fractions,
-    handle_port,
-    port_worst,
-    worst_margin,
-)
-from avc_casadi.problem import Device
-from avc_casadi.stability import whole_stability
+from avc_casadi.claims.certificate import levels_table
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.passivity.handle_port import handle_port
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.claims.passivity.worst_port import CouplingSlack, RenderingSlack, port_worst
+from avc_casadi.claims.stability.declared_device import whole_stability
+from avc_casadi.model.corners import device_corners
+from avc_casadi.model.device import Device
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.schedule import Status
+from avc_casadi.paper.rendered import gain_schedule
 
 
 def extrapolated(device, impedance, turns):

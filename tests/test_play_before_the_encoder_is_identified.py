@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification import Record, device_text, identify
-from avc_casadi.problem import DeviceFile
+from avc_casadi.files.device_file import DeviceFile
+from avc_casadi.identification.device import device_text
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.record import Record
 
 USUAL = Truth(mass=0.12, damping=0.8, coulomb=0.1, delay=1.0, encoder=2e-5, spring=30.0, damper=0.5)
 SECONDS = 6.0

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification import Record, _run
-from avc_casadi.identification._fit import Window, fit
-from avc_casadi.identification._predictor import Observer, Predictor
-from avc_casadi.identification._terms import Structure
+from avc_casadi.identification import run as _run
+from avc_casadi.identification.fit import Window, fit
+from avc_casadi.identification.predictor import Observer, Predictor
+from avc_casadi.identification.record import Record
+from avc_casadi.identification.terms import Structure
 
 VALUES = {
     "mass_kg": 0.11,

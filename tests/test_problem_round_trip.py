@@ -8,23 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.problem import (
+from avc_casadi.files.problem_document import problem_document
+from avc_casadi.model.device import Device, DeviceRange, Resonance, ResonanceRange
+from avc_casadi.model.problem import (
     Boundaries,
-    Device,
-    DeviceRange,
     Frequency,
     GainBox,
     Hands,
     Impedance,
     Problem,
     Realism,
-    Resonance,
-    ResonanceRange,
-    Scene,
     ScheduleSettings,
     Stability,
-    problem_document,
 )
+from avc_casadi.model.scene import Scene
 
 EFFECTS = {
     "hand": {"mass_kg": 0.0},

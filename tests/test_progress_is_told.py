@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.certificate import zwidth
+from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.cli._console import Console
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.pointwise import edge_search_gains, exact_gains
-from avc_casadi.excitation import plan_excitation
-from avc_casadi.loop import loop_at
-from avc_casadi.problem import Device
-from avc_casadi.recommendation import judged_as_recommended
+from avc_casadi.identification.excitation.design import plan_excitation
+from avc_casadi.model.device import Device
+from avc_casadi.paper.edge_search import edge_search_gains
+from avc_casadi.paper.exact import exact_gains
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.recommendation.recommend import judged_as_recommended
 
 
 class Listener:

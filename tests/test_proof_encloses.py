@@ -11,13 +11,19 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.coupling import Gains
-from avc_casadi.loop import STYLUS_RANGES, Hand, expm, sampled_plant
-from avc_casadi.problem import Device
-from avc_casadi.proof import HAND, STYLUS, ContactLaw, HeldDevice, Multiplier, SwitchingLoop
-from avc_casadi.proof._disc import Disc, Moving, held, in_series, turned
-from avc_casadi.proof._verify import _bounds, _Cells, _rounded, verify
-from avc_casadi.stability import fraction_rendering, frozen_parts, plants_with_forces, state_feedback_loop
+from avc_casadi.claims.prove.disc import Disc, Moving, held, in_series, turned
+from avc_casadi.claims.prove.held_device import HAND, STYLUS, HeldDevice
+from avc_casadi.claims.prove.law import ContactLaw
+from avc_casadi.claims.prove.multiplier import Multiplier, _bounds, _Cells, _rounded, verify
+from avc_casadi.claims.prove.switching import SwitchingLoop
+from avc_casadi.claims.stability.declared_device import plants_with_forces
+from avc_casadi.claims.stability.frozen_loop import fraction_rendering, frozen_parts
+from avc_casadi.claims.stability.state_feedback import state_feedback_loop
+from avc_casadi.model.device import Device
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import STYLUS_RANGES, Hand
+from avc_casadi.model.plant import expm
+from avc_casadi.model.sampled_plant import sampled_plant
 
 BOX = {"mass_kg": (0.05, 0.3), "damping_ns_per_m": (3.0, 20.0), "stiffness_n_per_m": (200.0, 800.0)}
 DEVICES = {

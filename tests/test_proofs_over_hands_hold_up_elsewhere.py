@@ -10,8 +10,8 @@ from boxes_of_hands import FIGURE5
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi.proof import prove_hands
-from avc_casadi.proof._cover import cells_of, cover_of
+from avc_casadi.claims.prove.hands import prove_hands
+from avc_casadi.claims.prove.zero_exclusion import cells_of, cover_of
 
 GAINS = 60.0, 2e3, 2.0
 

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.coupling import GainTable, gain_document
-from avc_casadi.design import METHODS, MethodName
-from avc_casadi.problem import as_problem
-from avc_casadi.support import json_text
+from avc_casadi._util.json_values import json_text
+from avc_casadi.cli._main import main
+from avc_casadi.design.methods import METHODS, MethodName
+from avc_casadi.files.gain_file import gain_document
+from avc_casadi.files.problem_file import as_problem
+from avc_casadi.model.gains import GainTable
 
 # About thirty schedules.
 LONG = {"pareto"}

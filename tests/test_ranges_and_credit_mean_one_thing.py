@@ -5,10 +5,13 @@ import pytest
 from schedule_problems import changed, figure5
 
 from avc_casadi import solve
-from avc_casadi.certificate import certify
-from avc_casadi.design.constant import static_coupling
-from avc_casadi.loop import least_damped, loop_at
-from avc_casadi.passivity import SampledLoop, llewellyn_margin, worst_margin
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.design.constant.static import static_coupling
+from avc_casadi.model.corners import least_damped
+from avc_casadi.paper.loop import loop_at
 
 DAMPED = {"structure": "damped", "contact_damping_ns_per_m": (0.0, 60.0)}
 RANGE = {"damping_ns_per_m": (0.8, 2.5), "mass_kg": (0.07, 0.13)}

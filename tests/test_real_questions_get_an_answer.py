@@ -8,8 +8,8 @@ import pytest
 from buzzing_cases import declared_of, rests
 from buzzing_device import Buzzing, logged
 
-from avc_casadi.diagnosis import diagnose
-from avc_casadi.identification import Columns
+from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.record import Columns
 
 HAND = {"hand_mass": 0.12, "hand_damping": 8.0, "hand_stiffness": 400.0}
 FALCON = Buzzing(mass=0.35, damping=1.5, friction=0.1, delay=1.5, encoder=3.8e-5, limit=8.0, end=0.004, **HAND)

@@ -10,12 +10,14 @@ import pytest
 from schedule_problems import figure5
 
 from avc_casadi import InputError, UnsupportedError, parse_problem, solve
-from avc_casadi.cli import main
-from avc_casadi.coupling import GainSchedule
-from avc_casadi.loop import Loop, bound_magnitudes, judge_realism, loop_at
-from avc_casadi.problem import Problem, dump_problem
-from avc_casadi.stability import scope_slack
-from avc_casadi.study.comparison import compare
+from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.cli._main import main
+from avc_casadi.design.comparison.comparison import compare
+from avc_casadi.files.problem_document import dump_problem
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.paper.loop import Loop, loop_at
+from avc_casadi.paper.realism import bound_magnitudes, judge_realism
 
 ROUNDING = 1e-9
 DAMPED = {"coupling": {"structure": "damped", "contact_damping_ns_per_m": (0.0, 150.0)}}

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from avc_casadi import parse_problem
-from avc_casadi.loop import judge_realism, loop_at, relative_errors
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.realism import judge_realism, relative_errors
 
 CASE = parse_problem(
     "[device]\nmass_kg=0.1\ndamping_ns_per_m=2.0\n[environment]\ndamping_ns_per_m=10.0\nstiffness_n_per_m=1e5\n"

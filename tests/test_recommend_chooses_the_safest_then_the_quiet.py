@@ -11,17 +11,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains, Runtime, spring_before
-from avc_casadi.design.robust import Space
-from avc_casadi.loop import device_with, hand_corners, with_let_go
-from avc_casadi.problem import StateFeedback
-from avc_casadi.recommendation import _candidates, _choice, _jury, _stages
-from avc_casadi.recommendation._candidates import felt_at_rest_n_per_m
-from avc_casadi.recommendation._choice import Judged, best_of, confirmed
-from avc_casadi.recommendation._stages import judged_candidates
-from avc_casadi.stability import stiffest_wall
-from avc_casadi.support import SILENT
-from avc_casadi.trial import CouplingTrial, people_of, try_coupling, try_on_devices
+from avc_casadi._util.progress import SILENT
+from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.robust.law import Space
+from avc_casadi.model.corners import device_with
+from avc_casadi.model.gains import Gains, spring_before
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.runtime import Runtime, StateFeedback
+from avc_casadi.recommendation import candidates as _candidates
+from avc_casadi.recommendation import choice as _choice
+from avc_casadi.recommendation import jury as _jury
+from avc_casadi.recommendation import stages as _stages
+from avc_casadi.recommendation.candidates import felt_at_rest_n_per_m
+from avc_casadi.recommendation.choice import Judged, best_of, confirmed
+from avc_casadi.recommendation.stages import judged_candidates
+from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling, try_on_devices
+from avc_casadi.simulation.population.operators import people_of
 
 HANDS = 10
 PROBLEM = avc.load_problem("figure5")

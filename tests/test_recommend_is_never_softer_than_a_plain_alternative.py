@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.loop import hand_corners, with_let_go
-from avc_casadi.stability import stiffest_wall
-from avc_casadi.trial import people_of, try_coupling
+from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import people_of
 
 
 def wall(stiffness, **device):

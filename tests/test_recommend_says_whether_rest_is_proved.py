@@ -8,12 +8,15 @@ import pytest
 from hardware_bench import believer
 
 import avc_casadi as avc
-from avc_casadi.certificate import certified, promises_rest, quick_rest_level
+from avc_casadi.claims.deployable import certified
+from avc_casadi.claims.proof_levels import promises_rest, quick_rest_level
+from avc_casadi.claims.prove.rest import Rest
 from avc_casadi.cli._recommend import recommendation_lines
-from avc_casadi.coupling import Coupling, Gains, Runtime, spring_before
-from avc_casadi.proof import Rest
-from avc_casadi.recommendation import rest_line
-from avc_casadi.recommendation._rest import proved_first, with_rest
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains, spring_before
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.recommendation.rest import proved_first, with_rest
+from avc_casadi.recommendation.told import rest_line
 
 WALL = 8.9e4
 

@@ -9,11 +9,14 @@ from html.parser import HTMLParser
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.certificate import certify
-from avc_casadi.figures import draw_boundaries, draw_perceived
-from avc_casadi.loop import ASSUMPTIONS, PAPER_ERRORS
-from avc_casadi.recommendation import conclusion_lines
-from avc_casadi.report import Picture, ReportContents, picture_words, report_html, summarise
+from avc_casadi.claims.certify import certify
+from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
+from avc_casadi.present.figures.comparison import draw_boundaries
+from avc_casadi.present.figures.perceived import draw_perceived
+from avc_casadi.present.report.frame import Picture
+from avc_casadi.present.report.page import ReportContents, picture_words, report_html
+from avc_casadi.present.report.summary import summarise
+from avc_casadi.recommendation.told import conclusion_lines
 
 VOID = {"meta", "img", "source", "link", "br", "hr"}
 HOSTILE = "</title><script>alert('x')</script> & \"quoted\" $title"

@@ -15,9 +15,11 @@ from browser import (
 )
 
 import avc_casadi as avc
-from avc_casadi.figures import draw_comparison
-from avc_casadi.recommendation import conclusion_lines
-from avc_casadi.report import Picture, ReportContents, picture_words, report_html, summarise
+from avc_casadi.present.figures.comparison import draw_comparison
+from avc_casadi.present.report.frame import Picture
+from avc_casadi.present.report.page import ReportContents, picture_words, report_html
+from avc_casadi.present.report.summary import summarise
+from avc_casadi.recommendation.told import conclusion_lines
 
 PAPER_PX = 718
 _TOO_WIDE = """

@@ -6,8 +6,10 @@ import rest_proof_checker
 from clip_last_simulator import Simulator, at_rest
 
 import avc_casadi as avc
-from avc_casadi.loop import STYLUS_RANGES
-from avc_casadi.proof import ContactLaw, HeldDevice, Rest, prove_rest
+from avc_casadi.claims.prove.held_device import HeldDevice
+from avc_casadi.claims.prove.law import ContactLaw
+from avc_casadi.claims.prove.rest import Rest, prove_rest
+from avc_casadi.model.hands import STYLUS_RANGES
 
 PROBLEM = avc.load_problem("figure5").changed(environment={"damping_ns_per_m": 0.0})
 # Half of each range, by its logarithm, about its geometric mean: a proof over all of it takes a quarter of a minute.

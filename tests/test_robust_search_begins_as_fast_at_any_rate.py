@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design.robust import Space, moved, robust_at
-from avc_casadi.stability import Laws
+from avc_casadi.claims.stability.state_feedback import Laws
+from avc_casadi.design.robust.ladder import robust_at
+from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.moved import moved
 
 STIFFNESS = 5000.0
 SLOWEST = 3

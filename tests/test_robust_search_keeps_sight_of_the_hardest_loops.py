@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import spring_before
-from avc_casadi.design.robust import Loops, Space, cost_of, search
-from avc_casadi.design.robust._goal import DECAY_PER_S, RANGED_DECAY_PER_S
-from avc_casadi.loop import device_corners, hand_corners, sampled_plant
-from avc_casadi.stability import frozen_rendering, largest_radius, plants_with_forces, state_feedback_loop
+from avc_casadi.claims.stability.declared_device import plants_with_forces
+from avc_casadi.claims.stability.frozen_loop import frozen_rendering
+from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
+from avc_casadi.design.robust.goal import DECAY_PER_S, RANGED_DECAY_PER_S, cost_of
+from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.loops import Loops
+from avc_casadi.design.robust.search import search
+from avc_casadi.model.corners import device_corners
+from avc_casadi.model.gains import spring_before
+from avc_casadi.model.hands import hand_corners
+from avc_casadi.model.sampled_plant import sampled_plant
 
 
 @pytest.fixture(scope="module")

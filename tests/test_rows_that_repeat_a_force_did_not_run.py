@@ -7,11 +7,12 @@ import pytest
 from buzzing_cases import declared_of
 from buzzing_device import Buzzing, logged, played
 
-from avc_casadi.diagnosis import diagnose, diagnosis_text
-from avc_casadi.diagnosis._law import find_law
-from avc_casadi.diagnosis._log import log_of
-from avc_casadi.diagnosis._repeated import without_repeats
-from avc_casadi.identification import Columns
+from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.diagnosis.law import find_law
+from avc_casadi.identification.diagnosis.log import log_of
+from avc_casadi.identification.diagnosis.repeated import without_repeats
+from avc_casadi.identification.diagnosis.told import diagnosis_text
+from avc_casadi.identification.record import Columns
 
 STIFF = Buzzing(mass=0.12, damping=0.5, friction=0.03, delay=0.0, stiffness=8000.0, damper=4.0, limit=12.0)
 STIFF = replace(STIFF, two_sided=1.0, hand_mass=0.1, hand_damping=4.0, hand_stiffness=600.0)

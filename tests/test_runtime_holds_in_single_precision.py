@@ -8,19 +8,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from avc_casadi.runtime import (
-    ESTIMATORS,
-    GUARDS,
-    AdaptationSettings,
-    GuardSettings,
-    HoldSettings,
-    ObserverSettings,
-    adaptation_step,
-    estimator_step,
-    guard_step,
-    hold_step,
-    observer_step,
-)
+from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, HoldSettings, adaptation_step, hold_step
+from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
+from avc_casadi.simulation.runtime.guard import GUARDS, GuardSettings, guard_step
+from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step
 
 T = 1e-3
 COMPILER = shutil.which("gcc") or shutil.which("cc")

@@ -5,13 +5,19 @@ import numpy as np
 import pytest
 
 from avc_casadi import InputError
-from avc_casadi.coupling import Gains, GainTable, thinned
-from avc_casadi.design import simulate, solve
-from avc_casadi.loop import Hand
-from avc_casadi.problem import load_problem, parse_problem
-from avc_casadi.runtime import HoldSettings, hold_step
-from avc_casadi.scene import compile_scene, energy_ledger, execute, simulate_batch
-from avc_casadi.scene.effects import Adaptation, build_effects
+from avc_casadi.coupling import thinned
+from avc_casadi.design.methods import solve
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.files.problem_file import load_problem, parse_problem
+from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.model.hands import Hand
+from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.effects.computation import Adaptation
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.execute import execute
+from avc_casadi.simulation.judge import energy_ledger
+from avc_casadi.simulation.runtime.adaptation import HoldSettings, hold_step
+from avc_casadi.simulation.scene import simulate_batch
 from avc_hardware._reference import lookup
 
 T = 1e-3

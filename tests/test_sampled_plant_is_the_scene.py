@@ -8,11 +8,14 @@ import pytest
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.coupling import NO_COUPLING
-from avc_casadi.loop import LINEAR_KEYS, RIGID_KEYS, Hand, StylusHand, device_corners, device_plant, sampled_plant
-from avc_casadi.problem import Device
-from avc_casadi.scene import compile_scene
-from avc_casadi.scene.effects import Grip, build_effects
+from avc_casadi.model.corners import LINEAR_KEYS, RIGID_KEYS, device_corners
+from avc_casadi.model.device import Device
+from avc_casadi.model.gains import NO_COUPLING
+from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.sampled_plant import device_plant, sampled_plant
+from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.effects.hand import Grip
+from avc_casadi.simulation.effects.registry import build_effects
 
 SPRING = 700.0
 

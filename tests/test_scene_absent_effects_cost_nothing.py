@@ -6,9 +6,10 @@ import pytest
 from scene_reference import MASSLESS, scene_problem
 
 from avc_casadi.cli._text import nanoseconds
-from avc_casadi.coupling import NO_COUPLING, Gains
-from avc_casadi.scene import compile_scene, explain
-from avc_casadi.scene.effects import KINDS
+from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.effects.registry import KINDS
+from avc_casadi.simulation.explain import explain
 
 BASE = ('kind = "hand"', 'kind = "wall"')
 # States and inputs that each effect adds to a hand at a wall, coupled in series.

@@ -6,10 +6,11 @@ from scene_cases import CASES, QUICK
 from scene_reference import Reference, scene_problem
 
 import avc_casadi as avc
-from avc_casadi.coupling import NO_COUPLING, Gains
-from avc_casadi.design import scene_coupling, simulate
-from avc_casadi.scene import compile_scene, settled
-from avc_casadi.scene.effects import build_effects
+from avc_casadi.design.scene_coupling import scene_coupling, simulate
+from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.scene import settled
 
 
 def both(problem, gains, samples):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from avc_casadi import load_problem, simulate
-from avc_casadi.cli import main
-from avc_casadi.coupling import NO_COUPLING
+from avc_casadi.cli._main import main
+from avc_casadi.model.gains import NO_COUPLING
 
 KEYS = {
     "stable", "criterion", "steps", "states", "instructions", "effects", "absent", "apparent_stiffness_n_per_m",

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scene_reference import scene_problem
 
-from avc_casadi.coupling import NO_COUPLING, Gains
-from avc_casadi.design import simulate
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.model.gains import NO_COUPLING, Gains
 
 FREE = """
 [device]

@@ -5,9 +5,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scene_reference import scene_problem
 
-from avc_casadi.coupling import NO_COUPLING, Gains
-from avc_casadi.design import simulate
-from avc_casadi.figures import draw_scene
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.present.figures.scene import draw_scene
 
 EFFECTS = ('kind = "hand"', 'kind = "wall"')
 

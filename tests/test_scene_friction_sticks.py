@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scene_reference import Reference, scene_problem
 
-from avc_casadi.coupling import NO_COUPLING, Gains
-from avc_casadi.design import simulate
-from avc_casadi.scene import compile_scene
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.simulation.compile import compile_scene
 
 HEAD = """
 [device]

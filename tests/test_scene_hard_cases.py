@@ -8,10 +8,11 @@ import pytest
 from scene_reference import HEAD, scene_problem
 
 import avc_casadi as avc
-from avc_casadi.coupling import NO_COUPLING, Gains, gains_at
-from avc_casadi.design import simulate
-from avc_casadi.loop import Hand
-from avc_casadi.scene import compile_scene, simulate_batch
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.model.gains import NO_COUPLING, Gains, gains_at
+from avc_casadi.model.hands import Hand
+from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.scene import simulate_batch
 
 HAND, WALL, FRICTION = 'kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"'
 

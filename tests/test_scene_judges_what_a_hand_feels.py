@@ -8,12 +8,14 @@ import pytest
 from scene_reference import MASSLESS, scene_problem
 
 import avc_casadi as avc
-from avc_casadi.coupling import NO_COUPLING, Gains
-from avc_casadi.design import simulate
-from avc_casadi.design.constant import static_coupling
-from avc_casadi.loop import Hand
-from avc_casadi.scene import judge, screen, simulate_batch
-from avc_casadi.trial import Traces
+from avc_casadi.design.constant.static import static_coupling
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.model.hands import Hand
+from avc_casadi.simulation.judge import judge
+from avc_casadi.simulation.population.trial import Traces
+from avc_casadi.simulation.scene import simulate_batch
+from avc_casadi.simulation.screen import screen
 
 T = 1e-3
 TIME = np.arange(3000) * T

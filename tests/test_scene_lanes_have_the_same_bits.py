@@ -8,19 +8,13 @@ from scene_cases import CASES, FRICTION, HAND, QUICK, WALL
 from scene_reference import scene_problem
 
 import avc_casadi as avc
-from avc_casadi.coupling import Gains
-from avc_casadi.scene import (
-    LANES,
-    NativeScene,
-    SideBySide,
-    compile_for,
-    compiler,
-    execute,
-    execute_to_speed,
-    judge,
-    settled,
-)
-from avc_casadi.scene.effects import build_effects
+from avc_casadi.model.gains import Gains
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.execute import execute, execute_to_speed
+from avc_casadi.simulation.judge import judge
+from avc_casadi.simulation.lanes import LANES, SideBySide
+from avc_casadi.simulation.native import NativeScene, compiler
+from avc_casadi.simulation.scene import compile_for, settled
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 

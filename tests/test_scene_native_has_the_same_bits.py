@@ -6,19 +6,13 @@ from scene_cases import CASES, FRICTION, HAND, QUICK, WALL
 from scene_reference import scene_problem
 
 import avc_casadi as avc
-from avc_casadi.coupling import Gains
-from avc_casadi.loop import Hand
-from avc_casadi.scene import (
-    NativeScene,
-    compile_for,
-    compile_scene,
-    compiler,
-    execute,
-    held_by,
-    settled,
-    simulate_batch,
-)
-from avc_casadi.scene.effects import build_effects
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import Hand
+from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.execute import execute
+from avc_casadi.simulation.native import NativeScene, compiler
+from avc_casadi.simulation.scene import compile_for, held_by, settled, simulate_batch
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 

@@ -9,10 +9,13 @@ from scene_reference import Reference, scene_problem
 import avc_casadi as avc
 from avc_casadi import InputError
 from avc_casadi.cli._main import main
-from avc_casadi.coupling import NO_COUPLING, Gains
-from avc_casadi.problem import Scene, declared_effects, left_out, scene_effects
-from avc_casadi.scene import compile_for, compile_scene, execute, simulate
-from avc_casadi.scene.effects import KINDS, build_effects
+from avc_casadi.model.declared import declared_effects, left_out, scene_effects
+from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.model.scene import Scene
+from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.effects.registry import KINDS, build_effects
+from avc_casadi.simulation.execute import execute
+from avc_casadi.simulation.scene import compile_for, simulate
 
 HAND, WALL = 'kind = "hand"', 'kind = "wall"'
 DEVICE = """

@@ -8,10 +8,11 @@ from scene_reference import MASSLESS, scene_problem
 
 import avc_casadi as avc
 from avc_casadi import InputError, UnsupportedError
-from avc_casadi.coupling import Gains, gains_at
-from avc_casadi.design import simulate
-from avc_casadi.loop import Hand
-from avc_casadi.scene import compile_scene, simulate_batch
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.model.gains import Gains, gains_at
+from avc_casadi.model.hands import Hand
+from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.scene import simulate_batch
 
 BARE = (
     "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\n[environment]\ndamping_ns_per_m={b_e}\nstiffness_n_per_m={k_e}\n"

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scene_reference import scene_problem
 
-from avc_casadi.coupling import NO_COUPLING, Gains
-from avc_casadi.design import simulate
-from avc_casadi.loop import Hand, device_with
-from avc_casadi.scene import compile_scene
-from avc_casadi.stability import frozen_parts, linear_stability
+from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.model.corners import device_with
+from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.model.hands import Hand
+from avc_casadi.simulation.compile import compile_scene
 
 T = 1e-3
 RELEASED = 'kind = "hold"\nend_m = -0.001\n'

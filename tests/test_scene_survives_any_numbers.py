@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 from scene_reference import scene_problem
 
 from avc_casadi import InputError, UnsupportedError
-from avc_casadi.coupling import Gains
-from avc_casadi.design import simulate
-from avc_casadi.scene import compile_for, compiler, execute, settled
-from avc_casadi.scene.effects import build_effects
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.model.gains import Gains
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.execute import execute
+from avc_casadi.simulation.native import compiler
+from avc_casadi.simulation.scene import compile_for, settled
 
 
 def decades(low, high):

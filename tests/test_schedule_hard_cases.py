@@ -8,9 +8,9 @@ import pytest
 from schedule_problems import changed, figure5
 
 from avc_casadi import InputError, solve
-from avc_casadi.coupling import Status
-from avc_casadi.design.joint import ScheduleSolver
-from avc_casadi.problem import load_problem, parse_problem
+from avc_casadi.design.schedule.solver import ScheduleSolver
+from avc_casadi.files.problem_file import load_problem, parse_problem
+from avc_casadi.model.schedule import Status
 
 
 def cost(gains):

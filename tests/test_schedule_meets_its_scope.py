@@ -6,12 +6,14 @@ from declared_device import growth
 from schedule_problems import changed, figure5
 
 from avc_casadi import solve
-from avc_casadi.certificate import certify
-from avc_casadi.design.joint import States
-from avc_casadi.design.joint._hands_table import hands_slack
-from avc_casadi.loop import device_corners, hand_corners, loop_at
-from avc_casadi.problem import DeviceRange
-from avc_casadi.stability import scope_slack
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.design.schedule.hands_table import hands_slack
+from avc_casadi.design.schedule.states import States
+from avc_casadi.model.corners import device_corners
+from avc_casadi.model.device import DeviceRange
+from avc_casadi.model.hands import hand_corners
+from avc_casadi.paper.loop import loop_at
 
 
 def steepest(problem, gains):

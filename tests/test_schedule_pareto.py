@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 from schedule_problems import changed, figure5
 
-from avc_casadi.cli import _text, main
-from avc_casadi.design.joint import solve_schedule
-from avc_casadi.figures import draw_pareto, save_figure
-from avc_casadi.loop import loop_at
-from avc_casadi.problem import dump_problem, load_problem
-from avc_casadi.stability import scope_slack
-from avc_casadi.study.pareto import pareto, variants
+from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.cli._main import main
+from avc_casadi.cli._pareto import _text
+from avc_casadi.design.schedule.solver import solve_schedule
+from avc_casadi.files.problem_document import dump_problem
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.present.figures.layout import save_figure
+from avc_casadi.present.figures.pareto import draw_pareto
+from avc_casadi.study.pareto.study import pareto
+from avc_casadi.study.pareto.variants import variants
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from avc_casadi.design.joint import States
+from avc_casadi.design.schedule.states import States
 
 STATES = States(np.array([0.5, 20.0, 2.0]), np.array([3.0, 0.0, 1.0]), np.array([1e3, 1e6, 150.0]))
 

@@ -7,8 +7,10 @@ import pytest
 from plain_schedule import PlainSchedule
 from schedule_problems import figure5
 
-from avc_casadi.design.joint import ScheduleSolver, States, _lattice
-from avc_casadi.loop import loop_at
+from avc_casadi.design.schedule import lattice as _lattice
+from avc_casadi.design.schedule.solver import ScheduleSolver
+from avc_casadi.design.schedule.states import States
+from avc_casadi.paper.loop import loop_at
 
 
 @pytest.mark.parametrize(("band_factor", "penalty"), [(2.0, 1e-3), (2.0, 1e-1), (4.0, 1e-2)])

@@ -5,7 +5,7 @@ import pytest
 from schedule_problems import changed, figure5
 
 from avc_casadi import solve
-from avc_casadi.problem import load_problem
+from avc_casadi.files.problem_file import load_problem
 
 
 def share(frequencies):

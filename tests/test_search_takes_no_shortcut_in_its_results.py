@@ -8,19 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.design.robust import Loops, Space, cost_of, costs_of
-from avc_casadi.loop import hand_corners, with_let_go
-from avc_casadi.stability import (
-    Laws,
-    eigenvalues,
-    frozen_rendering,
-    leading_radii,
-    loop_radius,
-    stiffest_wall,
-    stiffness_at_rest,
-    worst_radius,
-)
-from avc_casadi.support import one_ahead
+from avc_casadi._util.parallel import one_ahead
+from avc_casadi.claims.stability.eigenvalues import eigenvalues, leading_radii, worst_radius
+from avc_casadi.claims.stability.frozen_loop import frozen_rendering
+from avc_casadi.claims.stability.state_feedback import Laws, stiffness_at_rest
+from avc_casadi.claims.stability.stiffest_wall import loop_radius, stiffest_wall
+from avc_casadi.design.robust.goal import cost_of, costs_of
+from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.loops import Loops
+from avc_casadi.model.hands import hand_corners, with_let_go
 
 
 @st.composite

@@ -7,23 +7,25 @@ from hardware_bench import believer
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.certificate import _feedback_radius, feedback_radius
-from avc_casadi.coupling import Coupling, Gains, Runtime, felt_impedance, schedule_of
-from avc_casadi.design.robust import Space
-from avc_casadi.loop import Hand, hand_ranges, hand_set, sampled_plant
-from avc_casadi.problem import Device, Hands, StateFeedback, StateFeedbackEffect
-from avc_casadi.runtime import state_feedback_step
-from avc_casadi.scene import compile_scene
-from avc_casadi.scene.effects import Grip, build_effects
-from avc_casadi.stability import (
-    Laws,
-    Rendering,
-    force_over_innovation,
-    frozen_rendering,
-    largest_radius,
-    plants_with_forces,
-    state_feedback_loop,
-)
+from avc_casadi.claims import feedback as _feedback_radius
+from avc_casadi.claims.feedback import feedback_radius
+from avc_casadi.claims.stability.declared_device import plants_with_forces
+from avc_casadi.claims.stability.frozen_loop import Rendering, frozen_rendering
+from avc_casadi.claims.stability.state_feedback import Laws, force_over_innovation, largest_radius, state_feedback_loop
+from avc_casadi.coupling import Coupling, schedule_of
+from avc_casadi.design.robust.law import Space
+from avc_casadi.model.device import Device
+from avc_casadi.model.effects import StateFeedbackEffect
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import Hand, hand_ranges, hand_set
+from avc_casadi.model.problem import Hands
+from avc_casadi.model.runtime import Runtime, StateFeedback
+from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.paper.rendered import felt_impedance
+from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.effects.hand import Grip
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.runtime.state_feedback import state_feedback_step
 
 HAND = Hand(0.12, 7.0, 450.0)
 

@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 
 from avc_casadi import UnsupportedError, parse_problem
-from avc_casadi.certificate import certify
-from avc_casadi.coupling import Status
-from avc_casadi.design import solve
-from avc_casadi.design.constant import static_coupling
-from avc_casadi.loop import loop_at, relative_errors
-from avc_casadi.passivity import SampledLoop, largest_llewellyn_stiffness, llewellyn_margin, worst_margin
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness, llewellyn_margin
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.design.constant.static import static_coupling
+from avc_casadi.design.methods import solve
+from avc_casadi.model.schedule import Status
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.realism import relative_errors
 
 
 def problem(b_d=2.0, delay=0, coupling="", objective="magnitude", **stability):

@@ -8,13 +8,15 @@ from scene_reference import scene_problem
 
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
-from avc_casadi.coupling import Gains, Status
-from avc_casadi.design.constant import Budget, tune_static, tuned_margin
-from avc_casadi.design.joint import ScheduleSolver
-from avc_casadi.loop import Hand, hand_set, loop_at
-from avc_casadi.problem import Frequency
-from avc_casadi.scene import simulate_batch
-from avc_casadi.stability import frozen_parts, linear_stability
+from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
+from avc_casadi.design.constant.static_tuned import Budget, tune_static, tuned_margin
+from avc_casadi.design.schedule.solver import ScheduleSolver
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import Hand, hand_set
+from avc_casadi.model.problem import Frequency
+from avc_casadi.model.schedule import Status
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.simulation.scene import simulate_batch
 
 SMALL = Budget(draws=8)
 COARSE = 'kind = "encoder"\nresolution_m = 5e-6'

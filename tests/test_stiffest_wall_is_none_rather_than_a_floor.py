@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design.robust._ladder import ladder_n_per_m
-from avc_casadi.loop import hand_corners, with_let_go
-from avc_casadi.recommendation import what_would_help
-from avc_casadi.stability import damping_range, loop_radius, softest_wall_n_per_m, stiffest_wall
+from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_radius, softest_wall_n_per_m, stiffest_wall
+from avc_casadi.design.robust.ladder import ladder_n_per_m
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.recommendation.helps import what_would_help
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,11 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.cli._recommend import stiffest_text
-from avc_casadi.recommendation import _stiffest, stiffest
-from avc_casadi.recommendation._stages import CLIMBS, ONWARDS
-from avc_casadi.trial import draw_hands, try_coupling
+from avc_casadi.recommendation import stiffest as _stiffest
+from avc_casadi.recommendation.stages import CLIMBS, ONWARDS
+from avc_casadi.recommendation.stiffest import stiffest
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import draw_hands
 
 # Anew, from the law of the device as it is on, and that as it is.
 WAYS = ("_anew", "_further", "_kept")

@@ -5,13 +5,19 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.loop import device_set
-from avc_casadi.recommendation import _reach, reach
-from avc_casadi.study.accuracy import study_accuracy
-from avc_casadi.study.table1 import _table, table1, table1_study
-from avc_casadi.support import json_text
-from avc_casadi.trial import Conditions, _coupling_trial, draw_subjects, try_coupling, try_on_devices
+from avc_casadi._util.json_values import json_text
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.corners import device_set
+from avc_casadi.model.gains import Gains
+from avc_casadi.recommendation import reach as _reach
+from avc_casadi.recommendation.reach import reach
+from avc_casadi.simulation.population import coupling_trial as _coupling_trial
+from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
+from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.trial import Conditions
+from avc_casadi.study.accuracy.study import study_accuracy
+from avc_casadi.study.table1 import table as _table
+from avc_casadi.study.table1.table import table1, table1_study
 
 
 @pytest.fixture

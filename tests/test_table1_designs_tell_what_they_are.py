@@ -5,8 +5,8 @@ import math
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Gains
-from avc_casadi.recommendation import COUPLINGS, design
+from avc_casadi.model.gains import Gains
+from avc_casadi.recommendation.designs import COUPLINGS, design
 
 
 def test_a_design_holds_the_problem_that_was_solved():

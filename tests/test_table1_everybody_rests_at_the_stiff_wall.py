@@ -6,10 +6,12 @@ from pathlib import Path
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import NO_COUPLING
-from avc_casadi.recommendation import reach, tuned, with_observer
-from avc_casadi.study.table1 import worst_case
-from avc_casadi.trial import Conditions, draw_subjects, exact_interval
+from avc_casadi.model.gains import NO_COUPLING
+from avc_casadi.recommendation.reach import reach, tuned, with_observer
+from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.settled import exact_interval
+from avc_casadi.simulation.population.trial import Conditions
+from avc_casadi.study.table1.adversary import worst_case
 
 RESULTS = Path(__file__).parent / "benchmarks" / "results"
 PROBLEM = avc.load_problem("ve7")

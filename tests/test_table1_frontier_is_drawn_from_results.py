@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avc_casadi.figures import draw_frontier, save_figure
+from avc_casadi.present.figures.frontier import draw_frontier
+from avc_casadi.present.figures.layout import save_figure
 
 RESULTS = Path(__file__).parent / "benchmarks" / "results"
 

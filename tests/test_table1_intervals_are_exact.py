@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from avc_casadi.trial import exact_interval
+from avc_casadi.simulation.population.settled import exact_interval
 
 
 @given(

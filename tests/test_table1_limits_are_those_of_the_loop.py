@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import NO_COUPLING, Gains
-from avc_casadi.problem import Hold
-from avc_casadi.stability import damping_range, frozen_parts, linear_stability, loop_radius, stiffest_wall
-from avc_casadi.trial import Conditions, corner_subjects, judged
+from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
+from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_radius, stiffest_wall
+from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.model.scene import Hold
+from avc_casadi.simulation.population.operators import corner_subjects
+from avc_casadi.simulation.population.trial import Conditions, judged
 
 DEVICE = avc.load_problem("ve7").device
 # Contact is never left: the wall acts as on both sides.

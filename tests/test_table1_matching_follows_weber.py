@@ -7,8 +7,11 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import avc_casadi as avc
-from avc_casadi.coupling import NO_COUPLING
-from avc_casadi.trial import MOTIONS, Conditions, Traces, choose, distance, draw_subjects, reference_traces, traces
+from avc_casadi.model.gains import NO_COUPLING
+from avc_casadi.simulation.population.matching import choose, distance, reference_traces
+from avc_casadi.simulation.population.motions import MOTIONS
+from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.trial import Conditions, Traces, traces
 
 far = st.one_of(st.floats(0, 10), st.just(np.inf))
 fraction = st.sampled_from([0.07, 0.1, 0.23])

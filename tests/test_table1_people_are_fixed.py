@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.loop import STYLUS_RANGES
-from avc_casadi.trial import draw_hands, draw_subjects
+from avc_casadi.model.hands import STYLUS_RANGES
+from avc_casadi.simulation.population.operators import draw_hands, draw_subjects
 
 
 def numbers(subjects):

@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli import table_text
-from avc_casadi.coupling import NO_COUPLING
-from avc_casadi.study.table1 import PAPER, expected_share, share_without_coupling, table1, with_wall
-from avc_casadi.trial import MOTIONS, Conditions, draw_subjects, exact_interval, judged
+from avc_casadi.cli._table1 import table_text
+from avc_casadi.model.gains import NO_COUPLING
+from avc_casadi.simulation.population.motions import MOTIONS
+from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.settled import exact_interval
+from avc_casadi.simulation.population.trial import Conditions, judged
+from avc_casadi.study.table1.calibration import expected_share, share_without_coupling, with_wall
+from avc_casadi.study.table1.paper import PAPER
+from avc_casadi.study.table1.table import table1
 
 COUPLINGS = ("none", "static", "closed-form", "static-tuned", "schedule")
 ROW_KEYS = {

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from avc_casadi.study.table1 import run_campaign
+from avc_casadi.study.table1.campaign import run_campaign
 
 
 class Listener:

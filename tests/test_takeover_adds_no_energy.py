@@ -13,8 +13,10 @@ from test_firmware_tick_equals_reference import queue
 
 import avc_hardware
 from avc_casadi import load_problem
-from avc_casadi.cli import main
-from avc_casadi.coupling import Gains, Runtime, write_coupling
+from avc_casadi.cli._main import main
+from avc_casadi.files.coupling_file import write_coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, EmulatedBoard, StreamResult, TableImage
 from avc_hardware import _messages as m
 from avc_hardware._elf import read_elf

@@ -22,7 +22,8 @@ from tampered_proofs import (
     tampered,
 )
 
-from avc_casadi.proof import HandsProof, Rest
+from avc_casadi.claims.prove.hands import HandsProof
+from avc_casadi.claims.prove.rest import Rest
 
 # Deeds that leave nothing that could be a proof of anything.
 NEVER = {

@@ -5,8 +5,11 @@ import pytest
 from schedule_problems import figure5
 
 from avc_casadi import load_problem, solve
-from avc_casadi.coupling import Coupling, GainTable, Runtime, read_coupling, write_coupling
-from avc_casadi.design import simulate
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.files.coupling_file import read_coupling, write_coupling
+from avc_casadi.model.gains import GainTable
+from avc_casadi.model.runtime import Runtime
 
 STATED = 1e-3
 

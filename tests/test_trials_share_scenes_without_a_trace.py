@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains, Runtime
-from avc_casadi.loop import Hand
-from avc_casadi.trial import _prepared, people_of, try_coupling
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.simulation.population import prepared as _prepared
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import people_of
 
 PROBLEM = avc.load_problem("reference-r1").changed(environment={"stiffness_n_per_m": 1500.0, "damping_ns_per_m": 1.0})
 

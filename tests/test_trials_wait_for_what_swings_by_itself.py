@@ -7,10 +7,14 @@ from hypothesis import strategies as st
 from scipy.signal import StateSpace, lsim
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.loop import hand_corners
-from avc_casadi.scene import AT_REST_M_PER_S, target_of
-from avc_casadi.trial import LONGEST_S, TRIAL_S, course_of, hands_at_rest, try_coupling, unrest
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import hand_corners
+from avc_casadi.simulation.judge import AT_REST_M_PER_S
+from avc_casadi.simulation.motion import target_of
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.motions import LONGEST_S, TRIAL_S, course_of
+from avc_casadi.simulation.population.settled import hands_at_rest, unrest
 
 JUDGED_S = 0.5
 R1 = avc.load_problem("reference-r1")

@@ -12,12 +12,18 @@ from measured_device import Truth, measured, multisine
 from test_turning_device_is_told_in_its_own_units import linear_words
 
 import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.diagnosis import diagnose, diagnosis_text
-from avc_casadi.excitation import plan_excitation
-from avc_casadi.identification import Columns, Layout, Record, device_text, identify, read_logs
-from avc_casadi.problem import Device, parse_device
-from avc_casadi.support import ROTARY
+from avc_casadi._util.units import ROTARY
+from avc_casadi.cli._main import main
+from avc_casadi.files.device_file import parse_device
+from avc_casadi.identification.device import device_text
+from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.diagnosis.told import diagnosis_text
+from avc_casadi.identification.excitation.design import plan_excitation
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.read import read_logs
+from avc_casadi.identification.record import Columns, Record
+from avc_casadi.identification.units import Layout
+from avc_casadi.model.device import Device
 from avc_hardware._tried import tried_in_the_loop
 
 RADIUS = 0.02

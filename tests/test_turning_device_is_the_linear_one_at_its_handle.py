@@ -13,14 +13,16 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains, near_rigid_n_per_m, spring_before
-from avc_casadi.design.robust._goal import costs_of
-from avc_casadi.design.robust._law import Space
-from avc_casadi.design.robust._loops import Loops
-from avc_casadi.loop import hand_corners
-from avc_casadi.problem import Problem
-from avc_casadi.stability import Rendering, stiffest_wall
-from avc_casadi.trial import motions_at
+from avc_casadi.claims.stability.frozen_loop import Rendering
+from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.robust.goal import costs_of
+from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.loops import Loops
+from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
+from avc_casadi.model.hands import hand_corners
+from avc_casadi.model.problem import Problem
+from avc_casadi.simulation.population.motions import motions_at
 from avc_hardware._bench_plant import board_limits
 
 FREQUENCY = {"values_hz": (1.0, 5.0, 30.0, 120.0)}

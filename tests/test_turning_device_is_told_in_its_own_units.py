@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.recommendation._assumptions import assumed
-from avc_casadi.support import LINEAR, ROTARY
+from avc_casadi._util.units import LINEAR, ROTARY
+from avc_casadi.cli._main import main
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.recommendation.assumptions import assumed
 
 KNOB = """
 title = "a knob, N and mm in its own words"

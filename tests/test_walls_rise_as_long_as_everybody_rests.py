@@ -6,13 +6,22 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains, Runtime, near_rigid_n_per_m
-from avc_casadi.design.robust import Loops, Space, climb, cost_of, robust_at, search
-from avc_casadi.problem import Press
-from avc_casadi.stability import frozen_rendering
-from avc_casadi.trial import Conditions, course_of, ends_of, people_of, try_coupling, unrest
-from avc_casadi.trial._coupling_trial import TRIAL_S
-from avc_casadi.trial._trial import Ends
+from avc_casadi.claims.stability.frozen_loop import frozen_rendering
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.robust.climb import climb
+from avc_casadi.design.robust.goal import cost_of
+from avc_casadi.design.robust.ladder import robust_at
+from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.loops import Loops
+from avc_casadi.design.robust.search import search
+from avc_casadi.model.gains import Gains, near_rigid_n_per_m
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.model.scene import Press
+from avc_casadi.simulation.population.coupling_trial import TRIAL_S, try_coupling
+from avc_casadi.simulation.population.motions import course_of
+from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.settled import ends_of, unrest
+from avc_casadi.simulation.population.trial import Conditions, Ends
 
 HANDS = 20
 PROBLEM = avc.load_problem("reference-r1")

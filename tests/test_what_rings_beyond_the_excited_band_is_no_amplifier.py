@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification import Record, identify
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.record import Record
 
 
 @pytest.mark.parametrize(

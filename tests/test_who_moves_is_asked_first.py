@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.loop import RIGID_KEYS, device_corners
-from avc_casadi.recommendation import _asked_first, _choice
-from avc_casadi.recommendation._asked_first import SURELY, AskedFirst, Group, elsewhere, off_file
-from avc_casadi.recommendation._jury import Jury
-from avc_casadi.support import SILENT
-from avc_casadi.trial import people_of, try_coupling
+from avc_casadi._util.progress import SILENT
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.corners import RIGID_KEYS, device_corners
+from avc_casadi.model.gains import Gains
+from avc_casadi.recommendation import asked_first as _asked_first
+from avc_casadi.recommendation import choice as _choice
+from avc_casadi.recommendation.asked_first import SURELY, AskedFirst, Group, elsewhere, off_file
+from avc_casadi.recommendation.jury import Jury
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import people_of
 
 PROBLEM = avc.load_problem("spring")
 HANDS = 40

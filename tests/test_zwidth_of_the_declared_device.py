@@ -9,11 +9,12 @@ from declared_device import MODE, growth, lowest_eigenvalue
 
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
-from avc_casadi.certificate import llewellyn_table, zwidth
-from avc_casadi.certificate._every_case import largest_in_every_case
-from avc_casadi.cli import main
-from avc_casadi.figures import draw_zwidth
-from avc_casadi.loop import device_corners, hand_corners
+from avc_casadi.claims.wall_claims import largest_in_every_case
+from avc_casadi.claims.zwidth import llewellyn_table, zwidth
+from avc_casadi.cli._main import main
+from avc_casadi.model.corners import device_corners
+from avc_casadi.model.hands import hand_corners
+from avc_casadi.present.figures.zwidth import draw_zwidth
 
 CASES = {
     "mass": {"range": {"mass_kg": (0.05, 0.3)}},

@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 
 from avc_casadi import UnsupportedError, parse_problem
-from avc_casadi.certificate import _every_case as _region
-from avc_casadi.certificate import llewellyn_table, rendered_wall, zwidth
-from avc_casadi.coupling import Status, gain_schedule
-from avc_casadi.design import solve
-from avc_casadi.figures import draw_zwidth
-from avc_casadi.loop import loop_at, no_hand
-from avc_casadi.passivity import SampledLoop, fractions, worst_margin
-from avc_casadi.stability import linear_stability
+from avc_casadi.claims import wall_claims as _region
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.claims.stability.frozen_loop import linear_stability
+from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
+from avc_casadi.design.methods import solve
+from avc_casadi.model.hands import no_hand
+from avc_casadi.model.schedule import Status
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.present.figures.zwidth import draw_zwidth
 
 T = 1e-3
 

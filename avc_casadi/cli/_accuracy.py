@@ -11,7 +11,7 @@ from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number, table
 
 if TYPE_CHECKING:
-    from avc_casadi.study.accuracy import Accuracy
+    from avc_casadi.study.accuracy.study import Accuracy
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,14 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Measure, draw and show."""
-    from avc_casadi.study.accuracy import study_accuracy
+    from avc_casadi.study.accuracy.study import study_accuracy
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = load_problem(args.problem)
     with console.step("accuracy of solvers, tables, grids and the scene"):
         study = study_accuracy(problem, console)
     if plot is not None:
-        from avc_casadi.figures import draw_accuracy, save_figure
+        from avc_casadi.present.figures.accuracy import draw_accuracy
+        from avc_casadi.present.figures.layout import save_figure
 
         with console.step("figure"):
             save_figure(draw_accuracy(study), plot)

@@ -7,8 +7,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from avc_casadi.identification import Layout
-    from avc_casadi.support import Units
+    from avc_casadi._util.units import Units
+    from avc_casadi.identification.units import Layout
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
@@ -127,7 +127,7 @@ def log_layout(args: argparse.Namespace) -> Layout:
         InputError: with every pair that is none.
     """
     from avc_casadi import InputError
-    from avc_casadi.identification import Layout, pairs_of
+    from avc_casadi.identification.units import Layout, pairs_of
 
     columns, wrong = pairs_of(args.columns, "--columns")
     units, also = pairs_of(args.units, "--units")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import argparse
     from pathlib import Path
 
-    from avc_casadi.arm import Arm
+    from avc_casadi.arm.arm import Arm
 
 _POSES, _MOST_REGIONS = 1000, 20
 # A device written from a workspace of which more is out of reach is warned of.
@@ -57,7 +57,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if args.gains is None and (regions is not None or args.one_coupling):
         key = "--one-coupling" if regions is None else "--regions"
         raise avc.InputError.of("goes with --gains DIR; give both or none", key=key)
-    from avc_casadi.arm import arm, mass_range, one_normal
+    from avc_casadi.arm.effective_mass import mass_range, one_normal
+    from avc_casadi.arm.mechanisms import arm
 
     made = arm(args.arm)
     normals = None if normal is None else one_normal(made, normal)
@@ -73,8 +74,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     document["normal"] = None if normals is None else _plain(normals[0])
     document["out"] = None if out is None else str(out)
     if out is not None:
-        from avc_casadi.arm import tip_device_file
-        from avc_casadi.identification import device_text
+        from avc_casadi.arm.tip_device import tip_device_file
+        from avc_casadi.identification.device import device_text
 
         where = ("any direction" if normal is None else f"normal {args.normal}") + ", "
         where += "whole workspace" if at is None else f"{args.at} m from home"
@@ -87,9 +88,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _map(made: Arm, args: argparse.Namespace, drawing: Path, console: Console) -> dict[str, Any]:
-    from avc_casadi.arm import workspace_map
-    from avc_casadi.figures import draw_workspace, save_figure
-    from avc_casadi.support import processors
+    from avc_casadi._util.parallel import processors
+    from avc_casadi.arm.walls import workspace_map
+    from avc_casadi.present.figures.layout import save_figure
+    from avc_casadi.present.figures.zwidth import draw_workspace
 
     with console.step("map"):
         found = workspace_map(made, args.poses, min(2, processors()), console)
@@ -109,8 +111,8 @@ def _cells(made: Arm, regions: tuple[float, ...] | None) -> tuple[int, ...] | No
 
 
 def _gains(made: Arm, args: argparse.Namespace, regions: tuple[int, ...] | None, console: Console) -> dict[str, Any]:
-    from avc_casadi.arm import design_arm, gains_document, gains_toml
-    from avc_casadi.support import json_text
+    from avc_casadi._util.json_values import json_text
+    from avc_casadi.arm.design import design_arm, gains_document, gains_toml
     from avc_hardware import arm_gains_c
 
     with output_folder(args.gains, "--gains") as folder:
@@ -136,7 +138,7 @@ def _numbers(text: str | None, key: str) -> tuple[float, ...] | None:
 
 
 def _plain(value: Any) -> Any:
-    from avc_casadi.support import plain
+    from avc_casadi._util.json_values import plain
 
     return plain(value)
 
@@ -144,7 +146,7 @@ def _plain(value: Any) -> Any:
 def _home(made: Arm) -> dict[str, Any]:
     import numpy as np
 
-    from avc_casadi.arm import effective_masses, mobility, operational_inertia
+    from avc_casadi.arm.effective_mass import effective_masses, mobility, operational_inertia
 
     here = mobility(made, made.home[None])
     masses = effective_masses(here, np.eye(len(made.axes)))[0]
@@ -167,7 +169,7 @@ def _home(made: Arm) -> dict[str, Any]:
 def _pose(made: Arm, at: tuple[float, ...], normals: Any) -> dict[str, Any]:
     import numpy as np
 
-    from avc_casadi.arm import effective_masses, mobility, operational_inertia, reached
+    from avc_casadi.arm.effective_mass import effective_masses, mobility, operational_inertia, reached
 
     if len(at) != len(made.axes):
         raise avc.InputError.of(

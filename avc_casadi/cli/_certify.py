@@ -16,7 +16,8 @@ from avc_casadi.cli._text import holes_text, number, passive_limit, rows_text
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from avc_casadi.coupling import Coupling, GainSchedule
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.schedule import GainSchedule
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,9 +69,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) -> Answer:
-    from avc_casadi.certificate import levels_table, proof_files
+    from avc_casadi._util.json_values import json_text
+    from avc_casadi.claims.certificate import levels_table
+    from avc_casadi.claims.proof_levels import proof_files
     from avc_casadi.coupling import Coupling
-    from avc_casadi.support import json_text
 
     problem, gains, coupling, notes = _judged(args)
     file = args.problem if args.gains is None else args.gains
@@ -155,7 +157,7 @@ def _proof(level: Mapping[str, Any]) -> str:
 
 def _beside_hands(level: Mapping[str, Any]) -> str:
     """What stands beside L5: the device let go, and switching between neighbouring rows; empty where not judged."""
-    from avc_casadi.stability import RADIUS_TOLERANCE
+    from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE
 
     radius, switching = level.get("released_spectral_radius"), level.get("common_lyapunov")
     lines = []
@@ -189,6 +191,6 @@ def claimed_level(problem: avc.Problem) -> str:
 
 def levels_text(certificate: Mapping[str, Any]) -> str:
     """Return the levels as a table: passivity and stability are different claims and stay apart."""
-    from avc_casadi.certificate import levels_table
+    from avc_casadi.claims.certificate import levels_table
 
     return levels_table(certificate).text()

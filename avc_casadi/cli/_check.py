@@ -18,10 +18,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Load the problem; its faults are raised."""
-    from avc_casadi.passivity import passive_limit_n_per_m
-    from avc_casadi.problem import declared, plausibility
-    from avc_casadi.recommendation import hopeless
-    from avc_casadi.support import plain
+    from avc_casadi._util.json_values import plain
+    from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
+    from avc_casadi.files.plausibility import plausibility
+    from avc_casadi.model.declared import declared
+    from avc_casadi.recommendation.hopeless import hopeless
 
     if is_device(args.problem):
         return check_device(args.problem)

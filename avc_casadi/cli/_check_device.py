@@ -13,7 +13,8 @@ from avc_casadi.cli._text import titled
 
 def is_device(source: str) -> bool:
     """Whether a name or a file is that of a device rather than a problem."""
-    from avc_casadi.problem import DeviceFile, catalogue_names, device_names
+    from avc_casadi.files.catalogue import catalogue_names, device_names
+    from avc_casadi.files.device_file import DeviceFile
 
     if source.startswith("devices/") and not source.endswith(".toml"):
         return True
@@ -48,7 +49,7 @@ def check_device(source: str) -> Answer:
 
 def _reference(source: str, name: str) -> str:
     """Return what a problem file beside it calls the device."""
-    from avc_casadi.problem import device_names
+    from avc_casadi.files.catalogue import device_names
 
     known = device_names().get(name)
     elsewhere = source.endswith(".toml") and (known is None or Path(source).resolve() != Path(str(known)).resolve())

@@ -11,7 +11,7 @@ from avc_casadi.cli._arguments import positive_int
 from avc_casadi.cli._console import Answer, Console
 
 if TYPE_CHECKING:
-    from avc_casadi.support import Chunked, Part
+    from avc_casadi._util.checkpoint import Chunked, Part
 
 R = TypeVar("R")
 
@@ -49,7 +49,7 @@ def done(study: Chunked[Any, R], args: argparse.Namespace, console: Console) -> 
     folder = None if args.resume is None else Path(args.resume)
     if args.merge and folder is not None:
         return study.merged(folder)
-    from avc_casadi.support import processors
+    from avc_casadi._util.parallel import processors
 
     workers = processors() if args.workers is None else args.workers
     many, count = sum(study.sizes) or len(study.tasks), len(study.tasks)
@@ -65,7 +65,7 @@ def done(study: Chunked[Any, R], args: argparse.Namespace, console: Console) -> 
 
 
 def _part(text: str) -> Part:
-    from avc_casadi.support import Part
+    from avc_casadi._util.checkpoint import Part
 
     try:
         return Part.of_text(text)

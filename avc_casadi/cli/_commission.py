@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Say what to do, look, tell; 1 where something is wired wrongly."""
-    from avc_casadi.support import plain
+    from avc_casadi._util.json_values import plain
     from avc_hardware import EMULATOR, Wiring, commission
 
     if args.on_bench != "right" and args.port != EMULATOR:

@@ -13,9 +13,9 @@ from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import GainSchedule
-    from avc_casadi.design import MethodName
-    from avc_casadi.study.comparison import Comparison
+    from avc_casadi.design.comparison.comparison import Comparison
+    from avc_casadi.design.methods import MethodName
+    from avc_casadi.model.schedule import GainSchedule
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,13 +43,14 @@ def gain_pair(text: str) -> tuple[float, float]:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Solve by all methods, compare, draw and show."""
-    from avc_casadi.study.comparison import comparison_document
+    from avc_casadi.design.comparison.document import comparison_document
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = load_problem(args.problem)
     comparison = compared(problem, args.mine, console)
     if plot is not None:
-        from avc_casadi.figures import draw_comparison, save_figure
+        from avc_casadi.present.figures.comparison import draw_comparison
+        from avc_casadi.present.figures.layout import save_figure
 
         with console.step("figure"):
             save_figure(draw_comparison(comparison), plot)

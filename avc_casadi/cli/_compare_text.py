@@ -9,7 +9,7 @@ from avc_casadi.cli._text import number, passive_limit
 
 def comparison_text(document: dict[str, Any], plot: str | None = None) -> str:
     """Return the comparison as a table of some frequencies, counts with reasons, and what the closed form is."""
-    from avc_casadi.study.comparison import comparison_tables
+    from avc_casadi.design.comparison.document import comparison_tables
 
     tables = comparison_tables(document)
     lines = [

@@ -93,7 +93,9 @@ class Console:
         Raises:
             OSError: standard output cannot be written to.
         """
-        from avc_casadi.support import json_text, spoken, uninterrupted
+        from avc_casadi._util.interrupt import uninterrupted
+        from avc_casadi._util.json_values import json_text
+        from avc_casadi._util.units import spoken
 
         with uninterrupted():
             self._answered = True
@@ -107,13 +109,14 @@ class Console:
     def say(self, line: str) -> None:
         """Print a line of a live display; silent with ``--json``, whose document comes at the end."""
         if not self.as_json:
-            from avc_casadi.support import spoken
+            from avc_casadi._util.units import spoken
 
             self._write(spoken().text(line) + "\n")
 
     def refuse(self, document: dict[str, Any], text: str) -> None:
         """Print why there is no answer: as a document with ``--json``, on standard error otherwise."""
-        from avc_casadi.support import json_text, uninterrupted
+        from avc_casadi._util.interrupt import uninterrupted
+        from avc_casadi._util.json_values import json_text
 
         with uninterrupted():
             self._answered = True

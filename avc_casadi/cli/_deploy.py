@@ -18,7 +18,7 @@ def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:
         The `push` document with ``unsafe`` (empty where it is deployable) and ``in_the_loop``; or
         ``{"skipped": why}``, or ``{"refused": why}``, with ``"deployable": False`` where that is why.
     """
-    from avc_casadi.certificate import require_deployable
+    from avc_casadi.claims.deployable import require_deployable
     from avc_hardware import push
 
     if coupling is None:
@@ -41,7 +41,7 @@ def tried_or_say(coupling: Coupling) -> dict[str, Any]:
     Returns:
         The figures of the trial; or ``{"skipped": why}``.
     """
-    from avc_casadi.support import plain
+    from avc_casadi._util.json_values import plain
     from avc_hardware import tried_in_the_loop
 
     try:

@@ -19,8 +19,9 @@ from avc_casadi.cli._subject import load_known, load_problem
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.diagnosis import Diagnosis
-    from avc_casadi.problem import Device, Hands
+    from avc_casadi.identification.diagnosis.model import Diagnosis
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Hands
 
 _PICTURES = (".png", ".svg", ".pdf")
 
@@ -53,7 +54,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     layout = log_layout(args)
     device, hands = _declared(args)
     coupling = _coupling(args.coupling)
-    from avc_casadi.diagnosis import diagnose, diagnosis_document, diagnosis_text
+    from avc_casadi.identification.diagnosis.diagnose import diagnose
+    from avc_casadi.identification.diagnosis.told import diagnosis_document, diagnosis_text
 
     found = [
         diagnose(
@@ -97,7 +99,8 @@ def _coupling(file: str | None) -> Coupling | None:
 
 
 def _pictures(found: list[Diagnosis], picture: Path) -> list[Path]:
-    from avc_casadi.figures import draw_diagnosis, save_figure
+    from avc_casadi.present.figures.diagnosis import draw_diagnosis
+    from avc_casadi.present.figures.layout import save_figure
 
     written = []
     for index, each in enumerate(found, start=1):
@@ -110,6 +113,6 @@ def _pictures(found: list[Diagnosis], picture: Path) -> list[Path]:
 def _report(found: list[Diagnosis], page: Path, console: Console) -> None:
     with console.step("page"):
         from avc_casadi.cli._versions import package_versions
-        from avc_casadi.report import diagnosis_html
+        from avc_casadi.present.report.logs import diagnosis_html
 
         write_text(page, diagnosis_html(found, package_versions()), "--report")

@@ -22,8 +22,8 @@ from avc_casadi.cli._subject import load_device, load_problem
 from avc_casadi.cli._text import number, table
 
 if TYPE_CHECKING:
-    from avc_casadi.excitation import Excitation
-    from avc_casadi.problem import Device
+    from avc_casadi.identification.excitation.design import Excitation
+    from avc_casadi.model.device import Device
     from avc_hardware import ExcitationLog
 
 _WORDS = {"force_n": "force", "speed_m_per_s": "speed", "travel_m": "travel"}
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of(
             f"goes with --port emulator alone, not with {args.port}; leave it out", key="--on-bench"
         )
-    from avc_casadi.excitation import plan_excitation
+    from avc_casadi.identification.excitation.design import plan_excitation
     from avc_hardware import excite
 
     with console.step("plan: a signal within the limits on every device of the ranges"):
@@ -131,7 +131,7 @@ def _device(source: str) -> Device:
 
 
 def _plan(made: Excitation) -> dict[str, Any]:
-    from avc_casadi.support import plain
+    from avc_casadi._util.json_values import plain
 
     plan, found = made.plan, made.forecast
     low, high = plan.band_hz

@@ -31,7 +31,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Serve until Ctrl-C."""
     import webbrowser
 
-    from avc_casadi.explore import Explorer, ExploreServer
+    from avc_casadi.present.explore.explorer import Explorer
+    from avc_casadi.present.explore.server import ExploreServer
 
     problem = load_problem(args.problem)
     explorer = Explorer(problem, args.problem, package_versions())

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Write both files."""
-    from avc_casadi.certificate import require_deployable
+    from avc_casadi.claims.deployable import require_deployable
     from avc_hardware import export_c
 
     coupling = read_subject("export", args.gains, args.problem)

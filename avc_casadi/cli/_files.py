@@ -94,7 +94,7 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
         raise InputError.of(f"{text!r} cannot be written ({why}); choose another folder", key=key) from error
     try:
         yield gathered
-        from avc_casadi.support import uninterrupted
+        from avc_casadi._util.interrupt import uninterrupted
 
         with uninterrupted():
             for file in sorted(file for file in gathered.rglob("*") if file.is_file()):

@@ -16,7 +16,8 @@ from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import Device, Problem
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Problem
     from avc_hardware import BoardLimits
 
 _USUAL_BAUD = 115200
@@ -53,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Build the image and tell the commands that flash it."""
-    from avc_casadi.support import plain
+    from avc_casadi._util.json_values import plain
     from avc_hardware import build_firmware
 
     subject: Coupling | avc.Problem | Device

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import avc_casadi as avc
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling, GainSchedule
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.schedule import GainSchedule
 
 
 def gains_for(problem: avc.Problem, file: str) -> tuple[Coupling | GainSchedule, list[str]]:
@@ -19,7 +20,8 @@ def gains_for(problem: avc.Problem, file: str) -> tuple[Coupling | GainSchedule,
     Raises:
         InputError: faults of the file, or another sample time: frequencies and gains then mean another loop.
     """
-    from avc_casadi.coupling import Coupling, check_sample_time, read_file, same_problem
+    from avc_casadi.coupling import Coupling, check_sample_time
+    from avc_casadi.files.coupling_file import read_file, same_problem
 
     found = read_file(file)
     check_sample_time(found.sample_time_s, problem, file)

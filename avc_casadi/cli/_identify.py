@@ -18,7 +18,7 @@ from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._subject import load_known
 
 if TYPE_CHECKING:
-    from avc_casadi.identification import Identification
+    from avc_casadi.identification.model import Identification
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,8 +57,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     page = output_file(args.report, "--report", (".html",)) if args.report else None
     layout, masses, known = log_layout(args), _masses(args), _known(args)
     base = load_known(args.device) if args.device else None
-    from avc_casadi.identification import device_text, identification_document, identification_text, identify
-    from avc_casadi.support import speak, units_for
+    from avc_casadi._util.units import speak, units_for
+    from avc_casadi.identification.device import device_text
+    from avc_casadi.identification.identify import identify
+    from avc_casadi.identification.told import identification_document, identification_text
 
     found = identify(
         args.log,
@@ -95,7 +97,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 def _report(found: Identification, page: Any, console: Console) -> None:
     with console.step("page"):
         from avc_casadi.cli._versions import package_versions
-        from avc_casadi.report import identification_html
+        from avc_casadi.present.report.logs import identification_html
 
         write_text(page, identification_html(found, package_versions()), "--report")
 

@@ -19,7 +19,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """List every problem, device and arm with its title."""
-    from avc_casadi.problem import arm_names, device_catalogue, device_names, load_arm
+    from avc_casadi.files.arm_file import load_arm
+    from avc_casadi.files.catalogue import arm_names, device_names
+    from avc_casadi.files.device_file import device_catalogue
 
     problems = [
         {"name": entry.name, "title": entry.title, "source": entry.source, "path": str(entry.path)}

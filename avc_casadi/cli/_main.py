@@ -138,8 +138,8 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
 
 def _run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the verb; CasADi makes errors of its own out of Ctrl-C."""
+    from avc_casadi._util.interrupt import undisguised_interrupts
     from avc_casadi.cli._files import remember_given
-    from avc_casadi.support import undisguised_interrupts
 
     remember_given(vars(args))
     with undisguised_interrupts():
@@ -165,7 +165,7 @@ def _as_options(error: InputError, options: Mapping[str, tuple[str, str]]) -> In
 
     A key of a file stays as it stands there.
     """
-    from avc_casadi.support import spoken
+    from avc_casadi._util.units import spoken
 
     turns = not spoken().linear
     typed = {key: both[turns] for key, both in options.items()}

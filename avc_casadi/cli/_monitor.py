@@ -56,7 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Watch the device; Ctrl-C ends it with all samples so far."""
-    from avc_casadi.support import HeldInterrupt, plain, speak, spoken, units_for
+    from avc_casadi._util.interrupt import HeldInterrupt
+    from avc_casadi._util.json_values import plain
+    from avc_casadi._util.units import speak, spoken, units_for
     from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, LOG_ENDINGS, DeviceFault, LivePlot, monitor, open_log
 
     speak(units_for(args.motion))

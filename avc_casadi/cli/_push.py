@@ -35,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Push; a refusal is raised."""
-    from avc_casadi.certificate import require_deployable
-    from avc_casadi.support import plain
+    from avc_casadi._util.json_values import plain
+    from avc_casadi.claims.deployable import require_deployable
     from avc_hardware import EMULATOR, push
 
     coupling = read_subject("push", args.gains, args.problem)

@@ -15,7 +15,7 @@ from avc_casadi.cli._versions import package_versions
 if TYPE_CHECKING:
     import argparse
 
-    from avc_casadi.recommendation import Recommendation
+    from avc_casadi.recommendation.recommend import Recommendation
 
 _PHYSICAL_WALL = (
     "the physical wall, which does not know of samples: Z = m s + b_d + b_e + k_e/s at s = j omega, relative to |Z|"
@@ -55,10 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Recommend, write and show; 1 if nothing can be deployed."""
-    from avc_casadi.coupling import coupling_document
-    from avc_casadi.recommendation import recommend, stiffest
-    from avc_casadi.scene import compiler
-    from avc_casadi.support import json_text, processors
+    from avc_casadi._util.json_values import json_text
+    from avc_casadi._util.parallel import processors
+    from avc_casadi.files.coupling_file import coupling_document
+    from avc_casadi.recommendation.recommend import recommend
+    from avc_casadi.recommendation.stiffest import stiffest
+    from avc_casadi.simulation.native import compiler
 
     if args.stiffest and args.out is not None:
         raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--out")
@@ -103,7 +105,7 @@ def recommend_document(found: Recommendation) -> dict[str, Any]:
 
 def recommendation_lines(document: dict[str, Any]) -> list[str]:
     """Return the recommendation for people, the conclusion first."""
-    from avc_casadi.recommendation import conclusion_lines
+    from avc_casadi.recommendation.told import conclusion_lines
 
     lines = [*conclusion_lines(document), ""]
     if document["what_would_help"]:

@@ -22,11 +22,11 @@ from avc_casadi.cli._text import titled
 from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
+    from avc_casadi._util.units import Units
     from avc_casadi.coupling import Coupling
-    from avc_casadi.design import MethodName
-    from avc_casadi.report import Picture
-    from avc_casadi.study.comparison import Comparison
-    from avc_casadi.support import Units
+    from avc_casadi.design.comparison.comparison import Comparison
+    from avc_casadi.design.methods import MethodName
+    from avc_casadi.present.report.frame import Picture
 
 _CAPTIONS = {
     "boundaries": "The range of impedance that feels real, the desired impedance, and the wall without coupling.",
@@ -58,11 +58,15 @@ def _worked_through(
     problem: avc.Problem, args: argparse.Namespace, console: Console, folder: Path, shown: Path
 ) -> Answer:
     """Do all of it, with files in one folder, told as files of another."""
-    from avc_casadi.coupling import coupling_document, gain_csv, gain_document
-    from avc_casadi.recommendation import conclusion_lines
-    from avc_casadi.report import ReportContents, report_html, summarise, summary_lines
-    from avc_casadi.study.comparison import comparison_document, with_delivered
-    from avc_casadi.support import json_text, meanwhile
+    from avc_casadi._util.json_values import json_text
+    from avc_casadi._util.parallel import meanwhile
+    from avc_casadi.design.comparison.comparison import with_delivered
+    from avc_casadi.design.comparison.document import comparison_document
+    from avc_casadi.files.coupling_file import coupling_document
+    from avc_casadi.files.gain_file import gain_csv, gain_document
+    from avc_casadi.present.report.page import ReportContents, report_html
+    from avc_casadi.present.report.summary import summarise, summary_lines
+    from avc_casadi.recommendation.told import conclusion_lines
 
     comparison = compared(problem, None, console)
     if comparison.scope != "pointwise":
@@ -123,7 +127,7 @@ def _recommended(problem: avc.Problem, console: Console) -> dict[str, Any]:
 
 def _by_method(problem: avc.Problem, method: MethodName, console: Console) -> dict[str, Any]:
     """Return what is known of the coupling of a method, in the keys of the `recommend` document."""
-    from avc_casadi.recommendation import judged_as_recommended
+    from avc_casadi.recommendation.recommend import judged_as_recommended
 
     gains = avc.solve(problem, method, progress=console)
     found = judged_as_recommended(problem, gains, versions=package_versions(), progress=console)
@@ -132,9 +136,11 @@ def _by_method(problem: avc.Problem, method: MethodName, console: Console) -> di
 
 def _drawn(task: tuple[Comparison, Units]) -> dict[str, tuple[bytes, Picture]]:
     """Return each figure as PNG, and for the page, in the words of the device."""
-    from avc_casadi.figures import draw_boundaries, draw_comparison, draw_perceived
-    from avc_casadi.report import Picture, picture_words
-    from avc_casadi.support import speaking
+    from avc_casadi._util.units import speaking
+    from avc_casadi.present.figures.comparison import draw_boundaries, draw_comparison
+    from avc_casadi.present.figures.perceived import draw_perceived
+    from avc_casadi.present.report.frame import Picture
+    from avc_casadi.present.report.page import picture_words
 
     comparison, units = task
     words = picture_words(comparison)

@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Screen and show."""
-    from avc_casadi.coupling import NO_COUPLING
-    from avc_casadi.scene import screen
+    from avc_casadi.model.gains import NO_COUPLING
+    from avc_casadi.simulation.screen import screen
 
     problem = load_problem(args.problem)
     gains, notes = gains_of(args.gains, problem, console)

@@ -14,8 +14,10 @@ from avc_casadi.cli._simulate_text import outcome, simulation_text
 from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling, Gains, GainSchedule
-    from avc_casadi.scene import Run
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.gains import Gains
+    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.simulation.run import Run
 
 # A figure holds four runs that can be told apart.
 _MOST_OTHERS = 3
@@ -54,9 +56,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate, measure the cost of each effect, write and show; 1 if the device does not come to rest."""
-    from avc_casadi.coupling import NO_COUPLING, Coupling, without_start
-    from avc_casadi.problem import left_out
-    from avc_casadi.scene import explain
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.declared import left_out
+    from avc_casadi.model.gains import NO_COUPLING, without_start
+    from avc_casadi.simulation.explain import explain
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     trace = None if args.trace is None else output_file(args.trace, "--trace", (".npz",))
@@ -78,7 +81,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if trace is not None:
         trace = found.save(trace)
     if plot is not None:
-        from avc_casadi.figures import draw_scene, save_figure
+        from avc_casadi.present.figures.layout import save_figure
+        from avc_casadi.present.figures.scene import draw_scene
 
         with console.step("figure"):
             save_figure(draw_scene([found, *beside]), plot)
@@ -113,7 +117,7 @@ def _subject(
 
 def _others(text: str | None) -> list[str]:
     """Split the couplings of --against and check them."""
-    from avc_casadi.design import METHODS
+    from avc_casadi.design.methods import METHODS
 
     names = [] if text is None else [name.strip() for name in text.split(",")]
     wrong = [name for name in names if name not in ("none", *METHODS)]
@@ -132,7 +136,8 @@ def _figures(run: Run) -> dict[str, Any]:
 def _without_guard(problem: avc.Problem, gains: Coupling | GainSchedule | None, found: Run, seed: int) -> Run | None:
     """Return the same run without its guard, to tell what the guard does; None where there is none."""
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import GuardEffect, scene_effects
+    from avc_casadi.model.declared import scene_effects
+    from avc_casadi.model.effects import GuardEffect
 
     if GuardEffect().kind not in found.effects:
         return None
@@ -144,7 +149,8 @@ def _without_guard(problem: avc.Problem, gains: Coupling | GainSchedule | None, 
 
 def _read_at(problem: avc.Problem, gains: Coupling | GainSchedule | None) -> float | None:
     """Return the frequency at which gains that vary are read at first; None where none vary."""
-    from avc_casadi.coupling import Coupling, GainTable
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.gains import GainTable
 
     if gains is None:
         return None
@@ -155,8 +161,8 @@ def _read_at(problem: avc.Problem, gains: Coupling | GainSchedule | None) -> flo
 
 
 def _gains_by(name: str, problem: avc.Problem) -> Gains | GainSchedule:
-    from avc_casadi.coupling import NO_COUPLING
-    from avc_casadi.design import method_named
+    from avc_casadi.design.methods import method_named
+    from avc_casadi.model.gains import NO_COUPLING
 
     return NO_COUPLING if name == "none" else avc.solve(problem, method_named(name))
 
@@ -165,7 +171,7 @@ def gains_of(
     file: str | None, problem: avc.Problem, console: Console
 ) -> tuple[Coupling | GainSchedule | None, list[str]]:
     """Return what a file holds, or the gains of the scene's coupling, and notes; None for a scene without any."""
-    from avc_casadi.design import scene_gains, scene_notes
+    from avc_casadi.design.scene_coupling import scene_gains, scene_notes
 
     if file is not None:
         return gains_for(problem, file)

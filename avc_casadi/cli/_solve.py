@@ -15,8 +15,9 @@ from avc_casadi.cli._versions import package_versions
 if TYPE_CHECKING:
     import argparse
 
-    from avc_casadi.coupling import Coupling, GainSchedule
-    from avc_casadi.design import MethodName
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.design.methods import MethodName
+    from avc_casadi.model.schedule import GainSchedule
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Solve, write and show."""
-    from avc_casadi.coupling import Coupling, gain_csv
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.files.gain_file import gain_csv
 
     method: MethodName = args.method or ("closed-form" if args.as_printed else "direct")
     out = None if args.out is None else output_file(args.out, "--out", (".json", ".csv"))
@@ -63,8 +65,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 def _file_text(document: dict[str, Any], coupling: Coupling | None) -> str:
     """Return the text of the coupling file; where no row has gains, of the plain document."""
-    from avc_casadi.coupling import coupling_document
-    from avc_casadi.support import json_text
+    from avc_casadi._util.json_values import json_text
+    from avc_casadi.files.coupling_file import coupling_document
 
     if coupling is None:
         return json_text(document)
@@ -79,8 +81,8 @@ def methods_help() -> str:
 
 def solve_document(problem: avc.Problem, gains: GainSchedule, console: Console) -> dict[str, Any]:
     """Return the `solve` document with certificate, realism and the limit that stands beside every result."""
-    from avc_casadi.coupling import gain_document
-    from avc_casadi.loop import judge_realism
+    from avc_casadi.files.gain_file import gain_document
+    from avc_casadi.paper.realism import judge_realism
 
     certificate = avc.certify(problem, gains, progress=console).document()
     limit = certificate["passive_limit_n_per_m"]
@@ -90,7 +92,7 @@ def solve_document(problem: avc.Problem, gains: GainSchedule, console: Console) 
 
 def paper_errors() -> list[dict[str, str]]:
     """Return the paper's errors as JSON values."""
-    from avc_casadi.loop import PAPER_ERRORS
+    from avc_casadi.paper.errata import PAPER_ERRORS
 
     return [vars(error) for error in PAPER_ERRORS]
 

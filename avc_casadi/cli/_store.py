@@ -26,7 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Store."""
-    from avc_casadi.support import plain, speak, units_for
+    from avc_casadi._util.json_values import plain
+    from avc_casadi._util.units import speak, units_for
     from avc_hardware import store
 
     speak(units_for(args.motion))

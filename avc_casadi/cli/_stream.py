@@ -41,8 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Push the table as the safety net, then stream; 1 if the device does not end on this coupling's table."""
-    from avc_casadi.certificate import require_deployable
-    from avc_casadi.support import plain
+    from avc_casadi._util.json_values import plain
+    from avc_casadi.claims.deployable import require_deployable
     from avc_hardware import stream
 
     coupling = _coupling(args, console)

@@ -14,14 +14,14 @@ import avc_casadi as avc
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import DeviceFile
+    from avc_casadi.files.device_file import DeviceFile
 
 _FILES = (".json", ".csv")
 
 
 def load_problem(source: str) -> avc.Problem:
     """Load a problem; from here on the command answers in the words of its device."""
-    from avc_casadi.support import speak
+    from avc_casadi._util.units import speak
 
     problem = avc.load_problem(source)
     speak(problem.units)
@@ -30,7 +30,7 @@ def load_problem(source: str) -> avc.Problem:
 
 def load_device(source: str) -> DeviceFile:
     """Load a device file; from here on the command answers in its words."""
-    from avc_casadi.support import speak
+    from avc_casadi._util.units import speak
 
     file = avc.load_device(source)
     sources = [one["source"] for one in file.sources.model_dump(exclude_none=True).values()]
@@ -41,7 +41,7 @@ def load_device(source: str) -> DeviceFile:
 
 def load_known(source: str) -> DeviceFile:
     """Load a device file, or the device of a problem; from here on the command answers in its words."""
-    from avc_casadi.problem import DeviceFile
+    from avc_casadi.files.device_file import DeviceFile
 
     if not _has_wall(source):
         return load_device(source)
@@ -50,7 +50,7 @@ def load_known(source: str) -> DeviceFile:
 
 
 def _has_wall(source: str) -> bool:
-    from avc_casadi.problem import catalogue_names, device_names
+    from avc_casadi.files.catalogue import catalogue_names, device_names
 
     if not source.endswith(".toml"):
         return source in catalogue_names() and source not in device_names()
@@ -91,8 +91,9 @@ def read_subject(verb: str, file: str, problem: str | None = None, *, beside: st
     Raises:
         InputError: with every fault; a problem in place of a coupling is answered with the command that makes one.
     """
-    from avc_casadi.coupling import GAINS_ALONE, Coupling, read_file
-    from avc_casadi.support import speak
+    from avc_casadi._util.units import speak
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.files.coupling_file import GAINS_ALONE, read_file
 
     if not is_coupling(file) and _is_problem(file):
         make = f"avc recommend {file} --out c.json"
@@ -107,7 +108,7 @@ def read_subject(verb: str, file: str, problem: str | None = None, *, beside: st
 
 
 def _is_problem(text: str) -> bool:
-    from avc_casadi.problem import catalogue_names
+    from avc_casadi.files.catalogue import catalogue_names
 
     return text.endswith(".toml") or text in catalogue_names()
 

@@ -17,7 +17,7 @@ def titled(name: str, title: str) -> str:
 
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number to so many significant digits; a dash where it is undefined."""
-    from avc_casadi.support import _table as support
+    from avc_casadi._util import text as support
 
     return support.number(value, digits)
 
@@ -34,28 +34,28 @@ def passive_limit(limit_n_per_m: float | None) -> str:
 
 def rows_text(rows: int) -> str:
     """Return a number of rows in words: "1 row", "3 rows"."""
-    from avc_casadi.support import _table as support
+    from avc_casadi._util import text as support
 
     return support.rows_text(rows)
 
 
 def counts(found: Mapping[str, int]) -> str:
     """Return counts as "187 solved, 13 infeasible", leaving out what does not occur."""
-    from avc_casadi.support import _table as support
+    from avc_casadi._util import text as support
 
     return support.counts_text(found)
 
 
 def sample_rows(rows: int, most: int | None = None) -> list[int]:
     """Return at most so many row numbers, evenly spread, first and last among them."""
-    from avc_casadi.support import _table as support
+    from avc_casadi._util import text as support
 
     return support.sample_rows(rows, most or support.ROWS_SHOWN)
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[int] = ()) -> str:
     """Align cells in columns; a header cell may hold several lines."""
-    from avc_casadi.support import _table as support
+    from avc_casadi._util import text as support
 
     return support.text_table(header, rows, left=left)
 

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Try everybody and count."""
-    from avc_casadi.trial import hands_at_rest
+    from avc_casadi.simulation.population.settled import hands_at_rest
 
     coupling = read_subject("trial", args.coupling)
     study = hands_at_rest(coupling, args.hands, args.seed, friction=not args.without_friction)

@@ -13,8 +13,8 @@ from avc_casadi.cli._text import number, passive_limit, sample_rows, table
 if TYPE_CHECKING:
     import argparse
 
-    from avc_casadi.certificate import LlewellynTable, ZWidth
-    from avc_casadi.design.constant import StaticCoupling
+    from avc_casadi.claims.zwidth import LlewellynTable, ZWidth
+    from avc_casadi.design.constant.static import StaticCoupling
 
 _SHORT = {
     "passive-paper": "passive\npaper",
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Compute the region, place the gains, draw and show."""
     import numpy as np
 
-    from avc_casadi.certificate import llewellyn_table, rendered_wall, zwidth
+    from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = load_problem(args.problem)
@@ -60,7 +60,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             "amplifier and whole samples of delay; `avc recommend P` knows the device as declared"
         )
     if plot is not None:
-        from avc_casadi.figures import draw_zwidth, save_figure
+        from avc_casadi.present.figures.layout import save_figure
+        from avc_casadi.present.figures.zwidth import draw_zwidth
 
         with console.step("figure"):
             drawn = llewellyn_table(problem, np.linspace(0.0, 8.0, 81)) if llewellyn is not None else None
@@ -74,13 +75,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 def _rigid_and_ideal(problem: avc.Problem) -> bool:
     """Whether Llewellyn's table and the constant couplings know the device."""
-    from avc_casadi.certificate import ideal
+    from avc_casadi.claims.levels import ideal
 
     return ideal(problem.device)
 
 
 def _static(problem: avc.Problem) -> list[StaticCoupling]:
-    from avc_casadi.design.constant import static_coupling
+    from avc_casadi.design.constant.static import static_coupling
 
     return [
         static_coupling(problem, "llewellyn", "paper"),
@@ -91,7 +92,7 @@ def _static(problem: avc.Problem) -> list[StaticCoupling]:
 
 
 def _columns(**columns: Any) -> dict[str, Any]:
-    from avc_casadi.support import plain
+    from avc_casadi._util.json_values import plain
 
     return {name: plain(column) for name, column in columns.items()}
 

@@ -13,7 +13,7 @@ def arm_gains_c(document: Mapping[str, Any]) -> dict[str, str]:
     """Return header and example by name.
 
     Args:
-        document: JSON values of ``avc_casadi.arm.gains_document``.
+        document: JSON values of ``avc_casadi.arm.design.gains_document``.
 
     Returns:
         ``avc_arm_gains.h``, C99 and C++11, and for a device in space ``chai3d_arm.cpp``.

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.loop import LinearPlant, Transition, device_plant, transition
+from avc_casadi.model.plant import LinearPlant, Transition, transition
+from avc_casadi.model.sampled_plant import device_plant
 from avc_hardware._emulator import EmulatedBoard
 from avc_hardware._host import BoardLimits
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Device
-    from avc_casadi.support import FloatArray
+    from avc_casadi._util.arrays import FloatArray
+    from avc_casadi.model.device import Device
 
 _CODE_ZERO, _CODE_FULL = 2048, 2047
 # Parts of a sample in which the velocity changes evenly.

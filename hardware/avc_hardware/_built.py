@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from avc_casadi import InputError
 from avc_casadi.coupling import Coupling
-from avc_casadi.problem import Problem
+from avc_casadi.model.problem import Problem
 from avc_hardware._bench_plant import board_limits
 from avc_hardware._boards import TARGETS, Target
 from avc_hardware._build_faults import MANIFEST
@@ -22,7 +22,7 @@ from avc_hardware._runs_on import check_runs_on, figures_of
 from avc_hardware._table import wall_alone
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Device
+    from avc_casadi.model.device import Device
     from avc_hardware._host import BoardLimits
 
 BOARDS = {name: target.title for name, target in TARGETS.items() if target.commands}

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi import Fault, InputError, LinkError
-from avc_casadi.excitation import FULL, Plan, Signal, speed_window
+from avc_casadi.identification.excitation.plan import Plan, speed_window
+from avc_casadi.identification.excitation.signal import FULL, Signal
 from avc_hardware import _messages as m
 from avc_hardware._bytes import ByteLink
 from avc_hardware._connection import DEFAULT_BAUD, EMULATOR, Connection, open_link
@@ -30,7 +31,7 @@ from avc_hardware._pulse import LEAST_COUNTS, Moved
 from avc_hardware._wired_bench import WiredBench, Wiring
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Device as DeclaredDevice
+    from avc_casadi.model.device import Device as DeclaredDevice
     from avc_hardware._device import Device
 
 INTO_WALL = "1. push it by hand INTO the wall, the way in which it shall be stopped, {mm:g} mm or more; hold it there"

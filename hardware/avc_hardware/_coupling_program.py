@@ -11,28 +11,22 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
-from avc_casadi.problem import DelayEffect, DetentEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
-from avc_casadi.scene.effects import (
-    Adaptation,
-    Delay,
-    Detents,
-    Estimator,
-    Guard,
-    Observer,
-    Saturation,
-    SceneEffect,
-    StateFeedback,
-    Wall,
-    build_effects,
-)
-from avc_casadi.scene.loop import Environment, Tick, coupling_parameters, wall_force
+from avc_casadi.model.effects import DelayEffect, DetentEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
+from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
+from avc_casadi.simulation.effects.actuation import Saturation
+from avc_casadi.simulation.effects.base import SceneEffect
+from avc_casadi.simulation.effects.computation import Adaptation, Estimator, Guard, Observer, StateFeedback
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.effects.sensing import Delay
+from avc_casadi.simulation.effects.wall import Detents, Wall
+from avc_casadi.simulation.tick import Tick
 from avc_hardware._float_program import FloatProgram
 from avc_hardware._precision import SINGLE, Precision
 from avc_hardware._runtime_program import GAINS, AnyTable
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import Effect
+    from avc_casadi.model.effects import Effect
 
 FARTHEST_M = 1e6
 """No device measures more; beyond it a position is as good as infinite, and single precision might end."""

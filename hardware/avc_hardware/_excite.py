@@ -13,8 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi import InputError, LinkError
-from avc_casadi.excitation import FULL, Plan
-from avc_casadi.support import SILENT, FloatArray, IndexArray, Progress, uninterrupted, units_for
+from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.interrupt import uninterrupted
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import units_for
+from avc_casadi.identification.excitation.plan import Plan
+from avc_casadi.identification.excitation.signal import FULL
 from avc_hardware import _messages as m
 from avc_hardware._bench_plant import BenchDevice, code_of_force, force_of_code
 from avc_hardware._connection import DEFAULT_BAUD, EMULATOR, Connection, open_link
@@ -22,7 +26,7 @@ from avc_hardware._messages import Kind
 from avc_hardware._monitor import pause
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Device as DeclaredDevice
+    from avc_casadi.model.device import Device as DeclaredDevice
     from avc_hardware._bytes import ByteLink
     from avc_hardware._device import Device
 

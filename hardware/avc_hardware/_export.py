@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
-from avc_casadi.certificate import require_deployable
+from avc_casadi.claims.deployable import require_deployable
 from avc_hardware._coupling_program import FARTHEST_M, CouplingProgram, coupling_program
 from avc_hardware._packages import packaged
 from avc_hardware._precision import DOUBLE, PRECISIONS, SINGLE, Precision
@@ -19,9 +19,9 @@ from avc_hardware._table import single_rows
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from avc_casadi.certificate import Deployable
+    from avc_casadi.claims.deployable import Deployable
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import Problem
+    from avc_casadi.model.problem import Problem
 
 HEADER, SOURCE = "avc_coupling.h", "avc_coupling.c"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from avc_casadi.support import Float32Array
+from avc_casadi._util.arrays import Float32Array
 
 _ROOM = 8192
 FLASH_SLOT = 8192

@@ -15,9 +15,12 @@ import numpy as np
 
 from avc_casadi import InputError, UnsupportedError
 from avc_casadi.coupling import Coupling
-from avc_casadi.loop import DEVICE, GROUND, HANDLE, Plant
-from avc_casadi.scene import target_of
-from avc_casadi.scene.effects import Delay, Saturation, SceneEffect, build_effects
+from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, Plant
+from avc_casadi.simulation.effects.actuation import Saturation
+from avc_casadi.simulation.effects.base import SceneEffect
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.effects.sensing import Delay
+from avc_casadi.simulation.motion import target_of
 from avc_hardware._bench_plant import BenchPlant, force_of_code
 from avc_hardware._connection import Connection
 from avc_hardware._device import DeviceStatus

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol, Self, TextIO
 
 from avc_casadi import InputError, MissingExtraError
-from avc_casadi.support import MotionKind, units_for
+from avc_casadi._util.units import MotionKind, units_for
 from avc_hardware._device_fault import DeviceFault
 from avc_hardware._telemetry import TelemetrySample
 

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 from avc_casadi import LinkError, MissingExtraError
-from avc_casadi.support import HeldInterrupt
+from avc_casadi._util.interrupt import HeldInterrupt
 from avc_hardware import _flash
 from avc_hardware._elf import Image
 from avc_hardware._flash import FlashController

@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 
 from avc_casadi import InputError, LinkError
-from avc_casadi.support import uninterrupted
+from avc_casadi._util.interrupt import uninterrupted
 from avc_hardware import _messages as m
 from avc_hardware._bytes import ByteLink
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link

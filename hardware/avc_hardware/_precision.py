@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from avc_casadi.coupling import DeviceLn, double_ln, single_ln
+from avc_casadi.model.gains import DeviceLn, double_ln, single_ln
 
 
 @dataclass(frozen=True)

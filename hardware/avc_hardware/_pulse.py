@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Device as DeclaredDevice
+    from avc_casadi.model.device import Device as DeclaredDevice
 
 __all__ = ["LEAST_COUNTS", "Moved"]
 

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi import LinkError
-from avc_casadi.certificate import require_deployable
+from avc_casadi.claims.deployable import require_deployable
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware._device_fault import DeviceFault
 from avc_hardware._runs_on import check_limits, check_runs_on
 from avc_hardware._table import TableImage
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling, Gains
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.gains import Gains
     from avc_hardware._bytes import ByteLink
     from avc_hardware._device import Device
 

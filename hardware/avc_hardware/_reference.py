@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from avc_casadi.coupling import interpolate
-from avc_casadi.coupling import single_ln as ln
-from avc_casadi.support import Float32Array
+from avc_casadi._util.arrays import Float32Array
+from avc_casadi.model.gains import interpolate
+from avc_casadi.model.gains import single_ln as ln
 
 __all__ = ["ln", "lookup"]
 

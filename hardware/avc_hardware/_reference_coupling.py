@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.coupling import interpolate
+from avc_casadi.model.gains import interpolate
 from avc_hardware._coupling_program import FARTHEST_M, coupling_program
 from avc_hardware._precision import SINGLE, Precision
 from avc_hardware._runtime_program import GAINS, states_at_rest
@@ -14,8 +14,8 @@ from avc_hardware._runtime_program import GAINS, states_at_rest
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from avc_casadi._util.arrays import BoolArray
     from avc_casadi.coupling import Coupling
-    from avc_casadi.support import BoolArray
     from avc_hardware._float_program import FloatProgram
 
 Columns = dict[str, Any]

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avc_casadi.problem import StateFeedback
-from avc_casadi.runtime import Step, state_feedback_step
-from avc_casadi.support import BoolArray, Float32Array
+from avc_casadi._util.arrays import BoolArray, Float32Array
+from avc_casadi.model.runtime import StateFeedback
+from avc_casadi.simulation.runtime.state_feedback import state_feedback_step
+from avc_casadi.simulation.runtime.step import Step
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._float_program import FloatProgram
 from avc_hardware._host import BoardLimits

@@ -18,7 +18,7 @@ from avc_hardware._table import FEEDBACK_STATES
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import Problem
+    from avc_casadi.model.problem import Problem
     from avc_hardware._device import Device
     from avc_hardware._table import TableImage
 
@@ -123,7 +123,7 @@ def check_limits(coupling: Coupling, table: TableImage, device: Device, port: st
     if len(table.rows) > device.capacity_rows:
         faults.append(
             f"the coupling has {len(table.rows)} rows, the device holds {device.capacity_rows}; make a coupling for "
-            "this capacity (avc_casadi.certificate.reduce_rows) and certify that one: what runs is what was certified"
+            "this capacity (avc_casadi.claims.thinning.reduce_rows) and certify that one: what runs is what was certified"
         )
     limits = (
         ("damping b", "N.s/m", device.max_damping_ns_per_m, "coupling.damping_ns_per_m"),

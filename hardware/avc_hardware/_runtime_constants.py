@@ -17,7 +17,7 @@ from avc_hardware._figures import RuntimeFigures
 from avc_hardware._runtime_program import RuntimeProgram, runtime_programs
 
 if TYPE_CHECKING:
-    from avc_casadi.support import Float32Array
+    from avc_casadi._util.arrays import Float32Array
 
 SAMPLE_TIMES_S = (5e-5, 1 / 300)
 """Sample times that one program serves: below, a tick has too few cycles; above, the estimator has fewer resonators."""

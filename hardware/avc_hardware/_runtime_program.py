@@ -14,10 +14,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from avc_casadi.runtime import AdaptationSettings, EstimatorSettings, GuardSettings, HoldSettings
-from avc_casadi.scene.effects import Adaptation, Estimator, Guard
-from avc_casadi.scene.loop import AdaptedGains, Environment, Tick, wall_force
-from avc_casadi.support import Float32Array, HeldInterrupt
+from avc_casadi._util.arrays import Float32Array
+from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi.simulation.contact import Environment, wall_force
+from avc_casadi.simulation.effects.computation import Adaptation, Estimator, Guard
+from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, HoldSettings
+from avc_casadi.simulation.runtime.guard import GuardSettings
+from avc_casadi.simulation.runtime.signal import EstimatorSettings
+from avc_casadi.simulation.tick import AdaptedGains, Tick
 from avc_hardware._figures import RuntimeFigures
 from avc_hardware._float_program import FloatProgram
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi import InputError, LinkError
-from avc_casadi.certificate import require_deployable
-from avc_casadi.support import Float32Array, FloatArray
+from avc_casadi._util.arrays import Float32Array, FloatArray
+from avc_casadi.claims.deployable import require_deployable
 from avc_hardware import _messages as m
 from avc_hardware._bytes import ByteLink
 from avc_hardware._connection import DEFAULT_BAUD, Connection, open_link

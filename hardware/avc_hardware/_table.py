@@ -13,9 +13,10 @@ import numpy as np
 from avc_casadi import InputError, UnsupportedError
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling, Gains
-    from avc_casadi.problem import StateFeedback
-    from avc_casadi.support import Float32Array, FloatArray
+    from avc_casadi._util.arrays import Float32Array, FloatArray
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.gains import Gains
+    from avc_casadi.model.runtime import StateFeedback
 
 FLAG_DAMPED = 1
 FLAG_VARIES = 2

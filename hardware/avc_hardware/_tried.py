@@ -10,16 +10,17 @@ import numpy as np
 
 from avc_casadi import InputError
 from avc_casadi.coupling import require_coupling
-from avc_casadi.problem import HandEffect, WallEffect, scene_effects
-from avc_casadi.scene import judge
-from avc_casadi.trial import TRIAL_S, course_of
+from avc_casadi.model.declared import scene_effects
+from avc_casadi.model.effects import HandEffect, WallEffect
+from avc_casadi.simulation.judge import judge
+from avc_casadi.simulation.population.motions import TRIAL_S, course_of
 from avc_hardware._device_fault import DeviceFault
 from avc_hardware._in_the_loop import PLANT_KINDS, FirmwareInTheLoop
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.problem import Device
-    from avc_casadi.scene import Judgement
+    from avc_casadi.model.device import Device
+    from avc_casadi.simulation.judge import Judgement
     from avc_hardware._device import DeviceStatus
     from avc_hardware._push import PushResult
 

@@ -12,7 +12,7 @@ from avc_hardware._bench_plant import BenchDevice, force_of_code
 from avc_hardware._emulator import EmulatedBoard
 
 if TYPE_CHECKING:
-    from avc_casadi.problem import Device
+    from avc_casadi.model.device import Device
 
 # The hand: when it is where, as shares of the way that it makes; then it lets go.
 _TIMES_S = (0.0, 0.8, 1.6, 2.8, 3.6, 5.2)

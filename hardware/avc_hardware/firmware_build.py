@@ -299,7 +299,9 @@ def build_fuzzer(
 
 def generated() -> dict[Path, str]:
     """Return the generated sources by path: the coupling and the guard, and the estimator of every method."""
-    from avc_casadi.runtime import ESTIMATORS  # noqa: PLC0415 - needs CasADi, which a build does not
+    from avc_casadi.simulation.runtime.estimators import (  # noqa: PLC0415 - needs CasADi, which a build does not
+        ESTIMATORS,
+    )
     from avc_hardware._figures import RuntimeFigures  # noqa: PLC0415
     from avc_hardware._host import BoardLimits  # noqa: PLC0415
     from avc_hardware._runtime_c import MADE_FOR, all_sources, made_for  # noqa: PLC0415

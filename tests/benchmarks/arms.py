@@ -21,23 +21,16 @@ from typing import Any
 import numpy as np
 from studied import about, computed, made_by, table
 
-from avc_casadi.arm import (
-    Arm,
-    WorkspaceMap,
-    arm,
-    critical_factor,
-    design_arm,
-    effective_masses,
-    electronics,
-    mass_range,
-    mobility,
-    radii,
-    random_points,
-    workspace_map,
-)
-from avc_casadi.figures import draw_workspace, save_figure
-from avc_casadi.problem import load_arm
-from avc_casadi.support import plain
+from avc_casadi._util.json_values import plain
+from avc_casadi.arm.arm import Arm
+from avc_casadi.arm.coupled import critical_factor, electronics, radii, random_points
+from avc_casadi.arm.design import design_arm
+from avc_casadi.arm.effective_mass import effective_masses, mass_range, mobility
+from avc_casadi.arm.mechanisms import arm
+from avc_casadi.arm.walls import WorkspaceMap, workspace_map
+from avc_casadi.files.arm_file import load_arm
+from avc_casadi.present.figures.layout import save_figure
+from avc_casadi.present.figures.zwidth import draw_workspace
 
 SEED = 2026
 NAME = "phantom-premium-1.5"

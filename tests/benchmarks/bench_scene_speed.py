@@ -23,18 +23,15 @@ from scene_reference import Reference, scene_problem  # noqa: E402
 from script_arguments import script_arguments  # noqa: E402
 
 import avc_casadi as avc  # noqa: E402
-from avc_casadi.coupling import Gains  # noqa: E402
-from avc_casadi.loop import Hand  # noqa: E402
-from avc_casadi.scene import (  # noqa: E402
-    NativeScene,
-    compile_for,
-    compile_scene,
-    execute,
-    integrator_accuracy,
-    ns_per_step,
-    settled,
-)
-from avc_casadi.scene.effects import build_effects  # noqa: E402
+from avc_casadi.model.gains import Gains  # noqa: E402
+from avc_casadi.model.hands import Hand  # noqa: E402
+from avc_casadi.simulation.compile import compile_scene  # noqa: E402
+from avc_casadi.simulation.effects.registry import build_effects  # noqa: E402
+from avc_casadi.simulation.execute import execute  # noqa: E402
+from avc_casadi.simulation.explain import ns_per_step  # noqa: E402
+from avc_casadi.simulation.integrators import integrator_accuracy  # noqa: E402
+from avc_casadi.simulation.native import NativeScene  # noqa: E402
+from avc_casadi.simulation.scene import compile_for, settled  # noqa: E402
 
 try:
     from numba import njit

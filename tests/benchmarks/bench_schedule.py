@@ -26,15 +26,13 @@ from plain_schedule import PlainSchedule  # noqa: E402
 from schedule_problems import changed, figure5  # noqa: E402
 from script_arguments import script_arguments  # noqa: E402
 
-from avc_casadi.design.joint import (  # noqa: E402
-    ScheduleSolver,
-    States,
-    _program,
-    schedule_nlp,
-)
-from avc_casadi.loop import loop_at  # noqa: E402
-from avc_casadi.problem import Problem  # noqa: E402
-from avc_casadi.stability import scope_slack  # noqa: E402
+from avc_casadi.claims.stability.scope import scope_slack  # noqa: E402
+from avc_casadi.design.schedule import program as _program  # noqa: E402
+from avc_casadi.design.schedule.assembly import schedule_nlp  # noqa: E402
+from avc_casadi.design.schedule.solver import ScheduleSolver  # noqa: E402
+from avc_casadi.design.schedule.states import States  # noqa: E402
+from avc_casadi.model.problem import Problem  # noqa: E402
+from avc_casadi.paper.loop import loop_at  # noqa: E402
 
 WALLS = (1.02, 0.97, 1.01, 0.95, 1.05, 1.0, 0.98, 1.03, 0.96)
 """Stiffness of the changed walls, as a share of the nominal one."""

@@ -29,9 +29,12 @@ except ImportError:
     sys.exit("bench_solvers compares with scipy: pip install -e '.[test]'")
 
 import avc_casadi as avc
-from avc_casadi.design.pointwise import edge_search_gains, exact_gains, nlp_gains, nlp_parameters, nlp_solvers
-from avc_casadi.loop import Loop, loop_at
-from avc_casadi.problem import Problem
+from avc_casadi.model.problem import Problem
+from avc_casadi.paper.edge_search import edge_search_gains
+from avc_casadi.paper.exact import exact_gains
+from avc_casadi.paper.loop import Loop, loop_at
+from avc_casadi.paper.nlp import nlp_parameters
+from avc_casadi.paper.nlp_solver import nlp_gains, nlp_solvers
 
 START = (10.0, 1000.0)
 OPTIMAL = 1e-6

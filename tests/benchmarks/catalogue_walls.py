@@ -23,20 +23,18 @@ from whole_device import WholeDevice, rests_as_tried
 
 import avc_casadi as avc
 import avc_hardware
-from avc_casadi.certificate import deployable
-from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.loop import (
-    FINGERTIP,
-    device_corners,
-    device_set,
-    device_with,
-    hand_corners,
-    linear_values,
-    with_let_go,
-)
-from avc_casadi.problem import Device, DeviceFile, Problem, device_catalogue
-from avc_casadi.stability import damping_range, stiffest_wall
-from avc_casadi.trial import course_of, draw_hands, people_of, try_coupling, try_on_devices
+from avc_casadi.claims.deployable import deployable
+from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
+from avc_casadi.coupling import Coupling
+from avc_casadi.files.device_file import DeviceFile, device_catalogue
+from avc_casadi.model.corners import device_corners, device_set, device_with, linear_values
+from avc_casadi.model.device import Device
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import FINGERTIP, hand_corners, with_let_go
+from avc_casadi.model.problem import Problem
+from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
+from avc_casadi.simulation.population.motions import course_of
+from avc_casadi.simulation.population.operators import draw_hands, people_of
 
 # Of the hands and devices that `recommend` tries, and of those it never saw.
 SEED, FRESH_SEED = 2026, 4711

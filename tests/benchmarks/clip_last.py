@@ -28,11 +28,18 @@ from whole_device import WholeDevice, people
 
 import avc_casadi as avc
 import avc_hardware
-from avc_casadi.coupling import Coupling, Gains, GainSchedule
-from avc_casadi.problem import NotchEffect, Problem, VelocityFilterEffect
-from avc_casadi.recommendation import design, tuned, with_observer
-from avc_casadi.scene import Judgement
-from avc_casadi.trial import MOTIONS, Conditions, Traces, draw_subjects, exact_interval, traces
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.effects import NotchEffect, VelocityFilterEffect
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.recommendation.designs import design
+from avc_casadi.recommendation.reach import tuned, with_observer
+from avc_casadi.simulation.judge import Judgement
+from avc_casadi.simulation.population.motions import MOTIONS
+from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.settled import exact_interval
+from avc_casadi.simulation.population.trial import Conditions, Traces, traces
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results" / "clip_last.json"

@@ -11,11 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from avc_casadi.coupling import GainSchedule
-from avc_casadi.design import solve
-from avc_casadi.loop import Hand
-from avc_casadi.problem import CoulombFrictionEffect, EncoderEffect, Problem, load_problem
-from avc_casadi.scene import Judgement, simulate_batch
+from avc_casadi.design.methods import solve
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.effects import CoulombFrictionEffect, EncoderEffect
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.simulation.judge import Judgement
+from avc_casadi.simulation.scene import simulate_batch
 
 HERE = Path(__file__).parent
 PROBLEMS = {"damped": "scenes/adaptive-press", "series": "scenes/adaptive-press-series"}

@@ -10,9 +10,12 @@ from pathlib import Path
 
 from closed_loop import METHODS, PROBLEMS, cell, drawn_hands, scene
 
-from avc_casadi.design import solve
-from avc_casadi.problem import DelayEffect, Hold, JitterEffect, Problem, Tap, load_problem
-from avc_casadi.scene import simulate_batch
+from avc_casadi.design.methods import solve
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.effects import DelayEffect, JitterEffect
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.scene import Hold, Tap
+from avc_casadi.simulation.scene import simulate_batch
 
 HERE = Path(__file__).parent
 

@@ -15,19 +15,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avc_casadi.design.pointwise import real_roots
-from avc_casadi.loop import (
-    NUMPY,
+from avc_casadi.model.problem import Problem
+from avc_casadi.paper.arcs import real_roots
+from avc_casadi.paper.equations import (
     SampleAngle,
     backward_difference,
     coupling_gains,
     coupling_impedance,
     environment_impedance,
-    loop_at,
     series,
 )
-from avc_casadi.problem import Problem
-from avc_casadi.study.reference import MP, NUMBERS
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.numbers import NUMPY
+from avc_casadi.study.reference.optimum import MP, NUMBERS
 
 
 @dataclass(frozen=True)

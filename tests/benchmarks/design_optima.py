@@ -18,8 +18,8 @@ import warnings
 
 import numpy as np
 
-from avc_casadi.design import solve
-from avc_casadi.design.constant import static_coupling
+from avc_casadi.design.constant.static import static_coupling
+from avc_casadi.design.methods import solve
 from tests.design_oracles import (
     drawn_device_problem,
     drawn_gains,

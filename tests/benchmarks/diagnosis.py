@@ -32,8 +32,8 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent / "hardware")]
 
 from buzzing_cases import CAUSES, case_of, healthy_case  # noqa: E402 - found beside the tests
 
-from avc_casadi.diagnosis import CAUSES as WORDS  # noqa: E402
-from avc_casadi.diagnosis import diagnose  # noqa: E402
+from avc_casadi.identification.diagnosis.causes import CAUSES as WORDS  # noqa: E402
+from avc_casadi.identification.diagnosis.diagnose import diagnose  # noqa: E402
 
 OUT = HERE / "results" / "diagnosis.json"
 PAGE = HERE / "RESULTS_diagnosis.md"

@@ -12,7 +12,7 @@ from pydantic import BaseModel, BeforeValidator
 from pydantic_core import PydanticUndefined
 from studied import table
 
-from avc_casadi.problem import Problem
+from avc_casadi.model.problem import Problem
 
 _HEAD = ("key", "unit", "default", "allowed", "meaning")
 

@@ -14,7 +14,7 @@ import documented_hardware as hardware
 import numpy as np
 from studied import percent, rounded, table
 
-from avc_casadi.trial import exact_interval
+from avc_casadi.simulation.population.settled import exact_interval
 
 RESULTS = Path(__file__).parent / "results"
 _REFERENCES = ("reference-r1", "reference-r2", "reference-r3")

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from script_arguments import script_arguments
 
-from avc_casadi.figures import draw_estimators, save_figure
-from avc_casadi.study.estimators import EstimatorRow, study_estimators, trace_estimators
+from avc_casadi.present.figures.estimators import draw_estimators
+from avc_casadi.present.figures.layout import save_figure
+from avc_casadi.study.estimators.estimator_study import EstimatorRow, study_estimators, trace_estimators
 
 HERE = Path(__file__).parent
 

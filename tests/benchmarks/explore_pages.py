@@ -27,8 +27,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from browser import WIDTHS, chromium, resize, screenshot
 
 import avc_casadi as avc
-from avc_casadi.explore import PARTS, Explorer, ExploreServer
-from avc_casadi.explore._answers import answer
+from avc_casadi.present.explore.answers import PARTS, answer
+from avc_casadi.present.explore.explorer import Explorer
+from avc_casadi.present.explore.server import ExploreServer
 
 HERE = Path(__file__).parent
 CASES = {"figure5, 200 frequencies": {}, "1000 frequencies": {"points": 1000}}

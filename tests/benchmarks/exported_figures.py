@@ -13,7 +13,7 @@ from exported_cases import motions
 from hardware_bench import believer, coupling, dense_believer
 from script_arguments import script_arguments
 
-from avc_casadi.coupling import Runtime
+from avc_casadi.model.runtime import Runtime
 
 GUARD = "passivity-controller"
 CASES = {

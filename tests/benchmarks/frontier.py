@@ -15,14 +15,18 @@ from script_arguments import PRINTED, script_arguments
 from studied import about
 
 import avc_casadi as avc
-from avc_casadi.coupling import gains_at
-from avc_casadi.design import solve
-from avc_casadi.figures import draw_frontier, save_figure
-from avc_casadi.problem import AdaptationEffect, EstimatorEffect
-from avc_casadi.recommendation import design, error_curve, reach, tuned, tuning_problem
-from avc_casadi.stability import damping_range, stiffest_wall
-from avc_casadi.study.table1 import run_campaign
-from avc_casadi.trial import Conditions, corner_subjects, draw_subjects
+from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
+from avc_casadi.design.methods import solve
+from avc_casadi.model.effects import AdaptationEffect, EstimatorEffect
+from avc_casadi.model.gains import gains_at
+from avc_casadi.present.figures.frontier import draw_frontier
+from avc_casadi.present.figures.layout import save_figure
+from avc_casadi.recommendation.designs import design, tuning_problem
+from avc_casadi.recommendation.error_curve import error_curve
+from avc_casadi.recommendation.reach import reach, tuned
+from avc_casadi.simulation.population.operators import corner_subjects, draw_subjects
+from avc_casadi.simulation.population.trial import Conditions
+from avc_casadi.study.table1.campaign import run_campaign
 
 SEED = 2026
 WALL = "ve7"

@@ -16,10 +16,12 @@ from script_arguments import script_arguments
 from studied import about
 
 import avc_casadi as avc
-from avc_casadi.certificate import reduce_rows
-from avc_casadi.coupling import Coupling, GainTable
-from avc_casadi.design.constant import static_coupling
-from avc_casadi.loop import bound_magnitudes, judge_realism, loop_at
+from avc_casadi.claims.thinning import reduce_rows
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.constant.static import static_coupling
+from avc_casadi.model.gains import GainTable
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.realism import bound_magnitudes, judge_realism
 
 RESULTS = Path(__file__).parent / "results" / "guide_figures.json"
 LEVELS = ("L0", "L1", "L2", "L3", "L4", "L5")

@@ -21,9 +21,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from boxes_of_hands import FIGURE5, INSIDE, brute_force, random_gains, random_problem
 
 import avc_casadi as avc
-from avc_casadi.loop import hand_corners
-from avc_casadi.proof import prove_hands
-from avc_casadi.stability import frozen_parts, whole_stability, worst_hands
+from avc_casadi.claims.prove.hands import prove_hands
+from avc_casadi.claims.stability.declared_device import whole_stability
+from avc_casadi.claims.stability.frozen_loop import frozen_parts
+from avc_casadi.claims.stability.worst_hand import worst_hands
+from avc_casadi.model.hands import hand_corners
 
 RESULTS = Path(__file__).parent / "RESULTS_hands_over_the_box.md"
 ROWS = 10

@@ -23,7 +23,8 @@ from hardware_bench import coupling, dense_believer, push, run, stream
 from script_arguments import script_arguments
 from studied import about
 
-from avc_casadi.coupling import GainTable, Runtime
+from avc_casadi.model.gains import GainTable
+from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableImage
 from avc_hardware._connection import DEFAULT_BAUD
 from avc_hardware._firmware import IMAGE

@@ -32,9 +32,13 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent / "hardware")]
 
 from measured_device import Truth, measured, multisine  # noqa: E402 - found beside the tests
 
-from avc_casadi.identification import Record, identify  # noqa: E402
-from avc_casadi.identification._record import Columns, records_of  # noqa: E402
-from avc_casadi.support import BoolArray, FloatArray  # noqa: E402
+from avc_casadi._util.arrays import BoolArray, FloatArray  # noqa: E402
+from avc_casadi.identification.identify import identify  # noqa: E402
+from avc_casadi.identification.record import (  # noqa: E402
+    Columns,
+    Record,  # noqa: E402
+    records_of,
+)
 
 OUT = HERE / "results" / "identification.json"
 WITH_AMPLIFIER = HERE / "results" / "identification_amplifier.json"

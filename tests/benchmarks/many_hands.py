@@ -28,8 +28,10 @@ from script_arguments import script_arguments
 from studied import about, cpu_seconds
 
 import avc_casadi as avc
-from avc_casadi.support import Processes, json_text
-from avc_casadi.trial import MOTIONS, TRIAL_S, hands_at_rest
+from avc_casadi._util.json_values import json_text
+from avc_casadi._util.parallel import Processes
+from avc_casadi.simulation.population.motions import MOTIONS, TRIAL_S
+from avc_casadi.simulation.population.settled import hands_at_rest
 
 RESULTS = Path(__file__).parent / "results" / "many_hands.json"
 WALL, SEED, WORKERS = "ve7", 2026, 2

@@ -27,10 +27,14 @@ from clip_last_simulator import Simulator
 from drawn_loops import DrawnLoop, contradiction, drawn_loop
 
 import avc_casadi as avc
-from avc_casadi.coupling import Gains
-from avc_casadi.loop import Hand
-from avc_casadi.proof import HAND, SwitchingLoop, prove_changes, prove_hands
-from avc_casadi.stability import frozen_parts, whole_stability
+from avc_casadi.claims.prove.changing import prove_changes
+from avc_casadi.claims.prove.hands import prove_hands
+from avc_casadi.claims.prove.held_device import HAND
+from avc_casadi.claims.prove.switching import SwitchingLoop
+from avc_casadi.claims.stability.declared_device import whole_stability
+from avc_casadi.claims.stability.frozen_loop import frozen_parts
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import Hand
 
 HERE = Path(__file__).parent
 OUT = HERE / "results" / "proof_contradictions.json"

@@ -21,13 +21,17 @@ import numpy as np
 from studied import about, computed, cpu_seconds, expected_n_per_m, felt_n_per_m, made_by, rounded, table
 
 import avc_casadi as avc
-from avc_casadi.certificate import deployable
-from avc_casadi.coupling import Coupling, Gains, Runtime, spring_before
-from avc_casadi.loop import hand_corners, with_let_go
-from avc_casadi.problem import Problem
-from avc_casadi.recommendation import Recommendation
-from avc_casadi.stability import damping_range, stiffest_wall
-from avc_casadi.trial import CouplingTrial, draw_hands, exact_interval, people_of, try_coupling
+from avc_casadi.claims.deployable import deployable
+from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains, spring_before
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.recommendation.recommend import Recommendation
+from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling
+from avc_casadi.simulation.population.operators import draw_hands, people_of
+from avc_casadi.simulation.population.settled import exact_interval
 
 SEED = 3355
 # Of the hands that `recommend` tries, and of those it never saw.

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from avc_casadi.coupling import GainSchedule
-from avc_casadi.design import solve
-from avc_casadi.problem import Problem
-from avc_casadi.support import Chunked
+from avc_casadi._util.checkpoint import Chunked
+from avc_casadi.design.methods import solve
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.schedule import GainSchedule
 from tests.drawn_problems import drawn_problem
 
 ERROR = 1e-9

@@ -13,10 +13,11 @@ from script_arguments import PRINTED, script_arguments
 from studied import about
 
 import avc_casadi as avc
-from avc_casadi.design.constant import tuned_margin
-from avc_casadi.recommendation import reach, tuned, with_observer
-from avc_casadi.study.table1 import run_campaign
-from avc_casadi.trial import Conditions, draw_subjects
+from avc_casadi.design.constant.static_tuned import tuned_margin
+from avc_casadi.recommendation.reach import reach, tuned, with_observer
+from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.trial import Conditions
+from avc_casadi.study.table1.campaign import run_campaign
 
 SEED = 2026
 WALL = "ve7"

@@ -25,7 +25,9 @@ from numpy.typing import NDArray
 from scipy import signal
 from studied import about, cpu_seconds
 
-from avc_casadi.identification import Record, identify, read_logs
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.read import read_logs
+from avc_casadi.identification.record import Record
 
 OUT = Path(__file__).parent / "results" / "real_drive.json"
 SUBSTEPS = 10

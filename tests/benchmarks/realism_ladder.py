@@ -16,10 +16,13 @@ from typing import Any
 from studied import about, computed, cpu_seconds, expected_n_per_m, felt_n_per_m, made_by, rounded, table
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains
-from avc_casadi.problem import Boundaries, GainBox, Impedance, Problem, Realism, Stability
-from avc_casadi.recommendation import Recommendation, design
-from avc_casadi.trial import people_of, try_coupling
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.problem import Boundaries, GainBox, Impedance, Problem, Realism, Stability
+from avc_casadi.recommendation.designs import design
+from avc_casadi.recommendation.recommend import Recommendation
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import people_of
 
 SEED = 2026
 PEOPLE = 100

@@ -15,7 +15,7 @@ from script_arguments import script_arguments
 from studied import about, computed
 
 import avc_casadi as avc
-from avc_casadi.recommendation import stiffest
+from avc_casadi.recommendation.stiffest import stiffest
 
 RESULTS = Path(__file__).parent / "results" / "recommended.json"
 PROBLEMS = ("figure5", "reference-r1", "reference-r2", "reference-r3")

@@ -21,10 +21,17 @@ from scipy.optimize import minimize
 from studied import about, computed, cpu_seconds, made_by, rounded, table
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling, Gains, Runtime, spring_before
-from avc_casadi.design.robust import Loops, Space, cost_of, search
-from avc_casadi.stability import frozen_rendering, stiffness_at_rest
-from avc_casadi.trial import people_of, try_coupling
+from avc_casadi.claims.stability.frozen_loop import frozen_rendering
+from avc_casadi.claims.stability.state_feedback import stiffness_at_rest
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.robust.goal import cost_of
+from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.loops import Loops
+from avc_casadi.design.robust.search import search
+from avc_casadi.model.gains import Gains, spring_before
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import people_of
 
 OUT = Path(__file__).parent / "results" / "robust_optimality.json"
 PAGE = Path(__file__).parent / "RESULTS_robust_optimality.md"

@@ -16,10 +16,13 @@ from script_arguments import PRINTED, script_arguments
 from studied import about
 
 import avc_casadi as avc
-from avc_casadi.problem import ObserverEffect
-from avc_casadi.recommendation import design
-from avc_casadi.study.table1 import WIDER_BOUNDS, run_campaign, worst_case
-from avc_casadi.trial import Conditions, all_motions, draw_subjects, exact_interval
+from avc_casadi.model.effects import ObserverEffect
+from avc_casadi.recommendation.designs import design
+from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.settled import exact_interval
+from avc_casadi.simulation.population.trial import Conditions, all_motions
+from avc_casadi.study.table1.adversary import WIDER_BOUNDS, worst_case
+from avc_casadi.study.table1.campaign import run_campaign
 
 SEED = 2026
 WALL = "ve7"

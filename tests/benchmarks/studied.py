@@ -17,7 +17,7 @@ import numpy as np
 from script_arguments import PRINTED
 
 import avc_casadi as avc
-from avc_casadi.study.table1 import run_campaign
+from avc_casadi.study.table1.campaign import run_campaign
 
 HERE = Path(__file__).parent
 _PACKAGES = ("casadi", "numpy", "scipy", "cma")

@@ -12,7 +12,7 @@ from pathlib import Path
 from script_arguments import PRINTED, script_arguments
 from studied import about
 
-from avc_casadi.study.table1 import table1
+from avc_casadi.study.table1.table import table1
 
 RESULTS = Path(__file__).parent / "results" / "table1.json"
 SEED = 2026

@@ -12,11 +12,14 @@ from pathlib import Path
 import numpy as np
 from closed_loop import PROBLEMS, WALL_N_PER_M, drawn_hands, scene
 
-from avc_casadi.design import solve
-from avc_casadi.problem import Problem, load_problem
-from avc_casadi.recommendation import recommend
-from avc_casadi.scene import simulate_batch
-from avc_casadi.trial import draw_hands, exact_interval, try_coupling
+from avc_casadi.design.methods import solve
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.problem import Problem
+from avc_casadi.recommendation.recommend import recommend
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import draw_hands
+from avc_casadi.simulation.population.settled import exact_interval
+from avc_casadi.simulation.scene import simulate_batch
 
 HERE = Path(__file__).parent
 # Of the people of figure 5's recommendation none are these.

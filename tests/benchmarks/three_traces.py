@@ -10,10 +10,12 @@ from pathlib import Path
 
 from script_arguments import script_arguments
 
-from avc_casadi.coupling import NO_COUPLING
-from avc_casadi.design import simulate, solve
-from avc_casadi.figures import draw_traces, save_figure
-from avc_casadi.problem import load_problem
+from avc_casadi.design.methods import solve
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.gains import NO_COUPLING
+from avc_casadi.present.figures.layout import save_figure
+from avc_casadi.present.figures.scene import draw_traces
 
 HERE = Path(__file__).parent
 

@@ -1,0 +1,329 @@
+"""Studies in chunks: the same function of many tasks, on one core, some, or a cluster; what is done is kept."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, as_completed
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+from uuid import uuid4
+
+from avc_casadi._errors import InputError, WorkerLostError
+from avc_casadi._util.json_values import json_text
+from avc_casadi._util.parallel import Processes, require_workers
+from avc_casadi._util.progress import SILENT, Progress
+
+_ABOUT = "study.json"
+
+
+@dataclass(frozen=True)
+class KeptChunks:
+    """The chunks of a study in a folder.
+
+    Attributes:
+        folder: where they are.
+        about: what the results depend on, JSON values.
+        chunks: how many there are.
+    """
+
+    folder: Path
+    about: Mapping[str, Any]
+    chunks: int
+
+    def begin(self) -> None:
+        """Say in the folder what it holds, unless somebody has.
+
+        Raises:
+            InputError: it holds another study, or cannot be written.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise self._refused(self.folder, error) from None
+        path = self.folder / _ABOUT
+        if not path.exists():
+            self._write(path, self._told, new=True)
+        self.check()
+
+    def check(self) -> None:
+        """Refuse a folder that does not hold this study.
+
+        Raises:
+            InputError: it holds another one, or none.
+        """
+        path = self.folder / _ABOUT
+        if not path.exists():
+            raise InputError.of(f"{self.folder} holds no study; allowed: the folder that the jobs kept", key="resume")
+        held = _read(path)
+        if held != self._told:
+            message = f"{self.folder} holds another study: {_apart(held, self._told)}. Take another folder, or repeat "
+            raise InputError.of(f"{message}that one", key="resume")
+
+    def found(self) -> dict[int, Any]:
+        """Return the results that stand there, by chunk from 0."""
+        read = ((index, self._result(index)) for index in range(self.chunks))
+        return {index: result[0] for index, result in read if result}
+
+    def keep(self, index: int, result: Any) -> None:
+        """Write what a chunk gave.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        self._write(self._path(index), {**self._heading(index, result), "result": result})
+
+    @property
+    def _told(self) -> Any:
+        told = {"about": self.about, "chunks": self.chunks, "avc_casadi": version("avc-casadi")}
+        return json.loads(json_text(told))
+
+    def _path(self, index: int) -> Path:
+        return self.folder / f"chunk-{index + 1:06d}.json"
+
+    def _heading(self, index: int, result: Any) -> dict[str, Any]:
+        return {"study": _digest(self._told), "chunk": index + 1, "sha256": _digest(result)}
+
+    def _result(self, index: int) -> tuple[Any] | None:
+        """Return the result of a chunk, in a tuple; None where there is none of this study."""
+        held = _read(self._path(index))
+        if not (isinstance(held, dict) and "result" in held):
+            return None
+        whole = self._heading(index, held["result"]).items() <= held.items()
+        return (held["result"],) if whole else None
+
+    def _write(self, path: Path, value: Any, *, new: bool = False) -> None:
+        """Write a file that is there whole or not at all; a new one only where nobody else has."""
+        partial = path.with_suffix(f".{uuid4().hex}.partial")
+        try:
+            partial.write_text(json_text(value), encoding="utf-8")
+            if new:
+                _link(partial, path)
+            else:
+                partial.replace(path)
+        except OSError as error:
+            raise self._refused(path, error) from None
+        finally:
+            _discard(partial)
+
+    def _refused(self, path: Path, error: OSError) -> InputError:
+        why = error.strerror or str(error)
+        message = f"{path} cannot be written ({why}); what was done before stands: mend that, and take the folder again"
+        return InputError.of(message, key="resume")
+
+
+def _link(partial: Path, path: Path) -> None:
+    """Give a file its name, unless another has it."""
+    try:
+        os.link(partial, path)
+    except FileExistsError:
+        return
+    except OSError:  # a file system without links
+        if not path.exists():
+            partial.replace(path)
+
+
+def _discard(path: Path) -> None:
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        return
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(json.loads(json_text(value)), sort_keys=True).encode()).hexdigest()
+
+
+def _apart(held: Any, about: dict[str, Any]) -> str:
+    """Say in what two studies differ."""
+    if not (isinstance(held, dict) and isinstance(held.get("about"), dict)):
+        return "it says nothing of its study"
+    its, here = (
+        {**one["about"], "chunks": one.get("chunks"), "release": one.get("avc_casadi")} for one in (held, about)
+    )
+    names = [name for name in {**its, **here} if its.get(name) != here.get(name)]
+    return "; ".join(f"its {name} is {its.get(name)}, of this one {here.get(name)}" for name in names)
+
+
+def _read(path: Path) -> Any:
+    """Return what a file holds; None where it is not there or is cut off."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One of several jobs that share the chunks of a study: dealt out in turn.
+
+    Attributes:
+        number: 1 to `of`.
+        of: number of jobs.
+    """
+
+    number: int
+    of: int
+
+    @classmethod
+    def of_text(cls, text: str) -> Part:
+        """Read ``7/100``.
+
+        Raises:
+            ValueError: it is something else.
+        """
+        number, _, of = text.partition("/")
+        found = cls(int(number), int(of))
+        if not 1 <= found.number <= found.of:
+            raise ValueError(f"{text!r} is no part; allowed: 1/N to N/N")
+        return found
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.of}"
+
+
+@dataclass(frozen=True)
+class Chunked(Generic[T, R]):
+    """A study in chunks.
+
+    The result depends on the tasks alone: not on who works them out, in which order, in how many goes.
+
+    Attributes:
+        about: what the results depend on, JSON values; a folder keeps the chunks of one study.
+        work: function of a module; returns JSON values where a folder is to keep them.
+        tasks: what it is called with, one for each chunk.
+        finish: what makes the result of those of all chunks, in their order.
+        sizes: how many things each chunk is of, for progress; empty where each is one.
+        things: what they are.
+    """
+
+    about: Mapping[str, Any]
+    work: Callable[[T], Any]
+    tasks: Sequence[T]
+    finish: Callable[[list[Any]], R]
+    sizes: Sequence[int] = ()
+    things: str = "chunks"
+
+    def run(
+        self,
+        executor: Executor | None = None,
+        *,
+        workers: int = 1,
+        folder: str | Path | None = None,
+        progress: Progress = SILENT,
+    ) -> R:
+        """Work out what is missing, and return the result.
+
+        Args:
+            executor: who works the chunks out, of `concurrent.futures` or with its interface; it is not shut down.
+            workers: without an executor: processes; 1 stays in this one. More than one start this program anew, so
+                that a script needs its guard ``if __name__ == "__main__"``.
+            folder: keeps each chunk as soon as it is done, and gives those that it holds of an earlier run.
+            progress: told of what is done.
+
+        Raises:
+            InputError: the folder holds another study or cannot be written, or there are no workers.
+            WorkerLostError: a worker died, and the executor gives its chunk to no other.
+        """
+        return self.finish(list(self._all(executor, workers, folder, None, progress).values()))
+
+    def run_part(
+        self,
+        part: Part,
+        folder: str | Path,
+        executor: Executor | None = None,
+        *,
+        workers: int = 1,
+        progress: Progress = SILENT,
+    ) -> int:
+        """Work out the chunks of one job among several, which share a folder; returns how many there stand of all.
+
+        Args:
+            part: which job.
+            folder: keeps the chunks.
+            executor: as in `run`.
+            workers: as in `run`.
+            progress: told of what is done.
+        """
+        self._all(executor, workers, folder, part, progress)
+        return len(self.tasks) - len(self.missing(folder))
+
+    def merged(self, folder: str | Path) -> R:
+        """Return the result of the chunks that a folder holds; work nothing out, and write nothing.
+
+        Raises:
+            InputError: chunks are missing, or the folder holds another study or none.
+        """
+        self._kept(folder).check()
+        kept = self._kept(folder).found()
+        missing = [index + 1 for index in range(len(self.tasks)) if index not in kept]
+        if missing:
+            some = ", ".join(map(str, missing[:10])) + (", ..." if len(missing) > 10 else "")
+            message = (
+                f"{folder} holds {len(kept)} of {len(self.tasks)} chunks; missing: {some}. Run the jobs that are left, "
+                "or leave the merging out and work them out here"
+            )
+            raise InputError.of(message, key="merge")
+        return self.finish([kept[index] for index in range(len(self.tasks))])
+
+    def missing(self, folder: str | Path) -> list[int]:
+        """Return which chunks a folder does not hold, from 0."""
+        kept = self._kept(folder).found()
+        return [index for index in range(len(self.tasks)) if index not in kept]
+
+    def _all(
+        self, executor: Executor | None, workers: int, folder: str | Path | None, part: Part | None, progress: Progress
+    ) -> dict[int, Any]:
+        """Return the results of all chunks, or of one job's, in their order."""
+        require_workers(workers)
+        mine = range(len(self.tasks))[slice(None) if part is None else slice(part.number - 1, None, part.of)]
+        place = None if folder is None else self._kept(folder)
+        if place is not None:
+            place.begin()
+        kept = {} if place is None else place.found()
+        found = {index: kept[index] for index in mine if index in kept}
+        sizes = self.sizes or [1] * len(self.tasks)
+        done, total = sum(sizes[index] for index in found), sum(sizes[index] for index in mine)
+        left = [index for index in mine if index not in found]
+        progress.advance(done, total, self.things)
+        with ExitStack() as stack:
+            if executor is None and workers > 1 and len(left) > 1:
+                executor = stack.enter_context(Processes(min(workers, len(left))))
+            for index, result in self._results(left, executor, kept=place is not None):
+                if place is not None:
+                    place.keep(index, result)
+                found[index] = result
+                done += sizes[index]
+                progress.advance(done, total, self.things)
+        return {index: found[index] for index in mine}
+
+    def _results(self, left: Iterable[int], executor: Executor | None, *, kept: bool) -> Iterator[tuple[int, Any]]:
+        """Yield chunks as they are done."""
+        if executor is None:
+            yield from ((index, self.work(self.tasks[index])) for index in left)
+            return
+        futures = {executor.submit(self.work, self.tasks[index]): index for index in left}
+        try:
+            for future in as_completed(futures):
+                try:
+                    yield futures[future], future.result()
+                except (BrokenExecutor, WorkerLostError) as error:
+                    again = "; chunks that are done are kept: run it again with the same folder" if kept else ""
+                    raise WorkerLostError(
+                        f"chunk {futures[future] + 1} of {len(self.tasks)}: {error}{again}"
+                    ) from error
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def _kept(self, folder: str | Path) -> KeptChunks:
+        return KeptChunks(Path(folder), self.about, len(self.tasks))

@@ -1,0 +1,55 @@
+"""Results as JSON values: finite numbers, lists and texts; what is not finite is null."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi._util.units import spoken
+
+
+def plain(value: Any) -> Any:
+    """Turn arrays, tuples, mappings and enumerations into JSON values; a number that is not finite becomes null."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def json_text(document: Any) -> str:
+    """Return the text of a JSON file or answer, in the words that are spoken."""
+    if isinstance(document, dict):
+        document = spoken().document(document)
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def packed(array: NDArray[Any]) -> dict[str, Any]:
+    """Return an array as JSON values that keep every bit of it, not a number and infinite ones too."""
+    array = np.ascontiguousarray(array)
+    return {
+        "dtype": array.dtype.newbyteorder("<").str,
+        "shape": list(array.shape),
+        "base64": base64.b64encode(array.astype(array.dtype.newbyteorder("<")).tobytes()).decode("ascii"),
+    }
+
+
+def unpacked(value: Mapping[str, Any]) -> NDArray[Any]:
+    """Return the array that `packed` made JSON values of."""
+    read = np.frombuffer(base64.b64decode(value["base64"]), np.dtype(value["dtype"])).reshape(value["shape"])
+    return read.astype(read.dtype.newbyteorder("="))

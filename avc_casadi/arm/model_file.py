@@ -1,0 +1,176 @@
+"""An arm from a model of somebody else's, URDF or MJCF, through adam-robotics (extra ``arms``)."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from avc_casadi._errors import InputError, MissingExtraError, UnsupportedError
+from avc_casadi.arm.arm import Arm, arm_of
+from avc_casadi.arm.urdf import SLIDES, TURNS, refuse_massless, whole_urdf
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import FloatArray
+    from avc_casadi.files.arm_file import ArmFile, ModelFile
+
+_LARGEST_BYTES = 2**24
+_PREFIX = "arm/"
+
+
+@dataclass(frozen=True)
+class _Described:
+    """A model as adam takes it, the tip's name in it, and what the rotors add to each joint, by name."""
+
+    description: Any
+    tip: str
+    rotors: dict[str, float]
+
+
+def model_arm(file: ArmFile, model: ModelFile) -> Arm:
+    """Return the arm of a model file with a fixed base.
+
+    Args:
+        file: of the arm.
+        model: where the model is, and its tip.
+
+    Raises:
+        InputError: the file cannot be read, is no model, or has no such tip.
+        MissingExtraError: the extra ``arms`` is not installed.
+        UnsupportedError: parts that move have no inertia, or the mechanism is not a chain of simple joints.
+    """
+    text = _text(model)
+    described = _Described(whole_urdf(model, text), model.tip, {}) if "<robot" in text else _of_mjcf(model)
+    algorithms = _algorithms(described)
+    # Joints beyond the tip count too, at home: their masses are carried.
+    q = ca.SX.sym("q", algorithms.NDoF)
+    if len(file.home) != algorithms.NDoF:
+        names = ", ".join(algorithms.model.actuated_joints)
+        raise InputError.of(f"has {len(file.home)} values; allowed: one of each joint: {names}", key="home")
+    if algorithms.NDoF < 3:
+        raise UnsupportedError(f"{model.file}: {algorithms.NDoF} joints move no tip along three axes", key="model.file")
+    still = np.eye(4)
+    inertia = algorithms.crba(still, q)[0].array[6:, 6:]
+    tip = algorithms.forward_kinematics(described.tip, still, q).array[:3, 3]
+    joints = [algorithms.model.joints[name] for name in algorithms.model.actuated_joints]
+    rotors = ca.diag(ca.SX([described.rotors.get(joint.name, 0.0) for joint in joints]))
+    ends = [(q[i] - joint.limit.lower, joint.limit.upper - q[i]) for i, joint in enumerate(joints)]
+    bounds = [end for pair in ends for end in pair if np.isfinite(float(ca.substitute(end, q, ca.SX(file.home))))]
+    return arm_of(file, q, tip, inertia + rotors, ca.vertcat(*bounds) if bounds else ca.SX(0, 1))
+
+
+def _text(model: ModelFile) -> str:
+    path = Path(model.file)
+    try:
+        if path.stat().st_size > _LARGEST_BYTES:
+            raise InputError.of(f"is larger than {_LARGEST_BYTES} bytes", file=model.file, key="model.file")
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise InputError.of(
+            f"cannot be read: {why}; give a URDF or an MJCF", file=model.file, key="model.file"
+        ) from error
+
+
+def _adam() -> Any:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import adam.casadi  # noqa: PLC0415 - an extra
+            import adam.casadi.casadi_like  # noqa: PLC0415
+            import adam.core  # noqa: PLC0415
+            import adam.model  # noqa: PLC0415
+    except ImportError as error:
+        raise MissingExtraError("models in URDF and MJCF need adam-robotics: pip install 'avc-casadi[arms]'") from error
+    return adam
+
+
+def _mujoco() -> Any:
+    try:
+        import mujoco  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise MissingExtraError("models in MJCF need mujoco: pip install 'avc-casadi[arms]'") from error
+    return mujoco
+
+
+def _algorithms(described: _Described) -> Any:
+    """Return adam's algorithms for a model; those of a sliding joint get the direction that adam 0.5 writes wrongly."""
+    adam = _adam()
+    with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
+        warnings.simplefilter("ignore")
+        maths = adam.casadi.casadi_like.SpatialMath()
+        factory = adam.model.build_model_factory(description=described.description, math=maths)
+        names = [joint.name for joint in factory.get_joints() if joint.type in (*TURNS, *SLIDES)]
+        model = adam.model.Model.build(factory=factory, joints_name_list=names)
+    for joint in model.joints.values():
+        if joint.type in SLIDES:
+            joint.motion_subspace = partial(_sliding, maths, joint.axis)
+    if described.tip not in {*model.links, *model.frames}:
+        known = ", ".join(sorted(name.removeprefix(_PREFIX) for name in (*model.links, *model.frames)))
+        raise InputError.of(f"is {described.tip.removeprefix(_PREFIX)!r}; allowed: {known}", key="model.tip")
+    return adam.core.RBDAlgorithms(model=model, math=maths)
+
+
+def _sliding(maths: Any, axis: Any) -> Any:
+    zero = maths.zeros(1)
+    return maths.vertcat(axis[0], axis[1], axis[2], zero, zero, zero)
+
+
+def _of_mjcf(model: ModelFile) -> _Described:
+    mujoco = _mujoco()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            own = mujoco.MjSpec.from_file(model.file)
+            refuse_massless(model, [body.name for body in own.bodies if _bare(body)])
+            whole = mujoco.MjSpec()
+            whole.compiler.inertiafromgeom = own.compiler.inertiafromgeom
+            # adam takes the first body for one that floats, with no joint of its own.
+            base = whole.worldbody.add_body(name="base", mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
+            whole.attach(own, frame=base.add_frame(), prefix=_PREFIX)
+            compiled = whole.compile()
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError.of(f"is no MJCF that MuJoCo takes: {error}", file=model.file, key="model.file") from error
+    _refuse_what_adam_lacks(model, compiled)
+    names = [compiled.joint(i).name for i in range(compiled.njnt)]
+    rotors = {name: float(compiled.dof_armature[i]) for i, name in enumerate(names)}
+    return _Described(compiled, f"{_PREFIX}{model.tip}", rotors)
+
+
+def _bare(body: Any) -> bool:
+    """Whether a body with joints has neither an inertia nor anything of which one could be taken."""
+    carries = body.explicitinertial or list(body.geoms) or any(not list(child.joints) for child in body.bodies)
+    return bool(list(body.joints)) and not carries
+
+
+def _refuse_what_adam_lacks(model: ModelFile, compiled: Any) -> None:
+    """Refuse by name what adam would leave out of its equations without a word."""
+    hinge, slide = 3, 2  # mjtJoint
+    wrong = []
+    for i in range(compiled.nbody):
+        name = compiled.body(i).name.removeprefix(_PREFIX)
+        if compiled.body_jntnum[i] > 1:
+            wrong.append(f"{name} has {compiled.body_jntnum[i]} joints of its own")
+    for i in range(compiled.njnt):
+        name = compiled.joint(i).name.removeprefix(_PREFIX)
+        if compiled.jnt_type[i] not in (hinge, slide):
+            wrong.append(f"{name} is neither a hinge nor a slide")
+        if _apart(compiled.jnt_pos[i]):
+            wrong.append(f"{name} stands beside the origin of its body")
+    if compiled.neq:
+        wrong.append(f"{compiled.neq} equality constraints close loops or couple joints")
+    if wrong:
+        raise UnsupportedError(f"{model.file}: {'; '.join(wrong)}", key="model.file")
+
+
+def _apart(position: FloatArray) -> bool:
+    return bool(np.abs(position).max() > 1e-12)

@@ -1,0 +1,1 @@
+"""Claims: what may be said of gains, one claim a module; levels L0 to L9, deployable, Z-width."""

@@ -1,0 +1,211 @@
+"""What a certificate says: one result a level, and the rows behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, Comparable, FloatArray
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.text import Columns, Table, Tabular
+from avc_casadi.claims.stability.declared_device import rigid
+from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.passivity.sampled_loop import Fractions
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.hands import Hand
+    from avc_casadi.model.problem import Model
+
+
+def levels_table(certificate: Mapping[str, Any]) -> Table:
+    """Return the levels of a `certify` document, with the claim of each in words beside the table.
+
+    Passivity and stability are different claims and stay apart.
+    """
+    levels = certificate["levels"]
+    rows = tuple(
+        (
+            level,
+            found["title"],
+            found.get("outcome") or ("refused" if found.get("refused") else "pass" if found["pass"] else "fail"),
+            found["margin_ns_per_m"],
+            found["frequency_hz"],
+            found["rows_failed"],
+            found["model"],
+        )
+        for level, found in levels.items()
+    )
+    return Table(
+        ("level", "claim", "result", "worst margin\nN.s/m", "at\nHz", "not passed\nrows", "\nmodel"),
+        rows,
+        left=(0, 1, 2, 6),
+        digits=3,
+        title=f"levels of {certificate['problem']}",
+        notes=tuple(f"{level}: {found['claim']}" for level, found in levels.items()),
+    )
+
+
+# A device in no touch with anything has its place twice for an eigenvalue where nothing damps it: rounding moves a
+# double one by its root, unless the matrix is triangular, as that of a rigid device is.
+_FREE_TOLERANCE = 1e-7
+
+
+def radius_limit(device: Device, parts: Fractions, hands: Hand) -> FloatArray:
+    """Return the bound of the spectral radius of n renderings with h hands, shape (n, h).
+
+    Below 1, where a spring of the wall or of the hand calls the device back. Without any it keeps its place, an
+    eigenvalue of 1, which is no instability.
+    """
+    free = 1 + (RADIUS_TOLERANCE if rigid(device) else _FREE_TOLERANCE)
+    held = np.broadcast_to(np.asarray(hands.stiffness_n_per_m) > 0, (len(hands),))
+    called_back = (np.asarray(parts.integral) > 0)[:, None] | held[None, :]
+    return np.where(called_back, 1 - RADIUS_TOLERANCE, free)
+
+
+Level = Literal["L0", "L1", "L2", "L3", "L4", "L5", "L7", "L8", "L9"]
+
+TITLES: dict[str, str] = {
+    "L0": "passive at its own frequency",
+    "L1": "passive in a band about its own frequency",
+    "L2": "passive at all frequencies, paper's hold",
+    "L3": "passive at all frequencies, sampled-data hold",
+    "L4": "Llewellyn, any passive environment",
+    "L5": "linearly stable with a set of hands",
+    "L7": "comes to rest with every hand, making and breaking contact",
+    "L8": "gains may change from row to row in kept contact",
+    "L9": "ripple of encoder, noise and friction bounded in contact",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class LevelResult(Comparable):
+    """One level of a certificate; row arrays have shape (n,) in the order of the gains.
+
+    Attributes:
+        level: L0 to L5; L7 to L9 where proofs were asked for.
+        passed: whether every row meets it.
+        margin_ns_per_m: the worst margin, N.s/m; not a number where there is none to give.
+        frequency_hz: where it stands; 0 is the limit of zero frequency.
+        model: hold model of the claim.
+        claim: one sentence: what holds, or what does not and where.
+        tolerance_ns_per_m: how far below 0 rounding can bring the margin of the worst row.
+        row: index of the worst row, or None.
+        row_passed: which rows meet it; rows without gains do not.
+        row_margin_ns_per_m: margin of each row.
+        row_frequency_hz: where it stands.
+        detail: more numbers of this level.
+        refused: why the level is not judged on this device; empty where it is.
+        outcome: proved, refuted or open, where a proof was asked for (L5, L7 to L9); empty of others.
+    """
+
+    level: Level
+    passed: bool
+    margin_ns_per_m: float
+    frequency_hz: float
+    model: Model
+    claim: str
+    tolerance_ns_per_m: float
+    row: int | None
+    row_passed: BoolArray
+    row_margin_ns_per_m: FloatArray
+    row_frequency_hz: FloatArray
+    detail: dict[str, Any] = field(default_factory=dict)
+    refused: str = ""
+    outcome: str = ""
+
+    def __repr__(self) -> str:
+        return f"LevelResult({self.level}, {self.word}: {self.claim})"
+
+    @property
+    def word(self) -> str:
+        """pass, fail, or refused: not judged; of a proof its outcome."""
+        return self.outcome or ("refused" if self.refused else "pass" if self.passed else "fail")
+
+    @property
+    def rows_failed(self) -> int:
+        """How many rows do not meet it."""
+        return int(np.count_nonzero(~self.row_passed))
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {
+            "pass": self.passed,
+            "refused": self.refused or None,
+            "outcome": self.outcome or None,
+            "title": TITLES[self.level],
+            "margin_ns_per_m": plain(self.margin_ns_per_m),
+            "frequency_hz": plain(self.frequency_hz),
+            "model": self.model,
+            "claim": self.claim,
+            "tolerance_ns_per_m": plain(self.tolerance_ns_per_m),
+            "row": self.row,
+            "rows_failed": self.rows_failed,
+            "row_pass": plain(self.row_passed),
+            "row_margin_ns_per_m": plain(self.row_margin_ns_per_m),
+            "row_frequency_hz": plain(self.row_frequency_hz),
+            **plain(self.detail),
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificate(Tabular):
+    """What is known of a gain table, level by level; passivity and stability are different claims.
+
+    Attributes:
+        problem: name of the problem.
+        requested: whether the gains that unrealisable rows asked for were judged in place of missing ones.
+        frequency_hz: interaction frequencies of the rows, shape (n,).
+        rows_without_gains: how many rows have none; each fails every level.
+        levels: results by level.
+        passive_limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges: the largest DC stiffness of any passive
+            linear rendering; not a number where none is known.
+        dc_stiffness_n_per_m: DC stiffness k k_e/(k + k_e) of each row, shape (n,).
+
+    Example:
+        >>> certificate = avc.certify("soft", avc.solve("soft", "exact"))
+        >>> certificate.levels["L5"].passed
+        True
+    """
+
+    problem: str
+    requested: bool
+    frequency_hz: FloatArray
+    rows_without_gains: int
+    levels: dict[Level, LevelResult]
+    passive_limit_n_per_m: float
+    dc_stiffness_n_per_m: FloatArray
+
+    def to_dict(self) -> Columns:
+        """Return the levels as columns, each of shape (levels,)."""
+        levels = list(self.levels.values())
+        return {
+            "level": np.array([found.level for found in levels]),
+            "title": np.array([TITLES[found.level] for found in levels]),
+            "passed": np.array([found.passed for found in levels]),
+            "margin_ns_per_m": np.array([found.margin_ns_per_m for found in levels]),
+            "frequency_hz": np.array([found.frequency_hz for found in levels]),
+            "model": np.array([found.model for found in levels]),
+            "rows_failed": np.array([found.rows_failed for found in levels]),
+            "claim": np.array([found.claim for found in levels]),
+        }
+
+    def _summary(self) -> str:
+        marks = ", ".join(f"{level} {found.word}" for level, found in self.levels.items())
+        judged = "requested gains" if self.requested else "gains"
+        return f"{self.problem!r}, {judged} of {len(self.frequency_hz)} rows: {marks}"
+
+    def document(self) -> dict[str, Any]:
+        """Return the `certify` document: JSON values only."""
+        return {
+            "problem": self.problem,
+            "judged": "requested gains" if self.requested else "gains",
+            "frequency_hz": plain(self.frequency_hz),
+            "rows_without_gains": self.rows_without_gains,
+            "levels": {level: result.document() for level, result in self.levels.items()},
+            "passive_limit_n_per_m": plain(self.passive_limit_n_per_m),
+            "dc_stiffness_n_per_m": plain(self.dc_stiffness_n_per_m),
+        }

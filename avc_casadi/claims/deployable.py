@@ -1,0 +1,333 @@
+"""Deployable: whether a coupling may go into a device, and which claim fails where it may not.
+
+One definition, for every verb: linearly stable with every hand of [hands] and with the device let go, over every corner
+of [device.range], on the loop of the device as declared: its sample time and delay, amplifier and resonance; at the
+table's rows and between them. An observer between encoder steps is no part of it: it is not linear. State feedback is,
+with whatever share of the innovation passes its dead zone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from avc_casadi._errors import NotDeployableError, UnsupportedError
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.certificate import radius_limit
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.detent import detent_verdict
+from avc_casadi.claims.feedback import Worst, feedback_radius
+from avc_casadi.claims.hands_level import every_hand, looked_at
+from avc_casadi.claims.stability.declared_device import whole_stability
+from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE, frozen_parts
+from avc_casadi.coupling import require_coupling
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
+from avc_casadi.model.hands import no_hand
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import BoolArray, FloatArray
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.gains import GainTable
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.runtime import Runtime
+
+
+# Points judged between two neighbouring rows, where the device interpolates.
+_BETWEEN = 3
+_DRAWS = 24
+# Verbs judge before they push, export or tell; the numbers stand beside, as arrays can be written to.
+# Tables are compared by value: of those with the same gains each runtime has its own.
+_VERDICTS: WeakKeyDictionary[GainTable, list[tuple[Problem, Runtime, bytes, Deployable]]] = WeakKeyDictionary()
+_KEPT = 32
+
+
+@dataclass(frozen=True)
+class DeployClaim:
+    """One claim that a deployable coupling meets.
+
+    Attributes:
+        name: hands, let-go, or dead-zone (of a coupling with state feedback); detent; detent-hands and detent-let-go,
+            where the slope of the detents adds to that of the wall.
+        passed: whether it holds.
+        sentence: what holds, or what does not and where.
+        advice: what to do where it does not hold; empty where it does.
+        radius: largest spectral radius found; not a number where nothing could be judged.
+    """
+
+    name: str
+    passed: bool
+    sentence: str
+    advice: str
+    radius: float
+
+
+@dataclass(frozen=True)
+class Deployable:
+    """The verdict on deployment.
+
+    Attributes:
+        claims: each claim with its result.
+
+    Example:
+        >>> problem = avc.load_problem("soft")
+        >>> coupling = avc.Coupling.of(problem, avc.solve(problem, "static-tuned"))
+        >>> [claim.name for claim in avc.deployable(coupling).claims]
+        ['hands', 'let-go']
+    """
+
+    claims: tuple[DeployClaim, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the coupling may go into the device."""
+        return all(claim.passed for claim in self.claims)
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in one line: which claim fails and what to do."""
+        failed = [claim for claim in self.claims if not claim.passed]
+        if not failed:
+            return "deployable: linearly stable with every hand of [hands] and let go"
+        return "not deployable: " + "; ".join(f"{_CALLED[claim.name]}: {claim.sentence}" for claim in failed)
+
+    @property
+    def advice(self) -> str:
+        """What to do, in one line; empty where nothing is to be done."""
+        return "; ".join(dict.fromkeys(claim.advice for claim in self.claims if claim.advice))
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {
+            "pass": self.passed,
+            "sentence": self.sentence,
+            "claims": [
+                {
+                    "name": claim.name,
+                    "pass": claim.passed,
+                    "sentence": claim.sentence,
+                    "advice": claim.advice,
+                    "spectral_radius": plain(claim.radius),
+                }
+                for claim in self.claims
+            ],
+        }
+
+
+def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
+    """Judge a coupling on the loop of its own problem, whatever certificate it carries.
+
+    Args:
+        coupling: the coupling.
+        progress: told of the gains that are judged.
+
+    Raises:
+        InputError: it is no coupling.
+
+    Example:
+        >>> problem = avc.load_problem("figure5")
+        >>> avc.deployable(avc.Coupling.of(problem, avc.solve(problem, "direct"))).passed
+        False
+    """
+    require_coupling(coupling)
+    numbers = coupling.table.frequency_hz.tobytes() + coupling.table.gains.tobytes()
+    known = _VERDICTS.setdefault(coupling.table, [])
+    for problem, runtime, judged, verdict in known:
+        if problem is coupling.problem and runtime is coupling.runtime and judged == numbers:
+            return verdict
+    verdict = _verdict(coupling, progress)
+    known.append((coupling.problem, coupling.runtime, numbers, verdict))
+    del known[:-_KEPT]
+    return verdict
+
+
+def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
+    problem = coupling.problem
+    frequency, gains = _judged(coupling.table)
+    try:
+        if coupling.runtime.state_feedback is not None:
+            beside = () if problem.detent is None else (_UNJUDGED_DETENTS,)
+            return Deployable(_feedback_claims(coupling) + beside)
+        claims = tuple(one(problem, frequency, gains, progress) for one in (_hands_claim, _let_go_claim))
+        claims += _detent_claims(problem, frequency, gains, progress)
+    except UnsupportedError as refusal:
+        why = f"not judged: {refusal}"
+        advice = "shorten the delay, or judge the loop by other means"
+        return Deployable(tuple(DeployClaim(name, False, why, advice, np.nan) for name in ("hands", "let-go")))
+    if coupling.runtime.observer_mass_kg is not None:
+        claims = tuple(replace(claim, sentence=claim.sentence + _OBSERVER) for claim in claims)
+    return Deployable(claims)
+
+
+def _judged(table: GainTable) -> tuple[FloatArray, FloatArray]:
+    """Return the frequencies at which a table is judged and its gains there, (3, n): the rows and points between."""
+    rows = table.frequency_hz
+    if len(rows) == 1:
+        return rows, table.gains
+    shares = np.linspace(0.0, 1.0, _BETWEEN + 1, endpoint=False)
+    log = np.log(rows)
+    between = np.exp((log[:-1, None] + shares * np.diff(log)[:, None]).ravel())
+    frequency = np.unique(np.concatenate([rows, between]))
+    return frequency, table(frequency)
+
+
+def _hands_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress) -> DeployClaim:
+    b, k, contact = gains
+    found = every_hand(problem, frozen_parts(problem, b, k), contact, draws=_DRAWS, seed=0, progress=progress)
+    row = int(np.argmax(found.radius))
+    who = f"with every hand of [hands] (worst by {looked_at(problem, _DRAWS, 0)})"
+    held = tuple(found.hands.values(row).values())
+    worst = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held) if any(held) else "let go"
+    at = _Worst(float(found.radius[row]), frequency[row], found.devices[found.corner[row]], found.devices)
+    return at.claim("hands", found.stable, who, worst)
+
+
+def _let_go_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress) -> DeployClaim:
+    b, k, contact = gains
+    parts = frozen_parts(problem, b, k)
+    corners = device_corners(problem.device, LINEAR_KEYS)
+    radius = np.array(
+        [whole_stability(device, parts, contact, no_hand(), progress=progress).radius[:, 0] for device in corners]
+    )
+    stable = np.asarray((radius < radius_limit(problem.device, parts, no_hand())[:, 0]).all(axis=0))
+    corner, row = (int(index) for index in np.unravel_index(np.argmax(radius), radius.shape))
+    at = _Worst(float(radius[corner, row]), frequency[row], corners[corner], corners)
+    return at.claim("let-go", stable, "let go", "let go")
+
+
+@dataclass(frozen=True)
+class _Worst:
+    """Where the largest spectral radius stands."""
+
+    radius: float
+    frequency_hz: float
+    device: Device
+    corners: list[Device]
+
+    def claim(self, name: str, stable: BoolArray, passing: str, failing: str) -> DeployClaim:
+        if stable.all():
+            sentence = f"linearly stable {passing}, spectral radius {self.radius:.6g} at most"
+            return DeployClaim(name, True, sentence, "", self.radius)
+        count = f"({np.count_nonzero(~stable)} of {len(stable)} gains judged)"
+        where = "" if len(stable) == 1 else f" at {self.frequency_hz:.4g} Hz {count}"
+        sentence = f"linearly unstable {failing}{where}: spectral radius {self.radius:.6g}"
+        return DeployClaim(name, False, sentence + _of(self.device, self.corners), _ADVICE, self.radius)
+
+
+def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
+    found = feedback_radius(coupling)
+    every = f"with every hand of [hands] (worst by search from {found.hands})"
+
+    def held(worst: Worst) -> str:
+        who = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*worst.hand.values())
+        return who + _of(worst.device, found.devices)
+
+    return (
+        _claim_of("hands", found.held.radius, every, held(found.held)),
+        _claim_of("let-go", found.free.radius, "let go", "let go" + _of(found.free.device, found.devices)),
+        _claim_of(
+            "dead-zone",
+            found.any_share.radius,
+            f"{every}, whatever share of the innovation passes the dead zone",
+            f"{held(found.any_share)} where {found.any_share.share:.3g} of the innovation passes the dead zone",
+        ),
+    )
+
+
+def _claim_of(name: str, radius: float, passing: str, failing: str) -> DeployClaim:
+    if radius < 1 - RADIUS_TOLERANCE:
+        return DeployClaim(name, True, f"linearly stable {passing}, spectral radius {radius:.6g} at most", "", radius)
+    return DeployClaim(name, False, f"linearly unstable {failing}: spectral radius {radius:.6g}", _ADVICE, radius)
+
+
+def _on_detents(problem: Problem) -> tuple[DeployClaim, ...]:
+    """Return the claim on the slopes of the detents in front of the wall; none without detents."""
+    return () if problem.detent is None else (DeployClaim("detent", *detent_verdict(problem)),)
+
+
+def _detent_claims(
+    problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress
+) -> tuple[DeployClaim, ...]:
+    """Return the claims on the detents in front of the wall, and where their slope adds to that of the wall."""
+    if problem.detent is None:
+        return ()
+    steepest = problem.environment.stiffness_n_per_m + problem.detent.slope_n_per_m
+    inside = problem.changed(environment={"stiffness_n_per_m": steepest})
+    both = [
+        replace(claim, name=f"detent-{claim.name}", sentence=f"in the wall with its detents: {claim.sentence}")
+        for claim in (one(inside, frequency, gains, progress) for one in (_hands_claim, _let_go_claim))
+    ]
+    return (*_on_detents(problem), *both)
+
+
+_CALLED = {
+    "hands": "hands (L5)",
+    "let-go": "let-go",
+    "dead-zone": "dead zone",
+    "detent": "detents",
+    "detent-hands": "detents in the wall, hands",
+    "detent-let-go": "detents in the wall, let go",
+}
+_ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
+
+
+def _of(device: Device, corners: list[Device]) -> str:
+    """Name the corner of a device by what distinguishes it from the others."""
+    if len(corners) == 1:
+        return ""
+    every = [linear_values(corner) for corner in corners]
+    changed = {key: value for key, value in linear_values(device).items() if len({one[key] for one in every}) > 1}
+    return f" (device {', '.join(_told(key, value) for key, value in changed.items())})"
+
+
+def _told(key: str, value: float) -> str:
+    """Return a value with what it is: the unit of a mass or a damping says that, other values have their key."""
+    unit = {"mass_kg": "kg", "damping_ns_per_m": "N.s/m"}.get(key)
+    return f"{key} {value:.4g}" if unit is None else f"{value:.4g} {unit}"
+
+
+_UNJUDGED_DETENTS = DeployClaim(
+    "detent",
+    False,
+    "not judged: state feedback beside [detent]",
+    "take a coupling without state feedback: avc solve P --method static-tuned",
+    np.nan,
+)
+_OBSERVER = " (judged without the observer, which is not linear)"
+
+
+def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:
+    """Return the coupling with its certificate: the levels of its rows, and the verdict on the table that runs.
+
+    The certificate is the `certify` document; ``deployable`` in it holds the verdict.
+
+    Args:
+        coupling: the coupling.
+        progress: told of the rows that are judged.
+        prove: ask for proofs too, as `certify` does.
+    """
+    found = certify(coupling.problem, coupling, prove=prove, progress=progress)
+    return coupling.with_certificate(found.document() | {"deployable": deployable(coupling, progress).document()})
+
+
+def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployable:
+    """Judge a coupling before it goes into a device or into C; its own certificate is not relied on.
+
+    Args:
+        coupling: what is to be deployed.
+        unsafe: let it pass whatever the verdict; the caller writes down that it did.
+
+    Raises:
+        NotDeployableError: which claim fails, and what to do.
+    """
+    verdict = deployable(coupling)
+    if not verdict.passed and not unsafe:
+        raise NotDeployableError(
+            f"{coupling.problem.name} by {coupling.method}: {verdict.sentence}. {verdict.advice[0].upper()}"
+            f"{verdict.advice[1:]}; --unsafe (in Python unsafe=True) overrides."
+        )
+    return verdict

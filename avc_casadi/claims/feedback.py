@@ -1,0 +1,229 @@
+"""The spectral radius of a loop with state feedback over hands, devices and shares of the innovation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.claims.certificate import Certificate, Level, LevelResult
+from avc_casadi.claims.levels import Rows, level_result, not_judged
+from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
+from avc_casadi.claims.stability.declared_device import plants_with_forces
+from avc_casadi.claims.stability.eigenvalues import leading_radii
+from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_parts, frozen_rendering
+from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
+from avc_casadi.model.corners import LINEAR_KEYS, device_set
+from avc_casadi.model.hands import Hand, hand_ranges, hand_set, no_hand
+from avc_casadi.model.sampled_plant import sampled_plant
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import FloatArray
+    from avc_casadi.claims.stability.frozen_loop import Rendering
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Hands
+    from avc_casadi.model.runtime import StateFeedback
+
+
+Plants = tuple["FloatArray", "FloatArray", "FloatArray"]
+
+DRAWS = 24
+# From all of the innovation to next to nothing, where the hand alone decides.
+_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.16, 0.12, 0.09, 0.06, 0.04, 0.025, 0.01)
+# Hands and shares that are climbed from; a neighbour on each side of every number, their distance as a share of its
+# range at first, how it shrinks, and how often.
+_STARTS, _REACH, _SHRINK, _ROUNDS = 3, 0.25, 0.6, 12
+
+
+@dataclass(frozen=True)
+class Worst:
+    """Where the loop is damped least, as far as a search found.
+
+    Attributes:
+        radius: spectral radius.
+        share: of the innovation that passes.
+        device: one of the declared ranges.
+        hand: mass, damping and stiffness by name; of zeros where the device is let go.
+    """
+
+    radius: float
+    share: float
+    device: Device
+    hand: dict[str, float]
+
+
+@dataclass(frozen=True)
+class FeedbackRadius:
+    """Spectral radii of the loop of a coupling with state feedback.
+
+    Attributes:
+        devices: those at the corners of the declared ranges, then some drawn within them.
+        hands: number of hands that were looked at before the search for the worst.
+        held: worst with a hand, all of the innovation passing.
+        any_share: worst with a hand and a share of the innovation.
+        free: worst let go, all of the innovation passing.
+    """
+
+    devices: list[Device]
+    hands: int
+    held: Worst
+    any_share: Worst
+    free: Worst
+
+
+def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> FeedbackRadius:
+    """Judge the loop of a coupling with state feedback at every corner of its device and at some within.
+
+    From the worst of the hands and shares that are looked at first, larger radii are climbed to: there are maxima
+    between them. A search, not a proof.
+
+    Args:
+        coupling: with constant gains and state feedback.
+        draws: hands drawn beside the corners of their ranges.
+        seed: of the draws, of hands and devices.
+
+    Raises:
+        UnsupportedError: gains that vary, or too long a delay.
+    """
+    law, problem = coupling.runtime.state_feedback, coupling.problem
+    if law is None:
+        raise ValueError("the coupling has no state feedback")
+    if not coupling.table.constant:
+        raise UnsupportedError("state feedback is judged before constant gains only; make the gains constant")
+    looked_at = _looked_at(problem.device, problem.hands, draws, seed)
+    devices, hands = looked_at.devices, looked_at.hands
+    rendering = frozen_rendering(problem, *vars(coupling.table.at_rest).values())
+    loop = _Loop(law, rendering, hand_ranges(problem.hands))
+    held = np.stack([loop.leading(looked_at.held, share) for share in _SHARES])
+    held = held.reshape(len(_SHARES), len(devices), len(hands))
+    free = largest_radius(state_feedback_loop(looked_at.free, law, rendering))[0]
+    alone = int(free.argmax())
+    whole = loop.worst(devices, hands, held[:1], (1.0,))
+    return FeedbackRadius(
+        devices,
+        len(hands),
+        whole,
+        # The whole innovation is a share too, and the climb from all of them may end elsewhere.
+        max(whole, loop.worst(devices, hands, held, _SHARES), key=lambda worst: worst.radius),
+        Worst(float(free[alone]), 1.0, devices[alone], no_hand().values(0)),
+    )
+
+
+@dataclass(frozen=True)
+class _LookedAt:
+    """Devices, hands, and the plants of each device: with every hand, devices first, and let go."""
+
+    devices: list[Device]
+    hands: Hand
+    held: Plants
+    free: Plants
+
+
+@lru_cache(maxsize=4)
+def _looked_at(device: Device, hands: Hands, draws: int, seed: int) -> _LookedAt:
+    """Collect what is looked at; many laws are judged for the same."""
+    devices = device_set(device, LINEAR_KEYS, seed=seed)
+    if max(one.delay_samples for one in devices) > MAX_DELAY_SAMPLES:
+        raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
+    some = hand_set(hands, draws=draws, seed=seed)
+    held, free = (plants_with_forces(sampled_plant(devices, who)) for who in (some, no_hand()))
+    return _LookedAt(devices, some, held, free)
+
+
+@dataclass(frozen=True)
+class _Loop:
+    law: StateFeedback
+    rendering: Rendering
+    ranges: FloatArray
+
+    def leading(self, plants: Plants, share: float) -> FloatArray:
+        """Return the radius with each plant at a share, minus infinity where it is not among the largest."""
+        loops = state_feedback_loop(plants, self.law, self.rendering, (share,))
+        return np.asarray(leading_radii(loops, _STARTS)[0])
+
+    def radius(self, device: Device, hands: Hand, shares: tuple[float, ...] | FloatArray) -> FloatArray:
+        """Return the radius at each share with each hand, shape (shares, hands)."""
+        plants = plants_with_forces(sampled_plant(device, hands))
+        return largest_radius(state_feedback_loop(plants, self.law, self.rendering, shares))
+
+    def worst(self, devices: list[Device], hands: Hand, known: FloatArray, shares: tuple[float, ...]) -> Worst:
+        """Climb from the worst of what is known, radii of shape (shares, devices, hands), the largest at least."""
+        starts = np.argsort(-known, axis=None, kind="stable")[:_STARTS]
+        found = []
+        for share, device, hand in zip(*np.unravel_index(starts, known.shape), strict=True):
+            values = tuple(hands.values(int(hand)).values())
+            found.append(self._climb(devices[int(device)], np.array(values), shares[int(share)], min(shares)))
+        return max(found, key=lambda one: one.radius)
+
+    def _climb(self, device: Device, values: FloatArray, share: float, least: float) -> Worst:
+        """Look around a hand and a share, go where the radius is largest, and look closer."""
+        low, high = self.ranges.T
+        best, reach = -np.inf, _REACH
+        for _ in range(_ROUNDS):
+            steps = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
+            near = np.unique(np.clip(values + reach * steps * (high - low), low, high), axis=0)
+            passed = np.unique(np.clip(share * (1 + reach * np.array([-1.0, 0.0, 1.0])), least, 1.0))
+            radius = self.radius(device, Hand(*near.T), passed)
+            row, column = np.unravel_index(int(radius.argmax()), radius.shape)
+            if radius[row, column] > best:
+                best, share, values = float(radius[row, column]), float(passed[row]), near[column]
+            reach *= _SHRINK
+        return Worst(best, share, device, Hand(*values).values(0))
+
+
+def certify_feedback(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Certificate:
+    """Certify a coupling with state feedback: L5 on its own loop; L0 to L4 know gains alone and are not judged."""
+    gains, problem = coupling.schedule, coupling.problem
+    b, k, contact = gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
+    present = np.isfinite(b) & np.isfinite(k) & np.isfinite(contact)
+    rows = Rows(problem, gains.frequency_hz, present, b[present], k[present], contact[present])
+    model = problem.stability.model
+    why = "the level knows gains alone, and these run behind an observer with state feedback"
+    first: tuple[Level, ...] = ("L0", "L1", "L2", "L3", "L4")
+    levels: dict[Level, LevelResult] = {level: not_judged(rows, level, model, why) for level in first}
+    levels["L5"] = _hands(feedback_radius(coupling, draws, seed), rows)
+    device = problem.device
+    stiffness = frozen_parts(problem, rows.b, rows.k).integral / device.sample_time_s
+    missing = int(np.count_nonzero(~present))
+    return Certificate(
+        problem=problem.name,
+        requested=False,
+        frequency_hz=gains.frequency_hz,
+        rows_without_gains=missing,
+        levels=levels,
+        passive_limit_n_per_m=passive_limit_n_per_m(device),
+        dc_stiffness_n_per_m=rows.spread(stiffness),
+    )
+
+
+def _hands(found: FeedbackRadius, rows: Rows) -> LevelResult:
+    worst, one = found.any_share, np.ones(len(rows.b))
+    held = worst.hand
+    who = f"{held['mass_kg']:.4g} kg, {held['damping_ns_per_m']:.4g} N.s/m, {held['stiffness_n_per_m']:.4g} N/m"
+    claim = (
+        f"the loop with observer and state feedback is linearly stable, with no friction, with the worst hand that a "
+        f"search from {found.hands} of [hands] found, whatever share of the innovation passes the dead zone"
+    )
+    if worst.radius >= 1 - RADIUS_TOLERANCE:
+        claim = (
+            f"Not met: spectral radius {worst.radius:.6g} with a hand of {who} and {worst.share:.3g} of the innovation"
+        )
+    passed = np.full(len(rows.b), worst.radius < 1 - RADIUS_TOLERANCE)
+    result = level_result(
+        rows, "L5", "sampled-data", claim, passed, (1 - worst.radius) * one, 0 * one, RADIUS_TOLERANCE * one
+    )
+    detail = {
+        "spectral_radius": worst.radius,
+        "released_spectral_radius": found.free.radius,
+        "released_pass": found.free.radius < 1 - RADIUS_TOLERANCE,
+        "common_lyapunov": None,
+        "hands": found.hands,
+        "worst_hand": held,
+        "worst_share": worst.share,
+    }
+    return LevelResult(**{**vars(result), "claim": claim, "margin_ns_per_m": float("nan"), "detail": detail})

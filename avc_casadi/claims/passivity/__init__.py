@@ -1,0 +1,1 @@
+"""Passivity of the sampled loop: worst frequency, worst port, Llewellyn."""

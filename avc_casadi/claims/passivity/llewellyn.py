@@ -1,0 +1,145 @@
+"""Llewellyn's condition (4) to (6): a coupling that is safe for any passive environment and hand."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi.claims.passivity.sampled_loop import RIGID
+from avc_casadi.claims.passivity.worst_frequency import has_roots, real_parts_of_roots, refine_minima, seeds_hz
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.passivity.sampled_loop import SampledLoop, Values
+
+_ZERO_TURNS = 1e-150
+_ROUNDING = 1e-14
+
+
+def llewellyn_margin(
+    loop: SampledLoop,
+    damping_ns_per_m: Values,
+    stiffness_n_per_m: Values,
+    contact_damping_ns_per_m: Values = 0.0,
+    *,
+    refine: bool = True,
+) -> tuple[FloatArray, FloatArray]:
+    """Device damping to spare in (6) at the worst of all frequencies.
+
+    With Z_d + H b_p for Z_d, (6) reads b_d + b_p Re H >= (|H| - Re H)/(2 Re(1/Z_c)); the margin is the left side less
+    the right one. It does not depend on the environment.
+
+    Args:
+        loop: device and hold; its environment is not used.
+        damping_ns_per_m: b of the coupling; all arguments broadcast to n rows.
+        stiffness_n_per_m: k of the coupling.
+        contact_damping_ns_per_m: b_p.
+        refine: False leaves out the refinement, for searches that end with an exact check.
+
+    Returns:
+        Margin (N.s/m; minus infinity where the coupling itself is not passive or is rigid) and the frequency (Hz) where
+        it stands, each of shape (n,).
+    """
+    given = (damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m, loop.device_damping_ns_per_m)
+    b, k, contact, b_d = (
+        np.ravel(column) for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))
+    )
+    within = (np.abs(b) <= RIGID) & (np.abs(k) <= RIGID)
+    b, k = np.where(within, b, np.inf), np.where(within, k, 0.0)
+    half = k * loop.sample_time_s / 2
+    lead = b + half
+    valid = np.isfinite(lead) & ((lead > 0) | ((b == 0) & (k == 0)))
+    lead, half = np.where(valid, lead, 1.0), np.where(valid, half, 0.0)
+    spring = half * np.where(lead > 0, half / np.where(lead > 0, lead, 1.0), 0.0)
+
+    def value(frequency_hz: FloatArray) -> FloatArray:
+        return _margin_at(loop, b_d[:, None], lead[:, None], spring[:, None], contact[:, None], frequency_hz)
+
+    degree = loop.whole_delay("Llewellyn's condition over all frequencies") + 2
+    seeds = seeds_hz(degree, loop.nyquist_hz)
+    points = np.broadcast_to(seeds, (len(b), len(seeds)))
+    if has_roots(degree):
+        points = np.sort(np.concatenate([points, _stationary_hz(loop, lead, spring, contact)], axis=1), axis=1)
+    frequency = refine_minima(value, points, degree) if refine else points
+    values = value(frequency)
+    lowest = np.argmin(values, axis=1)[:, None]
+    margin = np.take_along_axis(values, lowest, axis=1)[:, 0]
+    return np.where(valid, margin, -np.inf), np.take_along_axis(frequency, lowest, axis=1)[:, 0]
+
+
+def _margin_at(
+    loop: SampledLoop,
+    b_d: FloatArray,
+    lead: FloatArray,
+    spring: FloatArray,
+    contact: FloatArray,
+    hz: FloatArray,
+) -> FloatArray:
+    """b_d + b_p Re H - (|H| - Re H)(a + (kT/2)^2 cot^2(phi)/a)/2, a = b + kT/2, |H| - Re H = 2|H| sin^2(psi/2)."""
+    turns = np.maximum(hz * loop.sample_time_s, _ZERO_TURNS)
+    paper = loop.model == "paper"
+    half_turns = 2 * loop.delay_samples + (1 if paper else 2)
+    sine, cosine = np.sin(np.pi * turns), np.sin(np.pi * (0.5 - turns))
+    amplitude = cosine if paper else np.ones_like(cosine)
+    lag = np.sin(np.pi * half_turns * turns / 2)
+    loss = lead * lag**2 + spring * (lag * cosine / sine) ** 2
+    return np.asarray(b_d + amplitude * (contact * (1 - 2 * lag**2) - loss))
+
+
+def _stationary_hz(loop: SampledLoop, lead: FloatArray, spring: FloatArray, contact: FloatArray) -> FloatArray:
+    """Stationary points, shape (n, m): polynomials in cos(omega T), or in cos(phi) for the paper's hold."""
+    paper = loop.model == "paper"
+    delay = loop.whole_delay("the polynomial of stationary points")
+    order = 2 * delay + 1 if paper else delay + 1
+    turned = np.eye(order + 1)[order]
+    # (1 - T_n(x))/(1 - x) = n + 2 sum (n - i) T_i(x).
+    ratio = np.array([order, *(2.0 * (order - i) for i in range(1, order))], dtype=np.float64)
+    if paper:
+        # cos(phi) cot^2(phi) (1 - T_n) = B/(1 + x), B = x^3 ratio; the derivative times (1 + x)^2.
+        lead_shape = chebyshev.chebmulx(chebyshev.chebsub([1.0], turned)) / 2
+        contact_shape = chebyshev.chebmulx(turned)
+        square = chebyshev.chebmul([1.0, 1.0], [1.0, 1.0])
+        cubic = chebyshev.chebmulx(chebyshev.chebmulx(chebyshev.chebmulx(ratio))) / 2
+        from_spring = chebyshev.chebsub(chebyshev.chebmul(chebyshev.chebder(cubic), [1.0, 1.0]), cubic)
+        from_lead = chebyshev.chebmul(chebyshev.chebder(lead_shape), square)
+        from_contact = chebyshev.chebmul(chebyshev.chebder(contact_shape), square)
+    else:
+        from_lead = -chebyshev.chebder(turned) / 2
+        from_contact = chebyshev.chebder(turned)
+        from_spring = chebyshev.chebder(chebyshev.chebmul([1.0, 1.0], ratio)) / 2
+    width = max(len(from_lead), len(from_contact), len(from_spring), 2)
+    shapes = [np.pad(shape, (0, width - len(shape))) for shape in (from_contact, from_lead, from_spring)]
+    rows = contact[:, None] * shapes[0] - lead[:, None] * shapes[1] - spring[:, None] * shapes[2]
+    angle = np.arccos(np.clip(real_parts_of_roots(rows), 0.0 if paper else -1.0, 1.0))
+    return np.asarray(angle * (2 if paper else 1) / np.pi * loop.nyquist_hz)
+
+
+def largest_llewellyn_stiffness(
+    loop: SampledLoop,
+    damping_ns_per_m: Values,
+    contact_damping_ns_per_m: Values = 0.0,
+    margin_ns_per_m: float = 0.0,
+) -> FloatArray:
+    """Largest k that (6) allows at given b, N/m; not a number where it allows none. Shape (n,).
+
+    The loss in (6) is jointly convex in b and k, so that the allowed k of one b are an interval from 0: bisection to
+    the last digit.
+    """
+    b, contact = (np.ravel(v) for v in np.broadcast_arrays(damping_ns_per_m, contact_damping_ns_per_m))
+
+    def allowed(k: FloatArray) -> BoolArray:
+        return llewellyn_margin(loop, b, k, contact)[0] >= margin_ns_per_m
+
+    low = np.zeros(len(b))
+    feasible = allowed(low)
+    # At any frequency the loss is at least a fair share of kT/2: far above, nothing is allowed.
+    reach = 64 * (loop.device_damping_ns_per_m + contact) / loop.sample_time_s + 1.0
+    high = np.broadcast_to(reach, b.shape)
+    for _ in range(60):
+        middle = (low + high) / 2
+        inside = allowed(middle)
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    # What bisection leaves of a bound of 0 is rounding.
+    return np.where(feasible, np.where(low > _ROUNDING * reach, low, 0.0), np.nan)

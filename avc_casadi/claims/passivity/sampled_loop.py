@@ -1,0 +1,262 @@
+"""The sampled loop in numbers: partial fractions of the rendered impedance and its exact real part.
+
+With w = 1/z, every spring and damper is (p - q w)/(1 - w), so that coupling and environment in series are
+
+    Z_eavc = g + r w/(1 - w) + c w/(1 - rho w),    g, c >= 0 and |rho| <= 1 for admissible gains,
+
+with r = T k k_e/(k + k_e): the DC stiffness. No term of the real part cancels but for physical reasons.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi.model.corners import device_corners
+from avc_casadi.model.device import whole_delay
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Model, Problem
+
+
+def passive_limit_n_per_m(device: Device) -> float:
+    """Return 2 b_d/((1 + d) T): no passive linear time-invariant rendering has a larger DC stiffness.
+
+    Taken with the lowest damping and the longest delay of the device's ranges. Not a number for a fractional delay, an
+    amplifier or a resonance, for which no such limit is known here. F(z) = b_d + z^-(1+d) Z(z) is positive real; the d
+    coefficients of its expansion in 1/z after b_d vanish, so that of its measure, b_d in all, z = 1 carries b_d/(1 + d)
+    at most, and that is half the residue K T.
+    """
+    if device.amplifier_bandwidth_hz is not None or device.resonance is not None:
+        return float("nan")
+    corners = device_corners(device, ("damping_ns_per_m", "delay_samples"))
+    if any(corner.delay_samples != int(corner.delay_samples) for corner in corners):
+        return float("nan")
+    return min(2 * corner.damping_ns_per_m / ((1 + corner.delay_samples) * corner.sample_time_s) for corner in corners)
+
+
+def largest_lead_for_all_frequencies(
+    loop: SampledLoop, contact_damping_ns_per_m: Values = 0.0, margin_ns_per_m: float = 0.0
+) -> FloatArray:
+    """Bound on b + kT/2, necessary and sufficient for Re Z_h >= margin at all frequencies.
+
+    Sampled-data without delay. Re Z_h is lowest at Nyquist: b_d - b_p - a_1 a_2/(a_1 + a_2), a_1 = b + kT/2, a_2 = b_e
+    + k_e T/2.
+
+    Returns:
+        The bound, N.s/m: infinite where any passive coupling will do, negative where none does.
+
+    Raises:
+        UnsupportedError: the paper's hold, or delay: use `worst_margin`.
+    """
+    if loop.model != "sampled-data" or loop.delay_samples:
+        raise UnsupportedError(
+            f"the closed region needs the sampled-data model without delay, not {loop.model} with "
+            f"{loop.delay_samples} samples of delay: use worst_margin"
+        )
+    budget = np.asarray(loop.device_damping_ns_per_m, dtype=np.float64) - contact_damping_ns_per_m - margin_ns_per_m
+    wall = np.asarray(
+        loop.environment_damping_ns_per_m + np.multiply(loop.environment_stiffness_n_per_m, loop.sample_time_s / 2)
+    )
+    enough = budget >= wall
+    bound = wall * budget / np.where(enough, 1.0, wall - budget)
+    return np.asarray(np.where(enough, np.inf, np.where(budget < 0, -1.0, bound)))
+
+
+Values = float | FloatArray
+
+# Stands for the limit of zero frequency: small enough for every term to have reached it, large enough to divide by.
+_ZERO_TURNS = 1e-150
+# Gains beyond this cannot be told from a rigid coupling in double precision, whatever the wall.
+RIGID = 1e40
+
+
+@dataclass(frozen=True)
+class SampledLoop:
+    """What the conditions need of a problem; device and environment values may be arrays.
+
+    Attributes:
+        device_damping_ns_per_m: b_d = Re Z_d.
+        environment_damping_ns_per_m: b_e.
+        environment_stiffness_n_per_m: k_e.
+        sample_time_s: T.
+        delay_samples: delay beside the hold, in samples.
+        model: paper (hold (z+1)/(2z), Tustin environment) or sampled-data (hold 1/z, backward difference).
+    """
+
+    device_damping_ns_per_m: Values
+    environment_damping_ns_per_m: Values
+    environment_stiffness_n_per_m: Values
+    sample_time_s: float
+    delay_samples: float
+    model: Model
+
+    @classmethod
+    def of(cls, problem: Problem, model: Model | None = None) -> SampledLoop:
+        """Take the loop of a problem, in its own model or in the one named."""
+        return cls(
+            problem.device.damping_ns_per_m,
+            problem.environment.damping_ns_per_m,
+            problem.environment.stiffness_n_per_m,
+            problem.device.sample_time_s,
+            problem.device.delay_samples,
+            model or problem.stability.model,
+        )
+
+    def whole_delay(self, what: str) -> int:
+        """Return the delay for `what`, which knows whole samples only.
+
+        Raises:
+            UnsupportedError: the delay is fractional.
+        """
+        return whole_delay(self.delay_samples, what)
+
+    @property
+    def nyquist_hz(self) -> float:
+        """Half the sampling frequency."""
+        return 0.5 / self.sample_time_s
+
+
+@dataclass(frozen=True)
+class Fractions:
+    """Z_eavc = g + r w/(1 - w) + c w/(1 - rho w); arrays that broadcast together.
+
+    Attributes:
+        direct: g, N.s/m.
+        integral: r = T k_dc, N.s/m.
+        decaying: c, N.s/m.
+        pole: rho.
+        pole_gap: 1 - rho, from the parameters, without cancellation.
+        stable: whether rho lies inside the unit circle and the pole at z = 1 is at most simple.
+    """
+
+    direct: FloatArray
+    integral: FloatArray
+    decaying: FloatArray
+    pole: FloatArray
+    pole_gap: FloatArray
+    stable: BoolArray
+
+    def pick(self, index: Any) -> Fractions:
+        """Index every array alike: some rows, or a new axis."""
+        return Fractions(
+            self.direct[index],
+            self.integral[index],
+            self.decaying[index],
+            self.pole[index],
+            self.pole_gap[index],
+            self.stable[index],
+        )
+
+
+def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> Fractions:
+    """Split coupling and environment in series into partial fractions.
+
+    Args:
+        loop: the sampled loop.
+        damping_ns_per_m: b of the coupling; infinite (or an infinite k) means a rigid coupling, as does more than
+            `RIGID`. Any sign.
+        stiffness_n_per_m: k of the coupling.
+    """
+    t = loop.sample_time_s
+    b, k, b_e, k_e = np.broadcast_arrays(
+        *(
+            np.asarray(value, dtype=np.float64)
+            for value in (
+                damping_ns_per_m,
+                stiffness_n_per_m,
+                loop.environment_damping_ns_per_m,
+                loop.environment_stiffness_n_per_m,
+            )
+        )
+    )
+    rigid = (b > RIGID) | (k > RIGID)
+    b, k = (np.where(rigid, 1.0, np.maximum(gain, -RIGID)) for gain in (b, k))
+    kt, ket = k * t, k_e * t
+    lead_e = b_e + ket if loop.model == "sampled-data" else b_e + ket / 2
+    cross = kt * b_e - b * ket - (kt * ket / 2 if loop.model == "paper" else 0.0)
+    total, spring = b + kt + lead_e, kt + ket
+    plain = (total != 0) & (spring != 0)
+    total_or_1, spring_or_1 = np.where(total != 0, total, 1.0), np.where(spring != 0, spring, 1.0)
+    direct = np.where(total != 0, (b + kt) * (lead_e / total_or_1), 0.0)
+    integral = np.where(spring != 0, kt * (ket / spring_or_1), 0.0)
+    decaying = np.where(plain, (cross / total_or_1) ** 2 / spring_or_1, 0.0)
+    # A pole without residue is no pole; taken as 0 it stays out of every test.
+    real_pole = (decaying != 0) & ~rigid
+    gap = np.where(real_pole, spring / total_or_1, 1.0)
+    double = (spring == 0) & (kt != 0)
+    improper = (total == 0) & ((b != 0) | (kt != 0) | (lead_e != 0))
+    return Fractions(
+        direct=np.where(rigid, lead_e, direct),
+        integral=np.where(rigid, ket, integral),
+        decaying=np.where(real_pole, decaying, 0.0),
+        pole=1.0 - gap,
+        pole_gap=gap,
+        stable=rigid | ((gap > 0) & (gap < 2) & ~double & ~improper),
+    )
+
+
+def real_part(
+    loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: Values, frequency_hz: Values
+) -> FloatArray:
+    """Re Z_h at 0 <= frequency_hz <= Nyquist, N.s/m; at 0 its limit; all arguments broadcast.
+
+    With H = h exp(-j psi): Re Z_h = b_d + h {(g + b_p) cos psi - r sin(psi + phi)/(2 sin phi)
+    + c [(1 - rho) cos psi - 2 sin phi sin(psi + phi)]/[(1 - rho)^2 + 4 rho sin^2 phi]}.
+    """
+    amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)
+    return np.asarray(loop.device_damping_ns_per_m + amplitude * sum(terms))
+
+
+def size_of_terms(
+    loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: Values, frequency_hz: Values | None = None
+) -> FloatArray:
+    """Sum of the magnitudes of the terms of Re Z_h, N.s/m: rounding errors are a multiple of it.
+
+    Args:
+        loop: the sampled loop.
+        parts: partial fractions.
+        contact_damping_ns_per_m: b_p.
+        frequency_hz: where; None takes the largest magnitude of each term at any frequency.
+    """
+    if frequency_hz is not None:
+        amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)
+        return np.asarray(loop.device_damping_ns_per_m + amplitude * sum(np.abs(term) for term in terms))
+    reach = loop.delay_samples + 1.5
+    decay = np.abs(parts.decaying) / np.maximum(np.abs(parts.pole_gap), np.finfo(np.float64).tiny)
+    steady = np.abs(parts.direct) + np.abs(contact_damping_ns_per_m) + reach * np.abs(parts.integral)
+    return np.asarray(loop.device_damping_ns_per_m + steady + decay)
+
+
+def _terms(
+    loop: SampledLoop, parts: Fractions, contact: Values, frequency_hz: Values
+) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    """Return h and the terms of Re Z_h in the braces of `real_part`, those of opposite sign apart."""
+    turns = np.maximum(np.asarray(frequency_hz, dtype=np.float64) * loop.sample_time_s, _ZERO_TURNS)
+    sine, cosine = np.sin(np.pi * turns), np.sin(np.pi * (0.5 - turns))
+    half_turns = 2 * loop.delay_samples + (1 if loop.model == "paper" else 2)
+    amplitude = cosine if loop.model == "paper" else np.ones_like(cosine)
+    cos_psi = _cos_half_turns(half_turns, turns)
+    sin_next = np.sin(np.pi * (half_turns + 1) * turns)
+    distance2 = parts.pole_gap**2 + 4 * parts.pole * sine**2
+    decaying = parts.decaying / np.where(distance2 == 0, np.finfo(np.float64).tiny, distance2)
+    return amplitude, (
+        parts.direct * cos_psi,
+        contact * cos_psi,
+        -parts.integral * (sin_next / (2 * sine)),
+        decaying * parts.pole_gap * cos_psi,
+        -decaying * (2 * sine * sin_next),
+    )
+
+
+def _cos_half_turns(count: float, turns: FloatArray) -> FloatArray:
+    """cos(count phi), accurate at its zero at Nyquist where ``count`` is odd."""
+    if count % 2 == 1:
+        sign = 1.0 if count % 4 == 1 else -1.0
+        return np.asarray(sign * np.sin(np.pi * count * (0.5 - turns)))
+    return np.asarray(np.cos(np.pi * count * turns))

@@ -1,0 +1,308 @@
+"""The worst margin of Re Z_h over a band of frequencies, and what else passivity asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi._util.progress import SILENT, Progress, chunks
+from avc_casadi.claims.passivity.sampled_loop import Fractions, SampledLoop, Values, fractions, real_part, size_of_terms
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from avc_casadi.claims.passivity.sampled_loop import Fractions, SampledLoop
+    from avc_casadi.model.problem import Model
+
+
+_EPS = float(np.finfo(np.float64).eps)
+_GOLDEN = (5**0.5 - 1) / 2
+# Leaves 2e-7 of the bracket, so that the value, flat there, is right to 4e-14 of its change over the bracket.
+_STEPS = 32
+_MINIMA = 6
+# Eigenvalues cost the cube of the degree.
+_MOST_ROOTS = 64
+
+
+def real_parts_of_roots(rows: FloatArray) -> FloatArray:
+    """Real parts of the roots of each row of Chebyshev coefficients, by eigenvalues of colleague matrices."""
+    roots = np.ones((rows.shape[0], rows.shape[1] - 1))
+    significant = np.abs(rows) > _EPS * np.max(np.abs(rows), axis=1, keepdims=True)
+    degrees = np.where(significant.any(axis=1), significant.shape[1] - 1 - np.argmax(significant[:, ::-1], axis=1), 0)
+    for degree in np.unique(degrees[degrees > 0]):
+        of_degree = np.flatnonzero(degrees == degree)
+        matrices = _colleague(rows[of_degree, : degree + 1])
+        roots[of_degree, :degree] = np.linalg.eigvals(matrices).real
+    return roots
+
+
+def _colleague(rows: FloatArray) -> FloatArray:
+    """Symmetrised colleague matrices, shape (n, degree, degree)."""
+    degree = rows.shape[1] - 1
+    if degree == 1:
+        return np.asarray(-rows[:, :1, None] / rows[:, 1:, None])
+    base = np.zeros((degree, degree))
+    off = np.full(degree - 1, 0.5)
+    off[0] = np.sqrt(0.5)
+    base[np.arange(degree - 1), np.arange(1, degree)] = off
+    base[np.arange(1, degree), np.arange(degree - 1)] = off
+    scale = np.full(degree, np.sqrt(0.5))
+    scale[0] = 1.0
+    matrices = np.broadcast_to(base, (rows.shape[0], degree, degree)).copy()
+    matrices[:, :, -1] -= rows[:, :-1] / rows[:, -1:] * (scale / scale[-1]) * 0.5
+    return matrices
+
+
+def seeds_hz(oscillations: int, nyquist_hz: float) -> FloatArray:
+    """Frequencies, shape (m,), that resolve so many half-waves up to Nyquist; many more where no roots are computed."""
+    return np.linspace(0.0, nyquist_hz, (4 if has_roots(oscillations) else 24) * oscillations + 1)
+
+
+def has_roots(degree: int) -> bool:
+    """Whether stationary points of this degree are computed as roots; beyond, a fine scan takes their place."""
+    return degree <= _MOST_ROOTS
+
+
+def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray, oscillations: int) -> FloatArray:
+    """Golden-section search about the lowest local minima of sorted points; about all that a scan may have left open.
+
+    Args:
+        value: frequencies of shape (n, k) to values of the same shape.
+        points: shape (n, m), ascending in each row.
+        oscillations: half-waves of the value up to Nyquist.
+
+    Returns:
+        The points and what the search found, shape (n, m + some).
+    """
+    values = value(points)
+    before, after, first = _neighbours(points)
+    below = [values <= np.take_along_axis(values, other, axis=1) for other in (before, after)]
+    local = np.where(first & below[0] & below[1], values, np.inf)
+    count = min(_MINIMA if has_roots(oscillations) else oscillations // 2 + _MINIMA, points.shape[1])
+    chosen = np.argsort(local, axis=1)[:, :count]
+    left, right = (np.take_along_axis(points, np.take_along_axis(other, chosen, 1), 1) for other in (before, after))
+    centre = np.take_along_axis(points, chosen, axis=1)
+    for _ in range(_STEPS):
+        step = (1 - _GOLDEN) * np.where(right - centre > centre - left, right - centre, left - centre)
+        probe = centre + step
+        better = value(probe) < value(centre)
+        outer = step > 0
+        left = np.where(better & outer, centre, np.where(~better & ~outer, probe, left))
+        right = np.where(better & ~outer, centre, np.where(~better & outer, probe, right))
+        centre = np.where(better, probe, centre)
+    return np.concatenate([points, centre], axis=1)
+
+
+def _neighbours(points: FloatArray) -> tuple[IndexArray, IndexArray, BoolArray]:
+    """Positions of the next lower and the next higher point, and whether each point is the first of its equals.
+
+    Points that were clipped at the end of a band are many and equal: taken for neighbours they leave nothing between
+    them, and taken for minima they leave no room for the others.
+    """
+    size = points.shape[1]
+    at = np.broadcast_to(np.arange(size), points.shape)
+    first = np.diff(points, axis=1, prepend=-np.inf) > 0
+    last = np.diff(points, axis=1, append=np.inf) > 0
+    begin = np.maximum.accumulate(np.where(first, at, 0), axis=1)
+    end = np.minimum.accumulate(np.where(last, at, size - 1)[:, ::-1], axis=1)[:, ::-1]
+    return np.maximum(begin - 1, 0), np.minimum(end + 1, size - 1), first
+
+
+def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: FloatArray) -> FloatArray:
+    """Return the real parts of all roots, clipped to [-1, 1].
+
+    A root counts whether its imaginary part is small or not: the caller evaluates Re Z_h there, which costs little, and
+    no double root is lost to rounding.
+
+    Args:
+        loop: the sampled loop.
+        parts: partial fractions of n rows, each of shape (n,).
+        contact_damping_ns_per_m: b_p, shape (n,).
+
+    Returns:
+        Shape (n, delay + 2); where a row has fewer roots, the rest is 1.
+    """
+    gain, integral, kernel = _shapes(loop)
+    rho = parts.pole[:, None]
+    gain_slope: FloatArray = np.asarray(chebyshev.chebder(gain), dtype=np.float64)
+    integral_slope: FloatArray = np.asarray(chebyshev.chebder(integral), dtype=np.float64)
+    smooth = (parts.direct + contact_damping_ns_per_m)[:, None] * gain_slope + parts.integral[:, None] * integral_slope
+    # M(c) = kernel of w^n less rho times that of w^(n-1).
+    decaying = parts.decaying[:, None] * (kernel[None, :] - rho * np.pad(gain, (0, 1))[None, :])
+    degree = loop.whole_delay("the polynomial of stationary points") + 2
+    polynomial = _fit(_times_distance(_times_distance(smooth, rho), rho), degree)
+    slope: FloatArray = np.asarray(chebyshev.chebder(decaying, axis=1), dtype=np.float64)
+    polynomial = polynomial + _fit(_times_distance(slope, rho) + 2 * rho * decaying, degree)
+    return np.clip(real_parts_of_roots(polynomial), -1.0, 1.0)
+
+
+def _shapes(loop: SampledLoop) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Re H, Re H w/(1 - w) and Re H w as Chebyshev coefficients."""
+    d = loop.whole_delay("the polynomial of stationary points")
+    unit = np.eye(d + 3)
+    ramp = np.array([[-0.5, *([-1.0] * (n - 1)), *([0.0] * (d + 3 - n))] for n in (d + 1, d + 2)])
+    if loop.model == "paper":
+        return (
+            (unit[d] + unit[d + 1])[: d + 2] / 2,
+            (ramp[0] + ramp[1])[: d + 2] / 2,
+            (unit[d + 1] + unit[d + 2]) / 2,
+        )
+    return unit[d + 1][: d + 2], ramp[1][: d + 2], unit[d + 2]
+
+
+def _times_distance(rows: FloatArray, rho: FloatArray) -> FloatArray:
+    """Multiply by D = 1 + rho^2 - 2 rho c."""
+    product = np.zeros((rows.shape[0], rows.shape[1] + 1))
+    product[:, 1:] = rows / 2
+    product[:, 1:2] += rows[:, :1] / 2
+    product[:, : rows.shape[1] - 1] += rows[:, 1:] / 2
+    product *= -2 * rho
+    product[:, :-1] += (1 + rho**2) * rows
+    return product
+
+
+def _fit(rows: FloatArray, degree: int) -> FloatArray:
+    """Pad with zeros to degree + 1 columns; a wider array has only zeros beyond."""
+    short = rows[:, : degree + 1]
+    return np.pad(short, ((0, 0), (0, degree + 1 - short.shape[1])))
+
+
+_NUMBERS_AT_ONCE = 400_000
+# Relative to the terms of the sum: rounding of gains given in double precision and of the evaluation.
+RELATIVE_TOLERANCE = 1e-12
+_EQUAL = 1e-15
+
+
+@dataclass(frozen=True)
+class WorstMargin:
+    """The smallest Re Z_h of each row, shape (n,).
+
+    Attributes:
+        margin_ns_per_m: its value, N.s/m.
+        frequency_hz: where it stands; 0 means the limit of zero frequency.
+        poles_stable: whether all poles of the rendered impedance but a simple one at z = 1 lie inside the circle.
+        dc_stiffness_n_per_m: k k_e/(k + k_e), the residue at z = 1 over T; passivity needs it not negative.
+        tolerance_ns_per_m: what rounding can make of a margin of 0.
+    """
+
+    margin_ns_per_m: FloatArray
+    frequency_hz: FloatArray
+    poles_stable: BoolArray
+    dc_stiffness_n_per_m: FloatArray
+    tolerance_ns_per_m: FloatArray
+
+    @property
+    def passive(self) -> BoolArray:
+        """Whether each row is passive at these frequencies to the stated tolerance."""
+        residue = self.dc_stiffness_n_per_m >= 0
+        return (self.margin_ns_per_m >= -self.tolerance_ns_per_m) & self.poles_stable & residue
+
+
+def worst_margin(
+    loop: SampledLoop,
+    damping_ns_per_m: Values,
+    stiffness_n_per_m: Values,
+    contact_damping_ns_per_m: Values = 0.0,
+    low_hz: Values = 0.0,
+    high_hz: Values = np.inf,
+    *,
+    refine: bool = True,
+    progress: Progress = SILENT,
+) -> WorstMargin:
+    """Find the smallest Re Z_h of frozen gains over low_hz <= f <= high_hz, exactly.
+
+    Re Z_h is rational in c = cos(omega T). Every stationary point and both ends are evaluated, together with points
+    that resolve the slowest pole of the coupling, and the lowest ones are refined on Re Z_h itself: the margin is
+    right to about 1e-12 of the terms that it is the sum of. Beyond 62 samples of delay, where roots cost too much, a
+    scan with 24 points to each half-wave of the delay takes the place of the stationary points.
+
+    Args:
+        loop: device, environment, hold.
+        damping_ns_per_m: b, N.s/m; infinite for a rigid coupling. All arguments broadcast to n rows.
+        stiffness_n_per_m: k, N/m.
+        contact_damping_ns_per_m: b_p, N.s/m.
+        low_hz: lower end of the band; 0 includes the limit of zero frequency.
+        high_hz: upper end; clipped at the Nyquist frequency.
+        refine: False leaves out the refinement, which takes most of the time; for searches that end with an exact
+            check.
+        progress: told of the rows.
+
+    Returns:
+        One result per row, shape (n,).
+    """
+    given = (
+        damping_ns_per_m,
+        stiffness_n_per_m,
+        contact_damping_ns_per_m,
+        low_hz,
+        high_hz,
+        loop.device_damping_ns_per_m,
+        loop.environment_damping_ns_per_m,
+        loop.environment_stiffness_n_per_m,
+    )
+    columns = [np.ravel(column) for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))]
+    rows = len(columns[0])
+    if np.array_equal(columns[3], columns[4]):
+        return _worst(loop, columns, None, refine=False)
+    degree = loop.whole_delay("the worst passivity margin over a band of frequencies") + 2
+    at_once = max(1, _NUMBERS_AT_ONCE // (len(seeds_hz(degree, 1.0)) + degree + 28))
+    pieces = [
+        _worst(loop, [column[some] for column in columns], degree, refine=refine)
+        for some in chunks(rows, at_once, progress, "passivity")
+    ]
+    return WorstMargin(
+        np.concatenate([piece.margin_ns_per_m for piece in pieces]),
+        np.concatenate([piece.frequency_hz for piece in pieces]),
+        np.concatenate([piece.poles_stable for piece in pieces]),
+        np.concatenate([piece.dc_stiffness_n_per_m for piece in pieces]),
+        np.concatenate([piece.tolerance_ns_per_m for piece in pieces]),
+    )
+
+
+def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, refine: bool) -> WorstMargin:
+    """Judge some rows; `degree` is that of Re Z_h in cos(omega T), None where each band is a single frequency."""
+    b, k, contact, low, high, b_d, b_e, k_e = columns
+    loop = SampledLoop(b_d, b_e, k_e, loop.sample_time_s, loop.delay_samples, loop.model)
+    nyquist = loop.nyquist_hz
+    low, high = np.minimum(low, nyquist), np.minimum(high, nyquist)
+    parts = fractions(loop, b, k)
+
+    columned = SampledLoop(b_d[:, None], b_e[:, None], k_e[:, None], *_rest(loop))
+    spread = parts.pick((slice(None), None))
+
+    def value(frequency_hz: FloatArray) -> FloatArray:
+        return real_part(columned, spread, contact[:, None], frequency_hz)
+
+    candidates = low[:, None]
+    if degree is not None:
+        candidates = np.concatenate([_resolving_points(loop, parts, degree), low[:, None], high[:, None]], axis=1)
+    if degree is not None and has_roots(degree):
+        roots_hz = np.arccos(stationary_cosines(loop, parts, contact)) / np.pi * nyquist
+        candidates = np.concatenate([candidates, roots_hz], axis=1)
+    candidates = np.sort(np.clip(candidates, low[:, None], high[:, None]), axis=1)
+    frequency = refine_minima(value, candidates, degree) if refine and degree is not None else candidates
+    values = value(frequency)
+    lowest = np.take_along_axis(frequency, np.argmin(values, axis=1)[:, None], axis=1)
+    size = size_of_terms(columned, spread, contact[:, None], lowest)
+    # Among equal values the first: an end or a stationary point, rather than what rounding made of it.
+    first = np.argmax(values <= values.min(axis=1, keepdims=True) + _EQUAL * size, axis=1)[:, None]
+    at = np.take_along_axis(frequency, first, axis=1)
+    tolerance = RELATIVE_TOLERANCE * size[:, 0]
+    margin = value(at)[:, 0]
+    return WorstMargin(margin, at[:, 0], parts.stable, parts.integral / loop.sample_time_s, tolerance)
+
+
+def _rest(loop: SampledLoop) -> tuple[float, float, Model]:
+    return loop.sample_time_s, loop.delay_samples, loop.model
+
+
+def _resolving_points(loop: SampledLoop, parts: Fractions, degree: int) -> FloatArray:
+    """Frequencies, shape (n, m), that resolve the hold's oscillation and the slowest pole: seeds for refinement."""
+    even = seeds_hz(degree, loop.nyquist_hz)
+    corner = np.clip(np.abs(parts.pole_gap), 1e-16, 1.0)[:, None]
+    decades = corner ** np.linspace(1.2, 0, 25)[None, :]
+    return np.concatenate([np.broadcast_to(even, (len(corner), len(even))), decades / np.pi * loop.nyquist_hz], axis=1)

@@ -1,0 +1,335 @@
+"""Passivity of frozen renderings on the device as declared, over all frequencies up to Nyquist."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.passivity.handle_port import HandlePort, handle_port, least_loss_ns_per_m, response
+from avc_casadi.claims.passivity.sampled_loop import RIGID
+from avc_casadi.claims.passivity.worst_frequency import refine_minima
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.passivity.sampled_loop import Fractions
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Model
+
+
+_LOWEST_TURNS = 1e-8
+_A_DECADE = 150
+# Below a hundredth of the sampling frequency the device hardly changes, and poles of a coupling are real.
+_A_DECADE_BELOW = 60
+_LOW_TURNS = 0.01
+_A_HALF_WAVE = 24
+_ZOOMS = 4
+_NINE = np.linspace(0.0, 1.0, 9)
+_HALVINGS = 44
+_MOST_NS_PER_M = 1e12
+
+
+def wave(
+    parts: Fractions, contact_damping_ns_per_m: FloatArray, turns: FloatArray, model: Model = "sampled-data"
+) -> ComplexArray:
+    """W = H (Z_eavc + b_p), H = 1/z or the paper's (z + 1)/(2 z), without the device's delay.
+
+    Args:
+        parts: partial fractions in that model; all arguments broadcast.
+        contact_damping_ns_per_m: b_p.
+        turns: omega T/(2 pi), above 0, up to 1/2.
+        model: hold.
+    """
+    half = np.pi * turns
+    sine, cosine = np.sin(half), np.sin(np.pi * (0.5 - turns))
+    z = np.exp(2j * half)
+    hold = cosine * np.exp(-1j * half) if model == "paper" else 1 / z
+    # H w/(1 - w): its real part is written out, for at low frequency it is all that counts of a large number.
+    steps = 2 if model == "paper" else 3
+    integral = (-np.sin(steps * half) - 1j * np.cos(steps * half)) / (2 * sine)
+    integral = integral * cosine if model == "paper" else integral
+    distance = parts.pole_gap + 2 * parts.pole * sine * (sine + 1j * cosine)
+    decaying = parts.decaying / np.where(distance == 0, np.finfo(np.float64).tiny, distance)
+    return np.asarray(hold * (parts.direct + contact_damping_ns_per_m + decaying / z) + parts.integral * integral)
+
+
+class Slack(Protocol):
+    """Of some rows at a port of shape (m,) or (rows, m): what passivity leaves, and its rounding, shape (rows, m)."""
+
+    def __call__(self, port: HandlePort, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Return what is left, not negative where the rows are passive, and what rounding can make of 0."""
+
+
+@dataclass(frozen=True)
+class RenderingSlack:
+    """|1 + W X|^2 - |W|^2 U^2 of n renderings: on a rigid device without delay Re Z_h/b_d."""
+
+    parts: Fractions
+    contact_damping_ns_per_m: FloatArray
+
+    def __call__(self, port: HandlePort, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Judge some rows."""
+        column = (rows, None)
+        w = wave(self.parts.pick(column), self.contact_damping_ns_per_m[column], port.turns)
+        size = np.abs(w)
+        loss = size**2 * port.excess
+        left = 1 + 2 * (w.real * port.centre.real - w.imag * port.centre.imag) - loss
+        rounding = 1e-9 + 1e-12 * size * port.spread + 1e-8 * np.abs(loss)
+        return np.where(port.damped, left, np.where(size == 0, 1.0, -np.inf)), np.where(port.damped, rounding, 0.0)
+
+
+@dataclass(frozen=True)
+class CouplingSlack:
+    """The same for n couplings before every passive wall: the least that any Z_e leaves.
+
+    Coupling and wall in series are (1 + e)/(2 Re(1/Z_c)), |e| <= 1, so that W lies in a disk of radius rho = 1/(2
+    Re(1/Z_c)) about w_0 = (rho + b_p)/z; that of the renderings that are passive is another disk, or what lies outside
+    of one. The first lies within where
+
+        1 + 2 Re(w_0 X) - 2 U rho - (U^2 - |X|^2)(|w_0|^2 - rho^2) >= 0    and    U >= rho (U^2 - |X|^2).
+
+    Attributes:
+        damping_ns_per_m: b, shape (n,).
+        stiffness_n_per_m: k.
+        contact_damping_ns_per_m: b_p.
+        sample_time_s: T.
+    """
+
+    damping_ns_per_m: FloatArray
+    stiffness_n_per_m: FloatArray
+    contact_damping_ns_per_m: FloatArray
+    sample_time_s: float
+
+    @property
+    def valid(self) -> BoolArray:
+        """Which couplings are passive themselves and not rigid, shape (n,)."""
+        b, k = self.damping_ns_per_m, self.stiffness_n_per_m
+        finite = (np.abs(b) <= RIGID) & (np.abs(k) <= RIGID)
+        with np.errstate(over="ignore"):
+            return np.asarray(finite & ((b + k * self.sample_time_s / 2 > 0) | ((b == 0) & (k == 0))))
+
+    def __call__(self, port: HandlePort, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Judge some rows."""
+        column, valid = (rows, None), self.valid
+        b, k = (np.where(valid, gain, 0.0)[column] for gain in (self.damping_ns_per_m, self.stiffness_n_per_m))
+        contact = self.contact_damping_ns_per_m[column]
+        half = k * self.sample_time_s / 2
+        lead = b + half
+        cotangent = np.sin(np.pi * (0.5 - port.turns)) / np.sin(np.pi * port.turns)
+        rho = (lead + half * (half / np.where(lead > 0, lead, 1.0)) * cotangent**2) / 2
+        x = port.centre * np.exp(-2j * np.pi * port.turns)
+        size = np.abs(x)
+        # U - Re x, which vanishes at low frequency while rho grows.
+        lag = port.excess / np.where(port.spread > 0, port.spread + size, 1.0) + 2 * size * np.sin(np.angle(x) / 2) ** 2
+        loss = 2 * rho * lag + port.excess * contact * (contact + 2 * rho)
+        left = 1 + 2 * contact * x.real - loss
+        left = np.where(port.damped & (port.spread >= rho * port.excess), left, -np.inf)
+        left = np.where((rho == 0) & (contact == 0), 1.0, left)
+        rounding = 1e-9 + 1e-12 * contact * size + 1e-8 * np.abs(loss)
+        return np.where(valid[column], left, -np.inf), np.where(port.damped, rounding, 0.0)
+
+
+@dataclass(frozen=True)
+class PortWorst:
+    """The worst of all frequencies and devices for n rows, each of shape (n,).
+
+    Attributes:
+        passed: whether nothing is missing, to rounding, at any frequency of the scan.
+        margin_ns_per_m: the smallest eigenvalue of the Hermitian part of the impedance at the handle, there: the
+            damping that the handle can lose (negative: that it lacks); no more than the least R of the device alone.
+        frequency_hz: where least is left.
+        device: index of the device.
+        tolerance_ns_per_m: what rounding can make of a margin of 0.
+    """
+
+    passed: BoolArray
+    margin_ns_per_m: FloatArray
+    frequency_hz: FloatArray
+    device: IndexArray
+    tolerance_ns_per_m: FloatArray
+
+    def pick(self, rows: IndexArray) -> PortWorst:
+        """Take some of the rows."""
+        return PortWorst(**{name: values[rows] for name, values in vars(self).items()})
+
+
+def frequencies_hz(device: Device) -> FloatArray:
+    """Frequencies, shape (m,), that resolve every pole of a port, however slow, the delay, and what ends at Nyquist."""
+    low = np.geomspace(_LOWEST_TURNS, _LOW_TURNS, round(_A_DECADE_BELOW * np.log10(_LOW_TURNS / _LOWEST_TURNS)))
+    high = np.geomspace(_LOW_TURNS, 0.5, round(_A_DECADE * np.log10(0.5 / _LOW_TURNS)))
+    even = np.linspace(0.0, 0.5, 1 + round(_A_HALF_WAVE * (device.delay_samples + 3)))[1:]
+    return np.unique(np.concatenate([low, high, even, 0.5 - low[::4]])) / device.sample_time_s
+
+
+def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Progress = SILENT) -> PortWorst:
+    """Find where least is left, over all frequencies and devices.
+
+    A scan, no root-finding: what is left is a smooth function of the logarithm of the frequency, for the port has no
+    lightly damped pole. 60 points a decade, 150 in the last two, and more where the delay turns the phase; the worst
+    point of all devices is refined.
+
+    Args:
+        devices: corners of a device, each known exactly.
+        slack: of the rows.
+        rows: how many.
+        progress: told of the devices.
+    """
+    every = np.arange(rows)
+    least, rounding = np.full(rows, np.inf), np.zeros(rows)
+    at, at_index, which = np.zeros(rows), np.zeros(rows, dtype=np.intp), np.zeros(rows, dtype=np.intp)
+    passed = np.ones(rows, dtype=bool)
+    for index, device in enumerate(devices):
+        progress.advance(index, len(devices), "passivity at the handle")
+        frequency = frequencies_hz(device)
+        left, near = slack(handle_port(device, frequency), every)
+        passed &= (left >= -near).all(axis=1)
+        found = np.argmin(left, axis=1)
+        lowest = left[every, found]
+        worse = lowest < least
+        least, at_index = np.where(worse, lowest, least), np.where(worse, found, at_index)
+        which = np.where(worse, index, which)
+    margin, tolerance = np.full(rows, np.nan), np.full(rows, np.nan)
+    for index, device in enumerate(devices):
+        own = every[which == index]
+        if len(own) == 0:
+            continue
+        at[own], least[own], rounding[own] = _refined(device, slack, frequencies_hz(device), at_index[own], own)
+        passed[own] &= least[own] >= -rounding[own]
+        margin[own] = _margin(device, slack, at[own], own, least[own])
+        tolerance[own] = rounding[own] * (1e-12 + abs(least_loss_ns_per_m(device)))
+    return PortWorst(passed, margin, at, which, tolerance)
+
+
+def _refined(
+    device: Device, slack: Slack, frequency: FloatArray, found: IndexArray, rows: IndexArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Frequency, what is left there and its rounding, near the lowest point of the scan."""
+    low, high = frequency[np.maximum(found - 1, 0)], frequency[np.minimum(found + 1, len(frequency) - 1)]
+    own = np.arange(len(rows))
+    best = frequency[found]
+    for _ in range(_ZOOMS):
+        points = np.sort(np.concatenate([low[:, None] + (high - low)[:, None] * _NINE, best[:, None]], axis=1), axis=1)
+        left, near = slack(handle_port(device, points), rows)
+        lowest = np.argmin(left, axis=1)
+        best = points[own, lowest]
+        low, high = points[own, np.maximum(lowest - 1, 0)], points[own, np.minimum(lowest + 1, points.shape[1] - 1)]
+    return best, left[own, lowest], near[own, lowest]
+
+
+def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArray, left: FloatArray) -> FloatArray:
+    """Largest damping that can be taken from the handle at one frequency a row, N.s/m, by bisection."""
+
+    def meets(taken: FloatArray) -> BoolArray:
+        return np.asarray(slack(handle_port(device, frequency[:, None], taken[:, None]), rows)[0][:, 0] >= 0)
+
+    most = np.full(len(rows), least_loss_ns_per_m(device))
+    reach = 1e-3 * (1.0 + most)
+    inside = np.where(left >= 0, 0.0, -reach)
+    waiting = ~meets(inside)
+    while waiting.any() and reach[0] < _MOST_NS_PER_M:
+        reach = 4 * reach
+        inside = np.where(waiting, -reach, inside)
+        waiting = ~meets(inside)
+    outside = np.where(left >= 0, most, 0.0)
+    for _ in range(_HALVINGS):
+        middle = (inside + outside) / 2
+        fits = meets(middle)
+        inside, outside = np.where(fits, middle, inside), np.where(fits, outside, middle)
+    return np.where(waiting, -np.inf, inside)
+
+
+_POINTS = 400
+_TOLERANCE = 1e-12
+
+
+def perceived_real(
+    device: Device, parts: Fractions, contact_damping_ns_per_m: FloatArray, frequency_hz: FloatArray, model: Model
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Re Z_h, Z_h = Z_d + tau t A e W/(1 + A e W Y), of renderings at frequencies above 0.
+
+    Args:
+        device: known exactly.
+        parts: partial fractions of the renderings in that model; all arguments broadcast.
+        contact_damping_ns_per_m: b_p.
+        frequency_hz: up to Nyquist.
+        model: hold and discretisation of the wall.
+
+    Returns:
+        Re Z_h (N.s/m); the same times |1 + A e W Y|^2, which has no sharp peak where the motor oscillates against a
+        handle that is held; and the size of the terms.
+    """
+    port = response(device, frequency_hz)
+    w = wave(parts, contact_damping_ns_per_m, frequency_hz * device.sample_time_s, model) * port.force
+    closed = 1 + w * port.admittance
+    share = np.abs(closed) ** 2
+    added = (port.sent * port.seen * w * closed.conj()).real
+    real = port.loss + added / np.where(share > 0, share, np.finfo(np.float64).tiny)
+    return np.asarray(real), np.asarray(port.loss * share + added), np.asarray(port.loss + np.abs(w))
+
+
+def impedance_at_handle(device: Device, rendered: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
+    """Z_h of the device as declared, at its handle, for a rendering of the model 'sampled-data', N.s/m.
+
+    The model's W counts the force and the velocity in samples; at the frequency itself, which the aliases leave out, it
+    is kappa = (sin(omega T/2)/(omega T/2))^2 times that.
+
+    Args:
+        device: known exactly.
+        rendered: W without the delay, N.s/m, shape (n,).
+        frequency_hz: above 0, shape (n,).
+    """
+    port = response(device, frequency_hz)
+    force = rendered * np.sinc(frequency_hz * device.sample_time_s) ** 2 * port.force
+    return np.asarray(port.alone + port.sent * port.seen * force / (1 + force * port.admittance))
+
+
+def perceived_worst(
+    devices: Sequence[Device],
+    parts: Fractions,
+    contact_damping_ns_per_m: FloatArray,
+    low_hz: FloatArray,
+    high_hz: FloatArray,
+    model: Model,
+) -> PortWorst:
+    """Find the smallest Re Z_h over a band of each row and over devices, by a scan with refinement.
+
+    Args:
+        devices: corners of a device, each known exactly.
+        parts: partial fractions of n renderings in that model.
+        contact_damping_ns_per_m: b_p, shape (n,).
+        low_hz: lower ends, above 0, shape (n,); equal to the upper ones for a single frequency.
+        high_hz: upper ends, cut at Nyquist.
+        model: hold and discretisation of the wall.
+    """
+    rows = len(low_hz)
+    every = np.arange(rows)
+    column = parts.pick((slice(None), None))
+    contact = contact_damping_ns_per_m[:, None]
+    least, rounding, at = np.full(rows, np.inf), np.zeros(rows), np.array(low_hz, dtype=np.float64)
+    which: IndexArray = np.zeros(rows, dtype=np.intp)
+    for index, device in enumerate(devices):
+        nyquist = 0.5 / device.sample_time_s
+
+        def real(frequency: FloatArray, device: Device = device) -> FloatArray:
+            return perceived_real(device, column, contact, frequency, model)[0]
+
+        def smooth(frequency: FloatArray, device: Device = device) -> FloatArray:
+            return perceived_real(device, column, contact, frequency, model)[1]
+
+        low, high = np.minimum(low_hz, nyquist), np.minimum(high_hz, nyquist)
+        points = low[:, None]
+        if (high > low).any():
+            points = np.clip(np.geomspace(low, high, _POINTS, axis=1), low[:, None], high[:, None])
+            points = np.concatenate([refine_minima(real, points, 1), refine_minima(smooth, points, 1)], axis=1)
+        found, _, size = perceived_real(device, column, contact, points, model)
+        lowest = np.argmin(found, axis=1)
+        value = found[every, lowest]
+        worse = value < least
+        least = np.where(worse, value, least)
+        at = np.where(worse, points[every, lowest], at)
+        rounding = np.where(worse, _TOLERANCE * size[every, lowest], rounding)
+        which = np.where(worse, index, which)
+    return PortWorst(least >= -rounding, least, at, which, rounding)

@@ -1,0 +1,1 @@
+"""Proofs by interval arithmetic, loaded when somebody asks for one."""

@@ -1,0 +1,264 @@
+"""Complex numbers known to lie in a disc, and their rates of change: midpoint and radius, every rounding enclosed.
+
+A disc is a centre c and a radius r; what a function gives contains its value at every point of its arguments. Radii
+are rounded up by a factor that is far above what double precision can lose. exp, sin and cos are taken to be right to
+four units in the last place.
+
+Beside it stands `_interval`, whose rectangles fit real numbers and their signs: here numbers are turned and inverted
+many times over, by which a disc stays a disc.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+
+# Of a complex product or sum, relative to its size, with room to spare; of a function of the standard library.
+_ROUNDING = 2.0**-49
+# Of the radii themselves: a handful of positive terms.
+_UP = 1.0 + 2.0**-46
+# Of the radius of a reciprocal, whose difference of squares cancels.
+_UP_OPEN = 1.0 + 2.0**-40
+_TINY = 1e-300
+# Beyond this ratio of radius to centre a reciprocal says nothing.
+_MOST_OPEN = 0.99
+
+Number = float | complex
+
+
+@dataclass(frozen=True, eq=False)
+class Disc:
+    """Discs c + r, arrays of one shape.
+
+    Attributes:
+        centre: c.
+        radius: r >= 0; not finite where nothing is known.
+    """
+
+    centre: ComplexArray
+    radius: FloatArray
+
+    @classmethod
+    def around(cls, centre: FloatArray, radius: FloatArray) -> Disc:
+        """Return real intervals as discs."""
+        return cls(np.asarray(centre, dtype=np.complex128), np.asarray(radius, dtype=np.float64))
+
+    @classmethod
+    def rounded(cls, value: Number | FloatArray) -> Disc:
+        """Return numbers that were rounded on the way here."""
+        return cls(np.asarray(value, dtype=np.complex128), np.asarray(_ROUNDING * np.abs(value) + _TINY))
+
+    def __add__(self, other: Disc | Number) -> Disc:
+        if isinstance(other, Moving):
+            return NotImplemented
+        if isinstance(other, Disc):
+            centre = self.centre + other.centre
+            return Disc(centre, (self.radius + other.radius + _ROUNDING * np.abs(centre)) * _UP)
+        centre = self.centre + other
+        return Disc(centre, (self.radius + _ROUNDING * np.abs(centre)) * _UP)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Disc:
+        return Disc(-self.centre, self.radius)
+
+    def __sub__(self, other: Disc | Number) -> Disc:
+        if isinstance(other, Moving):
+            return NotImplemented
+        return self + (-other)
+
+    def __rsub__(self, other: Number) -> Disc:
+        return -self + other
+
+    def __mul__(self, other: Disc | Number) -> Disc:
+        if isinstance(other, Moving):
+            return NotImplemented
+        if isinstance(other, Disc):
+            one, two = np.abs(self.centre), np.abs(other.centre)
+            spread = one * (other.radius + _ROUNDING * two) + self.radius * (two + other.radius)
+            return Disc(self.centre * other.centre, (spread + _TINY) * _UP)
+        size = abs(other)
+        spread = size * (self.radius + _ROUNDING * np.abs(self.centre))
+        return Disc(self.centre * other, (spread + _TINY) * _UP)
+
+    __rmul__ = __mul__
+
+    def sum(self) -> Disc:
+        """Add along the first axis."""
+        spread = len(self.centre) * _ROUNDING * np.abs(self.centre).sum(axis=0)
+        return Disc(self.centre.sum(axis=0), (self.radius.sum(axis=0) + spread) * _UP)
+
+    def reciprocal(self) -> Disc:
+        """Return 1/z; unknown where the disc comes near to 0."""
+        size = np.abs(self.centre)
+        apart = self.radius < _MOST_OPEN * size
+        with np.errstate(all="ignore"):
+            square = size * size - self.radius * self.radius
+            centre = np.where(apart, np.conj(self.centre) / square, 0.0)
+            radius = np.where(apart, (self.radius / square + 2**6 * _ROUNDING * np.abs(centre)) * _UP_OPEN, np.inf)
+        return Disc(centre, radius)
+
+    def __rtruediv__(self, other: Number) -> Disc:
+        return self.reciprocal() * other
+
+    def conj(self) -> Disc:
+        """Return the conjugates."""
+        return Disc(np.conj(self.centre), self.radius)
+
+    def real(self) -> Disc:
+        """Return the real parts."""
+        return Disc(np.asarray(self.centre.real + 0j), self.radius)
+
+    def abs2(self) -> Disc:
+        """Return the squared moduli."""
+        size = np.abs(self.centre)
+        spread = self.radius * (2 * size + self.radius) + _ROUNDING * size * size
+        return Disc(np.asarray(size * size + 0j), (spread + _TINY) * _UP)
+
+    @property
+    def largest(self) -> FloatArray:
+        """Upper bound of |z|."""
+        return (np.abs(self.centre) * (1 + _ROUNDING) + self.radius) * _UP
+
+    @property
+    def real_low(self) -> FloatArray:
+        """Lower bound of the real part."""
+        return self.centre.real - self.radius * _UP - _TINY
+
+
+@dataclass(frozen=True, eq=False)
+class Moving:
+    """A disc with its rates of change along some variables, each over the whole cell.
+
+    Attributes:
+        value: the value.
+        slopes: rate along each variable that it depends on, by the variable's number.
+    """
+
+    value: Disc
+    slopes: dict[int, Disc]
+
+    @classmethod
+    def variable(cls, number: int, low: FloatArray, high: FloatArray) -> Moving:
+        """Return a variable over its interval."""
+        centre = 0.5 * (low + high)
+        radius = np.maximum(high - centre, centre - low) * _UP
+        one = Disc.around(np.ones(len(low)), np.zeros(len(low)))
+        return cls(Disc.around(centre, radius), {number: one})
+
+    @classmethod
+    def fixed(cls, value: FloatArray) -> Moving:
+        """Return a number that does not move."""
+        return cls(Disc.around(value, np.zeros(len(value))), {})
+
+    def __add__(self, other: Moving | Disc | Number) -> Moving:
+        if not isinstance(other, Moving):
+            return Moving(self.value + other, self.slopes)
+        slopes = dict(self.slopes)
+        for number, slope in other.slopes.items():
+            slopes[number] = slopes[number] + slope if number in slopes else slope
+        return Moving(self.value + other.value, slopes)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Moving:
+        return Moving(-self.value, {number: -slope for number, slope in self.slopes.items()})
+
+    def __sub__(self, other: Moving | Disc | Number) -> Moving:
+        return self + (-other)
+
+    def __rsub__(self, other: Number) -> Moving:
+        return -self + other
+
+    def __mul__(self, other: Moving | Disc | Number) -> Moving:
+        if not isinstance(other, Moving):
+            return Moving(self.value * other, {number: slope * other for number, slope in self.slopes.items()})
+        slopes = {number: slope * other.value for number, slope in self.slopes.items()}
+        for number, slope in other.slopes.items():
+            own = slope * self.value
+            slopes[number] = slopes[number] + own if number in slopes else own
+        return Moving(self.value * other.value, slopes)
+
+    __rmul__ = __mul__
+
+    def sum(self) -> Moving:
+        """Add along the first axis."""
+        return Moving(self.value.sum(), {number: slope.sum() for number, slope in self.slopes.items()})
+
+    def conj(self) -> Moving:
+        """Return the conjugate; the variables are real."""
+        return Moving(self.value.conj(), {number: slope.conj() for number, slope in self.slopes.items()})
+
+    def real(self) -> Moving:
+        """Return the real part."""
+        return Moving(self.value.real(), {number: slope.real() for number, slope in self.slopes.items()})
+
+    def abs2(self) -> Moving:
+        """Return the squared modulus."""
+        back = self.value.conj() * 2.0
+        return Moving(self.value.abs2(), {number: (slope * back).real() for number, slope in self.slopes.items()})
+
+    def __rtruediv__(self, other: Number) -> Moving:
+        inverse = self.value.reciprocal()
+        square = -(inverse * inverse)
+        whole = Moving(inverse, {number: slope * square for number, slope in self.slopes.items()})
+        return whole if other == 1 else whole * other
+
+
+def turned(angle: Moving) -> Moving:
+    """Return exp(-j angle) of a real angle."""
+    centre, spread = angle.value.centre.real, angle.value.radius
+    value = Disc(np.exp(-1j * centre), (spread + _ROUNDING * (1 + np.abs(centre))) * _UP)
+    return Moving(value, {number: slope * (value * -1j) for number, slope in angle.slopes.items()})
+
+
+def held(angle: Moving) -> Moving:
+    """Return (1 - exp(-j angle))/(j angle), the hold over one sample: the mean of exp(-j angle u) over u in [0, 1]."""
+    centre, spread = angle.value.centre.real, angle.value.radius
+    # The mean of exp(-j angle u) has rates of at most 1/2 and 1/3.
+    value = Disc(np.exp(-0.5j * centre) * np.sinc(centre / (2 * np.pi)), (0.5 * spread + 4 * _ROUNDING) * _UP)
+    rate = Disc(_hold_rate(centre), (spread / 3 + 2**10 * _ROUNDING) * _UP)
+    return Moving(value, {number: slope * rate for number, slope in angle.slopes.items()})
+
+
+def _hold_rate(angle: FloatArray) -> ComplexArray:
+    """Return -j times the mean of u exp(-j angle u)."""
+    small = np.abs(angle) < 0.25
+    far = np.where(small, 1.0, angle)
+    closed = (np.exp(-1j * far) - np.exp(-0.5j * far) * np.sinc(far / (2 * np.pi))) / far
+    near = np.where(small, angle, 0.0) * -1j
+    term, series = np.ones_like(near), np.zeros_like(near)
+    for power in range(16):
+        series += term / (power + 2)
+        term = term * near / (power + 1)
+    return np.where(small, -1j * series, closed)
+
+
+def smallest(*discs: Disc) -> Disc:
+    """Return the smallest of several enclosures of the same numbers."""
+    best = discs[0]
+    for other in discs[1:]:
+        less = (other.radius < best.radius) | np.isnan(best.radius)
+        best = Disc(np.where(less, other.centre, best.centre), np.where(less, other.radius, best.radius))
+    return best
+
+
+def in_series(near: Moving, far: Moving) -> Moving:
+    """Return near far/(near + far), two impedances in series, each named once in what bounds it.
+
+    Which form is tight depends on which of the two is small and which is vague; the tightest of them is taken.
+    """
+    one, other = near.value, far.value
+    both = (one + other).reciprocal()
+    # near/(near + far) and far/(near + far), which add up to 1.
+    low = smallest(one * both, 1 / (1 + other * one.reciprocal()))
+    high = smallest(other * both, 1 / (1 + one * other.reciprocal()))
+    low, high = smallest(low, 1 - high), smallest(high, 1 - low)
+    slopes = {number: slope * (high * high) for number, slope in near.slopes.items()}
+    for number, slope in far.slopes.items():
+        own = slope * (low * low)
+        slopes[number] = slopes[number] + own if number in slopes else own
+    return Moving(smallest(one * high, other * low), slopes)

@@ -1,0 +1,341 @@
+"""The device in a hand as the sampler sees it, over a whole box of hands: sampled position over held force.
+
+The held force repeats its spectrum, and the sampler folds what the device makes of it: with w_n = omega + 2 pi n,
+
+    P(omega) = sum over n of (1 - exp(-j omega))/(j w_n) exp(-j w_n delay) A(j w_n/T) Y(j w_n/T),
+
+A of the amplifier and Y the position of the device over a force on its motor. In this form hand, delay (whole or not),
+amplifier and resonance stay as they are declared, and the numbers of a hand enter as they stand. The terms left out are
+bounded (`tail`). Angles are counted by the sample, impedances times T^2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi.claims.prove.disc import Disc, Moving, held, in_series, turned
+from avc_casadi.model.hands import hand_ranges
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Hands
+
+# Moving, or an array of plain complex numbers: the formulas are the same.
+Value = Any
+
+HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
+STYLUS = (
+    "mass_kg",
+    "grip_damping_ns_per_m",
+    "grip_stiffness_n_per_m",
+    "arm_damping_ns_per_m",
+    "arm_stiffness_n_per_m",
+)
+_RATIO = "amplifier_damping_ratio"
+# Of a current loop that rises nowhere.
+_NO_PEAK = 0.7072
+_RANGED = ("mass_kg", "damping_ns_per_m", "delay_samples", "amplifier_bandwidth_hz", _RATIO)
+# Terms on each side of the middle one.
+_TERMS, _TERMS_UNPAIRED = 6, 16
+_TOO_SLOW = "damping or stiffness of hand and device are too large for the sample time"
+# Room for the rounding of bounds that are computed in plain numbers.
+_ROOM = 1.0 + 1e-9
+
+
+@dataclass(frozen=True)
+class HeldDevice:
+    """A device, known exactly or within ranges, in every hand of a box.
+
+    Attributes:
+        device: the device as declared.
+        hand: range of each number of the hand, [lowest, highest]: `HAND`, or `STYLUS` for a hand on a stylus.
+    """
+
+    device: Device
+    hand: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def of(cls, device: Device, hands: Hands) -> HeldDevice:
+        """Take the box of hands of a problem."""
+        rows = hand_ranges(hands).tolist()
+        return cls(device, {name: (low, high) for name, (low, high) in zip(HAND, rows, strict=True)})
+
+    def __post_init__(self) -> None:
+        low = {name: ends[0] for name, ends in self.ranges.items()}
+        fault = None
+        if tuple(self.hand) not in (HAND, STYLUS):
+            fault = f"hands of {', '.join(self.hand)} are not known here"
+        elif not all(one <= other for one, other in self.hand.values()):
+            fault = "the range of a hand ends below where it begins"
+        elif not min(self.device.mass_kg, low.get("device.mass_kg", math.inf)) + self._moves * low["mass_kg"] > 0:
+            fault = "a device without mass follows no sampled force that a proof could enclose"
+        elif not all(low[name] > 0 for name in self.hand if name.endswith("stiffness_n_per_m")):
+            fault = "a hand without stiffness has no place of rest"
+        elif not max(low.get("device.damping_ns_per_m", self.device.damping_ns_per_m), *self._dampings()) > 0:
+            fault = "device and hand without damping never come to rest"
+        if fault is not None:
+            raise UnsupportedError(fault)
+
+    @property
+    def _moves(self) -> bool:
+        """Whether the mass of the hand moves with the device."""
+        return tuple(self.hand) == HAND and self.device.resonance is None
+
+    def _dampings(self) -> list[float]:
+        return [ends[0] for name, ends in self.hand.items() if name.endswith("damping_ns_per_m")]
+
+    @cached_property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Range of every number that is not known exactly, or is the hand's."""
+        found = dict(self.hand)
+        spread = self.device.range
+        for key in _RANGED:
+            ends = getattr(spread, key)
+            if ends is not None and ends[0] < ends[1] and not (key == _RATIO and self.device.amplifier_order == 1):
+                found[f"device.{key}"] = (float(ends[0]), float(ends[1]))
+        if self.device.resonance is not None:
+            for key in ("frequency_hz", "damping_ratio", "mass_ratio"):
+                ends = getattr(spread.resonance, key)
+                if ends is not None and ends[0] < ends[1]:
+                    found[f"device.resonance.{key}"] = (float(ends[0]), float(ends[1]))
+        return found
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the numbers, in the order of a cell's columns after omega."""
+        return tuple(self.ranges)
+
+    @property
+    def paired(self) -> bool:
+        """Whether terms on both sides nearly cancel: a rigid device, an ideal amplifier, whole samples of delay."""
+        device = self.device
+        whole = "device.delay_samples" not in self.ranges and device.delay_samples == int(device.delay_samples)
+        return whole and device.resonance is None and device.amplifier_bandwidth_hz is None
+
+    @property
+    def terms(self) -> int:
+        """Number of terms on each side that are taken."""
+        return _TERMS if self.paired else _TERMS_UNPAIRED
+
+    def corners(self) -> FloatArray:
+        """Return every corner of the box, shape (c, numbers)."""
+        grids = np.meshgrid(*(np.unique(ends) for ends in self.ranges.values()), indexing="ij")
+        return np.stack([grid.ravel() for grid in grids], axis=1)
+
+    def at(self, omega: FloatArray, numbers: FloatArray) -> ComplexArray:
+        """Return P at angles (f,) with hands (h, numbers), shape (h, f): plain numbers, for the search."""
+        columns = {name: numbers[:, place, None] for place, name in enumerate(self.names)}
+        above, below, around = self._folded(np.asarray(omega, dtype=np.complex128)[None, :], columns, 4 * self.terms)
+        return np.asarray(above / below + around)
+
+    def over(self, omega: Moving, numbers: tuple[Moving, ...]) -> tuple[Moving, Moving, Moving]:
+        """Enclose the terms that are taken; those left out are within `tail` of them.
+
+        Returns:
+            Numerator and denominator of the middle term, which a hand moves far and may all but cancel, and the sum of
+            the others.
+        """
+        return self._folded(omega, dict(zip(self.names, numbers, strict=True)), self.terms)
+
+    def _folded(self, omega: Value, numbers: dict[str, Value], terms: int) -> tuple[Value, Value, Value]:
+        moving = isinstance(omega, Moving)
+        known = Disc.rounded if moving else complex
+        turn, hold = (turned, held) if moving else (_turned, _held)
+        t = self.device.sample_time_s
+        delay = numbers.get("device.delay_samples", self.device.delay_samples)
+        ranged = "device.delay_samples" in numbers
+        whole = not ranged and delay == int(delay)
+        step = hold(omega)
+        lift = step * (omega * 1j)
+        # The largest terms come last, after the small ones have been added up.
+        places = np.array(sorted(range(-terms, terms + 1), key=abs, reverse=True)[:-1], dtype=np.float64)
+        around: Value = None
+        # All at once for the few cells of an enclosure, one by one for the many points of a search.
+        for n in (places[:, None],) if moving else places:
+            s = (omega + known(2 * math.pi * n)) * 1j
+            moved, by = self._moved(s, numbers, t)
+            term = moved * (1 / by) * (lift * (1 / s))
+            if ranged:
+                term = term * turn(delay * known(2 * math.pi * n))
+            elif not whole:
+                # The whole part of n delay turns nothing.
+                late = np.exp(-2j * math.pi * np.fmod(n * delay, 1.0))
+                term = term * (Disc(late, _ROUGH) if moving else late)
+            if moving:
+                term = term.sum()
+            around = term if around is None else around + term
+        above, below = self._moved(omega * 1j, numbers, t)
+        scale: Value = known(t * t)
+        if ranged or delay:
+            scale = turn(omega * delay) * scale
+        return above * (step * scale), below, around * scale
+
+    def _moved(self, s: Value, numbers: dict[str, Value], t: float) -> tuple[Value, Value]:
+        """Position over the force that is asked, over T^2, as a numerator and a denominator; s by the sample."""
+        known = Disc.rounded if isinstance(s, Moving) else complex
+        device = self.device
+
+        def number(key: str, own: float) -> Value:
+            return numbers.get(f"device.{key}", known(own))
+
+        mass, damping = number("mass_kg", device.mass_kg), number("damping_ns_per_m", device.damping_ns_per_m)
+        grip = _grip(s, numbers, t)
+        mode = device.resonance
+        above: Value
+        if mode is None:
+            above = known(1.0)
+            below = s * (s * mass + damping * known(t)) + grip
+        else:
+            ratio = number("resonance.mass_ratio", mode.mass_ratio)
+            angle = number("resonance.frequency_hz", mode.frequency_hz) * known(2 * math.pi * t)
+            handle, motor = mass * ratio, mass * (1 - ratio)
+            reduced = handle * (1 - ratio)
+            link = angle * reduced * (angle + s * (number("resonance.damping_ratio", mode.damping_ratio) * 2.0))
+            far = s * s * handle + grip
+            drive = s * (s * motor + damping * known(t))
+            # Without quotients: the handle may rest on its link almost undamped.
+            above = link if device.encoder_at == "handle" else link + far
+            below = drive * link + (drive + link) * far
+        if device.amplifier_bandwidth_hz is not None:
+            rate = number("amplifier_bandwidth_hz", device.amplifier_bandwidth_hz) * known(2 * math.pi * t)
+            lag = s + rate
+            if device.amplifier_order == 2:
+                ratio = number(_RATIO, device.amplifier_damping_ratio)
+                rate, lag = rate * rate, s * (s + rate * ratio * 2.0) + rate * rate
+            above = above * rate * (1 / lag)
+        return above, below
+
+    def tail(self, omega_high: FloatArray) -> FloatArray:
+        """Bound what the terms left out add to P, at angles up to the given ones."""
+        lift = np.minimum(omega_high, 2.0) * self.device.sample_time_s**2 * _ROOM
+        n = self.terms
+        if not self.paired:
+            share_passed, order = self._amplifier()
+            return lift * 2 * self._largest_yield() * share_passed * _left_out(3 + order, n)
+        mass, b, k = self._rigid_bounds()
+        share = 1 / (2 * (n + 1))
+        # Terms of both sides: what does not cancel of 1/(m w^3), then what damping and stiffness add to it.
+        across = 6 * (1 + share**2 / 3) / (1 - share**2) ** 3 / (2 * math.pi) ** 4 / (3 * n**3)
+        first = (2 * n + 1) * math.pi
+        small = b / (mass * first) + k / (mass * first**2)
+        if not small < 0.5:
+            raise UnsupportedError(_TOO_SLOW)
+        rest = 2 / (1 - small) * (b / mass * _left_out(4, n) + k / mass * _left_out(5, n))
+        return lift * (omega_high * across + rest) / mass
+
+    def _rigid_bounds(self) -> tuple[float, float, float]:
+        """Lowest mass, largest damping times T and stiffness times T^2 that act on a rigid device."""
+        t, device = self.device.sample_time_s, self.device
+        mass = self._ends("device.mass_kg", device.mass_kg)[0]
+        damping = self._ends("device.damping_ns_per_m", device.damping_ns_per_m)[1]
+        if tuple(self.hand) == HAND:
+            mass, damping = mass + self.hand["mass_kg"][0], damping + self.hand["damping_ns_per_m"][1]
+            return mass, damping * t, self.hand["stiffness_n_per_m"][1] * t**2
+        near = self._grip_bound()
+        return mass, (damping + near[0]) * t, near[1] * t**2
+
+    def _amplifier(self) -> tuple[float, int]:
+        """Bound what the amplifier lets pass beyond the terms taken: c/w^order, c and the order."""
+        device = self.device
+        if device.amplifier_bandwidth_hz is None:
+            return 1.0, 0
+        rate = 2 * math.pi * device.sample_time_s
+        rate *= self._ends("device.amplifier_bandwidth_hz", device.amplifier_bandwidth_hz)[1]
+        first = (2 * self.terms + 1) * math.pi
+        if device.amplifier_order == 1:
+            return rate, 1
+        if rate < 0.9 * first:
+            return rate**2 / (1 - (rate / first) ** 2), 2
+        # What a current loop passes at most: with a damping ratio beyond 0.707 nowhere more than all.
+        ratio = self._ends(f"device.{_RATIO}", device.amplifier_damping_ratio)[0]
+        return (1.0 if ratio >= _NO_PEAK else 1 / (2 * ratio * math.sqrt(1 - ratio**2))) * _ROOM, 0
+
+    def _largest_yield(self) -> float:
+        """Bound |Y| w^2 beyond the terms taken, 1/kg."""
+        first = (2 * self.terms + 1) * math.pi
+        mode, device = self.device.resonance, self.device
+        if mode is None:
+            mass, b, k = self._rigid_bounds()
+            left = mass - k / first**2 - b / first
+            return _bounded(left)
+        t = device.sample_time_s
+        low, high = self._ends("device.mass_kg", device.mass_kg)
+        ratios = self._ends("device.resonance.mass_ratio", mode.mass_ratio)
+        angle = 2 * math.pi * t * self._ends("device.resonance.frequency_hz", mode.frequency_hz)[1]
+        ratio = self._ends("device.resonance.damping_ratio", mode.damping_ratio)[1]
+        link = high * 0.25 * (angle**2 / first**2 + 2 * ratio * angle / first)
+        handle = low * ratios[0]
+        if tuple(self.hand) == HAND:
+            grip = self.hand["stiffness_n_per_m"][1] * t**2 / first**2
+        else:
+            damping, stiffness = self._grip_bound()
+            grip = t / first * (damping + stiffness * t / first)
+        far = handle - grip - link
+        motor = low * (1 - ratios[1]) - link
+        return _bounded(motor - link**2 / far if far > link else -1.0)
+
+    def _grip_bound(self) -> tuple[float, float]:
+        """Damping and stiffness that bound a hand on a stylus beyond the terms taken.
+
+        Its mass all but stands still there, so that it resists no more than twice what its grip alone would.
+        """
+        first = (2 * self.terms + 1) * math.pi / self.device.sample_time_s
+        damping, stiffness = (self.hand[name][1] for name in STYLUS[1:3])
+        near = damping / first + stiffness / first**2
+        far = self.hand["mass_kg"][0] - self.hand["arm_damping_ns_per_m"][1] / first
+        far -= self.hand["arm_stiffness_n_per_m"][1] / first**2
+        if not near < 0.5 * far:
+            raise UnsupportedError(_TOO_SLOW)
+        return 2 * damping, 2 * stiffness
+
+    def _ends(self, name: str, own: float) -> tuple[float, float]:
+        return self.ranges.get(name, (own, own))
+
+
+# Of exp(-j 2 pi n delay).
+_ROUGH = np.asarray(1e-12)
+
+
+def _grip(s: Value, numbers: dict[str, Value], t: float) -> Value:
+    """Impedance of the hand times T^2 over the sample."""
+    known = Disc.rounded if isinstance(s, Moving) else complex
+    once, twice = known(t), known(t * t)
+    if "grip_stiffness_n_per_m" not in numbers:
+        mass, damping, stiffness = (numbers[name] for name in HAND)
+        return s * (s * mass + damping * once) + stiffness * twice
+    mass, grip_damping, grip_stiffness, arm_damping, arm_stiffness = (numbers[name] for name in STYLUS)
+    near = s * (grip_damping * once) + grip_stiffness * twice
+    far = s * (s * mass + arm_damping * once) + arm_stiffness * twice
+    return _in_series(near, far)
+
+
+def _in_series(near: Value, far: Value) -> Value:
+    return in_series(near, far) if isinstance(far, Moving) else near * far / (near + far)
+
+
+def _left_out(power: int, terms: int) -> float:
+    """Bound the sum of (2 pi (n - 1/2))^-power over n > terms: the mean over each step is no less."""
+    return _ROOM * (2 * math.pi) ** -power * float(terms) ** (1 - power) / (power - 1)
+
+
+def _bounded(left: float) -> float:
+    if not left > 0:
+        raise UnsupportedError(_TOO_SLOW)
+    return _ROOM / left
+
+
+def _turned(angle: Value) -> Value:
+    return np.exp(-1j * np.asarray(angle))
+
+
+def _held(angle: Value) -> Value:
+    return np.exp(-0.5j * angle) * np.sinc(angle.real / (2 * np.pi))

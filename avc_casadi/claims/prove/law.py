@@ -1,0 +1,218 @@
+"""The law of a coupling before it is clipped, as exact transfer functions: linear, on both sides of the wall.
+
+The position x that is measured and the force F that was asked for before give what is clipped,
+
+    y = C1(z) x + C2(z) F,      F = min(max(0, y), largest force),
+
+where C2 is there only behind an observer that is told the force. Every number of the law is a binary fraction, so that
+the coefficients come exactly, by rational arithmetic; they are polynomials in z - 1, in which low frequencies keep
+their digits.
+
+    coupling and wall in series:   S (1 - d w)(1 - a w)/(1 + q w) + b_p (1 - w)/T,   w = 1/z,
+    kappa = k + b/T,  kappa_e = k_e + b_e/T,  S = kappa kappa_e/(kappa + kappa_e),
+    a = b/(kappa T),  d = b_e/(kappa_e T),  q = S (a - d)/kappa - a
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from avc_casadi._util.json_values import plain
+from avc_casadi.model.runtime import StateFeedback
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+# Coefficients from the highest power of z - 1 down.
+Polynomial = list[Fraction]
+_ZERO, _ONE = Fraction(0), Fraction(1)
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """Gains, wall and observer that run at one sample time, clipped last.
+
+    Attributes:
+        sample_time_s: T.
+        damping_ns_per_m: b of the coupling; infinite for a rigid one.
+        stiffness_n_per_m: k of the coupling; infinite for a rigid one.
+        contact_damping_ns_per_m: b_p.
+        wall_damping_ns_per_m: b_e.
+        wall_stiffness_n_per_m: k_e.
+        state_feedback: observer and feedback, its dead zone left out; None for the position as measured.
+    """
+
+    sample_time_s: float
+    damping_ns_per_m: float
+    stiffness_n_per_m: float
+    contact_damping_ns_per_m: float
+    wall_damping_ns_per_m: float
+    wall_stiffness_n_per_m: float
+    state_feedback: StateFeedback | None = None
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        damping_ns_per_m: float,
+        stiffness_n_per_m: float,
+        contact_damping_ns_per_m: float,
+        state_feedback: StateFeedback | None = None,
+    ) -> Self:
+        """Take wall and sample time of a problem."""
+        wall = problem.environment
+        return cls(
+            problem.device.sample_time_s,
+            damping_ns_per_m,
+            stiffness_n_per_m,
+            contact_damping_ns_per_m,
+            wall.damping_ns_per_m,
+            wall.stiffness_n_per_m,
+            state_feedback,
+        )
+
+    @property
+    def rigid(self) -> bool:
+        """Whether device and wall are joined without a coupling."""
+        return math.isinf(self.damping_ns_per_m) or math.isinf(self.stiffness_n_per_m)
+
+    @cached_property
+    def _series(self) -> tuple[Polynomial, Polynomial]:
+        """Numerator and denominator of force over the position that the coupling sees, in z - 1."""
+        t = Fraction(self.sample_time_s)
+        b_e, k_e = Fraction(self.wall_damping_ns_per_m), Fraction(self.wall_stiffness_n_per_m)
+        kappa_e = k_e + b_e / t
+        d = b_e / (kappa_e * t) if kappa_e else _ZERO
+        if self.rigid:
+            series, a, q = kappa_e, _ZERO, _ZERO
+        else:
+            b, k = Fraction(self.damping_ns_per_m), Fraction(self.stiffness_n_per_m)
+            kappa = k + b / t
+            a = b / (kappa * t) if kappa else _ZERO
+            series = kappa * kappa_e / (kappa + kappa_e) if kappa + kappa_e else _ZERO
+            q = series * (a - d) / kappa - a if kappa else _ZERO
+        contact = Fraction(self.contact_damping_ns_per_m) / t
+        joined = [coefficient * series for coefficient in product([_ONE, 1 - d], [_ONE, 1 - a])]
+        damper = [contact, contact * (1 + q), _ZERO]
+        return total(joined, damper), product([_ONE, _ONE], [_ONE, 1 + q])
+
+    @cached_property
+    def transfer(self) -> tuple[Polynomial, Polynomial, Polynomial]:
+        """Numerators of C1 and C2 and their common denominator, in z - 1; C2 is [0] without an observer."""
+        force, own = self._series
+        law = self.state_feedback
+        if law is None:
+            return force, [_ZERO], own
+        from_position, from_force, poles = _observer(law)
+        return product(force, from_position), product(force, from_force), product(own, poles)
+
+    @cached_property
+    def stable(self) -> bool:
+        """Whether every pole of the law lies inside the unit circle, decided in exact arithmetic."""
+        # z = 1 + (z - 1): Horner in the polynomial z - 1 with itself.
+        in_z: Polynomial = [_ZERO]
+        for coefficient in self.transfer[2]:
+            in_z = total(product(in_z, [_ONE, -_ONE]), [coefficient])
+        return _inside(in_z)
+
+    @property
+    def stiffness_at_rest_n_per_m(self) -> float:
+        """Force over penetration at rest."""
+        to_position, to_force, poles = (polynomial[-1] for polynomial in self.transfer)
+        return float(to_position / (poles - to_force))
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values; an infinite gain is null."""
+        found = {name: plain(value) for name, value in vars(self).items() if name in _NUMBERS}
+        law = self.state_feedback
+        return found | {"state_feedback": None if law is None else plain(vars(law))}
+
+    @classmethod
+    def from_document(cls, found: dict[str, Any]) -> Self:
+        """Read what `document` gives."""
+        numbers = {name: math.inf if found[name] is None else float(found[name]) for name in _NUMBERS}
+        law = found["state_feedback"]
+        if law is not None:
+            lists = {key: tuple(law[key]) for key in ("force_m_per_n", "innovation", "feedback", "positions")}
+            law = StateFeedback(**{**law, **lists, "state": tuple(tuple(row) for row in law["state"])})
+        return cls(**numbers, state_feedback=law)
+
+
+_NUMBERS = (
+    "sample_time_s",
+    "damping_ns_per_m",
+    "stiffness_n_per_m",
+    "contact_damping_ns_per_m",
+    "wall_damping_ns_per_m",
+    "wall_stiffness_n_per_m",
+)
+
+
+def product(one: Polynomial, two: Polynomial) -> Polynomial:
+    """Multiply two polynomials."""
+    found = [_ZERO] * (len(one) + len(two) - 1)
+    for place, left in enumerate(one):
+        for further, right in enumerate(two):
+            found[place + further] += left * right
+    return found
+
+
+def total(one: Polynomial, two: Polynomial) -> Polynomial:
+    """Add two polynomials."""
+    size = max(len(one), len(two))
+    padded = ([_ZERO] * (size - len(part)) + part for part in (one, two))
+    return [left + right for left, right in zip(*padded, strict=True)]
+
+
+def _observer(law: StateFeedback) -> tuple[Polynomial, Polynomial, Polynomial]:
+    """Return what it believes over position and over force, and its poles, without dead zone.
+
+    With K = I - L m', s = K A s/z + K B F/z + L x and y = R s: y/x = z R (z I - K A)^-1 L and
+    y/F = R (z I - K A)^-1 K B, by Faddeev and LeVerrier in exact fractions.
+    """
+    exact = np.vectorize(Fraction, otypes=[object])
+    a, b, gain, weight = (
+        exact(np.array(part)) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
+    )
+    n = law.states
+    eye = exact(np.eye(n))
+    keep = eye.copy()
+    keep[:, law.measures] -= gain
+    # In z - 1: (z - 1) I - (K A - I).
+    step, told = keep @ a - eye, keep @ b
+    poles: Polynomial = [_ONE]
+    adjugate = eye
+    from_position, from_force = [weight @ gain], [weight @ told]
+    for power in range(1, n + 1):
+        moved = step @ adjugate
+        coefficient = -np.trace(moved) / power
+        poles.append(coefficient)
+        adjugate = moved + coefficient * eye
+        if power < n:
+            from_position.append(weight @ adjugate @ gain)
+            from_force.append(weight @ adjugate @ told)
+    return product(from_position, [_ONE, _ONE]), from_force, poles
+
+
+def _inside(polynomial: Polynomial) -> bool:
+    """Tell by Schur and Cohn whether all roots lie inside the unit circle."""
+    while polynomial and polynomial[0] == 0:
+        polynomial = polynomial[1:]
+    if not polynomial:
+        return False
+    while len(polynomial) > 1:
+        first, last = polynomial[0], polynomial[-1]
+        if abs(last) >= abs(first):
+            return False
+        share = last / first
+        back = polynomial[::-1]
+        polynomial = [own - share * other for own, other in zip(polynomial, back, strict=True)][:-1]
+        # Dividing keeps the fractions short.
+        polynomial = [coefficient / polynomial[0] for coefficient in polynomial]
+    return True

@@ -1,0 +1,304 @@
+"""Verification of a multiplier for every angle and every hand of a box: enclosures, branch and bound.
+
+With P = N/D + R, the middle term of the folded spectrum and the rest of it, what has to be positive is taken times
+|D|^2: Re{M C1 N D*} + Re{M (1 + R C1 - C2)} |D|^2. Nothing is divided by D then, which a light and loose hand makes
+vanish all but.
+
+The terms of P that are left out take at most e |D|^2, with e the largest that |M C1| times their bound is over the
+angles of a cell. With that taken off, what has to be positive is a function whose rates are known.
+
+On a cell of (omega, hand) the value at the middle, less what the rates of change over the cell can take from it,
+bounds it from below (mean-value form), and so does the value over the cell. A number along which it only rises, or only
+falls, over a cell that is not decided is fixed at its worse end: most cells lose most of their sides. From then on e is
+that of the whole cell, for which the fixed end stands. What is left is cut in two across the number that takes most.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.prove.disc import Disc, Moving, held, turned
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from avc_casadi.claims.prove.held_device import HeldDevice
+    from avc_casadi.claims.prove.law import ContactLaw, Polynomial
+
+
+# What the taps leave of 1, so that the multiplier is strict.
+_LEFT = 1e-4
+LAGS = tuple(lag for lag in range(-5, 6) if lag)
+
+
+@dataclass(frozen=True)
+class Multiplier:
+    """1 - sum of h_i exp(-j omega i).
+
+    Attributes:
+        taps: h_i by lag i, each positive.
+    """
+
+    taps: Mapping[int, float]
+
+    @property
+    def valid(self) -> bool:
+        """Whether it is one: no tap negative or at lag 0, their sum below 1 whatever the rounding."""
+        values = list(self.taps.values())
+        return 0 not in self.taps and all(0 <= value < 1 for value in values) and sum(values) < 1 - 1e-12
+
+    def at(self, omega: FloatArray) -> ComplexArray:
+        """Return it at angles, in plain numbers."""
+        found = np.ones(np.shape(omega), dtype=np.complex128)
+        for lag, tap in self.taps.items():
+            found -= tap * np.exp(-1j * lag * np.asarray(omega))
+        return found
+
+    def over(self, omega: Moving) -> Moving:
+        """Enclose it over angles."""
+        ones = np.ones_like(omega.value.radius)
+        found = Moving(Disc.around(ones, 0 * ones), {})
+        for lag, tap in self.taps.items():
+            found = found - turned(omega * lag) * tap
+        return found
+
+
+def search(omega: FloatArray, loop: ComplexArray) -> tuple[Multiplier, float]:
+    """Find the taps with the largest t in Re{M (1 + L)} >= t |1 + L|.
+
+    Args:
+        omega: angles of the points, shape (p,).
+        loop: L there, shape (p,); many hands may share an angle.
+
+    Returns:
+        The multiplier and t; there is none where t is not positive, as where the programme was not solved.
+    """
+    import casadi as ca  # noqa: PLC0415
+
+    around = 1 + loop
+    way = around / np.maximum(np.abs(around), 1e-300)
+    lags = np.array(LAGS)
+    rows = np.column_stack([-(np.exp(-1j * omega[:, None] * lags) * way[:, None]).real, -np.ones(len(omega))])
+    matrix = np.vstack([rows, [*np.ones(len(lags)), 0.0]])
+    low = np.append(-way.real, -np.inf)
+    high = np.append(np.full(len(omega), np.inf), 1 - _LEFT)
+    solver = ca.conic("multiplier", "highs", {"a": ca.Sparsity.dense(*matrix.shape)}, _QUIET)
+    found = solver(
+        g=np.append(np.zeros(len(lags)), -1.0),
+        a=ca.DM(matrix),
+        lba=low,
+        uba=high,
+        lbx=np.append(np.zeros(len(lags)), -1.0),
+        ubx=np.ones(len(lags) + 1),
+    )
+    if not solver.stats()["success"]:
+        return Multiplier({}), -np.inf
+    values = np.asarray(found["x"]).ravel()
+    taps = {lag: float(tap) for lag, tap in zip(LAGS, values[:-1], strict=True) if tap > _NO_TAP}
+    return Multiplier(taps), float(values[-1])
+
+
+_NO_TAP = 1e-9
+_QUIET: dict[str, Any] = {"error_on_fail": False, "highs": {"output_flag": False}}
+
+
+_AT_ONCE = 4096
+_FIRST_ANGLES = 64
+# A second or two for three numbers of a hand, about two minutes for the five of one on a stylus.
+MOST_CELLS = {3: 400_000, 5: 10_000_000}
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What became of a multiplier.
+
+    Attributes:
+        holds: whether it holds for every angle and hand.
+        cells: cells that were looked at.
+        fails_at: an angle and a hand at which it does not hold, shape (1 + numbers,); None where none was met.
+    """
+
+    holds: bool
+    cells: int
+    fails_at: FloatArray | None
+
+
+def verify(
+    law: ContactLaw,
+    device: HeldDevice,
+    multiplier: Multiplier,
+    *,
+    most_cells: int | None = None,
+    progress: Progress = SILENT,
+) -> Verified:
+    """Decide whether Re{M (1 + P C1 - C2)} > 0 for every angle of [0, pi] and every hand of the box.
+
+    Args:
+        law: the law, with its poles inside the unit circle.
+        device: the device and the box of hands.
+        multiplier: the multiplier.
+        most_cells: where to give up; None is `MOST_CELLS` of such hands.
+        progress: told of the share of the box that is done.
+    """
+    coefficients = tuple(_rounded(part) for part in law.transfer)
+    ends = np.array(list(device.ranges.values()))
+    # Just above pi: the real part repeats there.
+    angles = np.linspace(0.0, np.nextafter(np.pi, 4.0), _FIRST_ANGLES + 1)
+    low = np.column_stack([angles[:-1], np.tile(ends[:, 0], (_FIRST_ANGLES, 1))])
+    high = np.column_stack([angles[1:], np.tile(ends[:, 1], (_FIRST_ANGLES, 1))])
+    whole = (high - low)[0]
+    most = MOST_CELLS[len(device.hand)] if most_cells is None else most_cells
+    share, unknown = np.full(_FIRST_ANGLES, 1 / _FIRST_ANGLES), np.full(_FIRST_ANGLES, np.nan)
+    open_, cells, done = [_Cells(low, high, share, unknown)], 0, 0.0
+    while open_:
+        some = open_.pop()
+        if len(some.low) > _AT_ONCE:
+            open_.append(some.pick(slice(_AT_ONCE, None)))
+            some = some.pick(slice(_AT_ONCE))
+        cells += len(some.low)
+        found = _bounds(coefficients, device, multiplier, some)
+        if (found.at_middle < 0).any():
+            worst = int(np.argmin(found.at_middle))
+            return Verified(False, cells, 0.5 * (some.low[worst] + some.high[worst]))
+        left = np.flatnonzero(~(found.lower > 0))
+        done += float(some.share.sum() - some.share[left].sum())
+        progress.advance(round(1000 * done), 1000, "verified")
+        if left.size:
+            worse = some.pick(left).at_worse_ends(found.way[left], found.left_out[left])
+            open_.append(_cut(worse, found.across[left], whole))
+        if cells > most:
+            return Verified(False, cells, None)
+    return Verified(True, cells, None)
+
+
+class _Cells(NamedTuple):
+    """Cells of (omega, hand).
+
+    Attributes:
+        low: lower corners, shape (n, 1 + numbers).
+        high: upper corners.
+        share: of the box that each stands for, shape (n,).
+        left_out: e of a cell for which each stands; not a number where it stands for itself alone.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    share: FloatArray
+    left_out: FloatArray
+
+    def pick(self, rows: slice | IndexArray) -> _Cells:
+        return _Cells(*(part[rows] for part in self))
+
+    def at_worse_ends(self, way: FloatArray, left_out: FloatArray) -> _Cells:
+        """Fix what only rises at its lower end, and what only falls at its upper."""
+        low, high = np.where(way < 0, self.high, self.low), np.where(way > 0, self.low, self.high)
+        fixed = (high - low < self.high - self.low).any(axis=1)
+        return _Cells(low, high, self.share, np.where(fixed, left_out, self.left_out))
+
+
+class _Bounds(NamedTuple):
+    """What is known of the scaled real part in n cells.
+
+    Attributes:
+        at_middle: above its value at the middle, shape (n,).
+        lower: below it over the cell, shape (n,).
+        across: what each number can take over the cell, shape (n, 1 + numbers); not a number where nothing is known.
+        way: 1 where it only rises along a number, -1 where it only falls, else 0.
+        left_out: e, shape (n,).
+    """
+
+    at_middle: FloatArray
+    lower: FloatArray
+    across: FloatArray
+    way: FloatArray
+    left_out: FloatArray
+
+
+def _bounds(coefficients: tuple[list[Disc], ...], device: HeldDevice, multiplier: Multiplier, cells: _Cells) -> _Bounds:
+    low, high = cells.low, cells.high
+    middle = 0.5 * (low + high)
+    numbers = range(low.shape[1])
+    cell = [Moving.variable(number, low[:, number], high[:, number]) for number in numbers]
+    point = [Moving.fixed(middle[:, number]) for number in numbers]
+    half = np.maximum(high - middle, middle - low) * (1 + 1e-12)
+    across, way = np.zeros_like(low), np.zeros_like(low)
+    with np.errstate(invalid="ignore", over="ignore"):  # what is unknown stays unknown
+        weights = _weights(coefficients, multiplier, cell[0])
+        left_out = weights[0].value.largest * device.tail(high[:, 0]) * (1 + 1e-12)
+        left_out = np.where(np.isnan(cells.left_out), left_out, cells.left_out)
+        over, _ = _real(weights, device, cell, left_out)
+        at, scale = _real(_weights(coefficients, multiplier, point[0]), device, point, left_out)
+        for number, slope in over.slopes.items():
+            radius = slope.radius * (1 + 1e-12)
+            across[:, number] = (np.abs(slope.centre.real) + radius) * half[:, number]
+            way[:, number] = np.sign(slope.centre.real) * (np.abs(slope.centre.real) > radius)
+        taken = across.sum(axis=1) * (1 + 1e-12)
+        lower = np.fmax(at.value.real_low - taken, over.value.real_low)
+        at_middle = at.value.centre.real + at.value.radius + 2 * left_out * scale
+    across[~np.isfinite(taken)] = np.nan
+    return _Bounds(at_middle, np.where(np.isfinite(lower), lower, -np.inf), across, way, left_out)
+
+
+def _weights(coefficients: tuple[list[Disc], ...], multiplier: Multiplier, omega: Moving) -> tuple[Moving, Moving]:
+    """Enclose M C1 and M (1 - C2)."""
+    # z - 1 without cancellation.
+    step = held(-omega) * (omega * 1j)
+    from_position, from_force, poles = (_value(part, step) for part in coefficients)
+    weight = multiplier.over(omega) * (1 / poles)
+    return weight * from_position, weight * (poles - from_force)
+
+
+def _real(
+    weights: tuple[Moving, Moving], device: HeldDevice, cell: list[Moving], left_out: FloatArray
+) -> tuple[Moving, FloatArray]:
+    """Enclose Re{M C1 N D*} + (Re{M (1 + R C1 - C2)} - e) |D|^2; return |D|^2 at most beside it."""
+    through, own = weights
+    above, below, around = device.over(cell[0], tuple(cell[1:]))
+    scale = below.abs2()
+    rest = (through * around + own).real() + Disc.around(-left_out, np.zeros_like(left_out))
+    return (through * above * below.conj()).real() + rest * scale, scale.value.largest
+
+
+def _rounded(polynomial: Polynomial) -> list[Disc]:
+    return [Disc.rounded(float(coefficient)) for coefficient in polynomial]
+
+
+def _value(coefficients: list[Disc], at: Moving) -> Moving:
+    """Enclose a polynomial and its rate by its Taylor series about the middle, which keeps what cancels."""
+    middle = Disc(at.value.centre, np.zeros_like(at.value.radius))
+    ones = Disc.around(np.ones_like(middle.radius), middle.radius)
+    left = [ones * coefficient for coefficient in coefficients]
+    series: list[Disc] = []
+    while left:
+        for place in range(1, len(left)):
+            left[place] = left[place - 1] * middle + left[place]
+        series.append(left.pop())
+    spread = at.value.radius
+    powers = [(term.largest, power) for power, term in enumerate(series)]
+    off = sum((size * spread**power for size, power in powers[1:]), np.zeros_like(spread))
+    value = Disc(series[0].centre, (series[0].radius + off) * (1 + 1e-12))
+    if len(series) == 1:
+        return Moving(value, {})
+    bend = sum((power * size * spread ** (power - 1) for size, power in powers[2:]), np.zeros_like(spread))
+    rate = Disc(series[1].centre, (series[1].radius + bend) * (1 + 1e-12))
+    return Moving(value, {number: slope * rate for number, slope in at.slopes.items()})
+
+
+def _cut(cells: _Cells, across: FloatArray, whole: FloatArray) -> _Cells:
+    """Cut each cell in two across the number that takes most; where nothing is known, across the widest."""
+    width = cells.high - cells.low
+    wide = width / np.where(whole > 0, whole, 1.0)
+    worth = np.where(np.isfinite(across), across * (width > 0), wide)
+    number = np.argmax(worth, axis=1)
+    rows = np.arange(len(width))
+    middle = 0.5 * (cells.low[rows, number] + cells.high[rows, number])
+    upper, lower = cells.low.copy(), cells.high.copy()
+    upper[rows, number] = middle
+    lower[rows, number] = middle
+    halves = np.concatenate([cells.low, upper]), np.concatenate([lower, cells.high])
+    return _Cells(*halves, np.tile(0.5 * cells.share, 2), np.tile(cells.left_out, 2))

@@ -1,0 +1,331 @@
+"""Rest: whether a coupling comes to rest in every hand of a box, making and breaking contact; proved, refuted or open.
+
+The claim is for every resting target of the hand and every initial state of the loop, without friction and with the
+position measured exactly. It is made of the law that is clipped last, which leaves one nonlinearity with a slope
+between 0 and 1, the limit of the force among it.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.prove.hands import Outcome
+from avc_casadi.claims.prove.held_device import HAND, STYLUS, HeldDevice
+from avc_casadi.claims.prove.law import ContactLaw
+from avc_casadi.claims.prove.multiplier import LAGS, Multiplier, Verified, search, verify
+from avc_casadi.claims.prove.orbits import Orbit, find_orbit
+from avc_casadi.claims.prove.switching import SwitchingLoop
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
+from avc_casadi.model.device import Device
+from avc_casadi.model.hands import Hand, StylusHand
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Contact
+
+
+_LEFT_OUT = {
+    "coulomb_friction_n": ("dry friction", "N"),
+    "encoder_resolution_m": ("encoder", "m"),
+    "position_noise_rms_m": ("noise", "m rms"),
+}
+
+
+def covered(device: Device) -> str:
+    """Say which device a proof of rest covers: mechanics, amplifier and delay as declared, and what is left out.
+
+    Args:
+        device: as declared, with its ranges.
+    """
+    mode, spread = device.resonance, device.range
+    mechanics = "a rigid device"
+    if mode is not None:
+        known = _between(mode.frequency_hz, spread.resonance.frequency_hz)
+        mechanics = f"a device with its resonance at {known} Hz"
+    amplifier = "an ideal amplifier"
+    if device.amplifier_bandwidth_hz is not None:
+        amplifier = f"an amplifier of {_between(device.amplifier_bandwidth_hz, spread.amplifier_bandwidth_hz)} Hz"
+    late = _between(device.delay_samples, spread.delay_samples)
+    delay = f"{late} sample{'' if late == '1' else 's'} of delay"
+    declared = [
+        f"{name} ({value:.4g} {unit})"
+        for key, (name, unit) in _LEFT_OUT.items()
+        if (value := max(getattr(device, key), *(getattr(spread, key) or (0.0,)))) > 0
+    ]
+    beside = f"; left out: {', '.join(declared)}" if declared else ", without friction and measured exactly"
+    return f"of {mechanics}, {amplifier}, {delay}{beside}"
+
+
+def _between(value: float, ends: tuple[float, float] | None) -> str:
+    return f"{value:g}" if ends is None else f"{ends[0]:g} to {ends[1]:g}"
+
+
+_DRAWS = 24
+# Loops whose radius is this near to 1 are not called unstable.
+_UNSTABLE = 1 + 1e-9
+_SEARCHES = 6
+_LOW_ANGLE = 1e-4
+_NEAR = np.array([0.97, 0.99, 1.0, 1.01, 1.03])
+
+
+@dataclass(frozen=True)
+class Unstable:
+    """A hand with which the loop is unstable in contact for good.
+
+    Attributes:
+        hand: the numbers of the hand, by name.
+        device: those of the device that are not known exactly, by key.
+        spectral_radius: of the loop.
+    """
+
+    hand: dict[str, float]
+    device: dict[str, float]
+    spectral_radius: float
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What is known of rest.
+
+    Attributes:
+        outcome: proved, refuted or open.
+        sentence: what holds, what breaks it, or why it is open.
+        contact: how the law is made one-sided.
+        law: the law.
+        device: the device as declared.
+        hand: the box of hands, by name.
+        multiplier: what proves it, or what holds without what the sentence names; None where none was verified.
+        cells: cells of the verification.
+        seconds: time of all of it.
+        orbit: a motion that never ends, or None.
+        unstable: a hand with which the loop is unstable in contact, or None.
+    """
+
+    outcome: Outcome
+    sentence: str
+    contact: Contact
+    law: ContactLaw
+    device: Device
+    hand: Mapping[str, tuple[float, float]]
+    multiplier: Multiplier | None = None
+    cells: int = 0
+    seconds: float = field(default=0.0, compare=False)
+    orbit: Orbit | None = field(default=None, compare=False)
+    unstable: Unstable | None = None
+
+    def verified(self, progress: Progress = SILENT) -> bool:
+        """Verify the stored multiplier anew; law and device have to mean one clock, the box hands that there are."""
+        found = self.multiplier
+        if found is None or not found.valid or self.device.sample_time_s != self.law.sample_time_s:
+            return False
+        try:
+            held = HeldDevice(self.device, self.hand)
+        except UnsupportedError:
+            return False
+        return self.law.stable and verify(self.law, held, found, progress=progress).holds
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values; `from_document` reads them."""
+        return {
+            "schema": "avc-proof/1",
+            "claim": "rest",
+            "outcome": self.outcome,
+            "sentence": self.sentence,
+            "contact": self.contact,
+            "law": self.law.document(),
+            "device": self.device.model_dump(mode="json"),
+            "hand": plain(dict(self.hand)),
+            "multiplier": None if self.multiplier is None else plain(dict(self.multiplier.taps)),
+            "cells": self.cells,
+            "seconds": plain(self.seconds),
+            "orbit": None if self.orbit is None else self.orbit.document(),
+            "unstable": None if self.unstable is None else plain(vars(self.unstable)),
+        }
+
+    @classmethod
+    def from_document(cls, found: Mapping[str, Any]) -> Rest:
+        """Read what `document` gives; nothing of it is believed before `verified`."""
+        taps, orbit, unstable = found["multiplier"], found["orbit"], found["unstable"]
+        return cls(
+            outcome=found["outcome"],
+            sentence=found["sentence"],
+            contact=found["contact"],
+            law=ContactLaw.from_document(found["law"]),
+            device=Device.model_validate(found["device"]),
+            hand={name: (float(low), float(high)) for name, (low, high) in found["hand"].items()},
+            multiplier=None if taps is None else Multiplier({int(lag): float(tap) for lag, tap in taps.items()}),
+            cells=int(found["cells"]),
+            seconds=float(found["seconds"]),
+            orbit=None if orbit is None else Orbit.from_document(orbit),
+            unstable=None if unstable is None else Unstable(**unstable),
+        )
+
+
+def prove_rest(
+    law: ContactLaw,
+    contact: Contact,
+    device: Device,
+    hand: Mapping[str, tuple[float, float]],
+    *,
+    most_cells: int | None = None,
+    orbits: bool = True,
+    seed: int = 0,
+    progress: Progress = SILENT,
+) -> Rest:
+    """Prove rest, refute it, or say why it is open.
+
+    Args:
+        law: gains, wall and observer.
+        contact: how the law is made one-sided.
+        device: as declared, with its ranges.
+        hand: the box of hands, [lowest, highest] by name.
+        most_cells: where verification gives up; None is `MOST_CELLS` of such hands.
+        orbits: look for a motion that never ends where there is no proof; with a hand on a stylus none is looked for.
+        seed: of the hands drawn and of the starts of orbits.
+        progress: told of the work.
+    """
+    began = time.perf_counter()
+
+    def told(outcome: Outcome, sentence: str, **more: Any) -> Rest:
+        return Rest(outcome, sentence, contact, law, device, dict(hand), seconds=time.perf_counter() - began, **more)
+
+    hands = sampled_hands(hand, seed)
+    if hands is not None:
+        unstable = unstable_hand(law, device, hands)
+        if unstable is not None:
+            who = _who(unstable.hand)
+            how = f"the loop is unstable in contact, with a spectral radius of {unstable.spectral_radius:.6g} {who}"
+            return told("refuted", how, unstable=unstable)
+    why, found, cells = _proof(law, device, hand, most_cells, progress)
+    dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
+    play = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
+    lacking = {
+        f"the play of {1e6 * play:.3g} um is a second nonlinearity, which this proof does not know": play > 0,
+        'contact = "gated" is no single nonlinearity with a slope between 0 and 1: this proof is of "clip-last"': (
+            contact == "gated"
+        ),
+        f"the dead zone of {1e6 * dead_zone:.3g} um is a second nonlinearity, which this proof does not know": (
+            dead_zone > 0
+        ),
+    }
+    open_for = [reason for reason, there in lacking.items() if there]
+    if found is not None and not open_for:
+        sentence = (
+            f"comes to rest with every hand of the box, wherever it rests and from any state, making and breaking "
+            f"contact ({covered(device)}): one multiplier of {len(found.taps)} taps, verified in {cells} cells"
+        )
+        return told("proved", sentence, multiplier=found, cells=cells)
+    orbit = None
+    if orbits and isinstance(hands, Hand) and dead_zone == 0:
+        for corner in device_corners(device, LINEAR_KEYS):
+            orbit = orbit or find_orbit(law, contact, corner, hands, seed=seed, progress=progress)
+    if orbit is not None:
+        size = float(np.abs(orbit.states[:, 1]).max() / law.sample_time_s)
+        sentence = (
+            f"bounces for ever {_who(orbit.hand)} that rests at {1e3 * orbit.target_m:.4g} mm: an orbit of "
+            f"{orbit.period} samples and {size:.3g} m/s"
+        )
+        return told("refuted", sentence, orbit=orbit, multiplier=found, cells=cells)
+    beside = "; without that it is proved" if found is not None else f"; {why}" if why else ""
+    return told("open", ("; ".join(open_for) + beside).removeprefix("; "), multiplier=found, cells=cells)
+
+
+def unstable_hand(law: ContactLaw, device: Device, hands: Hand | StylusHand) -> Unstable | None:
+    """Return the hand and device with the largest spectral radius in contact, where it is above 1."""
+    worst: Unstable | None = None
+    for corner in device_corners(device, LINEAR_KEYS):
+        radius = SwitchingLoop.of(law, "clip-last", corner, hands, np.zeros(len(hands))).contact_radius()
+        at = int(np.argmax(radius))
+        if radius[at] > max(_UNSTABLE, 0.0 if worst is None else worst.spectral_radius):
+            worst = Unstable(hands.values(at), linear_values(corner), float(radius[at]))
+    return worst
+
+
+def promising(law: ContactLaw, held: HeldDevice) -> float:
+    """Return t of the best multiplier at the corners of the box: a proof is likely where it is positive."""
+    points = _Points.of(law, held)
+    return search(points.omega, points.loop)[1] if law.stable else -np.inf
+
+
+def _proof(
+    law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], most_cells: int | None, progress: Progress
+) -> tuple[str, Multiplier | None, int]:
+    """Return why there is no proof, or the multiplier; and the cells that were looked at."""
+    if not law.stable:
+        return "the law has a pole on or outside the unit circle while it gives no force", None, 0
+    try:
+        held = HeldDevice(device, hand)
+        held.tail(np.array([np.pi]))
+    except UnsupportedError as refusal:
+        return str(refusal), None, 0
+    points = _Points.of(law, held)
+    cells = 0
+    for _ in range(_SEARCHES):
+        found, margin = search(points.omega, points.loop)
+        if not margin > 0 or not found.valid:
+            return f"no multiplier of {len(LAGS)} taps serves all hands", None, cells
+        result: Verified = verify(law, held, found, most_cells=most_cells, progress=progress)
+        cells += result.cells
+        if result.holds:
+            return "", found, cells
+        if result.fails_at is None:
+            return f"verification gave up after {cells} cells", None, cells
+        points = points.with_hand(law, held, result.fails_at)
+    return f"the multiplier failed between the hands it was found for, {_SEARCHES} times over", None, cells
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Angles and hands at which a multiplier is sought, and the loop there, all of shape (p,)."""
+
+    omega: FloatArray
+    loop: ComplexArray
+
+    @classmethod
+    def of(cls, law: ContactLaw, held: HeldDevice) -> _Points:
+        omega = np.concatenate([np.geomspace(_LOW_ANGLE, 0.1, 120, endpoint=False), np.linspace(0.1, np.pi, 280)])
+        return cls(*_loop(law, held, omega, held.corners()))
+
+    def with_hand(self, law: ContactLaw, held: HeldDevice, where: FloatArray) -> _Points:
+        """Add what a hand does about an angle."""
+        omega, loop = _loop(law, held, np.clip(where[0] * _NEAR, 0.0, np.pi), where[None, 1:])
+        return _Points(np.append(self.omega, omega), np.append(self.loop, loop))
+
+
+def _loop(law: ContactLaw, held: HeldDevice, omega: FloatArray, hands: FloatArray) -> tuple[FloatArray, ComplexArray]:
+    step = np.exp(1j * omega) - 1
+    from_position, from_force, poles = (np.polyval([float(part) for part in one], step) for one in law.transfer)
+    loop = (held.at(omega, hands) * from_position - from_force) / poles
+    return np.tile(omega, len(hands)), loop.ravel()
+
+
+def sampled_hands(hand: Mapping[str, tuple[float, float]], seed: int) -> Hand | StylusHand | None:
+    """Corners of the box and draws within it; None for hands that are not known."""
+    kinds: dict[tuple[str, ...], type[Hand | StylusHand]] = {HAND: Hand, STYLUS: StylusHand}
+    kind = kinds.get(tuple(hand))
+    if kind is None:
+        return None
+    ends = np.array(list(hand.values()))
+    corners = np.stack([grid.ravel() for grid in np.meshgrid(*ends, indexing="ij")])
+    drawn = np.random.default_rng(seed).uniform(ends[:, :1], ends[:, 1:], (len(ends), _DRAWS))
+    return kind(*np.append(corners, drawn, axis=1))
+
+
+def _who(hand: Mapping[str, float]) -> str:
+    if tuple(hand) == STYLUS:
+        told = "{:.4g} kg, grip {:.4g} N.s/m and {:.4g} N/m, arm {:.4g} N.s/m and {:.4g} N/m".format(*hand.values())
+        return f"with a hand on a stylus of {told}"
+    return (
+        f"with a hand of {hand['mass_kg']:.4g} kg, {hand['damping_ns_per_m']:.4g} N.s/m, "
+        f"{hand['stiffness_n_per_m']:.4g} N/m"
+    )

@@ -1,0 +1,267 @@
+"""Branch and bound: prove that a complex function has no zero in a box, cell by cell.
+
+In a cell, F(p) = F(centre) + sum of slope times distance (mean value form, slopes enclosed over the cell). To first
+order the values fill a zonotope; it misses 0 where a half plane through 0 does, and then one whose edge runs along a
+generator. That half plane is chosen in plain floating point and checked in intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi.claims.prove.interval import ComplexInterval, Interval, Jet
+
+_LEAF = "."
+
+
+class Cover(NamedTuple):
+    """How cells fill a box.
+
+    Attributes:
+        cuts: the tree, each box before its halves, lower half first: the number of the side that is halved, or a dot
+            for a cell.
+        order: the cells in the order of the dots, shape (n,).
+    """
+
+    cuts: str
+    order: IndexArray
+
+
+def cover_of(low: FloatArray, high: FloatArray, cell_low: FloatArray, cell_high: FloatArray) -> Cover | None:
+    """Tell how cells fill a box: by halving it, along any side that cuts no cell; None where they do not.
+
+    Args:
+        low: lower corner of the box, shape (v,).
+        high: upper corner.
+        cell_low: lower corners of the cells, shape (v, n).
+        cell_high: upper corners.
+    """
+    waiting = [(low, high, np.arange(cell_low.shape[1]))]
+    cuts, order = [], []
+    while waiting:
+        first, last, some = waiting.pop()
+        if not len(some):
+            return None
+        if len(some) == 1:
+            one = int(some[0])
+            if (cell_low[:, one] > first).any() or (cell_high[:, one] < last).any():
+                return None
+            cuts.append(_LEAF)
+            order.append(one)
+            continue
+        middle = _middle(first, last)
+        below, above = cell_high[:, some] <= middle[:, None], cell_low[:, some] >= middle[:, None]
+        clean = np.flatnonzero((below | above).all(axis=1) & (last > first))
+        if not clean.size:
+            return None
+        side = int(clean[0])
+        cuts.append(str(side))
+        for lower in (False, True):
+            half = (below if lower else above)[side]
+            waiting.append((*_half(first, last, side, lower=lower), some[half]))
+    return Cover("".join(cuts), np.array(order, dtype=np.intp))
+
+
+def cells_of(low: FloatArray, high: FloatArray, cuts: str) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of the cells that cuts make of a box, (v, n) each, in the order of the dots.
+
+    Raises:
+        ValueError: no tree of cuts.
+    """
+    waiting, cells = [(low, high)], []
+    for letter in cuts:
+        if not waiting or not (letter == _LEAF or (letter.isdecimal() and int(letter) < len(low))):
+            raise ValueError(f"{letter!r} is no cut of a box with {len(low)} sides")
+        first, last = waiting.pop()
+        if letter == _LEAF:
+            cells.append((first, last))
+            continue
+        waiting += [_half(first, last, int(letter), lower=lower) for lower in (False, True)]
+    if waiting or not cells:
+        raise ValueError("the tree of cuts does not end")
+    lows, highs = zip(*cells, strict=True)
+    return np.stack(lows, axis=1), np.stack(highs, axis=1)
+
+
+def _half(low: FloatArray, high: FloatArray, side: int, *, lower: bool) -> tuple[FloatArray, FloatArray]:
+    ends = low.copy(), high.copy()
+    ends[1 if lower else 0][side] = _middle(low, high)[side]
+    return ends
+
+
+def _middle(low: FloatArray, high: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * low + 0.5 * high)
+
+
+_AT_ONCE = 8192
+# Cells are split more than once at a time while they are few: each round costs some milliseconds whatever it holds.
+_FEW = 512
+_MOST_SPLITS = 5
+
+
+class Enclosed(Protocol):
+    """Functions of v variables, one a row, that can be enclosed."""
+
+    def over(self, cells: Interval, rows: IndexArray) -> Jet[ComplexInterval]:
+        """Enclose values and slopes over cells, shape (v, n), of the rows (n,) that they belong to."""
+
+    def at(self, points: FloatArray, rows: IndexArray) -> ComplexInterval:
+        """Enclose values at points, shape (v, n), of the rows (n,) that they belong to."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells, each with a half plane Re(F conj(direction)) > 0 that holds all its values.
+
+    Attributes:
+        low: lower ends, shape (v, n).
+        high: upper ends, shape (v, n).
+        direction: shape (n,); not a number where none was found.
+        row: the function that each cell belongs to, shape (n,).
+    """
+
+    low: FloatArray
+    high: FloatArray
+    direction: ComplexArray
+    row: IndexArray
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @classmethod
+    def joined(cls, parts: list[Cells]) -> Cells:
+        """Put lists of cells together."""
+        return cls(
+            np.concatenate([part.low for part in parts], axis=1),
+            np.concatenate([part.high for part in parts], axis=1),
+            np.concatenate([part.direction for part in parts]),
+            np.concatenate([part.row for part in parts]),
+        )
+
+    def pick(self, some: BoolArray | slice) -> Cells:
+        """Take some of the cells."""
+        return Cells(self.low[:, some], self.high[:, some], self.direction[some], self.row[some])
+
+    def of_row(self, row: int) -> Cells:
+        """Take those of one row, which becomes row 0."""
+        mine = self.pick(self.row == row)
+        return replace(mine, row=np.zeros(len(mine), dtype=np.intp))
+
+    @classmethod
+    def boxes(cls, low: FloatArray, high: FloatArray, row: IndexArray) -> Cells:
+        """Return cells that nothing is known of yet."""
+        return cls(low, high, np.full(len(row), np.nan, dtype=np.complex128), row)
+
+
+@dataclass(frozen=True)
+class Exclusion:
+    """What a search found.
+
+    Attributes:
+        excluded: cells without a zero.
+        open: cells left over; the proof is complete where there are none.
+        looked_at: cells evaluated.
+    """
+
+    excluded: Cells
+    open: Cells
+    looked_at: int
+
+
+def excludes(function: Enclosed, cells: Cells) -> BoolArray:
+    """Whether the half plane of each cell is proved to hold all values of the function there, shape (n,)."""
+    return _held(*_first_order(function, cells), cells.direction)
+
+
+def exclude_zeros(
+    function: Enclosed,
+    boxes: Cells,
+    budget: int,
+    on_round: Callable[[Cells], BoolArray] = lambda left: np.ones(len(left), dtype=bool),
+) -> Exclusion:
+    """Split boxes until no cell can hold a zero.
+
+    Args:
+        function: the functions.
+        boxes: one or more boxes of each row.
+        budget: cells that may be evaluated, of all rows together.
+        on_round: told of cells that could not be proved so far; says which are worth going on with.
+    """
+    waiting, done, given_up = boxes, [boxes.pick(slice(0, 0))], [boxes.pick(slice(0, 0))]
+    looked_at = 0
+    while len(waiting) and looked_at < budget:
+        now, waiting = waiting.pick(slice(-_AT_ONCE, None)), waiting.pick(slice(None, -_AT_ONCE))
+        looked_at += len(now)
+        centre, slopes, reach = _first_order(function, now)
+        direction = _directions(centre, slopes, reach)
+        held = _held(centre, slopes, reach, direction)
+        done.append(replace(now, direction=direction).pick(held))
+        left, weight = now.pick(~held), _weights(slopes, reach)[:, ~held]
+        if len(left):
+            wanted = on_round(left)
+            given_up.append(left.pick(~wanted))
+            times = 1 + sum(len(left) << more <= _FEW for more in range(1, _MOST_SPLITS))
+            waiting = Cells.joined([waiting, _split(left.pick(wanted), weight[:, wanted], times)])
+    return Exclusion(Cells.joined(done), Cells.joined([*given_up, waiting]), looked_at)
+
+
+def _first_order(function: Enclosed, cells: Cells) -> tuple[ComplexInterval, ComplexInterval, FloatArray]:
+    """Return F at the centres (n,), the slopes over the cells (v, n) and the half widths, rounded up (v, n)."""
+    box = Interval.of(cells.low, cells.high)
+    centre = box.middle
+    reach = np.maximum((box - centre).high, -(box - centre).low)
+    return function.at(centre, cells.row), function.over(box, cells.row).slope, reach
+
+
+def _held(centre: ComplexInterval, slopes: ComplexInterval, reach: FloatArray, direction: ComplexArray) -> BoolArray:
+    """Whether Re(F conj(direction)) > 0 in each cell, proved."""
+    real, imag = np.real(direction), np.imag(direction)
+    near = centre.real * real + centre.imag * imag
+    spread = (abs(slopes.real * real + slopes.imag * imag) * reach).sum(axis=0)
+    return np.asarray((near - spread).low > 0)
+
+
+def _directions(centre: ComplexInterval, slopes: ComplexInterval, reach: FloatArray) -> ComplexArray:
+    """Choose the half planes with the most room, shape (n,)."""
+    c = centre.real.middle + 1j * centre.imag.middle
+    generators = slopes.real.middle + 1j * slopes.imag.middle
+    with np.errstate(invalid="ignore", divide="ignore"):
+        candidates = np.concatenate([c[None], 1j * generators])
+        candidates = candidates / np.abs(candidates)
+        candidates = np.where(np.isfinite(candidates), candidates, 1.0)
+        along = np.real(c * np.conj(candidates))
+        candidates = candidates * np.where(along < 0, -1.0, 1.0)
+        real, imag = np.abs(candidates.real)[:, None], np.abs(candidates.imag)[:, None]
+        turned = np.abs(np.real(generators * np.conj(candidates)[:, None]))
+        loose = 0.5 * (real * slopes.real.width + imag * slopes.imag.width)
+        room = np.abs(along) - ((turned + loose) * reach).sum(axis=1)
+    best = np.argmax(np.where(np.isnan(room), -np.inf, room), axis=0)
+    return np.asarray(np.take_along_axis(candidates, best[None], axis=0)[0])
+
+
+def _weights(slopes: ComplexInterval, reach: FloatArray) -> FloatArray:
+    """How much each side of a cell spreads the values, shape (v, n)."""
+    with np.errstate(invalid="ignore"):
+        spread = np.hypot(slopes.real.magnitude, slopes.imag.magnitude) * reach
+    return np.asarray(np.where(np.isnan(spread), np.where(reach > 0, np.inf, 0.0), spread))
+
+
+def _split(cells: Cells, weight: FloatArray, times: int) -> Cells:
+    """Halve the side with the most weight, some times over."""
+    low, high, row_of = cells.low, cells.high, cells.row
+    for _ in range(times):
+        side = np.argmax(weight, axis=0)
+        row = (side, np.arange(len(side)))
+        middle = 0.5 * low[row] + 0.5 * high[row]
+        first_high, second_low = high.copy(), low.copy()
+        first_high[row], second_low[row] = middle, middle
+        low, high = np.concatenate([low, second_low], axis=1), np.concatenate([first_high, high], axis=1)
+        weight = weight.copy()
+        weight[row] *= 0.5
+        weight, row_of = np.concatenate([weight, weight], axis=1), np.concatenate([row_of, row_of])
+    return Cells.boxes(low, high, row_of)

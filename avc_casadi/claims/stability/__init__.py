@@ -1,0 +1,1 @@
+"""Linear stability of the frozen loop with a set of hands."""

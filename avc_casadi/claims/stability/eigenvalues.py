@@ -1,0 +1,103 @@
+"""Eigenvalues of many small matrices, on two processors."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.parallel import processors
+
+# Fewer are done sooner than a thread takes them up.
+_MANY = 48
+
+
+def eigenvalues(matrices: FloatArray) -> ComplexArray:
+    """Return the eigenvalues of matrices, shape (..., s, s), as shape (..., s).
+
+    Half of many are worked out by another thread, where there is a processor for it: LAPACK runs without Python.
+    """
+    flat = matrices.reshape(-1, *matrices.shape[-2:])
+    if len(flat) < _MANY or processors() == 1:
+        return np.asarray(np.linalg.eigvals(matrices), dtype=np.complex128)
+    half = len(flat) // 2
+    other = _helper().submit(np.linalg.eigvals, flat[half:])
+    both = np.concatenate([np.linalg.eigvals(flat[:half]), other.result()])
+    return np.asarray(both.reshape(matrices.shape[:-1]), dtype=np.complex128)
+
+
+@cache
+def _helper() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(1)
+
+
+# A loop is raised to the power 4, so often; from the first of these on those drop out that another exceeds.
+_FIRST, _ROUNDS = 5, 11
+# Eigenvalues of smaller ones are as quick.
+_LARGE = 10
+# What powers of loops may lose of the logarithm of the radius; a trace that is smaller beside the largest number of a
+# power may be rounding.
+_LOST, _LEAST_TRACE = 1e-7, 1e-5
+
+
+def worst_radius(loops: FloatArray) -> FloatArray:
+    """Return the largest spectral radius of each group of loops, the same numbers as by the eigenvalues of all.
+
+    Args:
+        loops: groups of p loops, shape (..., p, s, s).
+
+    Returns:
+        Shape (...).
+    """
+    return np.asarray(leading_radii(loops, 1).max(axis=-1))
+
+
+def leading_radii(loops: FloatArray, leaders: int) -> FloatArray:
+    """Return the spectral radii of those loops of each group that may have the largest ones, by their eigenvalues.
+
+    The radius r of an (s, s) matrix M lies between powers: abs(trace(M^N)) / s <= r^N <= s max(abs(M^N)). A product
+    takes a fiftieth of the time of eigenvalues.
+
+    Args:
+        loops: groups of p loops, shape (..., p, s, s).
+        leaders: how many of the largest are wanted; all of these are among what is returned.
+
+    Returns:
+        Shape (..., p); minus infinity for the others.
+    """
+    p, s = loops.shape[-3], loops.shape[-1]
+    if s < _LARGE:
+        return np.asarray(np.abs(eigenvalues(loops)).max(axis=-1))
+    matrices = loops.reshape(-1, s, s)
+    left = np.arange(len(matrices))
+    power, logarithm, times = matrices, np.zeros(len(matrices)), 1
+    for done in range(1, _ROUNDS + 1):
+        power = power @ power
+        power = power @ power
+        times *= 4
+        if done >= _FIRST:
+            power = _balanced(power)
+        largest = np.maximum(np.maximum(power.max(axis=(1, 2)), -power.min(axis=(1, 2))), np.finfo(np.float64).tiny)
+        power = power / largest[:, None, None]
+        logarithm = 4 * logarithm + np.log(largest)
+        if done >= _FIRST:
+            trace = np.abs(np.trace(power, axis1=1, axis2=2))
+            known = np.where(trace > _LEAST_TRACE, np.log(np.maximum(trace, _LEAST_TRACE) / s), -np.inf)
+            at_least = np.full(len(matrices), -np.inf)
+            at_least[left] = (logarithm + known) / times
+            of_leaders = -np.partition(-at_least.reshape(-1, p), min(leaders, p) - 1, axis=1)[:, min(leaders, p) - 1]
+            may = (logarithm + np.log(s)) / times + _LOST >= of_leaders[left // p]
+            left, power, logarithm = left[may], power[may], logarithm[may]
+    radius = np.full(len(matrices), -np.inf)
+    radius[left] = np.abs(eigenvalues(matrices[left])).max(axis=-1)
+    return np.asarray(radius.reshape(loops.shape[:-2]))
+
+
+def _balanced(power: FloatArray) -> FloatArray:
+    """Count states in units in which rows and columns are as large as each other, on average."""
+    size = np.abs(power).mean(axis=0) + np.finfo(np.float64).tiny
+    # Powers of 2 are exact.
+    unit = np.exp2(np.round(np.log2(size.sum(axis=1) / size.sum(axis=0)) / 2))
+    return np.asarray(power / unit[:, None] * unit)

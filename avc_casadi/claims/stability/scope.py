@@ -1,0 +1,101 @@
+"""The scope of a problem as a condition on one row of gains: what "for all omega" means there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE, frozen_parts
+from avc_casadi.claims.stability.worst_hand import worst_hands
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.passivity.sampled_loop import Values
+    from avc_casadi.model.hands import Hand
+    from avc_casadi.model.problem import Problem
+
+
+@dataclass(frozen=True)
+class ScopeSlack:
+    """How far each row is inside its scope, shape (n,).
+
+    Attributes:
+        slack: smallest Re Z_h less the margin asked for, N.s/m; for scope hands 1 less the largest spectral radius.
+        frequency_hz: where it stands; 0 is the limit of zero frequency.
+        hands: for scope hands the worst hand of each row; else None.
+    """
+
+    slack: FloatArray
+    frequency_hz: FloatArray
+    hands: Hand | None = None
+
+    @property
+    def met(self) -> BoolArray:
+        """Whether each row meets its scope strictly, without any tolerance."""
+        return np.asarray(self.slack >= 0)
+
+
+def scope_band_hz(problem: Problem, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Band in which the row of each frequency must be passive; scope hands has none and gives the frequency."""
+    nyquist = 0.5 / problem.device.sample_time_s
+    scope, factor = problem.stability.scope, problem.stability.band_factor
+    if scope == "all":
+        return np.zeros_like(frequency_hz), np.full_like(frequency_hz, nyquist)
+    if scope == "band":
+        return np.asarray(frequency_hz / factor), np.minimum(frequency_hz * factor, nyquist)
+    return frequency_hz, frequency_hz
+
+
+def deciding_frequencies_hz(problem: Problem, frequency_hz: FloatArray) -> FloatArray | None:
+    """Frequencies at which Re Z_h >= margin is enough for the whole scope, shape (n, m); None where none are known.
+
+    In the sampled-data model without delay N(c) is concave for admissible gains: the ends of a band decide, and for all
+    frequencies Nyquist alone.
+    """
+    scope = problem.stability.scope
+    if scope == "pointwise":
+        return frequency_hz[:, None]
+    if scope == "hands" or problem.stability.model == "paper" or problem.device.delay_samples:
+        return None
+    low, high = scope_band_hz(problem, frequency_hz)
+    return high[:, None] if scope == "all" else np.stack([low, high], axis=1)
+
+
+def scope_slack(
+    problem: Problem,
+    frequency_hz: Values,
+    damping_ns_per_m: Values,
+    stiffness_n_per_m: Values,
+    contact_damping_ns_per_m: Values = 0.0,
+) -> ScopeSlack:
+    """Judge rows of gains against the scope, model and margin of a problem.
+
+    Args:
+        problem: its ``stability`` table says what is asked.
+        frequency_hz: interaction frequency of each row; all arguments broadcast to n rows.
+        damping_ns_per_m: b.
+        stiffness_n_per_m: k.
+        contact_damping_ns_per_m: b_p.
+
+    Returns:
+        For pointwise, band and all: passivity in the problem's model. For hands: linear stability of the loop that
+        runs, its device robbed of the margin in damping, with the worst hand that a search of the whole box finds; a
+        row that is unstable with one of the first hands is searched no further.
+    """
+    given = (frequency_hz, damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m)
+    own, b, k, contact = (
+        np.ravel(value) for value in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))
+    )
+    margin = problem.stability.margin_ns_per_m
+    if problem.stability.scope == "hands":
+        parts, most = frozen_parts(problem, b, k), 1 - RADIUS_TOLERANCE
+        worst = worst_hands(problem.device, parts, contact, problem.hands, -margin, enough=most)
+        return ScopeSlack(most - worst.radius, worst.frequency_hz, worst.hands)
+    worst_case = worst_margin(SampledLoop.of(problem), b, k, contact, *scope_band_hz(problem, own))
+    sound = worst_case.poles_stable & (worst_case.dc_stiffness_n_per_m >= 0)
+    slack = np.where(sound, worst_case.margin_ns_per_m - margin, -np.inf)
+    return ScopeSlack(slack, worst_case.frequency_hz)

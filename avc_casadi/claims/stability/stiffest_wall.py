@@ -1,0 +1,260 @@
+"""The stiffest wall that a set of hands can hold at all, exactly: rigid coupling and a contact damper, no friction.
+
+The force K x + D (x - x')/T, x the measured position, is held for T; D is the damping of wall and contact damper
+together. The device is that which is declared: delay, amplifier and resonance, at every corner of their ranges. The
+loop is linear, and its spectral radius with each hand says whether it dies out. No coupling in series can hold a
+stiffer wall: it only softens it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
+from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
+from avc_casadi.claims.stability.frozen_loop import Rendering
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.model.sampled_plant import sampled_plant
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.hands import Hand, StylusHand
+
+
+_SCAN = 121
+_HALVINGS = 40
+# Up to so many devices with hands all are looked at every time; of more those alone that once decided, the others at
+# the end.
+_FEW = 32
+# Of few, those that were the worst somewhere say which of so many dampings are looked at first with all.
+_PROBED, _PROMISING = 9, 4
+
+
+def loop_radius(
+    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray
+) -> FloatArray:
+    """Spectral radius of the frozen loop in contact at the worst corner of the device, shape (walls, people).
+
+    Args:
+        device: the device as declared.
+        subjects: the people.
+        stiffness_n_per_m: K, shape (walls,).
+        damping_ns_per_m: D, shape (walls,).
+    """
+    every = _Loops.of(device, subjects).radius(stiffness_n_per_m, damping_ns_per_m)
+    return np.asarray(every.reshape(len(every), -1, len(subjects)).max(axis=1))
+
+
+def loop_poles(
+    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, damping_ns_per_m: float
+) -> ComplexArray:
+    """Poles of the frozen loop with a spring of either sign and a damper, always in contact, shape (pairs, poles).
+
+    Args:
+        device: the device as declared, all its corners; those come first.
+        subjects: the people.
+        stiffness_n_per_m: K, below 0 where it drives the device away.
+        damping_ns_per_m: D.
+    """
+    loops = _Loops.of(device, subjects)
+    rate = damping_ns_per_m / loops.sample_time_s
+    rendering = Rendering(np.array([[stiffness_n_per_m + rate, -rate, 0.0]]), np.zeros((1, 3)))
+    loop = closed_loop(loops.matrix, loops.push, loops.measured, rendering)
+    return np.asarray(np.linalg.eigvals(loop[0, ..., :-1, :-1]))
+
+
+@dataclass(frozen=True)
+class _Loops:
+    """Every corner of a device with everybody.
+
+    Attributes:
+        matrix: A with the forces under way, shape (pairs, s, s); corners first.
+        push: B, shape (pairs, s).
+        measured: row of the measured position, shape (s,).
+        sample_time_s: T.
+        most_damping_ns_per_m: more no wall can have: 2 m/T of all that moves.
+        deciding: the pairs that are looked at every time.
+        worst_seen: pairs of few that were the worst somewhere.
+    """
+
+    matrix: FloatArray
+    push: FloatArray
+    measured: FloatArray
+    sample_time_s: float
+    most_damping_ns_per_m: float
+    deciding: set[int]
+    worst_seen: set[int] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, device: Device, subjects: Hand | StylusHand) -> _Loops:
+        corners = device_corners(device, LINEAR_KEYS)
+        matrix, push, measured = plants_with_forces(sampled_plant(corners, subjects))
+        mass = max(corner.mass_kg for corner in corners) + float(np.max(subjects.mass_kg))
+        most = 2 * mass / device.sample_time_s
+        few = set(range(len(matrix))) if len(matrix) <= _FEW else set()
+        return cls(matrix, push, measured, device.sample_time_s, most, few)
+
+    def radius(
+        self, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray, pairs: IndexArray | None = None
+    ) -> FloatArray:
+        """Spectral radius of walls with all pairs, or some, shape (walls, pairs)."""
+        rate = damping_ns_per_m / self.sample_time_s
+        force = np.stack([stiffness_n_per_m + rate, -rate, np.zeros_like(rate)], axis=-1)
+        rendering = Rendering(force, np.zeros_like(force))
+        some = slice(None) if pairs is None else pairs
+        loop = closed_loop(self.matrix[some], self.push[some], self.measured, rendering)
+        # The rendering has no state of its own here.
+        return np.asarray(np.abs(np.linalg.eigvals(loop[..., :-1, :-1])).max(axis=-1))
+
+    def worst(self, stiffness_n_per_m: float) -> Callable[[FloatArray], FloatArray]:
+        """Return the radius of a wall, from its damping, with the worst of the deciding pairs."""
+
+        def radius(damping: FloatArray) -> FloatArray:
+            stiffness = np.full(len(damping), stiffness_n_per_m)
+            return np.asarray(self.radius(stiffness, damping, np.array(sorted(self.deciding))).max(axis=1))
+
+        return radius
+
+    def confirmed(self, stiffness_n_per_m: float, damping_ns_per_m: FloatArray) -> bool:
+        """Whether a wall is stable with all pairs too; where it is not, the worst are added to those that decide."""
+        if len(self.deciding) == len(self.matrix):
+            return True
+        every = self.radius(np.full(len(damping_ns_per_m), stiffness_n_per_m), damping_ns_per_m)
+        found = {int(pair) for row in every if row.max() >= 1 for pair in (np.argmax(row),)} - self.deciding
+        self.deciding.update(found)
+        return not found
+
+    def start(self, stiffness_n_per_m: float) -> None:
+        """Let those decide first that are the worst with some damping."""
+        if not self.deciding:
+            damping = np.linspace(0.0, self.most_damping_ns_per_m, _PROBED)
+            every = self.radius(np.full(len(damping), stiffness_n_per_m), damping)
+            self.deciding.update(int(pair) for pair in np.argmax(every, axis=1))
+
+    def least(self, stiffness_n_per_m: float, damping_ns_per_m: FloatArray) -> tuple[int, float]:
+        """Return with which of some dampings the worst pair has the smallest radius, and that radius.
+
+        All pairs are looked at only where those that were the worst elsewhere leave less than is found already.
+        """
+
+        def radii(rows: IndexArray, pairs: IndexArray | None = None) -> FloatArray:
+            damping = damping_ns_per_m[rows]
+            return self.radius(np.full(len(damping), stiffness_n_per_m), damping, pairs)
+
+        every = np.arange(len(damping_ns_per_m))
+        if not self.worst_seen:
+            self.worst_seen.update(np.argmax(radii(every[:: len(every) // _PROBED]), axis=1).tolist())
+        at_least = radii(every, np.array(sorted(self.worst_seen))).max(axis=1)
+        found = np.full(len(every), np.inf)
+        rows = np.argsort(at_least, kind="stable")[:_PROMISING]
+        while len(rows):
+            all_pairs = radii(rows)
+            found[rows] = all_pairs.max(axis=1)
+            self.worst_seen.update(np.argmax(all_pairs, axis=1).tolist())
+            rows = every[(at_least <= found.min()) & np.isinf(found)]
+        best = int(np.argmin(found))
+        return best, float(found[best])
+
+
+@dataclass(frozen=True)
+class DampingRange:
+    """Damping of a wall within which every hand is stable.
+
+    Attributes:
+        stiffness_n_per_m: K.
+        lowest_ns_per_m: smallest D; not a number where no damping will do.
+        highest_ns_per_m: largest D.
+    """
+
+    stiffness_n_per_m: float
+    lowest_ns_per_m: float
+    highest_ns_per_m: float
+
+
+def damping_range(device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float) -> DampingRange:
+    """Find the damping with which a wall is stable with everybody at every corner of the device.
+
+    The stable damping of each hand is an interval below 2 m/T of all that moves.
+    """
+    return _damping_range(_Loops.of(device, subjects), stiffness_n_per_m)
+
+
+def _damping_range(loops: _Loops, stiffness_n_per_m: float) -> DampingRange:
+    radius = loops.worst(stiffness_n_per_m)
+    while True:
+        scan, inside = _stable_dampings(loops, stiffness_n_per_m)
+        if len(inside) == 0:
+            return DampingRange(stiffness_n_per_m, np.nan, np.nan)
+        low = 0.0 if scan[inside[0]] == 0 else _edge(radius, scan[inside[0] - 1], scan[inside[0]])
+        last = len(scan) - 1
+        high = scan[-1] if inside[-1] == last else _edge(radius, scan[inside[-1] + 1], scan[inside[-1]])
+        if loops.confirmed(stiffness_n_per_m, np.array([low, high])):
+            return DampingRange(stiffness_n_per_m, float(low), float(high))
+
+
+def _stable_dampings(loops: _Loops, stiffness_n_per_m: float) -> tuple[FloatArray, IndexArray]:
+    """Return a scan of dampings and which of them are stable; finer about the least radius where none is."""
+    loops.start(stiffness_n_per_m)
+    radius = loops.worst(stiffness_n_per_m)
+    while True:
+        scan = np.linspace(0.0, loops.most_damping_ns_per_m, _SCAN)
+        found = radius(scan)
+        if not (found < 1).any():
+            scan = _about(scan, int(np.argmin(found)))
+            found = radius(scan)
+        inside = np.flatnonzero(found < 1)
+        if len(inside) == 0 or loops.confirmed(stiffness_n_per_m, scan[inside[[0, -1]]]):
+            return scan, inside
+
+
+def _about(scan: FloatArray, best: int) -> FloatArray:
+    """Scan finer between the neighbours of the best."""
+    return np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], _SCAN)
+
+
+def _stable(loops: _Loops, stiffness_n_per_m: float) -> bool:
+    """Whether `_stable_dampings` finds any."""
+    if len(loops.deciding) < len(loops.matrix):
+        return len(_stable_dampings(loops, stiffness_n_per_m)[1]) > 0
+    scan = np.linspace(0.0, loops.most_damping_ns_per_m, _SCAN)
+    best, least = loops.least(stiffness_n_per_m, scan)
+    return least < 1 or loops.least(stiffness_n_per_m, _about(scan, best))[1] < 1
+
+
+def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: float) -> float:
+    for _ in range(_HALVINGS):
+        middle = (outside + inside) / 2
+        if radius(np.array([middle]))[0] < 1:
+            inside = middle
+        else:
+            outside = middle
+    return inside
+
+
+def softest_wall_n_per_m(device: Device) -> float:
+    """Return 1 N/m at the hand, below which no wall is looked for."""
+    return device.metres_per_unit**2
+
+
+def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
+    """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %.
+
+    It is 0, and the damping not a number, where nothing has a mass, or no damping holds 1 N/m at the hand.
+    """
+    if device.mass_kg + float(np.min(subjects.mass_kg)) == 0:
+        return DampingRange(0.0, np.nan, np.nan)
+    loops = _Loops.of(device, subjects)
+    low, high = softest_wall_n_per_m(device), 4 * loops.most_damping_ns_per_m / device.sample_time_s
+    if not _stable(loops, low):
+        return DampingRange(0.0, np.nan, np.nan)
+    while high > 1.0001 * low:
+        middle = float(np.sqrt(low * high))
+        if _stable(loops, middle):
+            low = middle
+        else:
+            high = middle
+    return _damping_range(loops, low)

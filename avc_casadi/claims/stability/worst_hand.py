@@ -1,0 +1,250 @@
+"""The worst hand of a whole box of hands: the spectral radius has maxima inside, which corners and draws miss.
+
+A search, not a proof: from the worst of some hands a quadratic in each direction is climbed, all rows at once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.stability.declared_device import paired_loop, plants_with_forces, rigid, whole_stability
+from avc_casadi.claims.stability.frozen_loop import LinearStability, Rendering, fraction_rendering, paired_transition
+from avc_casadi.model.hands import Hand, hand_ranges, hand_set
+from avc_casadi.model.sampled_plant import sampled_plant
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.passivity.sampled_loop import Fractions, Values
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Hands
+
+_STARTS, _APART = 4, 0.6
+_ROUNDS, _SWEEPS = 12, 15
+# A climb ends that gains or moves less, as a share of the box.
+_GAINED, _STILL = 1e-10, 1e-4
+_REACH, _SHRINK = 0.2, 0.45
+_PAIRS = ((0, 1), (0, 2), (1, 2))
+_NUMBERS_AT_ONCE = 2_000_000
+
+
+@dataclass(frozen=True)
+class WorstHands:
+    """The worst hand that was found for each of n rows.
+
+    Attributes:
+        radius: spectral radius with it, shape (n,).
+        frequency_hz: frequency of that eigenvalue, shape (n,).
+        hands: n hands.
+        known: radii and frequencies with the hands that were looked at first, (n, h).
+    """
+
+    radius: FloatArray
+    frequency_hz: FloatArray
+    hands: Hand
+    known: LinearStability
+
+    def pick(self, rows: IndexArray) -> WorstHands:
+        """Take some of the rows."""
+        known = LinearStability(self.known.radius[rows], self.known.frequency_hz[rows])
+        return WorstHands(self.radius[rows], self.frequency_hz[rows], self.hands.pick(rows), known)
+
+
+def worst_hands(
+    device: Device,
+    parts: Fractions,
+    contact_damping_ns_per_m: Values,
+    hands: Hands,
+    damping_shift_ns_per_m: float = 0.0,
+    *,
+    draws: int = 24,
+    seed: int = 0,
+    enough: float = np.inf,
+    progress: Progress = SILENT,
+) -> WorstHands:
+    """Look for the hand of the ranges with which each frozen row has the largest spectral radius.
+
+    Args:
+        device: the device as declared.
+        parts: partial fractions of n renderings, as in `linear_stability`.
+        contact_damping_ns_per_m: b_p, broadcast to shape (n,).
+        hands: the ranges; their corners and draws are looked at first.
+        damping_shift_ns_per_m: added to the damping of the device.
+        draws: hands drawn beside the corners.
+        seed: seed of the draws.
+        enough: rows that reach this radius with the first hands are not searched further.
+        progress: told of the rows.
+
+    Raises:
+        UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
+    """
+    contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (len(parts.direct),))
+    rendering = fraction_rendering(parts, contact, device.sample_time_s)
+    _, one, same = np.unique(
+        np.concatenate([rendering.force, rendering.state], axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    if len(one) < len(same):
+        each = worst_hands(
+            device,
+            parts.pick(one),
+            contact[one],
+            hands,
+            damping_shift_ns_per_m,
+            draws=draws,
+            seed=seed,
+            enough=enough,
+            progress=progress,
+        )
+        return each.pick(same.ravel())
+    first = hand_set(hands, draws=draws, seed=seed)
+    known = whole_stability(device, parts, contact_damping_ns_per_m, first, damping_shift_ns_per_m, progress)
+    n = len(parts.direct)
+    ranges = hand_ranges(hands)
+    at = np.array([np.broadcast_to(value, (len(first),)) for value in vars(first).values()])
+    # The device let go lies outside the ranges and is no place to climb from.
+    inside = ((at >= ranges[:, :1]) & (at <= ranges[:, 1:])).all(axis=0)
+    shares = (at - ranges[:, :1]) / np.maximum(np.ptp(ranges, axis=1)[:, None], np.finfo(np.float64).tiny)
+    order = _far_apart(np.where(inside, known.radius, -np.inf), shares)
+    best = known.radius.argmax(axis=1)
+    radius = np.take_along_axis(known.radius, best[:, None], axis=1)[:, 0]
+    frequency = np.take_along_axis(known.frequency_hz, best[:, None], axis=1)[:, 0]
+    place = at[:, best] if n else np.zeros((3, 0))
+    wide = (ranges[:, 1] > ranges[:, 0]).any()
+    going = np.flatnonzero(np.isfinite(radius) & (radius < enough)) if wide else np.zeros(0, dtype=np.intp)
+    if going.size:
+        search = _Search(device, rendering, ranges, damping_shift_ns_per_m)
+        rows = np.repeat(going, order.shape[1])
+        found, top, where = search.climb(rows, at[:, order[going].ravel()])
+        winner = top.reshape(len(going), -1).argmax(axis=1) + np.arange(len(going)) * order.shape[1]
+        better = top[winner] > radius[going]
+        better_rows, winner = going[better], winner[better]
+        radius[better_rows], frequency[better_rows] = top[winner], where[winner]
+        place = place.copy()
+        place[:, better_rows] = found[:, winner]
+    return WorstHands(radius, frequency, Hand(*place), known)
+
+
+def _far_apart(radius: FloatArray, places: FloatArray) -> IndexArray:
+    """Choose the worst hands of each row that stand some way apart, worst first; places (3, h) as shares of the box."""
+    distance = np.abs(places[:, :, None] - places[:, None, :]).max(axis=0)
+    left = radius.copy()
+    chosen = []
+    for _ in range(min(_STARTS, radius.shape[1])):
+        worst = left.argmax(axis=1)
+        chosen.append(worst)
+        left = np.where(distance[worst] < _APART, -np.inf, left)
+    return np.stack(chosen, axis=1)
+
+
+@dataclass(frozen=True)
+class _Search:
+    device: Device
+    rendering: Rendering
+    ranges: FloatArray
+    shift: float
+
+    def radius(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Spectral radius and frequency of rows (m,), each with a hand of its own (3, m)."""
+        hands = Hand(*places)
+        rendering = Rendering(self.rendering.force[rows], self.rendering.state[rows])
+        if rigid(self.device):
+            matrices = paired_transition(self.device, rendering, hands, self.shift)
+        else:
+            damping = self.device.damping_ns_per_m + self.shift
+            shifted = self.device.model_copy(update={"damping_ns_per_m": damping})
+            matrix, push, measured = plants_with_forces(sampled_plant(shifted, hands))
+            matrices = paired_loop(matrix, push, measured, rendering)
+        values = np.linalg.eigvals(matrices)
+        largest = np.argmax(np.abs(values), axis=-1)[:, None]
+        value = np.take_along_axis(values, largest, axis=-1)[:, 0]
+        return np.abs(value), np.abs(np.angle(value)) / (2 * math.pi * self.device.sample_time_s)
+
+    def climb(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Climb from places (3, m) in the box; return where it ends, the radii and the frequencies."""
+        size = 4 + math.ceil(self.device.delay_samples)
+        at_once = max(1, _NUMBERS_AT_ONCE // (9 * size * size))
+        parts = [
+            self._climbed(rows[begin : begin + at_once], places[:, begin : begin + at_once])
+            for begin in range(0, len(rows), at_once)
+        ]
+        return (
+            np.concatenate([part[0] for part in parts], axis=1),
+            np.concatenate([part[1] for part in parts]),
+            np.concatenate([part[2] for part in parts]),
+        )
+
+    def _climbed(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        low, width = self.ranges[:, :1], np.ptp(self.ranges, axis=1)[:, None]
+        at = np.clip((places - low) / np.where(width > 0, width, 1.0), 0.0, 1.0)
+        top, where = self.radius(rows, low + width * at)
+        reach = np.where(width > 0, _REACH, 0.0) * np.ones(len(rows))
+        going = np.arange(len(rows))
+        for _ in range(_ROUNDS):
+            here, near, best = at[:, going], reach[:, going], top[going]
+            probes = np.clip(here + _moves(here, near), 0.0, 1.0)
+            values, frequencies = self._at(rows[going], low + width * probes)
+            ends = -np.minimum(here, 2 * near), np.minimum(1 - here, 2 * near)
+            guess = here + _model_top(probes - here, values - best, *ends)
+            value, frequency = self._at(rows[going], low + width * guess[None])
+            probes = np.concatenate([here[None], probes, guess[None]])
+            values = np.concatenate([best[None], values, value])
+            frequencies = np.concatenate([where[going][None], frequencies, frequency])
+            chosen, pick = values.argmax(axis=0), np.arange(len(going))
+            at[:, going], top[going] = probes[chosen, :, pick].T, values[chosen, pick]
+            where[going] = frequencies[chosen, pick]
+            moved = np.abs(at[:, going] - here).max(axis=0)
+            reach[:, going] = np.where(moved < near.max(axis=0), near * _SHRINK, near)
+            going = going[(top[going] > best + _GAINED) & (moved > _STILL)]
+            if not going.size:
+                break
+        return low + width * at, top, where
+
+    def _at(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Do the same at several places for each row, (p, 3, m); returns (p, m) each."""
+        flat = places.transpose(1, 0, 2).reshape(3, -1)
+        radius, frequency = self.radius(np.tile(rows, len(places)), flat)
+        return radius.reshape(-1, len(rows)), frequency.reshape(-1, len(rows))
+
+
+def _moves(at: FloatArray, reach: FloatArray) -> FloatArray:
+    """Both ways along each side of the box, then inwards along two sides at once, (9, 3, m)."""
+    inner = np.where(at <= 0.5, reach, -reach)
+    moves = [move for i in range(3) for move in (_only(inner, i), _only(-inner, i))]
+    return np.array([*moves, *(_only(inner, i) + _only(inner, j) for i, j in _PAIRS)])
+
+
+def _only(move: FloatArray, side: int) -> FloatArray:
+    one = np.zeros_like(move)
+    one[side] = move[side]
+    return one
+
+
+def _model_top(moves: FloatArray, gains: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return the step (3, m) to the top of the quadratic through the probes, between two bounds (3, m)."""
+    m = moves.shape[2]
+    slope, bend = np.zeros((3, m)), np.zeros((3, 3, m))
+    for i in range(3):
+        d, e = moves[2 * i, i], moves[2 * i + 1, i]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            one, other = gains[2 * i] / d, gains[2 * i + 1] / e
+            both = (d != 0) & (e != 0)
+            bend[i, i] = np.where(both, 2 * (one - other) / (d - e), 0.0)
+            slope[i] = np.where(both, one - 0.5 * bend[i, i] * d, np.where(d != 0, one, 0.0))
+    for number, (i, j) in enumerate(_PAIRS):
+        d, e = moves[2 * i, i], moves[2 * j, j]
+        cross = gains[6 + number] - gains[2 * i] - gains[2 * j]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bend[i, j] = bend[j, i] = np.where((d != 0) & (e != 0), cross / (d * e), 0.0)
+    slope, bend = (np.where(np.isfinite(values), values, 0.0) for values in (slope, bend))
+    step = np.zeros((3, m))
+    for _ in range(_SWEEPS):
+        for i in range(3):
+            rise = slope[i] + (bend[i] * step).sum(axis=0) - bend[i, i] * step[i]
+            curved = bend[i, i] < 0
+            top = np.where(curved, -rise / np.where(curved, bend[i, i], 1.0), np.where(rise > 0, np.inf, -np.inf))
+            step[i] = np.clip(np.where(~curved & (rise == 0), 0.0, top), low[i], high[i])
+    return step

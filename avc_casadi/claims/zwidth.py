@@ -1,0 +1,282 @@
+"""The K-B region of Colgate and Brown: walls B + K/s rendered without coupling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import Comparable, FloatArray
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi.claims.levels import ideal, what_is_declared
+from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop, passive_limit_n_per_m
+from avc_casadi.claims.wall_claims import WallClaim, largest_in_every_case, passive_declared, passive_ideal, stable
+from avc_casadi.files.problem_file import as_problem
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.model.declared import declared
+from avc_casadi.model.device import whole_delay
+from avc_casadi.model.hands import hand_set, no_hand
+from avc_casadi.paper.equations import coupling_gains
+from avc_casadi.paper.loop import loop_at
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Model, Problem
+    from avc_casadi.model.schedule import GainSchedule
+
+
+_RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.175, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 7.5, 7.9, 8.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LlewellynTable(Tabular):
+    """k_c T/b_d against b_c/b_d for both holds, each of shape (n,); not a number where nothing is allowed.
+
+    Attributes:
+        damping_ratio: b_c/b_d.
+        paper: with the printed hold.
+        sampled_data: with hold 1/z; without delay 2 (1 - b_c/b_d).
+        delay_samples: delay of the device, the longest of its range.
+    """
+
+    damping_ratio: FloatArray
+    paper: FloatArray
+    sampled_data: FloatArray
+    delay_samples: int
+
+    def to_dict(self) -> Columns:
+        """Return the table as columns, each of shape (n,)."""
+        return {
+            "damping_ratio": self.damping_ratio,
+            "paper_kc_t_over_b_d": self.paper,
+            "sampled_data_kc_t_over_b_d": self.sampled_data,
+        }
+
+    def _summary(self) -> str:
+        return f"b_c/b_d {short(self.damping_ratio)}: k_c T/b_d {short(self.paper)} with the paper's hold"
+
+
+def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -> LlewellynTable:
+    """Tabulate the largest stiffness, the least over the range of the delay; environment and mass do not enter.
+
+    Args:
+        problem: device.
+        damping_ratio: b_c/b_d, shape (n,); None takes 16 values from 0 to 8.
+
+    Raises:
+        UnsupportedError: a device without damping, or with a fractional delay, an amplifier or a resonance.
+    """
+    device = problem.device
+    if device.damping_ns_per_m == 0:
+        raise UnsupportedError("Llewellyn's condition (6) allows no coupling where device.damping_ns_per_m is 0")
+    ratio = np.array(_RATIOS) if damping_ratio is None else damping_ratio
+    ends = {corner.delay_samples for corner in device_corners(device, ("delay_samples",))} | {device.delay_samples}
+    delays = [whole_delay(end, "Llewellyn's table") for end in sorted(ends)]
+    if not ideal(device):
+        raise UnsupportedError(
+            f"Llewellyn's table knows no {what_is_declared(device)}: it is that of a rigid device with an ideal "
+            "amplifier; level L4 judges gains on the device as declared"
+        )
+    scale = device.sample_time_s / device.damping_ns_per_m
+    models: tuple[Model, ...] = ("paper", "sampled-data")
+    found = []
+    for model in models:
+        loops = [replace(SampledLoop.of(problem, model), delay_samples=delay) for delay in delays]
+        each = [largest_llewellyn_stiffness(loop, ratio * device.damping_ns_per_m) * scale for loop in loops]
+        found.append(np.min(each, axis=0))
+    return LlewellynTable(ratio, found[0], found[1], max(delays))
+
+
+def rendered_wall(problem: Problem, gains: GainSchedule) -> tuple[FloatArray, FloatArray]:
+    """Return (B, K) of the spring and damper that each row amounts to at its own frequency, shape (n,) each.
+
+    Contact damping counts as damping of the wall. The loop is the one that runs (sampled-data), whatever model the
+    gains were designed for. Rows without gains are not numbers.
+    """
+    loop = loop_at(problem.changed(stability={"model": "sampled-data"}), gains.frequency_hz)
+    usable = gains.usable
+    b, k, contact = (
+        np.where(usable, gain, 1.0)
+        for gain in (gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
+    )
+    wall = coupling_gains(loop.angle, loop.rendered(b, k) + contact)
+    return np.where(usable, wall[0], np.nan), np.where(usable, wall[1], np.nan)
+
+
+_DAMPINGS = 61
+_SCAN = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Curve(Comparable):
+    """Largest stiffness of a wall at each wall damping for one claim.
+
+    Attributes:
+        key: short name.
+        claim: what holds below the curve.
+        delay_samples: nominal delay of the loop.
+        stiffness_n_per_m: K, shape (n,); not a number where no stiffness meets the claim.
+        wanted: whether the problem's own wall, without coupling, meets the claim.
+    """
+
+    key: str
+    claim: str
+    delay_samples: float
+    stiffness_n_per_m: FloatArray
+    wanted: bool
+
+    def __repr__(self) -> str:
+        return f"Curve({self.key}: {short(self.stiffness_n_per_m, 'N/m')})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ZWidth(Tabular):
+    """The K-B region of a device as declared: at all corners of its ranges.
+
+    Attributes:
+        problem: name of the problem.
+        damping_ns_per_m: wall damping B, shape (n,); the first is 0.
+        curves: one for each claim.
+        wanted_damping_ns_per_m: B of the problem's wall.
+        wanted_stiffness_n_per_m: its K.
+        encoder_limit_n_per_m: 2 f_c/Delta with the least friction and the coarsest encoder: above it quantisation makes
+            more energy than dry friction takes away; None where friction or resolution is not known.
+        passive_limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges; not a number where none is known.
+        hands: how many hands the last claim was tried with.
+        corners: at how many corners of the device.
+        used: what of the declared device the region takes in, as dotted keys.
+        not_used: what it does not.
+        refused: claims that have no proof on this device, each with the reason.
+    """
+
+    problem: str
+    damping_ns_per_m: FloatArray
+    curves: tuple[Curve, ...]
+    wanted_damping_ns_per_m: float
+    wanted_stiffness_n_per_m: float
+    encoder_limit_n_per_m: float | None
+    passive_limit_n_per_m: float
+    hands: int
+    corners: int
+    used: tuple[str, ...]
+    not_used: tuple[str, ...]
+    refused: tuple[str, ...]
+
+    def to_dict(self) -> Columns:
+        """Return B and the largest K of each claim as columns, each of shape (n,)."""
+        curves = {f"{curve.key}_stiffness_n_per_m": curve.stiffness_n_per_m for curve in self.curves}
+        return {"damping_ns_per_m": self.damping_ns_per_m, **curves}
+
+    def _summary(self) -> str:
+        spans = ", ".join(f"{curve.key} {short(curve.stiffness_n_per_m)}" for curve in self.curves)
+        return f"{self.problem!r}, B {short(self.damping_ns_per_m, 'N.s/m')}; largest K in N/m: {spans}"
+
+
+def zwidth(problem: Problem | str | Path, progress: Progress = SILENT) -> ZWidth:
+    """Compute the region for the problem's device and hands; its environment and coupling do not enter.
+
+    Each claim holds at every corner of [device.range], on the device as declared: delay, amplifier, resonance, side of
+    the encoder. Where the device has no delay the passive region of one sample of delay stands beside the others. On a
+    rigid device with an ideal amplifier and whole samples of delay the passive regions are exact; on another the
+    sampled-data one comes from a scan of frequencies (as L3), and that with the paper's hold is refused. The regions
+    are followed from soft walls up to the first that does not meet the claim.
+
+    Args:
+        problem: the problem; or a problem file, or a name of the catalogue.
+        progress: told of the curves.
+
+    Raises:
+        UnsupportedError: more delay than linear stability is computed for.
+
+    Example:
+        >>> region = avc.zwidth("figure5")
+        >>> round(region.passive_limit_n_per_m)
+        4000
+    """
+    problem = as_problem(problem)
+    device, wall = problem.device, problem.environment
+    corners = device_corners(device, LINEAR_KEYS)
+    mass = max(corner.mass_kg for corner in corners) + max(problem.hands.mass_kg)
+    damped = max(corner.damping_ns_per_m for corner in corners)
+    top = 2 * max(mass / device.sample_time_s, 2 * damped, 1e-3)
+    damping = np.concatenate([[0.0], np.geomspace(1e-4 * top, top, _DAMPINGS - 1)])
+    scan = np.geomspace(1e-6, 1.0, _SCAN) * 64 * top / device.sample_time_s
+    hands = hand_set(problem.hands)
+    claims, refused = _claims(device)
+    at = _at(device, len(corners))
+    claims += [
+        WallClaim("stable-released", f"linearly stable without a hand{at}", *stable(device, no_hand())),
+        WallClaim("stable-hands", f"linearly stable with every hand{at}", *stable(device, hands)),
+    ]
+    curves: list[Curve] = []
+    for claim in claims:
+        progress.advance(len(curves), len(claims), claim.claim)
+        largest = largest_in_every_case(damping, scan, claim.cases, claim.score)
+        late = device.delay_samples + (claim.key == "passive-delayed")
+        wanted = claim.holds(wall.damping_ns_per_m, wall.stiffness_n_per_m)
+        curves.append(Curve(claim.key, claim.claim, late, largest, wanted))
+    limit = _encoder_limit(device)
+    used, not_used = _keys(problem, bounded=limit is not None)
+    return ZWidth(
+        problem=problem.name,
+        damping_ns_per_m=damping,
+        curves=tuple(curves),
+        wanted_damping_ns_per_m=wall.damping_ns_per_m,
+        wanted_stiffness_n_per_m=wall.stiffness_n_per_m,
+        encoder_limit_n_per_m=limit,
+        passive_limit_n_per_m=passive_limit_n_per_m(device),
+        hands=len(hands),
+        corners=len(corners),
+        used=used,
+        not_used=not_used,
+        refused=refused,
+    )
+
+
+def _claims(device: Device) -> tuple[list[WallClaim], tuple[str, ...]]:
+    """Return the claims of passivity, and those that have no proof on this device."""
+    at = _at(device, len(device_corners(device, LINEAR_KEYS)))
+    if not ideal(device):
+        why = (
+            f"passive with the paper's hold: no proof on a device with {what_is_declared(device)}, for which that hold "
+            "gives no loop from sample to sample"
+        )
+        claim = f"passive, sampled-data{at}"
+        return [WallClaim("passive-sampled-data", claim, *passive_declared(device))], (why,)
+    claims = [
+        WallClaim("passive-paper", f"passive, paper's hold{at}", *passive_ideal(device, "paper")),
+        WallClaim("passive-sampled-data", f"passive, sampled-data{at}", *passive_ideal(device, "sampled-data")),
+    ]
+    if max(corner.delay_samples for corner in device_corners(device, ("delay_samples",))) == 0:
+        late = passive_ideal(device, "sampled-data", more_delay=1)
+        claims.append(WallClaim("passive-delayed", f"passive, sampled-data, 1 sample of delay{at}", *late))
+    return claims, ()
+
+
+def _at(device: Device, corners: int) -> str:
+    """Say what beside the claim itself is meant."""
+    late = device.delay_samples
+    delay = f", {late:g} sample{'' if late == 1 else 's'} of delay" if late else ""
+    return delay + (f", at {corners} corners of the device" if corners > 1 else "")
+
+
+def _encoder_limit(device: Device) -> float | None:
+    keys = ("coulomb_friction_n", "encoder_resolution_m")
+    ends = [(one.coulomb_friction_n, one.encoder_resolution_m) for one in device_corners(device, keys)]
+    limits = [2 * friction / resolution for friction, resolution in ends if resolution > 0]
+    return min(limits) if limits and min(limits) > 0 else None
+
+
+def _keys(problem: Problem, *, bounded: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the declared keys that enter the region or the encoder's bound, and those that do not."""
+    linear = {key.partition(".")[0] for key in LINEAR_KEYS} | {"amplifier_order", "encoder_at"}
+    known = linear | ({"coulomb_friction_n", "encoder_resolution_m"} if bounded else set())
+    keys = declared(problem)
+    used = tuple(key for key in keys if key.removeprefix("device.").removeprefix("range.").partition(".")[0] in known)
+    return used, tuple(key for key in keys if key not in used)

@@ -1,0 +1,270 @@
+"""Coupling: what goes into a device, as one object that every verb shares."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import InputError
+from avc_casadi._util.text import columns_html
+from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
+from avc_casadi.model.gains import GainTable
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.model.schedule import Status
+from avc_casadi.model.thinning import Deviation, thinned_rows
+from avc_casadi.paper.rendered import gain_schedule
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.gains import Gains
+    from avc_casadi.model.problem import Contact, Impedance, Problem
+    from avc_casadi.model.runtime import StateFeedback
+    from avc_casadi.model.schedule import GainSchedule
+
+
+FIRST_CONTACT: Contact = "gated"
+"""The contact law before there were two: that of files which name none, and part of no name that was given then."""
+
+
+def contact_law(asked: Contact, wall_stiffness_n_per_m: float, stiffness_n_per_m: ArrayLike) -> Contact:
+    """Return the contact law that runs at a wall.
+
+    Dampers alone know no place: clipped last they would be felt in free space, wherever the device moves towards the
+    wall. Without a spring in the wall, or in the coupling at any frequency, the law is therefore gated.
+
+    Args:
+        asked: of the problem.
+        wall_stiffness_n_per_m: k_e.
+        stiffness_n_per_m: k of all gains that may run; infinite for a rigid coupling.
+    """
+    springs = wall_stiffness_n_per_m > 0 and bool(np.all(np.asarray(stiffness_n_per_m) > 0))
+    return asked if springs else "gated"
+
+
+THINNING = 1e-3
+"""Largest relative change of a gain where rows are left out; certificate, scene and device read what is left."""
+CAPACITY_ROWS = 256
+"""Rows that a device holds at most."""
+_SAME_TIME = 1e-9
+
+
+def _device_document(device: Device) -> dict[str, Any]:
+    """Return what names a device; what files of old could not say is in it only where it changes what they meant."""
+    document: dict[str, Any] = device.model_dump(mode="json")
+    if device.amplifier_damping_ratio == CURRENT_LOOP_DAMPING_RATIO:
+        del document["amplifier_damping_ratio"]
+    if device.range.amplifier_damping_ratio is None:
+        del document["range"]["amplifier_damping_ratio"]
+    return document
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """Gains, what runs beside them, and the loop that they were made for.
+
+    What is certified, simulated, pushed and exported is the same table: `table`, thinned once, read by one look-up.
+
+    Attributes:
+        problem: the problem as stated: device, wall, hands, scene.
+        schedule: what the method found at each frequency, with its reasons.
+        table: the gains that run.
+        runtime: what runs beside them.
+        certificate: its certificate with the verdict on deployment, a JSON document; None before it was certified.
+        trial: how simulated hands fared with it, a JSON document; None before it was tried.
+        versions: of what made it, by package.
+        lacks: what an older file did not say, a sentence each.
+
+    Example:
+        >>> problem = avc.load_problem("soft")
+        >>> coupling = avc.Coupling.of(problem, avc.solve(problem))
+        >>> coupling.structure
+        'series'
+    """
+
+    problem: Problem
+    schedule: GainSchedule = field(repr=False)
+    table: GainTable
+    runtime: Runtime = field(default_factory=Runtime)
+    certificate: Mapping[str, Any] | None = field(default=None, repr=False)
+    trial: Mapping[str, Any] | None = field(default=None, repr=False)
+    versions: Mapping[str, str] = field(default_factory=dict, repr=False)
+    lacks: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        schedule: GainSchedule,
+        runtime: Runtime | None = None,
+        versions: Mapping[str, str] | None = None,
+    ) -> Coupling:
+        """Make the coupling of a schedule: its rows with gains, thinned once.
+
+        Args:
+            problem: what the gains were made for.
+            schedule: gains by any method.
+            runtime: what runs beside them; None is the default, with the observer that belongs to the schedule.
+            versions: of what made it, by package.
+
+        Raises:
+            InputError: no row has gains.
+        """
+        beside = runtime or Runtime(state_feedback=schedule.state_feedback)
+        return cls(problem, schedule, thinned(GainTable.of(schedule)), beside, versions=versions or {})
+
+    @classmethod
+    def constant(cls, problem: Problem, gains: Gains, method: str, runtime: Runtime | None = None) -> Coupling:
+        """Make a coupling of finite gains that do not vary, for example ones tuned by hand."""
+        table = GainTable.constant_gains(gains, float(problem.frequencies_hz()[0]))
+        beside = runtime or Runtime()
+        return cls(problem, schedule_of(problem, table, method, beside.state_feedback), table, beside)
+
+    def __repr__(self) -> str:
+        wall = self.wall
+        return (
+            f"Coupling({self.problem.name!r} by {self.method}: {self.table!r}, wall {wall.stiffness_n_per_m:g} N/m, "
+            f"T {1e3 * self.sample_time_s:g} ms)"
+        )
+
+    def _repr_html_(self) -> str:
+        return columns_html(repr(self), self.table.to_dict())
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both are the same coupling for the same problem, whatever is known of them by now."""
+        return isinstance(other, Coupling) and self.id == other.id and self.problem == other.problem
+
+    def __hash__(self) -> int:
+        return hash(self.id)
+
+    @property
+    def method(self) -> str:
+        """Name of the method that made the gains."""
+        return self.schedule.method
+
+    @property
+    def structure(self) -> str:
+        """Series or damped: whether a contact damper is in use."""
+        return "damped" if bool(np.any(self.table.rows[:, 3] > 0)) else "series"
+
+    @property
+    def contact(self) -> Contact:
+        """The contact law that runs: that of the problem, or gated where wall or coupling lacks a spring."""
+        return contact_law(self.problem.coupling.contact, self.wall.stiffness_n_per_m, self.table.gains[1])
+
+    @property
+    def wall(self) -> Impedance:
+        """The wall behind the coupling."""
+        return self.problem.environment
+
+    @property
+    def sample_time_s(self) -> float:
+        """T, at which alone the gains hold."""
+        return self.problem.device.sample_time_s
+
+    @property
+    def max_force_n(self) -> float | None:
+        """Largest force of the device; None where the problem knows none."""
+        return self.problem.device.max_force_n
+
+    @property
+    def id(self) -> str:
+        """Name of what runs, from its content: 8 hexadecimal digits."""
+        wall = self.wall
+        runs = {
+            "rows": self.table.rows.tolist(),
+            "runtime": self.runtime.document(),
+            "wall": [wall.damping_ns_per_m, wall.stiffness_n_per_m],
+            "device": _device_document(self.problem.device),
+        }
+        if self.contact != FIRST_CONTACT:
+            runs["contact"] = self.contact
+        if self.problem.detent is not None:
+            runs["detent"] = self.problem.detent.model_dump(mode="json")
+        return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
+
+    def on(self, problem: Problem) -> Coupling:
+        """Return the same table and what runs beside it on another problem: not certified, not tried.
+
+        Raises:
+            InputError: the gains were made for another sample time.
+        """
+        check_sample_time(self.sample_time_s, problem, f"coupling by {self.method} for {self.problem.name}")
+        return replace(self, problem=problem, certificate=None, trial=None)
+
+    def with_certificate(self, certificate: Mapping[str, Any]) -> Coupling:
+        """Return the same coupling with its certificate beside it."""
+        return replace(self, certificate=certificate)
+
+    def with_trial(self, trial: Mapping[str, Any]) -> Coupling:
+        """Return the same coupling with the record of its trial beside it."""
+        return replace(self, trial=trial)
+
+
+def thinned(table: GainTable) -> GainTable:
+    """Leave out what the other rows say: one row for constant gains, otherwise the fewest within `THINNING`."""
+    if table.constant:
+        return GainTable(table.rows[:1])
+    deviation = Deviation(table.rows)
+    kept = thinned_rows(deviation, tolerance=THINNING)
+    if len(kept) > CAPACITY_ROWS:
+        kept = thinned_rows(deviation, rows=CAPACITY_ROWS)
+    return GainTable(table.rows[kept])
+
+
+def schedule_of(
+    problem: Problem, table: GainTable, method: str, state_feedback: StateFeedback | None = None
+) -> GainSchedule:
+    """Return the schedule of a table whose rows, and the feedback before them, are all that is known."""
+    b, k, contact = table.gains
+    return gain_schedule(
+        problem,
+        method,
+        (b, k, contact),
+        (Status.SOLVED,) * len(table),
+        frequency_hz=table.frequency_hz,
+        state_feedback=state_feedback,
+    )
+
+
+def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None:
+    """Refuse gains of another sample time: frequencies and gains then mean another loop. Unknown (NaN) passes.
+
+    Raises:
+        InputError: says both.
+    """
+    own = problem.device.sample_time_s
+    if math.isfinite(sample_time_s) and not math.isclose(sample_time_s, own, rel_tol=_SAME_TIME):
+        raise InputError.of(
+            f"is {sample_time_s:g}, but device.sample_time_s of {problem.name} is {own:g}; give gains that were "
+            "solved for this sample time",
+            file=file,
+            key="sample_time_s",
+        )
+
+
+def require_coupling(value: object) -> None:
+    """Refuse what is not a coupling, with what makes one of it.
+
+    Raises:
+        InputError: says what was given and what to give.
+    """
+    if isinstance(value, Coupling):
+        return
+    if isinstance(value, str | PathLike):
+        hint = f"is the text {str(value)!r}; give what avc.read_coupling({str(value)!r}) returns"
+    elif hasattr(value, "coupling"):
+        hint = f"is a {type(value).__name__}; give the coupling in it: its attribute `coupling`, None where it has none"
+    elif value is None:
+        hint = "is None: nothing could be recommended or read; the reason stands beside it"
+    else:
+        hint = f"is a {type(value).__name__}; give a Coupling, for example avc.Coupling.of(problem, gains)"
+    raise InputError.of(hint, key="coupling")

@@ -1,0 +1,321 @@
+"""Solve a problem by several methods and put the answers side by side."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import InputError
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
+from avc_casadi.design.comparison.injection import DampingInjection, damping_injection
+from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair, judge_gains, judge_hand_tuned
+from avc_casadi.design.methods import MethodName, method_named, solve
+from avc_casadi.files.problem_file import as_problem
+from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.realism import perceived_bounds
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from avc_casadi.model.problem import Problem
+
+
+# Two methods agree when their magnitude errors differ by less than this share of |Z_d| + |H Z_ds|: the NLP stays
+# strictly inside (12) while the projection stands on it, and the error moves much faster than Re Z_h along it.
+AGREEMENT = 1e-8
+
+
+class Verdict(StrEnum):
+    """What holds at one frequency; where several hold, the first of this list.
+
+    The optimiser cannot be compared where it has no gains, nor the closed form where it cannot be built; a difference
+    in error says more than a gain that stands on a limit.
+    """
+
+    INFEASIBLE = "infeasible"
+    CLOSED_FORM_NOT_REALISABLE = "closed-form-not-realisable"
+    DIRECT_BETTER = "direct-better"
+    BOUND_ACTIVE = "bound-active"
+    AGREE = "agree"
+
+
+def judge(
+    closed_form: GainSchedule, optimum: GainSchedule, scale: FloatArray
+) -> tuple[tuple[Verdict, ...], tuple[str, ...]]:
+    """Judge every frequency.
+
+    Args:
+        closed_form: the paper's projection.
+        optimum: the solution of (11)-(12), by `direct` or `exact`.
+        scale: |Z_d| + |H Z_ds|, N.s/m, shape (n,): what the tolerance of agreement is relative to.
+
+    Returns:
+        Verdicts and reasons, each of length n.
+    """
+    rows = range(optimum.rows)
+    better = closed_form.magnitude_error > optimum.magnitude_error + AGREEMENT * scale
+    verdicts = tuple(_verdict(closed_form.status[row], optimum.status[row], bool(better[row])) for row in rows)
+    reasons = tuple(_reason(verdicts[row], closed_form, optimum, row) for row in rows)
+    return verdicts, reasons
+
+
+def _verdict(closed_form: Status, optimum: Status, better: bool) -> Verdict:
+    if not optimum.has_gains:
+        return Verdict.INFEASIBLE
+    if not closed_form.has_gains:
+        return Verdict.CLOSED_FORM_NOT_REALISABLE
+    if better:
+        return Verdict.DIRECT_BETTER
+    return Verdict.BOUND_ACTIVE if optimum is Status.ACTIVE_BOUND else Verdict.AGREE
+
+
+def _reason(verdict: Verdict, closed_form: GainSchedule, optimum: GainSchedule, row: int) -> str:
+    method, error = optimum.method, f"{optimum.magnitude_error[row]:.3g} N.s/m"
+    if verdict is Verdict.INFEASIBLE:
+        return optimum.reason[row] or f"{method} found no gains"
+    if verdict is Verdict.CLOSED_FORM_NOT_REALISABLE:
+        return f"the closed form {closed_form.reason[row]}; {method} reaches a magnitude error of {error}"
+    if verdict is Verdict.DIRECT_BETTER:
+        left = f"{closed_form.magnitude_error[row]:.3g} N.s/m"
+        if optimum.structure == "damped":
+            return f"the contact damper leaves out the virtual mass: an error of {left}; {method} reaches {error}"
+        return f"the projection keeps Im Z_h_ds and leaves a magnitude error of {left}; {method} reaches {error}"
+    if verdict is Verdict.BOUND_ACTIVE:
+        return f"same error; {optimum.reason[row] or f'{method} stands on a bound of the gain box'}"
+    return f"both reach a magnitude error of {error}"
+
+
+def largest_difference(first: GainSchedule, second: GainSchedule, scale: FloatArray) -> tuple[float, float, int]:
+    """Return by how much two solutions of (11)-(12) differ at worst.
+
+    Returns:
+        Difference in magnitude error and in |Z_h_avc - Z_h_ds|, both relative to ``scale``, over the rows where both
+        have gains; and the number of rows where only one has.
+    """
+    both: NDArray[np.bool_] = first.usable & second.usable
+    only_one = int(np.sum(first.usable != second.usable))
+    if not both.any():
+        return 0.0, 0.0, only_one
+    magnitude = np.abs(first.magnitude_error - second.magnitude_error) / scale
+    distance = np.abs(np.abs(first.impedance - first.target) - np.abs(second.impedance - second.target)) / scale
+    return float(magnitude[both].max()), float(distance[both].max()), only_one
+
+
+OPTIMISERS = ("direct", "exact")
+_SHARED = {"frequency_hz", "target_ns_per_m"}
+
+
+@dataclass(frozen=True)
+class CrossCheck:
+    """How far `direct` and `exact`, which solve the same problem independently, lie apart.
+
+    Attributes:
+        magnitude_error: largest difference in ||Z_h_ds| - |Z_h_avc||, relative to |Z_d| + |H Z_ds|.
+        distance: the same for |Z_h_avc - Z_h_ds|.
+        only_one: rows where only one of the two has gains.
+    """
+
+    magnitude_error: float
+    distance: float
+    only_one: int
+
+    @property
+    def agree(self) -> bool:
+        """Whether both reach the same magnitude error wherever they have gains, and have gains at the same rows."""
+        return self.magnitude_error <= AGREEMENT and self.only_one == 0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Tabular):
+    """All methods at the same frequencies; every array has shape (n,), impedances in N.s/m.
+
+    The comparison is pointwise, each frequency on its own, as (12) is in the paper.
+
+    Attributes:
+        problem: name of the problem.
+        title: its title.
+        model: hold model.
+        structure: series or damped.
+        scope: what the gains of `delivered` meet: the problem's own scope, with the realism that it requires.
+        margin_ns_per_m: margin of (12).
+        frequency_hz: frequencies of interaction.
+        methods: gains by method.
+        without_coupling: perceived impedance of device and environment joined directly.
+        target: desired perceived impedance Z_h_ds.
+        upper: perceived impedance of the realistic bound U.
+        lower: perceived impedance of the realistic bound L.
+        optimum: the method that the verdicts compare with the closed form.
+        delivered: the method whose gains the device gets: `optimum`, or "direct, scope ..." after `with_delivered`.
+        verdict: one for each frequency.
+        reason: one sentence for each frequency.
+        injection: what the closed form really is.
+        cross_check: `direct` against `exact`, where both were asked for.
+        mine: a hand-tuned pair, where one was given.
+        judged: certificate and realism of each method, and of the pair under the name "mine".
+        passive_limit_n_per_m: largest DC stiffness of any passive linear time-invariant rendering, sampled-data:
+            2 b_d/((1 + delay) T).
+
+    Example:
+        >>> comparison = avc.compare("soft")
+        >>> len(comparison.verdict) == len(comparison.frequency_hz)
+        True
+    """
+
+    problem: str
+    title: str
+    model: str
+    structure: str
+    scope: str
+    margin_ns_per_m: float
+    frequency_hz: FloatArray
+    methods: Mapping[str, GainSchedule]
+    without_coupling: ComplexArray
+    target: ComplexArray
+    upper: ComplexArray
+    lower: ComplexArray
+    optimum: str
+    delivered: str
+    verdict: tuple[Verdict, ...]
+    reason: tuple[str, ...]
+    injection: DampingInjection
+    cross_check: CrossCheck | None
+    mine: HandTuned | None
+    judged: Mapping[str, Judged]
+    passive_limit_n_per_m: float
+
+    def to_dict(self) -> Columns:
+        """Return frequency x method as columns "method: quantity with unit", each of shape (n,)."""
+        columns: Columns = {"frequency_hz": self.frequency_hz}
+        for name, gains in self.methods.items():
+            rows = gains.to_dict()
+            columns |= {f"{name}: {key}": column for key, column in rows.items() if key not in _SHARED}
+        return columns | {
+            "target_ns_per_m": self.target,
+            "verdict": np.array([verdict.value for verdict in self.verdict]),
+        }
+
+    def _summary(self) -> str:
+        found = ", ".join(f"{count} {verdict}" for verdict, count in self.counts().items() if count)
+        return (
+            f"{self.problem!r}, {short(self.frequency_hz, 'Hz')}, by {', '.join(self.methods)}:\n"
+            f"  closed form against {self.optimum}: {found}"
+        )
+
+    def counts(self) -> dict[str, int]:
+        """Return how many frequencies have each verdict; verdicts that do not occur count 0."""
+        found = Counter(self.verdict)
+        return {verdict.value: found[verdict] for verdict in Verdict}
+
+
+def compare(
+    problem: Problem | str | Path,
+    methods: Sequence[MethodName] = ("closed-form", "direct", "exact"),
+    mine: tuple[float, float] | None = None,
+    *,
+    solver: Callable[[Problem, MethodName], GainSchedule] = solve,
+) -> Comparison:
+    """Solve by each method and compare.
+
+    The paper's (12) is pointwise, and so is the comparison, whatever scope and realism the problem demands.
+
+    Args:
+        problem: the problem; or a problem file, or a name of the catalogue.
+        methods: must hold "closed-form" and at least one of "direct" and "exact"; the first of these two is what the
+            closed form is compared with.
+        mine: a hand-tuned constant pair (k in N/m, b in N.s/m).
+        solver: called as ``solver(problem, method)``; replace it to show progress or to reuse gains.
+
+    Raises:
+        InputError: ``methods`` or ``mine`` cannot be compared.
+
+    Example:
+        >>> comparison = avc.compare("figure5", mine=(2000.0, 7.0))
+        >>> comparison.mine.safer
+        'mine'
+    """
+    for method in methods:
+        method_named(method)
+    optimum = next((method for method in methods if method in OPTIMISERS), None)
+    if "closed-form" not in methods or optimum is None:
+        raise InputError.of(
+            f"{', '.join(methods) or 'nothing'} cannot be compared; "
+            "allowed: closed-form and at least one of direct, exact",
+            key="methods",
+        )
+    if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
+        raise InputError.of(
+            f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: stiffness in N/m and damping in N.s/m, finite and "
+            ">= 0, as 7000,10",
+            key="mine",
+        )
+    stated = as_problem(problem)
+    scope = _demanded(stated)
+    problem = stated.changed(stability={"scope": "pointwise"}, realism={"require": "none"})
+    loop = loop_at(problem, problem.frequencies_hz())
+    gains: dict[str, GainSchedule] = {method: solver(problem, method) for method in dict.fromkeys(methods)}
+    scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
+    verdict, reason = judge(gains["closed-form"], gains[optimum], scale)
+    both = all(method in gains for method in OPTIMISERS)
+    tables = dict(gains) if mine is None else {**gains, "mine": constant_pair(problem, mine)}
+    judged = {name: judge_gains(problem, table) for name, table in tables.items()}
+    upper, lower = perceived_bounds(problem, loop)
+    return Comparison(
+        problem=problem.name,
+        title=problem.title,
+        model=problem.stability.model,
+        structure=problem.coupling.structure,
+        scope=scope,
+        margin_ns_per_m=problem.stability.margin_ns_per_m,
+        frequency_hz=problem.frequencies_hz(),
+        methods=gains,
+        without_coupling=np.asarray(loop.without_coupling),
+        target=np.asarray(loop.target),
+        upper=upper,
+        lower=lower,
+        optimum=optimum,
+        delivered=optimum,
+        verdict=verdict,
+        reason=reason,
+        injection=damping_injection(problem, loop),
+        cross_check=CrossCheck(*largest_difference(gains["direct"], gains["exact"], scale)) if both else None,
+        mine=None
+        if mine is None
+        else judge_hand_tuned(
+            problem, loop, mine, gains[optimum], AGREEMENT * scale, (judged["mine"].safety, judged[optimum].safety)
+        ),
+        judged=judged,
+        passive_limit_n_per_m=passive_limit_n_per_m(problem.device),
+    )
+
+
+def with_delivered(comparison: Comparison, problem: Problem, gains: GainSchedule) -> Comparison:
+    """Put the gains of a scope beyond pointwise, or of required realism, beside the pointwise ones as a method.
+
+    Args:
+        comparison: the comparison of the problem.
+        problem: the problem.
+        gains: what the device gets.
+    """
+    name = f"{gains.method}, scope {_demanded(problem)}"
+    return replace(
+        comparison,
+        methods={**comparison.methods, name: gains},
+        judged={**comparison.judged, name: judge_gains(problem, gains)},
+        delivered=name,
+    )
+
+
+def _demanded(problem: Problem) -> str:
+    """Name the scope of a problem, with the realism that it requires."""
+    scope, require = problem.stability.scope, problem.realism.require
+    return scope if require == "none" else f"{scope}, realism {require}"

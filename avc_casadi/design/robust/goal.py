@@ -1,0 +1,253 @@
+"""What a robust law is searched for: a wall that feels stiff, damped whatever share of the innovation passes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.claims.stability.eigenvalues import worst_radius
+from avc_casadi.claims.stability.state_feedback import (
+    Laws,
+    force_over_innovation,
+    largest_radius,
+    poles,
+    state_feedback_loops,
+    stiffness_at_rest,
+)
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+    from avc_casadi.claims.stability.frozen_loop import Rendering
+    from avc_casadi.design.robust.loops import Loops
+    from avc_casadi.model.runtime import StateFeedback
+
+DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.6, 0.025: 3.4, 0.01: 0.0}
+"""Share of the innovation that passes -> decay, 1/s, that oscillations above `_SLOW_HZ` must have."""
+_SLOW_HZ = 2.0
+# The same of slower ones, times the share; and what they must have for the stiffness at rest to be what a press feels.
+SLOW_DECAY_PER_S, _SETTLES_PER_S = 5.0, 1.0
+VARIED_DECAY_PER_S = {1.0: 10.0, 0.5: 5.0}
+"""The same with every hand at every device: a structure stiffer than believed buzzes at half the share first."""
+RANGED_DECAY_PER_S = {0.7: 2.0, 0.4: 2.0, 0.25: 1.5, 0.16: 1.0, 0.09: 0.5, 0.05: 0.5, 0.025: 0.3, 0.01: 0.1}
+"""The same at the devices that the declared ranges allow, for which more is promised."""
+# Decay of the device let go.
+FREE_DECAY_PER_S = 1.0
+# Decay with hands on a stylus and fingertips, which are no part of what is promised.
+BESIDE_DECAY_PER_S = 2.0
+# Cost of a loop that decays so much slower, for each 1/s.
+PER_DECAY = 1.0
+# Beyond it a law is not looked at any further.
+HOPELESS_SOFTNESS, _HOPELESS_RADIUS = 0.6, 1.03
+_BUZZ_HZ = 40.0
+
+
+# Bounds of |C/K - 1|, C the force over the position that is measured: at 3 Hz, and at 10 Hz beside 6 N.s/m of damping.
+_SOFTNESS_3HZ, _SOFTNESS_10HZ = 0.30, 0.25
+_DAMPING_NS_PER_M = 6.0
+# Cost of softness beyond, of the largest |1/(1 + H)|, H the loop cut at the innovation, and of the largest |C|/K.
+PER_SOFTNESS, PER_SENSITIVITY, PER_GAIN = 40.0, 2.0, 2.0
+USUAL_SENSITIVITY = 3.0
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a law costs, and what it is.
+
+    Attributes:
+        total: to be minimised.
+        radius: largest spectral radius with every hand at every device that was looked at; infinite if it was not.
+        radius_any_share: the same of the devices for which that is promised over all shares of the innovation.
+        lacks_per_s: what loops lack of the decay without which a law is none: the growth of the one that grows fastest,
+            and what a press lacks to settle; 0 where nothing does.
+        facts: sensitivity, gain and softness.
+    """
+
+    total: float
+    radius: float = math.inf
+    radius_any_share: float = math.inf
+    lacks_per_s: float = math.inf
+    facts: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def holds(self) -> bool:
+        """Whether all loops that were looked at are damped, and presses settle."""
+        return self.radius < 1 and self.radius_any_share < 1 and self.lacks_per_s <= 0
+
+
+def cost_of(law: StateFeedback, rendering: Rendering, loops: Loops) -> Cost:
+    """Weigh a law.
+
+    Args:
+        law: observer and feedback.
+        rendering: coupling and wall behind it.
+        loops: what it must hold.
+    """
+    return costs_of(Laws.of(law), rendering, loops)[0]
+
+
+def costs_of(laws: Laws, rendering: Rendering, loops: Loops) -> list[Cost]:
+    """Weigh many laws at once; one of numbers that are not finite costs infinitely much."""
+    costs = [Cost(math.inf)] * len(laws)
+    defined = np.flatnonzero(np.isfinite(laws.innovation).all(axis=1) & np.isfinite(laws.feedback).all(axis=1))
+    felt = _felt(laws.pick(defined), rendering, loops)
+    left = []
+    for row, one in zip(defined.tolist(), felt, strict=True):
+        if one.over > HOPELESS_SOFTNESS:
+            costs[row] = Cost(2000 + 1000 * one.over, facts=one.facts)
+        else:
+            left.append((row, one))
+    rows = np.array([row for row, _ in left], dtype=np.intp)
+    for (row, one), damped in zip(left, _damped(laws.pick(rows), rendering, loops), strict=True):
+        total = 0.0 if damped.radius > _HOPELESS_RADIUS else PER_SOFTNESS * one.over + _paid(one.facts)
+        costs[row] = Cost(total + damped.cost, damped.radius, damped.radius_any_share, damped.lacks_per_s, one.facts)
+    return costs
+
+
+@dataclass(frozen=True)
+class _Felt:
+    """How a law feels: the facts of a cost, and softness beyond its bounds."""
+
+    facts: dict[str, float]
+    over: float
+
+
+@dataclass(frozen=True)
+class _Damped:
+    """How its loops are damped, and what that costs."""
+
+    cost: float
+    radius: float
+    radius_any_share: float = math.inf
+    lacks_per_s: float = math.inf
+
+
+@dataclass(frozen=True)
+class Responses:
+    """What some laws are at each frequency; the first axis is that of the laws.
+
+    Attributes:
+        sensitivity: abs(1/(1 + H)), H the loop cut at the innovation, shape (laws, hands, f).
+        sensitivity_any_share: the largest for any share of the innovation, where a loop may buzz.
+        gain: abs(C)/K, C the force over the position that is measured, shape (laws, f).
+        softness_3hz: abs(C/K - 1), shape (laws,).
+        softness_10hz: the same, with its own bound.
+        bound_3hz: up to which it costs nothing.
+        bound_10hz: the same.
+    """
+
+    sensitivity: FloatArray
+    sensitivity_any_share: FloatArray
+    gain: FloatArray
+    softness_3hz: FloatArray
+    softness_10hz: FloatArray
+    bound_3hz: float
+    bound_10hz: float
+
+
+def responses(laws: Laws, rendering: Rendering, loops: Loops) -> Responses:
+    """Look at laws over frequency."""
+    t, stiffness, frequency = loops.sample_time_s, stiffness_at_rest(rendering), loops.frequency_hz
+    force, believed = force_over_innovation(laws, rendering, frequency, t)
+    cut = believed[:, None] - loops.response * force[:, None]
+    rendered = force / (1 + believed) / stiffness
+    share = np.clip(-cut.real / np.maximum(np.abs(cut) ** 2, 1e-30), 0, 1)
+    buzz = frequency > min(_BUZZ_HZ, float(frequency[-2]))
+    softness = np.array([[np.interp(hz, frequency, row) for row in np.abs(rendered - 1)] for hz in (3, 10)])
+    beside = _DAMPING_NS_PER_M * loops.metres_per_unit**2
+    return Responses(
+        1 / np.abs(1 + cut),
+        1 / np.abs(1 + share * cut)[..., buzz],
+        np.abs(rendered),
+        softness[0],
+        softness[1],
+        _SOFTNESS_3HZ,
+        _SOFTNESS_10HZ + 2 * math.pi * 10 * beside / stiffness,
+    )
+
+
+def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
+    found = responses(laws, rendering, loops)
+    facts = {
+        "sensitivity": found.sensitivity.max(axis=(1, 2)),
+        "sensitivity_any_share": found.sensitivity_any_share.max(axis=(1, 2)),
+        "gain": found.gain.max(axis=1),
+        "softness_3hz": found.softness_3hz,
+        "softness_10hz": found.softness_10hz,
+    }
+    over = np.maximum(0, found.softness_3hz - found.bound_3hz) + np.maximum(0, found.softness_10hz - found.bound_10hz)
+    return [
+        _Felt({name: float(values[row]) for name, values in facts.items()}, float(over[row]))
+        for row in range(len(laws))
+    ]
+
+
+def _paid(facts: dict[str, float]) -> float:
+    """Return what sensitivity and gain cost."""
+    return (
+        PER_SENSITIVITY * facts["sensitivity"]
+        + PER_SENSITIVITY * max(0.0, facts["sensitivity_any_share"] - USUAL_SENSITIVITY)
+        + PER_GAIN * facts["gain"]
+    )
+
+
+def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
+    """Judge the loops of some laws, of hopeless ones the first alone."""
+    if len(laws) == 0:
+        return []
+    t = loops.sample_time_s
+    held = worst_radius(state_feedback_loops(loops.varied, laws, rendering, tuple(VARIED_DECAY_PER_S)))
+    free = worst_radius(state_feedback_loops(loops.free, laws, rendering))[:, 0]
+    radius = np.maximum(held[:, 0], free)
+    found = [_Damped(1000 + 1000 * (one - 1), one) for one in radius.tolist()]
+    rows = np.flatnonzero(radius <= _HOPELESS_RADIUS)
+    if len(rows) == 0:
+        return found
+    some = laws.pick(rows)
+    every = poles(state_feedback_loops(loops.nominal, some, rendering, tuple(DECAY_PER_S)))
+    beside = [largest_radius(state_feedback_loops(part, some, rendering)).max(axis=(1, 2)) for part in loops.beside]
+    ranged = np.zeros((len(rows), len(RANGED_DECAY_PER_S)))
+    if loops.ranged is not None:
+        ranged = worst_radius(state_feedback_loops(loops.ranged, some, rendering, tuple(RANGED_DECAY_PER_S)))
+    largest = [part.max(axis=-1) for part in largest_by_speed(every, t)]
+    for place, row in enumerate(rows.tolist()):
+        cost = sum(
+            PER_DECAY * _missing(one, decay, t)
+            for one, decay in zip(held[row].tolist(), VARIED_DECAY_PER_S.values(), strict=True)
+        )
+        cost += PER_DECAY * _missing(float(free[row]), FREE_DECAY_PER_S, t)
+        cost += PER_DECAY * _missing(max(float(part[place]) for part in beside), BESIDE_DECAY_PER_S, t)
+        for index, (passed, decay) in enumerate(DECAY_PER_S.items()):
+            cost += PER_DECAY * _missing(float(largest[0][place, index]), decay, t)
+            cost += PER_DECAY * _missing(float(largest[1][place, index]), SLOW_DECAY_PER_S * passed, t)
+        for one, decay in zip(ranged[place].tolist(), RANGED_DECAY_PER_S.values(), strict=True):
+            cost += PER_DECAY * _missing(one, decay, t)
+        any_share = max(float(part[place].max()) for part in (*largest, ranged))
+        lacks = _missing(max(float(radius[row]), any_share), 0.0, t)
+        lacks += _missing(float(largest[1][place, 0]), _SETTLES_PER_S, t)
+        found[row] = _Damped(cost, float(radius[row]), any_share, lacks)
+    return found
+
+
+def largest_by_speed(poles: ComplexArray, sample_time_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return the size of the largest quick and the largest slow pole of each loop, 0 where there is none.
+
+    Args:
+        poles: of the loops, shape (..., s).
+        sample_time_s: T.
+    """
+    size, quick = np.abs(poles), is_quick(poles, sample_time_s)
+    fast, slow = (np.where(part, size, 0.0).max(axis=-1) for part in (quick, ~quick))
+    return fast, slow
+
+
+def is_quick(poles: ComplexArray, sample_time_s: float) -> BoolArray:
+    """Say which poles swing faster than what counts as slow."""
+    return np.asarray(np.abs(np.angle(poles)) > 2 * math.pi * _SLOW_HZ * sample_time_s)
+
+
+def _missing(radius: float, decay_per_s: float, sample_time_s: float) -> float:
+    """Return by how much a loop decays too slowly, 1/s."""
+    return max(0.0, math.log(max(radius, 1e-9)) / sample_time_s + decay_per_s)

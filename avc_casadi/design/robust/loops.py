@@ -1,0 +1,179 @@
+"""The loops that a robust design is for: every hand, let go, and a device that is not quite as declared."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi.claims.stability.declared_device import plants_with_forces
+from avc_casadi.claims.stability.state_feedback import largest_radius, poles, state_feedback_loop
+from avc_casadi.design.robust.goal import DECAY_PER_S, RANGED_DECAY_PER_S, VARIED_DECAY_PER_S, largest_by_speed
+from avc_casadi.model.corners import LINEAR_KEYS, device_set, device_with
+from avc_casadi.model.hands import FINGERTIP, Hand, hand_corners, no_hand, stylus_corners
+from avc_casadi.model.problem import Hands
+from avc_casadi.model.sampled_plant import sampled_plant
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.stability.frozen_loop import Rendering
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.runtime import StateFeedback
+
+Plants = tuple[FloatArray, FloatArray, FloatArray]
+
+# What a device may differ from its file by, where the file gives no range: mass, resonance, delay in samples.
+_MASS, _RESONANCE, _DELAY_SAMPLES = (0.9, 1.1), (0.9, 1.1), 0.25
+# So many loops at other devices are kept, those that are worst with the law that the search starts from.
+_KEPT = 28
+# The same of each kind of other hands, and at each share of the innovation of those at the nominal device.
+_KEPT_BESIDE, _KEPT_NOMINAL = 4, 2
+# Devices within the declared ranges, beside their corners.
+_DRAWS = 24
+# From what a hand feels as stiffness to the end of the band.
+_SLOW_HZ, _FAST_HZ, _SLOW, _FAST = 0.2, 20.0, 40, 120
+
+
+@dataclass(frozen=True)
+class Loops:
+    """Plants in contact.
+
+    Attributes:
+        nominal: the device as declared with every corner of the hands and one in the middle.
+        beside: the device as declared with hands on a stylus, and with fingertips.
+        varied: the hands with devices that are not quite as declared.
+        ranged: the hands with devices within the declared ranges; None without ranges.
+        free: the device let go, at every corner that is declared and within.
+        frequency_hz: where the loop is looked at, shape (f,).
+        response: position that is measured over force, nominal, shape (hands, f), m/N.
+        sample_time_s: T.
+        metres_per_unit: how far the hand moves for a unit of the position.
+    """
+
+    nominal: Plants
+    beside: tuple[Plants, ...]
+    varied: Plants
+    ranged: Plants | None
+    free: Plants
+    frequency_hz: FloatArray
+    response: ComplexArray
+    sample_time_s: float
+    metres_per_unit: float
+
+    @classmethod
+    def of(cls, device: Device, hands: Hands) -> Loops:
+        """Collect the loops of a device.
+
+        Args:
+            device: as declared, with its ranges.
+            hands: ranges of the hands.
+        """
+        t = device.sample_time_s
+        held = _with_middle(hands)
+        nominal = plants_with_forces(sampled_plant(device, held))
+        beside = tuple(
+            plants_with_forces(sampled_plant(device, one.at_handle(device.metres_per_unit)))
+            for one in (stylus_corners(), hand_corners(FINGERTIP))
+        )
+        declared = _declared(device)
+        varied = plants_with_forces(sampled_plant([*declared, *assumed_devices(device)], held))
+        ranged = plants_with_forces(sampled_plant(declared, held)) if len(declared) > 1 else None
+        free = plants_with_forces(sampled_plant(declared, no_hand()))
+        fast = np.geomspace(1.05 * _FAST_HZ, 0.499 / t, _FAST) if 0.4 / t > _FAST_HZ else np.zeros(0)
+        slow = np.geomspace(_SLOW_HZ, min(_FAST_HZ, 0.45 / t), _SLOW)
+        frequency = np.concatenate([slow, fast])
+        matrix, push, measured = nominal
+        z = np.exp(2j * np.pi * frequency * t)
+        pencil = z[None, :, None, None] * np.eye(len(measured)) - matrix[:, None]
+        response = np.linalg.solve(pencil, np.broadcast_to(push[:, None, :, None], (*pencil.shape[:3], 1)))
+        seen = (response[..., 0] @ measured).astype(np.complex128)
+        return cls(nominal, beside, varied, ranged, free, frequency, seen, t, device.metres_per_unit)
+
+    def hardest(self, law: StateFeedback, rendering: Rendering) -> Loops:
+        """Keep the loops that miss most of their decay with a law; with laws like it they are the same ones."""
+        t = self.sample_time_s
+        beside = tuple(_worst(plants, law, rendering, {1.0: 0.0}, t, _KEPT_BESIDE) for plants in self.beside)
+        varied = _worst(self.varied, law, rendering, VARIED_DECAY_PER_S, t, _KEPT)
+        ranged = self.ranged
+        if ranged is not None:
+            ranged = _worst(ranged, law, rendering, RANGED_DECAY_PER_S, t, _KEPT)
+        nominal = _slowest(self.nominal, law, rendering, t)
+        return replace(self, nominal=nominal, varied=varied, ranged=ranged, beside=beside)
+
+    def and_of(self, others: Loops) -> Loops:
+        """Return these and those of others, which were kept of the same loops."""
+        pairs = zip(self.beside, others.beside, strict=True)
+        return replace(
+            self,
+            nominal=_together(self.nominal, others.nominal),
+            varied=_together(self.varied, others.varied),
+            ranged=None if self.ranged is None or others.ranged is None else _together(self.ranged, others.ranged),
+            beside=tuple(_together(*pair) for pair in pairs),
+        )
+
+
+def _together(plants: Plants, others: Plants) -> Plants:
+    """Return plants and others, each once; what is measured is the same of all."""
+    matrix, push, measured = (np.concatenate([one, other]) for one, other in zip(plants, others, strict=True))
+    _, first = np.unique(matrix.reshape(len(matrix), -1), axis=0, return_index=True)
+    kept = np.sort(first)
+    return matrix[kept], push[kept], measured[: len(plants[2])]
+
+
+def _worst(
+    plants: Plants, law: StateFeedback, rendering: Rendering, decay_per_s: dict[float, float], t: float, kept: int
+) -> Plants:
+    matrix, push, measured = plants
+    if len(matrix) <= kept:
+        return plants
+    radius = largest_radius(state_feedback_loop(plants, law, rendering, tuple(decay_per_s)))
+    missing = (np.log(radius) / t + np.array(list(decay_per_s.values()))[:, None]).max(axis=0)
+    worst = np.sort(np.argsort(-missing, kind="stable")[:kept])
+    return matrix[worst], push[worst], measured
+
+
+def _slowest(plants: Plants, law: StateFeedback, rendering: Rendering, t: float) -> Plants:
+    """Take the plants whose quick or slow poles decay most slowly, for some share of the innovation."""
+    matrix, push, measured = plants
+    every = poles(state_feedback_loop(plants, law, rendering, tuple(DECAY_PER_S)))
+    kept = np.zeros(len(matrix), dtype=np.bool_)
+    for largest in largest_by_speed(every, t):
+        kept[np.argsort(-largest, axis=-1, kind="stable")[:, :_KEPT_NOMINAL]] = True
+    return matrix[kept], push[kept], measured
+
+
+def assumed_devices(device: Device) -> list[Device]:
+    """Return what the device may be where the file does not say how well it is known; the device itself if it does.
+
+    Who is at the end of what a device may be has fewer.
+    """
+    known = device.range
+    masses: tuple[float, ...] = (1.0,) if known.mass_kg is not None else _MASS
+    modes: tuple[float, ...] = (1.0,)
+    if device.resonance is not None and (known.resonance is None or known.resonance.frequency_hz is None):
+        modes = _RESONANCE
+    late = (0.0,) if known.delay_samples is not None else (0.0, _DELAY_SAMPLES)
+    assumed = []
+    for mass, mode, delay in product(masses, modes, late):
+        values = {"mass_kg": device.mass_kg * mass, "delay_samples": device.delay_samples + delay}
+        if device.resonance is not None:
+            values["resonance.frequency_hz"] = device.resonance.frequency_hz * mode
+        with suppress(ValueError):
+            assumed.append(device_with(device, values))
+    return assumed
+
+
+def _declared(device: Device) -> list[Device]:
+    """Return devices all over the declared ranges, others within than a certificate looks at."""
+    return device_set(device, LINEAR_KEYS, draws=_DRAWS, seed=1)
+
+
+def _with_middle(hands: Hands) -> Hand:
+    """Return the corners of the hands, and one in the middle: geometric but for the stiffness."""
+    corners = hand_corners(Hands(**{**vars(hands), "let_go": False}))
+    (m0, m1), (b0, b1), (k0, k1) = hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m
+    middle = ((m0 * m1) ** 0.5, (b0 * b1) ** 0.5, (k0 + k1) / 2)
+    return Hand(*(np.append(value, one) for value, one in zip(vars(corners).values(), middle, strict=True)))

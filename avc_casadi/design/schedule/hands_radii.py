@@ -1,0 +1,225 @@
+"""The spectral radius with each hand, exact, and where in the box of states every hand is stable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi.claims.stability.declared_device import whole_stability
+from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE, frozen_parts
+from avc_casadi.design.schedule.scope import deciding_corners
+from avc_casadi.design.schedule.states import States
+from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, hand_set, joined
+from avc_casadi.model.problem import Problem
+
+LARGEST = 1 - 2 * RADIUS_TOLERANCE
+"""Radius that a searched point may have: inside the judge's tolerance, so that rounding costs no row."""
+_UNDEFINED = 10.0
+_POINTS = {2: (40, 40), 3: (15, 15, 9)}
+_FINE = {2: (240,), 3: (24, 24)}
+"""Nodes of each face of the box: an optimum often stands on one, and the admissible gains may be thin there."""
+_CLIMBS, _CLIMB_STEPS, _CLIMB_POINTS = 6, 24, {2: 5, 3: 3}
+_SECANTS = 6
+_ADDED, _ALIKE = 3, 0.15
+"""Hands added at a time, and how far apart they stand, as a share of the ranges."""
+
+
+@dataclass(frozen=True)
+class HandsRadii:
+    """Spectral radii over the states of a problem with scope hands.
+
+    Attributes:
+        problem: device, environment, hands and margin.
+        states: map from states to gains.
+        found: hands from inside the ranges that broke earlier gains; None where there are none.
+        latest: how many of them were added last.
+        reserve: how far below 1 the radii stay, for hands between those that are known.
+    """
+
+    problem: Problem
+    states: States
+    found: Hand | None = None
+    latest: int = 0
+    reserve: float = 0.0
+
+    held = 4
+    """How many hands a polish looks at beside those that decide."""
+
+    @property
+    def most(self) -> float:
+        """What no radius may exceed."""
+        return LARGEST - self.reserve
+
+    @property
+    def low(self) -> FloatArray:
+        """Lower ends of the states, (d,)."""
+        return self.states.low
+
+    @property
+    def high(self) -> FloatArray:
+        """Upper ends of the states, (d,)."""
+        return self.states.high
+
+    @cached_property
+    def smooth(self) -> IndexArray:
+        """Positions of all radii: each is smooth on its own."""
+        return np.arange(self.count)
+
+    @cached_property
+    def count(self) -> int:
+        """Hands times corners of the device."""
+        return len(self._hands) * len(deciding_corners(self.problem))
+
+    @cached_property
+    def corners(self) -> IndexArray:
+        """Positions of the corners of the hands, which nearly always decide."""
+        own = np.arange(len(hand_corners(self.problem.hands)))
+        device = np.arange(len(deciding_corners(self.problem))) * len(self._hands)
+        return np.asarray((device[:, None] + own).ravel())
+
+    @cached_property
+    def _hands(self) -> Hand:
+        hands = hand_set(self.problem.hands)
+        return hands if self.found is None else joined(hands, self.found)
+
+    def with_hands(self, hands: Hand, slack: FloatArray, reserve: float) -> HandsRadii:
+        """Add the worst of some hands, the one of least slack (m,) first, and others some way apart from it."""
+        ranges = hand_ranges(self.problem.hands)
+        width = np.ptp(ranges, axis=1)[:, None]
+        share = np.array([np.atleast_1d(value) for value in vars(hands).values()]) / np.where(width > 0, width, 1.0)
+        left = slack.copy()
+        chosen: list[int] = []
+        while len(chosen) < _ADDED and np.isfinite(left).any():
+            chosen.append(int(left.argmin()))
+            left = np.where(np.abs(share - share[:, chosen[-1:]]).max(axis=0) < _ALIKE, np.inf, left)
+        new = hands.pick(np.array(chosen))
+        return replace(
+            self, found=new if self.found is None else joined(self.found, new), latest=len(chosen), reserve=reserve
+        )
+
+    def kept_by_the_latest(self, points: FloatArray) -> FloatArray:
+        """States, of some (d, m), that hold the hands added last."""
+        last = np.arange(len(self._hands) - self.latest, len(self._hands))
+        device = np.arange(len(deciding_corners(self.problem))) * len(self._hands)
+        some = None if self.reserve else np.asarray((device[:, None] + last).ravel())
+        held = self.at(points, some).max(axis=1) <= self.most
+        return np.asarray(points[:, held])
+
+    def at(self, points: FloatArray, some: IndexArray | None = None) -> FloatArray:
+        """Radii (m, h) at states (d, m): with all hands of every device, or with some of them."""
+        b, k, contact = self.states.gains(points)
+        margin, total = self.problem.stability.margin_ns_per_m, len(self._hands)
+        wanted = np.arange(self.count) if some is None else some
+        radii = np.empty((points.shape[1], len(wanted)))
+        for number, corner in enumerate(deciding_corners(self.problem)):
+            own = np.flatnonzero(wanted // total == number)
+            if own.size:
+                hands = self._hands.pick(wanted[own] % total)
+                parts = frozen_parts(corner, b, k)
+                radii[:, own] = whole_stability(corner.device, parts, contact, hands, -margin).radius
+        return np.minimum(radii, _UNDEFINED)
+
+    def largest(self, points: FloatArray) -> FloatArray:
+        """Largest radius (m,); where a corner of the hands is unstable already, that of the corners."""
+        radius = np.asarray(self.at(points, self.corners).max(axis=1))
+        rest = np.setdiff1d(np.arange(self.count), self.corners)
+        inside = np.flatnonzero(radius <= LARGEST)
+        if rest.size and inside.size:
+            radius[inside] = np.maximum(radius[inside], self.at(points[:, inside], rest).max(axis=1))
+        return radius
+
+
+def admissible_states(radii: HandsRadii) -> FloatArray:
+    """States (d, m) that hold every hand, from all over the box and from near the border of the admissible ones.
+
+    A lattice and a finer one on each face of the box; between a node that holds every hand and a neighbour that does
+    not, a point near the border; where no node does, or where one nearly does, a climb to the least radius about it.
+    """
+    low, high = radii.states.low, radii.states.high
+    inside = []
+    for axes in _lattices(low, high):
+        shape = tuple(len(axis) for axis in axes)
+        nodes = np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
+        radius = radii.largest(nodes)
+        grid = radius.reshape(shape)
+        inside.append(nodes[:, radius <= LARGEST])
+        inside.append(_at_border(radii, nodes, grid))
+        if len(inside) == 2:  # The first lattice covers the whole box.
+            inside.append(_climbed(radii, nodes, grid))
+    return np.concatenate(inside, axis=1)
+
+
+def _lattices(low: FloatArray, high: FloatArray) -> list[list[FloatArray]]:
+    """Axes of a lattice over the box and of one on each face."""
+    d = len(low)
+    width = high > low
+    axes = [np.linspace(low[i], high[i], n if width[i] else 1) for i, n in enumerate(_POINTS[d])]
+    found = [axes]
+    for fixed in range(d):
+        others = [i for i in range(d) if i != fixed]
+        for end in {low[fixed], high[fixed]}:
+            face = [np.full(1, end)] * d
+            for i, n in zip(others, _FINE[d], strict=True):
+                face[i] = np.linspace(low[i], high[i], n if width[i] else 1)
+            found.append(face)
+    return found
+
+
+def _neighbours(shape: tuple[int, ...]) -> tuple[IndexArray, IndexArray]:
+    """Positions in the flattened lattice of all pairs of neighbours along its axes."""
+    at = np.arange(int(np.prod(shape))).reshape(shape)
+    pairs = [
+        (np.take(at, range(size - 1), axis).ravel(), np.take(at, range(1, size), axis).ravel())
+        for axis, size in enumerate(shape)
+    ]
+    return np.concatenate([pair[0] for pair in pairs]), np.concatenate([pair[1] for pair in pairs])
+
+
+def _at_border(radii: HandsRadii, nodes: FloatArray, radius: FloatArray) -> FloatArray:
+    """Admissible states near the border, by false position between neighbours on either side of it."""
+    one, other = _neighbours(radius.shape)
+    value = radius.ravel() - LARGEST
+    crossed = (value[one] <= 0) != (value[other] <= 0)
+    one, other = one[crossed], other[crossed]
+    swap = value[one] > 0
+    one, other = np.where(swap, other, one), np.where(swap, one, other)
+    inner, outer = nodes[:, one], nodes[:, other]
+    in_value, out_value = value[one], value[other]
+    for step in range(_SECANTS if len(one) else 0):
+        share = np.clip(in_value / (in_value - out_value), 0.05, 0.95) if step % 2 else np.full(len(one), 0.5)
+        middle = inner + share * (outer - inner)
+        found = radii.largest(middle) - LARGEST
+        fits = found <= 0
+        inner, outer = np.where(fits, middle, inner), np.where(fits, outer, middle)
+        in_value, out_value = np.where(fits, found, in_value), np.where(fits, out_value, found)
+    return inner
+
+
+def _climbed(radii: HandsRadii, nodes: FloatArray, radius: FloatArray) -> FloatArray:
+    """Admissible states about nodes that just miss it and that no neighbour betters."""
+    value, d = radius.ravel(), len(nodes)
+    one, other = _neighbours(radius.shape)
+    lowest = np.ones(value.size, dtype=bool)
+    np.logical_and.at(lowest, one, value[one] <= value[other])
+    np.logical_and.at(lowest, other, value[other] <= value[one])
+    found = np.flatnonzero(lowest & (value > LARGEST))
+    found = found[np.argsort(value[found], kind="stable")][:_CLIMBS]
+    low, high = radii.states.low[:, None, None], radii.states.high[:, None, None]
+    axis = np.linspace(-1, 1, _CLIMB_POINTS[d])
+    window = np.array([grid.ravel() for grid in np.meshgrid(*[axis] * d, indexing="ij")])
+    at, least = nodes[:, found], value[found]
+    reach = (high - low) / (np.array(_POINTS[d]) - 1)[:, None, None] * np.ones((1, 1, len(found)))
+    pick = np.arange(len(found))
+    for _ in range(_CLIMB_STEPS if len(found) else 0):
+        if (least <= LARGEST).all():
+            break
+        around = np.clip(at[:, None] + reach * window[:, :, None], low, high)
+        values = radii.largest(around.reshape(d, -1)).reshape(window.shape[1], -1)
+        chosen = values.argmin(axis=0)
+        better = values[chosen, pick] < least
+        at, least = np.where(better, around[:, chosen, pick], at), np.minimum(values[chosen, pick], least)
+        reach = np.where(better, reach, reach / 2)
+    return np.asarray(at[:, least <= LARGEST])

@@ -1,0 +1,98 @@
+"""From a solution of the NLP to one whose every row meets scope and realism: frequencies are added until all do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi.claims.stability.scope import ScopeSlack
+from avc_casadi.design.schedule.infeasible import Missing
+from avc_casadi.design.schedule.program import Solution, solve_program
+from avc_casadi.design.schedule.realism import REALISM_BACKOFF, realism_slack
+from avc_casadi.design.schedule.scope import Slots, worst_slack
+from avc_casadi.design.schedule.task import Task
+from avc_casadi.paper.rows import GainArrays
+
+_ROUNDS = 20
+_NEARLY = 1e-4
+"""Misses below this share of the scale are made good by asking for more; larger ones need their frequency first."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A solution whose every row meets its scope and realism exactly, unless it is listed as missing.
+
+    Attributes:
+        solution: of the NLP.
+        slots: frequencies that it bounded.
+        gains: (b, k, b_p), (n,) each.
+        missing: rows that no gains can satisfy.
+        costs: what the starts had cost before frequencies were added; empty after a warm start.
+        plain: what stands in where the NLP found nothing or nothing better; empty where it did.
+    """
+
+    solution: Solution
+    slots: Slots
+    gains: GainArrays
+    missing: Missing
+    costs: tuple[float, ...]
+    plain: str = ""
+
+
+def refined(
+    task: Task,
+    solution: Solution,
+    slots: Slots,
+    missing: Missing | None = None,
+    costs: tuple[float, ...] = (),
+    *,
+    solved: bool = False,
+) -> Outcome | None:
+    """Solve warm, adding the worst frequencies, until every row meets its scope exactly.
+
+    Args:
+        task: the problem.
+        solution: start; its multipliers are used.
+        slots: frequencies to begin with; not changed.
+        missing: rows to leave out, or None.
+        costs: to be handed on.
+        solved: whether ``solution`` solves the problem with ``slots`` already.
+
+    Returns:
+        The outcome; None where the NLP is not solved or frequencies keep violating.
+    """
+    missing = missing or Missing.none(task)
+    slots = slots.copy()
+    backoff = task.backoff(missing.rows, missing.tight)
+    for _ in range(_ROUNDS):
+        if not solved:
+            warm = solve_program(task.data(slots, backoff), task.objective, solution.states, solution, task.hands)
+            solution = (
+                warm
+                if warm.success
+                else solve_program(task.data(slots, backoff), task.objective, solution.states, extra=task.hands)
+            )
+        if not solution.success:
+            return None
+        solved = False
+        gains = task.states.gains(solution.states)
+        worst = worst_slack(task.problem, task.frequency_hz, gains)
+        realism = realism_slack(task.problem, task.loop, gains)
+        missed, unreal = ~worst.met & ~missing.rows, (realism < 0) & ~missing.rows
+        if not (missed | unreal).any():
+            return Outcome(solution, slots, gains, missing, costs)
+        slots.add(task.problem, gains, worst, missed)
+        closer = np.where(unreal, backoff[1] - 2 * realism + REALISM_BACKOFF, backoff[1])
+        backoff = np.array([_tightened(task, solution, worst, backoff[0], missed), closer])
+    return None
+
+
+def _tightened(task: Task, solution: Solution, worst: ScopeSlack, backoff: FloatArray, missed: BoolArray) -> FloatArray:
+    """Ask missed rows for more: by their miss where the NLP's tolerance or the table of the hands is to blame."""
+    if task.hands is not None:
+        table = task.hands(solution.states).full()[0]
+        return np.where(missed, np.maximum(table, backoff) - 1.1 * worst.slack + task.tolerance, backoff)
+    short = -worst.slack / task.scale_ns_per_m
+    return np.where(missed, backoff + np.where(short < _NEARLY, 2 * short, 0.0) + task.tolerance, backoff)

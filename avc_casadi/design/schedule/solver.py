@@ -1,0 +1,143 @@
+"""The method `schedule`: gains over ln(omega) as one optimal-control problem.
+
+States are the logarithms of the gains, controls their slopes; the stage cost is the squared relative error, the slope
+penalty its smoothness, both averaged over ln(omega). Every stage meets its scope: Re Z_h >= margin at its frequency,
+over its band, over all frequencies, or a loop that is stable with every hand of the set. A dynamic programme over a
+lattice gives the start, a sparse NLP the solution; frequencies that violate a scope are added until none is left.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.design.schedule.hands_near import improved_about
+from avc_casadi.design.schedule.infeasible import missing_rows, steep_reason
+from avc_casadi.design.schedule.plain import from_constants, from_lattice
+from avc_casadi.design.schedule.quality import quality_notes
+from avc_casadi.design.schedule.refine import Outcome, refined
+from avc_casadi.design.schedule.scope import Slots
+from avc_casadi.design.schedule.starts import from_starts
+from avc_casadi.design.schedule.task import Task
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.paper.rows import row_status
+
+
+class ScheduleSolver:
+    """Solves schedules; a second call with a changed environment, device or goal starts from the first one's solution.
+
+    The NLP is built once for each size and objective and shared by all solvers of the process.
+
+    Args:
+        constant: look for the best gains that do not vary with frequency.
+    """
+
+    def __init__(self, *, constant: bool = False) -> None:
+        self._constant = constant
+        self._memory: tuple[tuple[object, ...], Outcome] | None = None
+
+    def solve(self, problem: Problem, progress: Progress = SILENT) -> GainSchedule:
+        """Solve for all frequencies of the problem, which increase.
+
+        Args:
+            problem: the problem.
+            progress: told of the starts.
+
+        Returns:
+            The schedule; its notes say how good it is known to be. A row whose scope no gains of the box can meet is
+            infeasible and says by how much; where no schedule meets the slope limit, all rows have failed and say
+            which limit would do.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C.
+        """
+        started = time.perf_counter()
+        task = Task.of(problem, constant=self._constant)
+        built = time.perf_counter()
+        kind = _kind(problem, task)
+        outcome = None
+        if self._memory is not None and self._memory[0] == kind:
+            outcome = _from_before(task, self._memory[1])
+        if outcome is None:
+            outcome = _from_scratch(task, progress)
+        outcome = improved_about(task, outcome)
+        self._memory = (kind, outcome) if _may_be_warm(outcome) else None
+        solved = time.perf_counter()
+        return replace(_schedule(task, outcome), build_seconds=built - started, solve_seconds=solved - built)
+
+
+def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progress = SILENT) -> GainSchedule:
+    """Solve the joint schedule of a problem once; see `ScheduleSolver` for repeated solves.
+
+    Args:
+        problem: the problem.
+        constant: look for the best gains that do not vary with frequency: same goal, scope and box.
+        progress: told of the starts.
+    """
+    return ScheduleSolver(constant=constant).solve(problem, progress)
+
+
+def _may_be_warm(outcome: Outcome) -> bool:
+    """Whether an outcome has multipliers to start the next problem from."""
+    return outcome.solution.success and not outcome.missing.rows.any() and not outcome.plain
+
+
+def _kind(problem: Problem, task: Task) -> tuple[object, ...]:
+    """What must be equal for the solution of one problem to be a start for another."""
+    limited = problem.schedule.slope_limit is not None
+    slots = Slots.of(problem, task.frequency_hz)
+    sizes = len(task.states.floors), *slots.frequency_hz.shape
+    stability, require = problem.stability, problem.realism.require
+    return stability.scope, stability.model, task.objective, require, limited, sizes
+
+
+def _from_before(task: Task, before: Outcome) -> Outcome | None:
+    """Refine an earlier solution; None where that fails."""
+    states = task.states.states(before.gains)
+    return refined(task, replace(before.solution, states=states), before.slots.moved(task.problem, task.frequency_hz))
+
+
+def _from_scratch(task: Task, progress: Progress) -> Outcome:
+    """Solve from several starts; add what violates the scope to the cheapest solution, or else to the next.
+
+    Where none of them can be solved, or costs more than the best path of the lattice, what needs no NLP stands in.
+    """
+    missing = missing_rows(task)
+    found = from_starts(task, missing, progress)
+    outcome = None
+    for solution in found.solutions:
+        outcome = outcome or refined(task, solution, found.slots, missing, found.costs, solved=solution.success)
+    if outcome is None or outcome.solution.cost > found.lattice:
+        outcome = from_lattice(task, missing, found) or outcome
+    if outcome is None and not missing.rows.all():
+        outcome = from_constants(task, missing, found)
+    if outcome is not None:
+        return outcome
+    best = found.solutions[0]
+    message = "rows that keep violating their scope" if best.success else best.message
+    failed = replace(best, success=False, message=message)
+    return Outcome(failed, found.slots, task.states.gains(failed.states), missing, found.costs)
+
+
+def _schedule(task: Task, outcome: Outcome) -> GainSchedule:
+    missing, problem = outcome.missing, task.problem
+    b, k, contact = (np.where(missing.rows, np.nan, gain) for gain in outcome.gains)
+    status, reasons = row_status(problem, b, k, contact), missing.reasons
+    if not outcome.solution.success:
+        why = steep_reason(task, missing, outcome.solution.message)
+        reasons = tuple(reason or why for reason in reasons)
+        status = tuple(Status.FAILED if item.has_gains else item for item in status)
+    return gain_schedule(
+        problem,
+        "schedule",
+        (b, k, contact),
+        status,
+        solver="ipopt",
+        reason=reasons,
+        notes=quality_notes(task, outcome),
+    )

@@ -1,0 +1,1 @@
+"""Files: TOML problems and devices, the catalogue, gain and coupling documents."""

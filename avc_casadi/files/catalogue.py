@@ -1,0 +1,113 @@
+"""The catalogue of problem files that comes with the package."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+from avc_casadi._errors import InputError
+from avc_casadi._resources import problems_folder
+from avc_casadi.model.quantity import shown
+
+DEVICES = "devices/"
+ARMS = "arms/"
+
+
+@dataclass(frozen=True)
+class CatalogueEntry:
+    """One problem of the catalogue.
+
+    Attributes:
+        name: what `load_problem` and the command line take, for example ``hard/rigid``.
+        title: one line.
+        source: where the numbers come from.
+        path: the file, to be copied from.
+    """
+
+    name: str
+    title: str
+    source: str
+    path: Path
+
+
+def catalogue_names() -> dict[str, Path]:
+    """Return the path of every problem by name: plain problems first, then those of folders.
+
+    Devices and arms are none.
+    """
+    folder = problems_folder()
+    files = sorted(folder.rglob("*.toml"), key=lambda path: (len(path.relative_to(folder).parts), path))
+    named = {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
+    return {name: path for name, path in named.items() if not name.startswith((DEVICES, ARMS))}
+
+
+def device_names() -> dict[str, Path]:
+    """Return the path of every device of the catalogue by name."""
+    return {path.stem: path for path in sorted((problems_folder() / DEVICES).glob("*.toml"))}
+
+
+def arm_names() -> dict[str, Path]:
+    """Return the path of every arm of the catalogue by name."""
+    return {path.stem: path for path in sorted((problems_folder() / ARMS).glob("*.toml"))}
+
+
+def named_file(source: str | Path, kind: str, folder: Path | None = None) -> Path | str:
+    """Return the file of a device or an arm, or what is wrong with its name.
+
+    Args:
+        source: a path, which ends in ``.toml``, or a name of the catalogue.
+        kind: device or arm.
+        folder: what a relative path is relative to; None is the working directory.
+    """
+    if isinstance(source, Path) or source.endswith(".toml"):
+        return Path(folder or "", source)
+    names, prefix = (device_names(), DEVICES) if kind == "device" else (arm_names(), ARMS)
+    name = source.removeprefix(prefix)
+    if name in names:
+        return names[name]
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    hint = f"; near: {', '.join(near)}" if near else ""
+    return f"is {shown(source)}, no {kind} of the catalogue{hint}; allowed: a name of `avc list`, or a path to .toml"
+
+
+def catalogue() -> tuple[CatalogueEntry, ...]:
+    """Return every problem of the catalogue with its title and source.
+
+    Example:
+        >>> "figure5" in [entry.name for entry in avc.catalogue()]
+        True
+    """
+    entries = []
+    for name, path in catalogue_names().items():
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        entries.append(CatalogueEntry(name, table["title"], table["source"], path))
+    return tuple(entries)
+
+
+def catalogue_path(name: str) -> Path:
+    """Return the file of a catalogue problem.
+
+    Raises:
+        InputError: no such name; lists the nearest ones.
+
+    Example:
+        >>> avc.catalogue_path("figure5").name
+        'figure5.toml'
+    """
+    names = catalogue_names()
+    if name in names:
+        return names[name]
+    device = name.removeprefix(DEVICES)
+    if device in device_names():
+        message = f'is a device, not a problem; write device = "{device}" in a problem file, or see it by `avc check`'
+        raise InputError.of(message, file=name)
+    arm = name.removeprefix(ARMS)
+    if arm in arm_names():
+        raise InputError.of(f"is an arm, not a problem; see it by `avc arm {arm}`", file=name)
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    hint = f"; near: {', '.join(near)}" if near else ""
+    raise InputError.of(
+        f"is neither a file nor a problem of the catalogue{hint}; `avc list` shows all problems", file=name
+    )

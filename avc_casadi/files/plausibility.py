@@ -1,0 +1,161 @@
+"""Values that are allowed and yet unlikely: a slip of the unit, or a key that says nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import Fault
+from avc_casadi.files.rotary_keys import power_at_handle
+from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
+from avc_casadi.model.quantity import plain
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+
+@dataclass(frozen=True)
+class _Usual:
+    lowest: float
+    highest: float
+    unit: str
+
+
+# What devices on desks, their walls and their hands have; 0 is "absent" and never in doubt. Of a device that turns, its
+# handle has that.
+_USUAL = {
+    "device.mass_kg": _Usual(0.005, 5, "kg"),
+    "device.damping_ns_per_m": _Usual(0, 100, "N.s/m"),
+    "device.sample_time_s": _Usual(20e-6, 20e-3, "s"),
+    "device.delay_samples": _Usual(0, 20, "samples"),
+    "device.coulomb_friction_n": _Usual(0, 20, "N"),
+    "device.encoder_resolution_m": _Usual(1e-7, 1e-3, "m"),
+    "device.position_noise_rms_m": _Usual(1e-9, 1e-3, "m"),
+    "device.amplifier_bandwidth_hz": _Usual(20, 20e3, "Hz"),
+    "device.amplifier_damping_ratio": _Usual(0.2, 3, ""),
+    "device.max_force_n": _Usual(0.5, 500, "N"),
+    "device.backlash_m": _Usual(1e-6, 5e-3, "m"),
+    "device.resonance.frequency_hz": _Usual(10, 2e3, "Hz"),
+    "device.resonance.damping_ratio": _Usual(1e-3, 0.7, ""),
+    "environment.damping_ns_per_m": _Usual(0, 1e3, "N.s/m"),
+    "environment.stiffness_n_per_m": _Usual(50, 1e6, "N/m"),
+    "hands.mass_kg": _Usual(1e-3, 5, "kg"),
+    "hands.damping_ns_per_m": _Usual(0, 200, "N.s/m"),
+    "hands.stiffness_n_per_m": _Usual(1, 1e4, "N/m"),
+}
+
+# A wall so many times as stiff as what was measured, or softer, is not the one that was.
+_FAR = 20.0
+# Phases so far from those that belong to a size, in degrees, are of another sign or unit.
+_PHASES_APART = 60.0
+
+
+def plausibility(problem: Problem) -> tuple[Fault, ...]:
+    """Say which values are far from what is usual, and which say nothing; the problem is valid all the same.
+
+    Args:
+        problem: a validated problem.
+
+    Returns:
+        One a value, its key and its sentence; empty where nothing is in doubt.
+    """
+    units, radius = problem.device.units, problem.device.metres_per_unit
+    found = [
+        (key, f"is {_written(value)}: usual {plain(usual.lowest)} to {plain(usual.highest)} {usual.unit}".rstrip())
+        for named, usual in ((name, _turned(name, one, radius)) for name, one in _USUAL.items())
+        for key in (named, named.replace("device.", "device.range.", 1))
+        for value in [_at(problem, key)]
+        if any(number != 0 and not usual.lowest <= number <= usual.highest for number in _numbers(value))
+    ]
+    found = list(dict.fromkeys((key, f"{message}; is the unit right?") for key, message in found))
+    every = (*found, *_idle(problem), *_beyond(problem), *_other_unit(problem), *_of_no_wall(problem))
+    return tuple(Fault(problem.name, None, units.text(key), units.text(message)) for key, message in every)
+
+
+def _turned(key: str, usual: _Usual, radius_m: float) -> _Usual:
+    """Return what is usual at the handle as a value of the turn, to two digits."""
+    scale = radius_m ** -power_at_handle(key)
+    if scale == 1:
+        return usual
+    return _Usual(float(f"{usual.lowest * scale:.2g}"), float(f"{usual.highest * scale:.2g}"), usual.unit)
+
+
+def _at(problem: Problem, key: str) -> Any:
+    node: Any = problem
+    for part in key.split("."):
+        node = getattr(node, part, None)
+    return node
+
+
+def _numbers(value: Any) -> tuple[float, ...]:
+    return () if value is None else value if isinstance(value, tuple) else (value,)
+
+
+def _written(value: float | tuple[float, ...]) -> str:
+    return f"[{', '.join(map(plain, value))}]" if isinstance(value, tuple) else plain(value)
+
+
+def _idle(problem: Problem) -> Iterator[tuple[str, str]]:
+    device = problem.device
+    if device.encoder_at == "handle" and device.resonance is None:
+        yield "device.encoder_at", 'is "handle", which says nothing without device.resonance: motor and handle are one'
+    if device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None:
+        yield "device.amplifier_order", "is 2, which says nothing without device.amplifier_bandwidth_hz"
+    current_loop = device.amplifier_order == 2
+    for key, said in (
+        ("device.amplifier_damping_ratio", device.amplifier_damping_ratio != CURRENT_LOOP_DAMPING_RATIO),
+        ("device.range.amplifier_damping_ratio", device.range.amplifier_damping_ratio is not None),
+    ):
+        if said and not current_loop:
+            yield key, "says nothing of a lag: a current loop, which has one, is device.amplifier_order = 2"
+    if device.backlash_m > 0 and device.encoder_at == "handle" and device.resonance is not None:
+        seen = "between motor and encoder; an encoder at the handle stands beyond it, and nothing here simulates it"
+        yield "device.backlash_m", f"is play {seen}"
+
+
+def _other_unit(problem: Problem) -> Iterator[tuple[str, str]]:
+    """Yield measured bounds that are of another size than the wall, as stiffness in place of impedance is."""
+    measured, wall = problem.boundaries.measured, problem.environment
+    if measured is None or wall.stiffness_n_per_m == 0:
+        return
+    hertz = math.sqrt(math.prod(measured.range_hz))
+    wanted = abs(complex(wall.damping_ns_per_m, -wall.stiffness_n_per_m / (2 * math.pi * hertz)))
+    times = float(abs(measured.desired(hertz))) / wanted
+    if not 1 / _FAR < times < _FAR:
+        told = f"is {times:.2g} times the impedance of the wall at {hertz:.3g} Hz; is it in N.s/m?"
+        yield "boundaries.measured", told
+
+
+def _of_no_wall(problem: Problem) -> Iterator[tuple[str, str]]:
+    """Yield measured bounds whose phase is not that of their size, and those that say nothing for their errors."""
+    measured = problem.boundaries.measured
+    if measured is None:
+        return
+    for side in ("upper", "lower"):
+        bound = getattr(measured, side)
+        z = bound.at(np.array(bound.frequency_hz))
+        # By Bode's relation the phase of a passive impedance is about 90 degrees for each decade a decade of its size.
+        slope = float(np.polyfit(np.log(bound.frequency_hz), np.log(np.maximum(np.abs(z), 1e-300)), 1)[0])
+        phase = math.degrees(float(np.angle(np.sum(z / np.maximum(np.abs(z), 1e-300)))))
+        if abs(phase - 90 * slope) > _PHASES_APART:
+            told = f"has a phase of about {phase:.0f} degrees where |Z| goes with f^{slope:.1f}, which belongs to "
+            question = f"{90 * slope:.0f}; is the sign of Im, or the unit of the phase, right?"
+            yield f"boundaries.measured.{side}", told + question
+        unknown = float(np.mean(bound.error_at(np.array(bound.frequency_hz)) >= np.abs(z)))
+        if unknown > 0.5:
+            yield f"boundaries.measured.{side}", f"has errors above |Z| at {100 * unknown:.0f} % of its frequencies"
+
+
+def _beyond(problem: Problem) -> Iterator[tuple[str, str]]:
+    limit, detent, friction = problem.device.max_force_n, problem.detent, problem.device.coulomb_friction_n
+    if limit is not None and friction >= limit:
+        told = f"is {plain(friction)}, and device.max_force_n {plain(limit)}: no force that it gives moves it"
+        yield "device.coulomb_friction_n", told
+    if not any((problem.hands.stiffness_n_per_m[1], problem.hands.damping_ns_per_m[1])):
+        yield "hands.stiffness_n_per_m", "is 0, as is their damping: nobody presses, and everybody rests"
+    if detent is not None and limit is not None and detent.force_n > limit:
+        yield "detent.force_n", f"is {plain(detent.force_n)}, more than device.max_force_n, {plain(limit)}"

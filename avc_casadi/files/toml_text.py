@@ -1,0 +1,87 @@
+"""The text of a TOML file and its tables, read so that no file of whatever make brings a fault of its own."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.model.quantity import visible
+
+MAX_BYTES = 2**20
+
+NEXT_STEP = "give the path of a problem file or a name from `avc list`"
+"""What to do about a problem file that cannot be read."""
+
+# What the parser says of a key or table that it has seen before.
+_TWICE = re.compile(r"Cannot overwrite a value|Cannot declare .* twice")
+
+# The parser's time grows with the square of a key's length: a file of dots would hang it.
+_LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""", re.ASCII)
+
+
+def text_of(path: Path, next_step: str = NEXT_STEP) -> str:
+    """Read a file of at most `MAX_BYTES`, without reading a larger one.
+
+    Args:
+        path: the file.
+        next_step: what to do where it cannot be read.
+
+    Raises:
+        InputError: it cannot be read, or is no text.
+    """
+    file = str(path)
+    try:
+        size = path.stat().st_size
+        regular = path.is_file()
+        content = path.read_bytes() if regular and size <= MAX_BYTES else b""
+    except FileNotFoundError as error:
+        raise InputError.of(f"does not exist; {next_step}", file=file) from error
+    except OSError as error:
+        raise InputError.of(f"cannot be read: {error.strerror}; {next_step}", file=file) from error
+    except ValueError as error:  # a NUL in the path
+        raise InputError.of(f"is no path: {error}; {next_step}", file=repr(file)) from error
+    if not regular:
+        kind = "a directory" if path.is_dir() else "no regular file"
+        raise InputError.of(f"is {kind}; {next_step}", file=file)
+    if size > MAX_BYTES:
+        raise InputError.of(f"has {size} bytes; allowed: at most {MAX_BYTES}", file=file)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        message = f"byte 0x{content[error.start]:02x} is not UTF-8; save the file as UTF-8 text"
+        raise InputError([Fault(file, line, "", message)]) from error
+
+
+def tables_of(text: str, file: str) -> dict[str, Any]:
+    """Parse TOML; a fault of syntax is told with its line."""
+    if not text.strip():
+        raise InputError.of("is empty; allowed: at least the tables device and environment", file=file)
+    long_key = _LONG_KEY.search(text)
+    if long_key is not None:
+        line = text.count("\n", 0, long_key.start()) + 1
+        raise InputError([Fault(file, line, "", "a key has more than 32 parts; allowed: keys as in the catalogue")])
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError([_syntax_fault(str(error), text, file)]) from error
+    except ValueError as error:  # of the integer conversion, which has no place
+        message = "holds an integer of thousands of digits; allowed: numbers as in the catalogue"
+        raise InputError.of(message, file=file) from error
+
+
+def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
+    what, _, place = parser_message.partition(" (at ")
+    found = re.match(r"line (\d+), column (\d+)", place)
+    line = int(found[1]) if found else text.rstrip().count("\n") + 1
+    where = f" at column {found[2]}" if found else " at the end of the file"
+    content = text.replace("\r\n", "\n").split("\n")[line - 1].strip() or "an empty line"
+    if _TWICE.match(what):
+        message = f"gives a key or table a second time: {visible(content)}; allowed: each once"
+        if content.startswith("[device]"):
+            message += ', a device of a file with other values as [device] with from = "name" and the keys that differ'
+        return Fault(file, line, "", message)
+    return Fault(file, line, "", f"is not TOML{where}: {visible(what.lower())}, in: {visible(content)}")

@@ -1,0 +1,243 @@
+"""The device file of an identification: measured values with their ranges, the rest from a base or named as gaps."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from avc_casadi._errors import AvcError
+from avc_casadi.files.device_file import DeviceFile
+from avc_casadi.identification.model import Estimate, Identification
+from avc_casadi.identification.terms import LOOP_RATIO, lag_of
+from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO, Device, DeviceRange
+
+_DIGITS = 5
+_PLAIN = (
+    "mass_kg",
+    "damping_ns_per_m",
+    "delay_samples",
+    "coulomb_friction_n",
+    "encoder_resolution_m",
+    "position_noise_rms_m",
+    "amplifier_bandwidth_hz",
+    LOOP_RATIO,
+    "backlash_m",
+)
+_MODE = ("frequency_hz", "damping_ratio", "mass_ratio")
+_ALWAYS_THERE = tuple(key for key in _PLAIN if key != LOOP_RATIO)
+_QUANTITIES = (*_ALWAYS_THERE, "sample_time_s", "max_force_n", "resonance")
+_LAG_WITHIN = "; the lag of the amplifier is in it"
+_LAG_TAKEN = "; less the lag of the amplifier"
+# What stands in a gap that the loop cannot do without.
+_CAUTIOUS: Mapping[str, tuple[float, tuple[float, float], str]] = {
+    "delay_samples": (1.0, (0.0, 2.0), "not told by the log; one sample stands for the link to the computer"),
+}
+
+
+def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | None:
+    """Return the device file, or None where mass or damping are told neither by the logs nor by the base.
+
+    Args:
+        found: what the logs tell.
+        base: what else is known.
+    """
+    turn = {} if found.motion == "linear" else {"motion": found.motion, "handle_radius_m": found.handle_radius_m}
+    device: dict[str, Any] = {**turn, "sample_time_s": found.sample_time_s}
+    ranges: dict[str, Any] = {}
+    logs = ", ".join(dict.fromkeys(name.partition("@")[0].partition("#")[0] for name in found.sources))[:300]
+    how = f"avc identify, {found.seconds:.3g} s of {logs}"
+    sources: dict[str, Any] = {"sample_time_s": {"grade": "measured", "source": f"{how}: time of the log"}}
+    for key in _PLAIN:
+        one = found.estimates.get(key)
+        if one is not None:
+            device[key], ranges[key] = _rounded(one)
+            sources[key] = {"grade": "measured", "source": f"{how}: {_meaning(key, found)}"}
+    _widened(found, device, ranges)
+    mode = {key: found.estimates.get(f"resonance.{key}") for key in _MODE}
+    pairs = {key: _rounded(one) for key, one in mode.items() if one is not None}
+    if found.assumed_share is not None:
+        share = float(f"{found.assumed_share[0]:.2g}")
+        pairs["mass_ratio"] = (share, (min(found.assumed_share[1], share), max(found.assumed_share[2], share)))
+    if len(pairs) == len(_MODE):
+        device["resonance"] = {key: pair[0] for key, pair in pairs.items()}
+        ranges["resonance"] = {key: pair[1] for key, pair in pairs.items()}
+        device["encoder_at"] = found.encoder_at
+        assumed = "" if found.assumed_share is None else "; how the mass divides is not told, and assumed"
+        sources["resonance"] = {"grade": "measured", "source": f"{how}: output error, two masses{assumed}"}
+    for key in ("encoder_resolution_m",):
+        ranges.pop(key, None)
+    gaps = [key for key in _QUANTITIES if key not in device]
+    for key in list(gaps):
+        if base is not None and states(base, key):
+            _taken(base, key, device, ranges, sources)
+            if key not in base.gaps:
+                gaps.remove(key)
+        elif key in _CAUTIOUS:
+            device[key], ranges[key], why = _CAUTIOUS[key]
+            sources[key] = {"grade": "assumed", "source": why}
+    if "amplifier_bandwidth_hz" in device:
+        _of_its_kind(found, base, device, ranges, sources, gaps)
+        _without_lag(found, device, ranges, sources, gaps)
+    if "mass_kg" not in device or "damping_ns_per_m" not in device:
+        return None
+    title = base.title if base is not None and base.title else "Device identified from its log"
+    tables = {
+        "title": title,
+        "device": {**device, "range": {key: value for key, value in ranges.items() if value}},
+        "sources": sources,
+        "gaps": gaps,
+    }
+    return DeviceFile.model_validate({"name": "device", **tables})
+
+
+def states(base: DeviceFile, key: str) -> bool:
+    """Whether a device file gives a value, a guess without a source included.
+
+    Args:
+        base: the file.
+        key: of a quantity, or of anything else, which it does not.
+    """
+    return key in base.device.model_fields_set and getattr(base.device, key) is not None
+
+
+def _meaning(key: str, found: Identification) -> str:
+    one = found.estimates[key]
+    told = f"{one.how}, {100 * one.level:g} % interval" if one.level < 1 else one.how
+    if key == "delay_samples" and "amplifier" not in found.terms:
+        told += _LAG_WITHIN
+    if key == "coulomb_friction_n" and "stribeck" in found.terms:
+        excess, speed = (found.estimates.get(name) for name in ("breakaway_excess_n", "stribeck_speed_m_per_s"))
+        if excess is not None and speed is not None:
+            told += f"; {excess.value:.3g} N more from rest, which goes within {speed.value:.2g} m/s"
+    if key in {"mass_kg", "damping_ns_per_m"} and "stiffness" in found.terms:
+        told += "; with what holds the device"
+    return told
+
+
+def _widened(found: Identification, device: dict[str, Any], ranges: dict[str, Any]) -> None:
+    """Widen ranges by what a device file has no key for: damping by the direction."""
+    one = found.estimates.get("damping_asymmetry_ns_per_m")
+    if one is None or "damping_ns_per_m" not in device:
+        return
+    low, high = ranges["damping_ns_per_m"]
+    more = max(abs(one.low), abs(one.high))
+    ranges["damping_ns_per_m"] = (max(low - more, 0.0), high + more)
+
+
+def _of_its_kind(
+    found: Identification,
+    base: DeviceFile | None,
+    device: dict[str, Any],
+    ranges: dict[str, Any],
+    sources: dict[str, Any],
+    gaps: list[str],
+) -> None:
+    """Say of which order the amplifier is whose bandwidth the file gives, and how a current loop is damped."""
+    theirs = base is not None and "amplifier_bandwidth_hz" not in found.estimates
+    device["amplifier_order"] = base.device.amplifier_order if base and theirs else found.amplifier_order
+    if device["amplifier_order"] == 1:
+        for table in (device, ranges, sources):
+            table.pop(LOOP_RATIO, None)
+    elif LOOP_RATIO not in device:
+        if base is not None and states(base, LOOP_RATIO):
+            _taken(base, LOOP_RATIO, device, ranges, sources)
+        if base is None or not states(base, LOOP_RATIO) or LOOP_RATIO in base.gaps:
+            gaps.append(LOOP_RATIO)
+
+
+def _taken(base: DeviceFile, key: str, device: dict[str, Any], ranges: dict[str, Any], sources: dict[str, Any]) -> None:
+    """Take a value of the base, with its range and where it comes from."""
+    table = base.device.model_dump(exclude_none=True)
+    device[key] = table[key]
+    if key in table.get("range", {}):
+        ranges[key] = table["range"][key]
+    source = getattr(base.sources, key)
+    guess = {"grade": "assumed", "source": f"{base.name}, which gives no source"}
+    sources[key] = guess if source is None else source.model_dump()
+
+
+def _without_lag(
+    found: Identification, device: dict[str, Any], ranges: dict[str, Any], sources: dict[str, Any], gaps: list[str]
+) -> None:
+    """Take the lag of the base's amplifier out of the delay that the log tells with it; drop one that lags more."""
+    if "amplifier_bandwidth_hz" in found.estimates or "delay_samples" not in found.estimates:
+        return
+    key, turns = "amplifier_bandwidth_hz", 2 * math.pi * device["sample_time_s"]
+    ratio = device.get(LOOP_RATIO, CURRENT_LOOP_DAMPING_RATIO)
+    angle = [lag_of(device["amplifier_order"], one) for one in (ratio, *ranges.get(LOOP_RATIO, (ratio, ratio)))]
+    slowest, fastest = ranges.get(key, (device[key],) * 2)
+    lag, least, most = (a / (turns * f) for a, f in zip(angle, (device[key], fastest, slowest), strict=True))
+    low, high = ranges["delay_samples"]
+    if high < lag:
+        for table in (device, ranges, sources):
+            table.pop(key, None)
+            table.pop(LOOP_RATIO, None)
+        device.pop("amplifier_order")
+        if key not in gaps:
+            gaps.append(key)
+        return
+    value, low, high = (
+        max(0.0, float(f"{each:.{_DIGITS}g}")) for each in (device["delay_samples"] - lag, low - most, high - least)
+    )
+    device["delay_samples"], ranges["delay_samples"] = value, (low, high)
+    source = sources["delay_samples"]
+    source["source"] = source["source"].replace(_LAG_WITHIN, f"{_LAG_TAKEN}, {lag:.3g} samples")
+
+
+def _rounded(one: Estimate) -> tuple[float, tuple[float, float]]:
+    """Return a value and its ends to as many digits as the interval asks for; what is next to nothing is nothing."""
+    digits = one.digits(3, _DIGITS)
+    value, low, high = (float(f"{each:.{digits}g}") for each in (one.value, one.low, one.high))
+    value, low, high = (0.0 if abs(each) < 1e-9 else each for each in (value, low, high))
+    if one.key == "delay_samples":
+        value, low, high = (0.0 if each < 1e-3 else each for each in (value, low, high))
+    return value, (min(low, value), max(high, value))
+
+
+def device_text(file: DeviceFile) -> str:
+    """Return a device file as TOML.
+
+    Args:
+        file: of a device.
+
+    Raises:
+        AvcError: a text that TOML cannot hold.
+    """
+    units = file.device.units
+    lines = [f"title = {_value(file.title)}"]
+    if file.gaps:
+        lines += [
+            "# Not known. Where a value stands all the same, it is assumed, with a cautious range.",
+            f"gaps = {_value([units.key(gap) for gap in file.gaps])}",
+        ]
+    tables = file.device.model_dump(exclude_unset=True, exclude_none=True)
+    ranges = tables.pop("range", {})
+    lines += [
+        "",
+        "[device]",
+        *(f"{units.key(key)} = {_value(units.keyed(tables[key]))}" for key in Device.model_fields if key in tables),
+    ]
+    if ranges:
+        order = [key for key in DeviceRange.model_fields if ranges.get(key)]
+        lines += ["", "[device.range]", *(f"{units.key(key)} = {_value(units.keyed(ranges[key]))}" for key in order)]
+    sources = file.sources.model_dump(exclude_none=True)
+    lines += ["", "[sources]"]
+    for key in Device.model_fields:
+        if key in sources:
+            one = {"grade": sources[key]["grade"], "source": units.text(sources[key]["source"])}
+            lines.append(f"{units.key(key)} = {_value(one)}")
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_value(item)}' for key, item in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)  # a TOML string too
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return repr(value)
+    raise AvcError(f"{type(value).__name__} cannot be written as TOML")

@@ -1,0 +1,255 @@
+"""But for what would the loop be at rest? Every answer that the log bears out is asked; their shares weigh causes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avc_casadi.identification.diagnosis.answer import Answer
+from avc_casadi.identification.diagnosis.declared import Declared
+from avc_casadi.identification.diagnosis.even import outgrows
+from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.log import Log
+from avc_casadi.identification.diagnosis.loop import (
+    Mode,
+    at_period,
+    growth_over,
+    limit_of,
+    reserve_of,
+    worst_growth_of_hands,
+    worst_mode,
+)
+from avc_casadi.identification.diagnosis.oscillation import Oscillation
+from avc_casadi.identification.diagnosis.search import Fit
+
+CAUSES: Mapping[str, str] = {
+    "delay": "delay",
+    "damping": "too much damping",
+    "encoder": "encoder limit cycle",
+    "resonance": "resonance",
+    "stiffness": "stiffness over the limit",
+    "let-go": "hand let go",
+    "ticks": "dropped ticks",
+    "rate": "halved rate",
+}
+"""Causes by key, in words."""
+OTHER = "other"
+# A delay beyond the declared one by less than this, in samples, is no finding.
+_DELAY = 0.35
+# Peak to peak, in encoder steps, beyond which an encoder alone does not swing a loop.
+_STEPS = 14.0
+_MISSED = 0.01
+_JITTER = 0.1
+# Share of the hands of the box with which the loop must rest for the hand to be what is missing.
+_HELD = 0.8
+# From one encoder step, an oscillation fills the device's travel after so many time constants.
+_TOO_LONG = 6.0
+# Gains whose limits lie so near to each other, in logarithms, are one and the other.
+_NEAR = 0.15
+# A loop that so little more gain, as a logarithm, would swing is swung by little: its gain is to blame too.
+_EDGE = 0.1
+# Of the way to rest, what is more than this share is a part of the cause.
+_A_PART = 0.25
+# Shares of the lightest and the loosest hand of the box, below which hardly any hand holds.
+_LIGHT, _LOOSE = 0.35, 0.7
+_LIKELY = 1e-3
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One answer of many.
+
+    Attributes:
+        answer: device and hand.
+        weight: how far the log bears it out.
+        causes: what its loop would rest but for, with shares.
+    """
+
+    answer: Answer
+    weight: float
+    causes: Mapping[str, float]
+
+
+def weigh(fits: Sequence[Fit], law: Law, log: Log, found: Oscillation, declared: Declared) -> list[Asked]:
+    """Ask every answer that the log bears out.
+
+    A loop that would have grown far beyond the few counts that the log swings over is none of them, however well it
+    explains what a few counts show.
+
+    Args:
+        fits: of the log, likeliest first.
+        law: what the computer makes of the position.
+        log: on its grid.
+        found: its oscillation.
+        declared: the loop as it was meant.
+    """
+    limit_n = declared.device.max_force_n
+    fits = [fit for fit in fits if not outgrows(fit.answer, law, log, found, limit_n)] or fits
+    odds = np.exp(-np.minimum(np.array([fit.cost for fit in fits]) - fits[0].cost, 700.0))
+    odds /= odds.sum()
+    asked = []
+    for fit, weight in zip(fits, odds, strict=True):
+        if weight < _LIKELY:
+            continue
+        some = (fit.answer, *fit.draws)
+        asked += [
+            Asked(answer, float(weight) / len(some), causes_of(answer, law, log, found, declared)) for answer in some
+        ]
+    return asked
+
+
+def shares_of(asked: Sequence[Asked]) -> dict[str, float]:
+    """Return the shares of the causes, largest first.
+
+    Args:
+        asked: every answer that the log bears out.
+    """
+    total = sum(one.weight for one in asked)
+    shares: dict[str, float] = {}
+    for one in asked:
+        for cause, share in one.causes.items():
+            shares[cause] = shares.get(cause, 0.0) + share * one.weight / total
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: Declared) -> dict[str, float]:
+    """Return what a loop would rest but for: what differs from the declaration first, then what was declared itself."""
+    ticks = log.ticks
+    irregular = ticks.missed_share > _MISSED or ticks.jitter_rms_s > _JITTER * ticks.sample_time_s
+    even = worst_mode(answer, law)
+    slower, _, late = timing(answer, law, log, declared)
+    if even.stable:
+        # Over few steps the encoder swings the loop, and what is not as declared may be why it can.
+        beside = {
+            "ticks": irregular,
+            "rate": slower or ticks.held > 1,
+            "delay": late,
+            "let-go": let_go(answer, declared),
+            "resonance": answer.device.resonance is not None and declared.device.resonance is None,
+        }
+        few = found.steps < _STEPS
+        if irregular and (not few or growth_over(answer, law, log.pattern) > 0):
+            return {"ticks": 1.0}
+        if not few:
+            return {OTHER: 1.0}
+        some = ["encoder", *(cause for cause, there in beside.items() if there)]
+        reserve, gain = reserve_of(answer, law)
+        share = min(reserve / _EDGE, 1.0)
+        causes = dict.fromkeys(some, share / len(some))
+        if share < 1:
+            without = beside["resonance"] and reserve_of(answer.without_mode(), law)[0] > _EDGE
+            nearest = "resonance" if without else gain
+            causes[nearest] = causes.get(nearest, 0.0) + 1 - share
+        return causes
+    causes = _of_even_ticks(answer, law, log, found, declared, even)
+    missing = _share_of_ticks(answer, law, log, even.growth_per_s) if irregular else 0.0
+    if missing <= _A_PART:
+        return causes
+    return {cause: share * (1 - missing) for cause, share in causes.items()} | {"ticks": missing}
+
+
+def _of_even_ticks(
+    answer: Answer, law: Law, log: Log, found: Oscillation, declared: Declared, even: Mode
+) -> dict[str, float]:
+    """Return what a loop would rest but for that does not rest with every tick in time."""
+    ticks = log.ticks
+    slower, meant, late = timing(answer, law, log, declared)
+    faster = at_period(answer, law, meant_period(log, declared)) if slower or ticks.held > 1 else None
+    if faster is not None and _rests(*faster):
+        return {"rate": 1.0}
+    if late and _rests(answer.delayed(meant - law.lag), shorter(law, meant)):
+        return {"delay": 1.0}
+    gone = 0.0
+    if let_go(answer, declared):
+        held = worst_growth_of_hands(answer, law, declared.box())
+        gone = 1.0 if _changed(log, found, even.growth_per_s) else float(np.mean(held < 0))
+        gone = 1.0 if gone >= _HELD else gone if gone > 1 - _HELD else 0.0
+        if gone == 1:
+            return {"let-go": 1.0}
+    left = _declared_itself(answer, law)
+    # Neither rate or delay as declared nor a gain below its limit there mends all: each has the share that it adds.
+    differs = {"rate": faster, "delay": (answer.delayed(meant - law.lag), shorter(law, meant)) if late else None}
+    for cause, mended in differs.items():
+        share = 0.0 if mended is None or OTHER in left else _share_of_way(answer, mended[0], law, mended[1])
+        if share > _A_PART:
+            left = {cause: share} | {other: part * (1 - share) for other, part in left.items()}
+            break
+    return {cause: share * (1 - gone) for cause, share in left.items()} | ({"let-go": gone} if gone else {})
+
+
+def timing(answer: Answer, law: Law, log: Log, declared: Declared) -> tuple[bool, float, bool]:
+    """Return whether the rate is slower than declared, the delay that was meant, and whether it is longer."""
+    device, period = declared.device, log.ticks.period_s
+    slower = declared.known and period > 1.3 * device.sample_time_s
+    meant = declared.longest_delay * (device.sample_time_s / period if slower else 1.0)
+    return slower, meant, float(answer.device.delay_samples) + law.lag > meant + _DELAY
+
+
+def _share_of_ticks(answer: Answer, law: Law, log: Log, even_per_s: float) -> float:
+    """Return how much of the growth over the ticks as they ran is not there with every tick in time."""
+    as_ran = growth_over(answer, law, log.pattern)
+    return max(0.0, 1 - even_per_s / as_ran) if as_ran > 0 else 0.0
+
+
+def _declared_itself(answer: Answer, law: Law) -> dict[str, float]:
+    """Return what of the declared loop is too much."""
+    if answer.device.resonance is not None and _rests(answer.without_mode(), law):
+        return {"resonance": 1.0}
+    away = {gain: _away(limit_of(answer, law, gain)) for gain in ("stiffness", "damping")}
+    nearer = min(away, key=lambda gain: away[gain])
+    if math.isinf(away[nearer]):
+        return {OTHER: 1.0}
+    left = {nearer: 1.0}
+    if abs(away["stiffness"] - away["damping"]) < _NEAR:
+        left = {"stiffness": 0.5, "damping": 0.5}
+    if answer.device.resonance is None:
+        return left
+    share = _share_of_way(answer, answer.without_mode(), law, law)
+    return {cause: part * (1 - share) for cause, part in left.items()} | ({"resonance": share} if share else {})
+
+
+def _share_of_way(answer: Answer, mended: Answer, law: Law, law_mended: Law) -> float:
+    """Return how much of the way to the nearer gain's limit, in logarithms, is not there in a mended loop."""
+    now, then = (
+        min(_away(limit_of(one, its_law, gain)) for gain in ("stiffness", "damping"))
+        for one, its_law in ((answer, law), (mended, law_mended))
+    )
+    return max(0.0, 1 - then / now) if 0 < now < math.inf else 0.0
+
+
+def _changed(log: Log, found: Oscillation, growth_per_s: float) -> bool:
+    """Whether a loop that grows so fast has been in contact too long before it swings to have been like this."""
+    touching = np.flatnonzero(log.force_n)
+    rested = found.begins_s - log.time_s[touching[0]] if touching.size else 0.0
+    return bool(rested * growth_per_s > _TOO_LONG)
+
+
+def let_go(answer: Answer, declared: Declared) -> bool:
+    """Whether hardly any hand holds the device."""
+    hand, box = answer.hand, declared.hands
+    if hand is None:
+        return True
+    light = float(hand.mass_kg) < _LIGHT * box.mass_kg[0]
+    return declared.known and light and float(hand.damping_ns_per_m) < _LOOSE * box.damping_ns_per_m[0]
+
+
+def meant_period(log: Log, declared: Declared) -> float:
+    """Return the sample time that was meant: as declared, or that of the log where forces are held over samples."""
+    slower = declared.known and log.ticks.period_s > 1.3 * declared.device.sample_time_s
+    return declared.device.sample_time_s if slower else log.ticks.sample_time_s
+
+
+def _rests(answer: Answer, law: Law) -> bool:
+    return worst_mode(answer, law).stable
+
+
+def shorter(law: Law, meant: float) -> Law:
+    """Return the law with no more lag than the whole delay that was meant."""
+    return replace(law, lag=min(law.lag, int(meant)))
+
+
+def _away(limit: float | None) -> float:
+    return math.inf if limit is None else -math.log(limit)

@@ -1,0 +1,137 @@
+"""Diagnose a log that buzzes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from avc_casadi._errors import InputError
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import number
+from avc_casadi.coupling import Coupling
+from avc_casadi.identification.diagnosis.causes import weigh
+from avc_casadi.identification.diagnosis.declared import Declared
+from avc_casadi.identification.diagnosis.evidence import law_sentence, oscillation_sentence, ticks_sentence
+from avc_casadi.identification.diagnosis.felt import felt
+from avc_casadi.identification.diagnosis.law import find_law
+from avc_casadi.identification.diagnosis.limited import limited
+from avc_casadi.identification.diagnosis.log import log_of
+from avc_casadi.identification.diagnosis.meant import law_differs
+from avc_casadi.identification.diagnosis.model import Diagnosis
+from avc_casadi.identification.diagnosis.oscillation import find_oscillation
+from avc_casadi.identification.diagnosis.plant import fit_plants
+from avc_casadi.identification.diagnosis.repeated import without_repeats
+from avc_casadi.identification.diagnosis.units import other_unit
+from avc_casadi.identification.diagnosis.verdict import Judge
+from avc_casadi.identification.read import read_columns
+from avc_casadi.identification.record import Columns
+from avc_casadi.identification.units import Layout
+from avc_casadi.model.device import Device
+from avc_casadi.model.problem import Hands
+
+_DRAWS = 16
+
+
+def diagnose(
+    log: str | Path | Columns,
+    *,
+    layout: Layout | None = None,
+    device: Device | None = None,
+    hands: Hands | None = None,
+    coupling: Coupling | None = None,
+    stiffness_n_per_m: float | None = None,
+    damping_ns_per_m: float | None = None,
+    flip_force: bool = False,
+    seed: int = 0,
+    progress: Progress = SILENT,
+) -> Diagnosis:
+    """Diagnose one log of time, position and commanded force.
+
+    Args:
+        log: a file, or its columns.
+        layout: columns and units of the file.
+        device: as declared; None assumes one.
+        hands: those that the loop was meant for; None takes the usual ranges.
+        coupling: what was meant to run; the device and the hands it was made for are taken where none are given.
+        stiffness_n_per_m: k that was meant to run, in place of a coupling.
+        damping_ns_per_m: b that was meant to run.
+        flip_force: whether the log counts the force against +position.
+        seed: of the draws.
+        progress: who is told.
+
+    Raises:
+        InputError: every fault of the log, or a force that drives the device away from where it rests.
+    """
+    columns = log if isinstance(log, Columns) else _one(read_columns(log, layout), log)
+    if coupling is not None:
+        device = device or coupling.problem.device
+        hands = hands or coupling.problem.hands
+    _check_motion(columns, device)
+    reach_m = 1.0 if device is None else device.metres_per_unit
+    grid, notes = log_of(columns, flip_force=flip_force, reach_m=reach_m)
+    if not np.ptp(grid.position_m):
+        if np.ptp(grid.force_n):
+            raise InputError.of(
+                "never changes, and the force does; allowed: a log of a device that moves. An encoder that is stuck, "
+                "or a column that is not the position, looks like this",
+                file=columns.file,
+                key="position",
+            )
+        notes = [*notes, "the position never changes: an encoder that is stuck looks like this too"]
+    declared = Declared.of(device, hands, grid.ticks.sample_time_s)
+    grid = without_repeats(grid, declared.device.max_force_n)
+    with progress.step("oscillation"):
+        swing = limited(grid, find_oscillation(grid), declared.device.max_force_n)
+    law = find_law(grid, declared.device.max_force_n)
+    if law is not None and law.told and law.stiffness_n_per_m < 0 and law.damping_ns_per_m < 0:
+        raise InputError.of(
+            f"gives k = {number(law.stiffness_n_per_m, 3)} N/m and b = {number(law.damping_ns_per_m, 3)} N.s/m: the "
+            "force drives the device away; allowed: force along +position, or --flip-force; or the sign of the loop "
+            "is wrong, and that is what is wrong with it",
+            file=columns.file,
+            key="force",
+        )
+    evidence = [oscillation_sentence(swing.found, felt(grid, swing, declared)), ticks_sentence(grid.ticks, declared)]
+    if law is None:
+        evidence.append("the force tells of no spring and no damper" if grid.force_n.any() else "no force is commanded")
+    else:
+        evidence.append(law_sentence(law, grid.ticks.period_s))
+        notes += law_differs(law, swing.found, grid, coupling, stiffness_n_per_m, damping_ns_per_m)
+    unit = other_unit(grid, swing.found, law, declared, coupling, stiffness_n_per_m)
+    judge = Judge(grid, swing, law, declared, evidence, [*declared.notes, *notes])
+    early = judge.at_once() or judge.in_another_unit(unit) or judge.jumps()
+    if early is not None:
+        return early
+    if law is None or not law.told:
+        return judge.without_model()
+    with progress.step("device and hand"):
+        fits = fit_plants(grid, swing, declared, law.lag, _DRAWS, seed)
+    with progress.step("causes"):
+        asked = weigh(fits, law, grid, swing.found, declared)
+    with progress.step("cures"):
+        return judge.judged(law, fits, asked)
+
+
+def _check_motion(columns: Columns, device: Device | None) -> None:
+    """Refuse a log that turns beside a device that does not, or of which nothing says where a hand holds it."""
+    turns, motion = columns.motion == "rotary", None if device is None else device.motion
+    if motion == columns.motion or (device is None and not turns):
+        return
+    allowed = "a log of its own motion: rad and N.m of what turns, m and N at a handle, x = r theta and F = tau/r"
+    message = f"is {columns.motion} by its units, and the device is {motion}; allowed: {allowed}"
+    if device is None:
+        message = (
+            "is of a device that turns, and nothing says where the hand holds it; allowed: beside --device, --problem "
+            "or --coupling, whose device has handle_radius_m"
+        )
+    raise InputError.of(message, file=columns.file, key="position")
+
+
+def _one(columns: Sequence[Columns], file: str | Path) -> Columns:
+    if len(columns) > 1:
+        raise InputError.of(
+            f"holds {len(columns)} records; allowed: one record a log, in files of their own", file=str(file)
+        )
+    return columns[0]

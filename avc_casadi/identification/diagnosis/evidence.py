@@ -1,0 +1,197 @@
+"""The evidence for a verdict, as sentences with numbers, and the log that would decide."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from avc_casadi._util.text import number
+from avc_casadi.identification.diagnosis.causes import CAUSES
+from avc_casadi.identification.diagnosis.declared import Declared
+from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.log import Log, Ticks
+from avc_casadi.identification.diagnosis.model import Measured
+from avc_casadi.identification.diagnosis.oscillation import Oscillation
+
+_DECIDES = {
+    "delay": "a log of a force pulse commanded in free space, which tells the delay",
+    "damping": "the same press with b halved and k as it is",
+    "stiffness": "the same press with k halved and b as it is",
+    "encoder": "the same press with the encoder's positions smoothed by a velocity filter, or with b halved",
+    "resonance": "a slow sine sweep of the force in free space (its peak is the resonance), for avc identify",
+    "let-go": "the same with the device held firmly, and once let go, in one log",
+    "ticks": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
+    "rate": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
+}
+_FILE = ", or the device's file (--device)"
+# A force at its limit for less than this share of a swing hardly bounds it.
+_CUT = 0.02
+# The largest force is a limit where it comes again and again: in so many samples, seldom and nearly all of them with a
+# new count, or in so large a share of the contact.
+_TOP, _FEW, _NEARLY_ALL, _SELDOM, _OFTEN = 0.999, 8, 0.9, 0.3, 0.3
+
+
+def oscillation_sentence(found: Oscillation, felt: float) -> str:
+    """Say what swings, and how many times what a hand detects that is."""
+    if not math.isfinite(found.frequency_hz):
+        return f"no oscillation: above 4 Hz the position moves by {_um(found.at_rest_m)} rms"
+    counted = number(found.steps, 3)
+    steps = f", {counted} encoder step{'' if counted == '1' else 's'}" if math.isfinite(found.steps) else ""
+    grows = ""
+    if math.isfinite(found.growth_per_s) and found.growth_error_per_s < 0.5 * abs(found.growth_per_s):
+        what = "grew" if found.growth_per_s > 0 else "decays"
+        grows = f"; it {what} by {number(abs(found.growth_per_s), 2)} +- {number(found.growth_error_per_s, 1)} 1/s"
+    share = found.at_force_limit_share
+    stands = f", {100 * share:.0f} % of it with the force at its limit of {number(found.largest_force_n, 3)} N"
+    bounded = f"{stands}, which bounds it" if share > _CUT else ""
+    return (
+        f"{found.kind} at {number(found.frequency_hz, 3)} +- {number(found.frequency_error_hz, 1)} Hz from "
+        f"{number(found.begins_s, 3)} to {number(found.ends_s, 3)} s: {_um(found.peak_to_peak_m)} peak to peak{steps}, "
+        f"{number(found.force_peak_to_peak_n, 3)} N, in contact {100 * found.contact_share:.0f} % of the time, "
+        f"{number(felt, 2)} times what a hand on a stylus detects{bounded}{grows}"
+    )
+
+
+def ticks_sentence(ticks: Ticks, declared: Declared) -> str:
+    """Say what the time stamps tell."""
+    parts = [f"ticks of {number(1e3 * ticks.sample_time_s, 4)} ms"]
+    if ticks.held > 1:
+        parts.append(f"a new force only every {ticks.held} samples, {number(1 / ticks.period_s)} Hz")
+    if declared.known and abs(ticks.period_s / declared.device.sample_time_s - 1) > 0.02:
+        parts.append(f"declared {number(1e3 * declared.device.sample_time_s)} ms")
+    if ticks.missed_share > 0:
+        how = "did not run: the force stays while the position moves" if ticks.repeats else "missing"
+        parts.append(f"{100 * ticks.missed_share:.2g} % {how}, at most {ticks.longest_gap} in a row")
+    if ticks.jitter_rms_s > 0.02 * ticks.sample_time_s:
+        parts.append(f"stamps scatter by {number(1e6 * ticks.jitter_rms_s, 2)} us rms")
+    return ", ".join(parts)
+
+
+def law_sentence(law: Law, sample_time_s: float) -> str:
+    """Say how the force follows the position."""
+    if not law.told:
+        return (
+            f"the force is no spring and damper of the position: {100 * law.misfit:.0f} % of it is left "
+            "(another force, a filter of higher order, or a position that is not the one measured)"
+        )
+    cut = law.filter_hz(sample_time_s)
+    filtered = "" if cut is None else f", velocity filter {number(cut, 3)} Hz"
+    late = f", {law.lag} samples after the position" if law.lag else ""
+    return (
+        f"the computer rendered k = {number(law.stiffness_n_per_m, 4)} N/m and b = {number(law.damping_ns_per_m, 3)} "
+        f"N.s/m{filtered}{late}, which is the force to {number(max(100 * law.misfit, 0.1), 2)} %"
+    )
+
+
+def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
+    """Say what device and hand answered."""
+    known = "declared" if declared.known else "assumed"
+    late = (
+        f"from position to motion {number(measured.delay_samples, 3)} +- {number(measured.delay_error_samples, 1)} "
+        f"samples of delay beside the hold; {known} {number(measured.declared_delay_samples, 3)}"
+    )
+    lines = [late]
+    if measured.hand is None:
+        lines.append("the device answers its force as it does when nobody holds it")
+    else:
+        mass, damping, stiffness = measured.hand.values()
+        held = "held by about {} kg, {} N.s/m, {} N/m"
+        if not declared.known:
+            own_mass, own_damping = measured.device.values()
+            mass, damping = mass + own_mass, damping + own_damping
+            held = "device and hand, which the log does not tell apart: about {} kg, {} N.s/m, {} N/m"
+        elif mass == 0:
+            held = "held by a grip of about {1} N.s/m, {2} N/m, as on a stylus, its mass behind it"
+        lines.append(held.format(number(mass, 2), number(damping, 2), number(stiffness, 2)))
+    if measured.resonance is not None:
+        frequency, ratio, share = measured.resonance.values()
+        lines.append(
+            f"a resonance of {number(frequency, 3)} Hz, damping ratio {number(ratio, 2)}, {100 * share:.0f} % of the "
+            "mass beyond it"
+        )
+    what = "grow by" if measured.growth_per_s > 0 else "decay by"
+    lines.append(
+        f"the loop model with these numbers would {what} {number(abs(measured.growth_per_s), 2)} 1/s at "
+        f"{number(measured.frequency_hz, 3)} Hz in contact"
+    )
+    return lines
+
+
+def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared: Declared) -> str:
+    """Say what the cause is and why."""
+    words = CAUSES[cause]
+    smallest = "is more than the loop bears, and less of it is the smallest change that brings it to rest"
+    shape, meant = measured.resonance, measured.declared_delay_samples
+    known = "meant" if declared.known else "assumed"
+    why = {
+        "delay": f"{number(measured.delay_samples, 3)} samples, {known} {number(meant, 3)}, with which the loop rests",
+        "damping": f"b = {number(law.damping_ns_per_m, 3)} N.s/m {smallest}",
+        "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} N/m {smallest}",
+        "encoder": f"the loop rests without steps of {number(1e6 * log.encoder_m, 3)} um, and swings with them",
+        "resonance": f"{'' if shape is None else number(shape['frequency_hz'], 3)} Hz; with rigid mechanics it rests",
+        "let-go": f"nobody holds the device; with a hand of {_box(declared)} on it the loop rests",
+        "ticks": f"{100 * log.ticks.missed_share:.2g} % of the ticks are missing; with all of them {_rests(measured)}",
+        "rate": f"a new force every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was meant it rests",
+    }[cause]
+    return f"{words}: {why}"
+
+
+def _box(declared: Declared) -> str:
+    """Return the hands that were meant."""
+    ends = (
+        (declared.hands.mass_kg, "kg"),
+        (declared.hands.damping_ns_per_m, "N.s/m"),
+        (declared.hands.stiffness_n_per_m, "N/m"),
+    )
+    return ", ".join(f"{number(low, 3)} to {number(high, 3)} {unit}" for (low, high), unit in ends)
+
+
+def _rests(measured: Measured) -> str:
+    grows = measured.growth_per_s
+    return "the loop rests" if grows < 0 else f"it would hardly grow, by {number(grows, 2)} 1/s"
+
+
+def limit_sentence(log: Log) -> str:
+    """Say how the largest force of a log hides what would be beyond it; nothing where it hides little."""
+    size = np.abs(log.force_n)
+    top = np.flatnonzero(size > _TOP * size.max())
+    if top.size < _FEW or size.max() == 0:
+        return ""
+    limit = number(float(size.max()), 3)
+    steps = np.abs(np.diff(log.position_m, prepend=log.position_m[0]))
+    stepped = np.mean((steps[top] > 0.5 * log.encoder_m) | (steps[top - 1] > 0.5 * log.encoder_m))
+    if log.encoder_m > 0 and stepped > _NEARLY_ALL and top.size < _SELDOM * np.count_nonzero(size):
+        return (
+            f"{CAUSES['damping']} or {CAUSES['encoder']}; whenever the count changes the force jumps to {limit} N, its "
+            "limit, and what a damper would be beyond it is not in the log"
+        )
+    share = top.size / np.count_nonzero(size)
+    if share < _OFTEN:
+        return ""
+    return (
+        f"the force stands at {limit} N, its limit, for {100 * share:.0f} % of the contact, and what it would be "
+        "beyond is not in the log"
+    )
+
+
+def declared_resonance(measured: Measured) -> str:
+    """Say how the file of the device takes the resonance that was found."""
+    told = ", ".join(f"{key} = {value:.3g}" for key, value in (measured.resonance or {}).items())
+    return f"with resonance = {{ {told} }} under [device] in its file, avc recommend finds gains and a filter beside it"
+
+
+def deciding_log(candidates: Sequence[str], *, known: bool) -> str:
+    """Return what would tell between candidates.
+
+    Args:
+        candidates: causes by key.
+        known: whether the device's file was given.
+    """
+    logs = [_DECIDES[cause] + _FILE * (cause == "delay" and not known) for cause in candidates if cause in _DECIDES]
+    return "; ".join(dict.fromkeys(logs))
+
+
+def _um(length_m: float) -> str:
+    return f"{number(1e3 * length_m, 3)} mm" if length_m >= 1e-3 else f"{number(1e6 * length_m, 3)} um"

@@ -1,0 +1,158 @@
+"""The force as the computer made it of the position: stiffness, damping, filter of the velocity, lag."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi.claims.stability.frozen_loop import Rendering
+from avc_casadi.identification.diagnosis.log import Log
+
+_MOST_LAG = 8
+_FEWEST = 25
+# Fewer tell a law that leaves no more than this, where they are different and twice as many as its numbers: a force
+# that stands at 0 or at its limit most of the time passes through few samples on its way, each exact.
+_EXACT, _TWICE = 1e-3, 2
+# A law is told where it leaves so little of the force.
+TOLD = 0.05
+# A filter, or a longer lag, must leave so much less to be believed.
+_BETTER = 0.3
+
+
+@dataclass(frozen=True)
+class Law:
+    """F(n) = k x(n-lag) + b v(n-lag) + offset; v(n) = keep v(n-1) + (1 - keep) (x(n) - x(n-1))/T.
+
+    Attributes:
+        stiffness_n_per_m: k.
+        damping_ns_per_m: b.
+        keep: share of the old velocity, 0 without a filter.
+        lag: samples from a position to the force that was computed from it, in the log.
+        wall_m: position at which the spring is slack.
+        misfit: what it leaves of the force in contact, root mean square, as a share.
+        samples: samples in contact that tell it.
+    """
+
+    stiffness_n_per_m: float
+    damping_ns_per_m: float
+    keep: float
+    lag: int
+    wall_m: float
+    misfit: float
+    samples: int
+
+    @property
+    def told(self) -> bool:
+        """Whether the force is that of a spring and a damper."""
+        return self.misfit < TOLD
+
+    def filter_hz(self, sample_time_s: float) -> float | None:
+        """Return the cut-off of the velocity filter, or None without one."""
+        return None if self.keep <= 0 else -math.log(self.keep) / (2 * math.pi * sample_time_s)
+
+    def rendering(
+        self,
+        sample_time_s: float,
+        stiffness: FloatArray | float = 1.0,
+        damping: FloatArray | float = 1.0,
+    ) -> Rendering:
+        """Return the law as the loop takes it, its gains times some factors of shape (n,)."""
+        k, b = np.broadcast_arrays(
+            np.atleast_1d(np.asarray(stiffness, dtype=np.float64)) * self.stiffness_n_per_m,
+            np.atleast_1d(np.asarray(damping, dtype=np.float64)) * self.damping_ns_per_m,
+        )
+        rate = b * (1 - self.keep) / sample_time_s
+        force = np.stack([k + rate, -(k * self.keep + rate), np.full_like(k, self.keep)], axis=-1)
+        return Rendering(force, force)
+
+
+def find_law(log: Log, limit_n: float | None) -> Law | None:
+    """Fit the law to the samples in contact.
+
+    Args:
+        log: on its grid.
+        limit_n: force limit of the device, at which forces are cut.
+
+    Returns:
+        The law, told or not; None without enough samples in contact.
+    """
+    force, position = log.force_n, log.position_m
+    size = float(np.abs(force).max())
+    if size == 0:
+        return None
+    limit = size if limit_n is None else min(size, limit_n)
+    touching = np.abs(force) > 1e-9 * size
+    # Beside the largest force, which may be a limit, that of the last sample before the limit cut it is left in. Where
+    # the position toggles between two steps, the largest force is that of one of them.
+    top = np.abs(force) >= 0.9999 * limit
+    cut = np.zeros_like(top)
+    if limit == limit_n or np.ptp(position[top]) > 1.5 * log.encoder_m:
+        cut = top
+        touching &= ~top
+    best: Law | None = None
+    for lag in range(_MOST_LAG + 1):
+        for filtered in (False, True):
+            rows = _rows(log.ran, touching, lag, filtered=filtered)
+            found = _fit(position, force, rows, lag, filtered=filtered, period=log.ticks.period_s)
+            if found is not None and cut.any():
+                found = _also_cut(found, log, _rows(log.ran, cut, lag, filtered=False), limit)
+            if found is not None and (best is None or found.misfit < _BETTER * best.misfit):
+                best = found
+    return best
+
+
+def _also_cut(law: Law, log: Log, rows: IndexArray, limit_n: float) -> Law:
+    """Count what the law leaves of the forces at the limit, which it has to reach; not of one with a filter."""
+    if law.keep or not rows.size:
+        return law
+    position = log.position_m
+    speed = (position[rows - law.lag] - position[rows - law.lag - 1]) / log.ticks.period_s
+    told = law.stiffness_n_per_m * (position[rows - law.lag] - law.wall_m) + law.damping_ns_per_m * speed
+    left = np.clip(told, -limit_n, limit_n) - log.force_n[rows]
+    return replace(law, misfit=max(law.misfit, float(np.sqrt(np.mean(left**2))) / limit_n))
+
+
+def _rows(ran: BoolArray, touching: BoolArray, lag: int, *, filtered: bool) -> IndexArray:
+    """Return the ticks in contact whose lagged samples are in the log; a filter needs the force before in contact."""
+    use = ran & touching
+    use[: lag + 2] = False
+    for back in {lag, lag + 1} - {0}:
+        use[back:] &= ran[:-back]
+    if filtered:
+        use[1:] &= (ran & touching)[:-1]
+    return np.flatnonzero(use)
+
+
+def _fit(
+    position: FloatArray, force: FloatArray, rows: IndexArray, lag: int, *, filtered: bool, period: float
+) -> Law | None:
+    if not rows.size:
+        return None
+    middle = float(position[rows].mean())
+    columns = [position[rows - lag] - middle, position[rows - lag] - position[rows - lag - 1], np.ones(rows.size)]
+    if filtered:
+        columns.append(force[rows - 1])
+    matrix = np.stack(columns, axis=1)
+    different = len(np.unique(matrix, axis=0)) if rows.size < _FEWEST else rows.size
+    if different < _TWICE * len(columns):
+        return None
+    scale = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-300
+    (*told,), _, rank, _ = np.linalg.lstsq(matrix / scale, force[rows], rcond=1e-10)
+    values = np.array(told) / scale
+    changes = float(np.std(force[rows]))
+    if rank < len(columns) or changes == 0:
+        return None
+    keep = float(values[3]) if filtered else 0.0
+    if not 0 <= keep < 0.98:
+        return None
+    left = float(np.sqrt(np.mean((matrix @ values - force[rows]) ** 2))) / changes
+    if rows.size < _FEWEST and left > _EXACT:
+        return None
+    k = float(values[0]) / (1 - keep)
+    # F = keep F_before + k (1 - keep) x + (b (1 - keep)/T + k keep)(x - x_before)
+    b = (float(values[1]) - k * keep) * period / (1 - keep)
+    wall = middle - float(values[2]) / (1 - keep) / k if k else math.nan
+    return Law(k, b, keep, lag, wall, max(left, 1e-12), int(rows.size))

@@ -1,0 +1,394 @@
+"""The oscillation in a log: where it begins, its frequency, amplitude and growth, or that there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import signal
+
+from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi.identification.diagnosis.log import Log
+from avc_casadi.identification.diagnosis.passing import passes
+from avc_casadi.identification.diagnosis.toggling import Toggling, find_toggling
+
+Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
+
+LOWEST_HZ = 4.0
+"""What is slower is the hand's own motion."""
+_WINDOW_S = 0.25
+# A sawtooth, which is what a slow motion over encoder steps leaves, has a fundamental of 0.32 steps; a position that
+# toggles between two has one of 0.64.
+_LEAST_STEPS = 0.37
+_LEAST_M = 1e-7  # at the hand, as the force below
+# Share of the power in a line and its harmonics.
+_LINE = 0.5
+# Logarithm of frequencies that are one oscillation, from window to window.
+_SAME = 0.25
+# What a scene calls buzzing is a ripple of 7 % of the mean force.
+_RIPPLE, _LEAST_N = 0.07, 0.02
+_RESTLESS_HZ, _RESTLESS_STEPS = 8.0, 1.2
+# At the end it falls to this share of its beginning, or goes on: over so many cycles its logarithm changes little.
+_FALLS = 0.55
+_LEVEL_S, _LEVEL_CYCLES, _LEVEL = 0.35, 10.0, 0.25
+# One that goes on to the end of the log counts before a faster one that ended, but where it has less of its speed.
+_NO_SLIGHT = 0.5
+_FEWEST_CYCLES = 5.0
+_SHORTEST_S = 0.25
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """An oscillation of the measured position.
+
+    Attributes:
+        kind: none, decaying, growing, a limit cycle, or irregular: it goes on without one frequency.
+        frequency_hz, frequency_error_hz: and its standard error.
+        peak_to_peak_m: of the position where it is strongest, high-passed, and no more than in two cycles as measured.
+        force_peak_to_peak_n: of the commanded force there.
+        steps: peak to peak in encoder steps; not a number without an encoder.
+        growth_per_s, growth_error_per_s: rate at which the amplitude grew while it was small; not a number where no
+            growth was seen.
+        begins_s, ends_s: time of the log.
+        contact_share: share of its time with a force.
+        at_rest_m: what is left elsewhere in the log, root mean square above `LOWEST_HZ`.
+        largest_force_n: commanded while it lasts.
+        at_force_limit_share: share of its time in which the force stands at its limit, which bounds it.
+    """
+
+    kind: Kind
+    frequency_hz: float = math.nan
+    frequency_error_hz: float = math.nan
+    peak_to_peak_m: float = math.nan
+    force_peak_to_peak_n: float = math.nan
+    steps: float = math.nan
+    growth_per_s: float = math.nan
+    growth_error_per_s: float = math.nan
+    begins_s: float = math.nan
+    ends_s: float = math.nan
+    contact_share: float = math.nan
+    at_rest_m: float = math.nan
+    largest_force_n: float = math.nan
+    at_force_limit_share: float = 0.0
+
+    @property
+    def sustained(self) -> bool:
+        """Whether it goes on by itself."""
+        return self.kind in {"growing", "limit cycle", "irregular"}
+
+
+@dataclass(frozen=True, eq=False)
+class Swing:
+    """The oscillation with its traces.
+
+    Attributes:
+        found: its numbers.
+        first, last: samples between which it lasts.
+        fast_m: the position above `LOWEST_HZ`, shape (n,).
+        envelope_m: amplitude of `fast_m`, shape (n,).
+    """
+
+    found: Oscillation
+    first: int
+    last: int
+    fast_m: FloatArray
+    envelope_m: FloatArray
+
+
+def find_oscillation(log: Log) -> Swing:
+    """Find the oscillation of a log.
+
+    Args:
+        log: on its grid.
+    """
+    period = log.ticks.period_s
+    position = log.position_m
+    n = position.size
+    fast = _above(position, period)
+    size = min(n, max(32, round(_WINDOW_S / period)))
+    hop = max(1, size // 4)
+    starts = np.arange(0, n - size + 1, hop)
+    lines = np.array([_line(fast[start : start + size], period) for start in starts])
+    amplitude, frequency, share = lines.T
+    least = max(_LEAST_STEPS * log.encoder_m, _LEAST_M / log.reach_m)
+    swings = (amplitude > least) & (share > _LINE)
+    found = _swings(log, fast, starts, size, swings, amplitude, frequency, kind=None)
+    going = [swing for swing in found if swing.found.sustained]
+    toggling = None if any(swing.last >= n - 2 * hop for swing in going) else find_toggling(log)
+    if not going and toggling is not None:
+        return _toggled(log, fast, toggling)
+    dying = any(swing.found.kind == "decaying" and swing.last >= n - 2 * hop for swing in found)
+    # What a touch leaves is looked for after it.
+    after = max((swing.last for swing in going), default=0)
+    if not dying and all(_passes(log, swing) for swing in going):
+        left = [start for start in starts if start >= after]
+        restless = np.isin(starts, [start for start in left if _restless(log, fast, slice(start, start + size))])
+        # Beside slow beats, as over a few counts, it is the speed that has the frequency of the loop.
+        speed = np.gradient(fast)
+        quick = np.array([_line(speed[start : start + size], period) for start in starts]).T
+        more = _swings(log, fast, starts, size, restless, quick[0], quick[1], kind="irregular")
+        if toggling is not None:
+            more = [_toggled(log, fast, toggling)]
+        found = more if going and more else [*found, *more]
+    if found:
+        return _that_counts(found, n - 2 * hop)
+    rest = fast[n // 2 :]
+    return Swing(Oscillation("none", at_rest_m=_rms(rest)), 0, n, fast, np.abs(signal.hilbert(fast)))
+
+
+def _that_counts(found: Sequence[Swing], end: int) -> Swing:
+    """Return of several the one that goes on, until the end of the log where it is no slight one, or the fastest."""
+    going = [swing for swing in found if swing.found.sustained] or list(found)
+    fastest = max(map(_speed, going))
+    return max(
+        going,
+        key=lambda swing: (
+            swing.last >= end and _speed(swing) > _NO_SLIGHT * fastest,
+            _speed(swing),
+        ),
+    )
+
+
+def _passes(log: Log, swing: Swing) -> bool:
+    found = swing.found
+    return passes(log, found.begins_s, found.ends_s, swing.last, found.frequency_hz)
+
+
+def _speed(swing: Swing) -> float:
+    return swing.found.peak_to_peak_m * swing.found.frequency_hz
+
+
+def _swings(
+    log: Log,
+    fast: FloatArray,
+    starts: IndexArray,
+    size: int,
+    flags: BoolArray,
+    amplitude: FloatArray,
+    frequency: FloatArray,
+    *,
+    kind: Kind | None,
+) -> list[Swing]:
+    """Measure every stretch of flagged windows that lasts."""
+    period = log.ticks.period_s
+    found = []
+    for run in _runs(flags, frequency, together=kind is not None):
+        first, last = int(starts[run[0]]), int(starts[run[1] - 1]) + size
+        strong = np.arange(*run)
+        weight = amplitude[strong] ** 2 + 1e-30
+        hertz = float(np.average(frequency[strong], weights=weight))
+        spread = math.sqrt(float(np.average((frequency[strong] - hertz) ** 2, weights=weight)))
+        if (last - first) * period >= max(_SHORTEST_S, _FEWEST_CYCLES / hertz):
+            found.append(_measured(log, fast, first, last, hertz, spread, kind))
+    return found
+
+
+def _restless(log: Log, fast: FloatArray, part: slice) -> bool:
+    """Whether position or force do not rest: steps of the encoder, or a share of the force as a scene calls buzzing."""
+    motion, ripple = _ripples(log, fast, part)
+    return motion > max(_RESTLESS_STEPS * log.encoder_m, _LEAST_M / log.reach_m) or ripple > max(
+        _RIPPLE * abs(float(log.force_n[part].mean())), _LEAST_N * log.reach_m
+    )
+
+
+def _ripples(log: Log, fast: FloatArray, part: slice) -> tuple[float, float]:
+    """Return how much position and force swing, root mean square."""
+    force = log.force_n[part]
+    filtered = signal.butter(2, _RESTLESS_HZ, "highpass", fs=1 / log.ticks.period_s, output="sos")
+    motion, ripple = (signal.sosfiltfilt(filtered, one) for one in (fast[part], force - force.mean()))
+    return _rms(motion), _rms(ripple)
+
+
+def _falls(log: Log, fast: FloatArray, first: int, last: int) -> bool:
+    """Whether what has no one frequency dies away: at none, not at one of them, and in the force too."""
+    quarter = max((last - first) // 4, min(last - first, 32))
+    early, late = (_ripples(log, fast, part) for part in (slice(first, first + quarter), slice(last - quarter, last)))
+    return all(end < _FALLS * begin for begin, end in zip(early, late, strict=True))
+
+
+def _measured(
+    log: Log, fast: FloatArray, first: int, last: int, hertz: float, spread: float, kind: Kind | None
+) -> Swing:
+    """Measure an oscillation that lasts from one sample to another."""
+    period = log.ticks.period_s
+    smooth = _smooth(hertz, period)
+    envelope = _envelope(fast, hertz, period)
+    inside = envelope[first:last]
+    top = float(np.quantile(inside, 0.9))
+    floor = max(0.4 * log.encoder_m, 1e-9 / log.reach_m)
+    # It begins where the envelope last leaves a tenth of its top, or the floor of the encoder.
+    low = max(0.1 * top, min(2 * floor, 0.5 * top))
+    reached = first + int(np.argmax(inside >= 0.7 * top))
+    below = np.flatnonzero(envelope[:reached] < low)
+    begins = int(below[-1]) + 1 if below.size else first
+    growth, error = _growth(envelope, begins, reached, period, hertz)
+    quarter = max(smooth, (last - reached) // 4)
+    early, late = float(np.mean(envelope[reached : reached + quarter])), float(np.mean(envelope[last - quarter : last]))
+    decay, decay_error = _growth(envelope, reached, last - smooth, period, hertz)
+    irregular = kind
+    kind = "limit cycle" if irregular is None else irregular
+    level = _level_from(envelope, reached, last, smooth, period, hertz)
+    if irregular is None and late < _FALLS * early and level is not None:
+        begins = reached = level
+        growth, error = math.nan, math.nan
+    elif (
+        (irregular is None or (log.ran.all() and _falls(log, fast, first, last)))
+        and late < _FALLS * early
+        and decay < -3 * decay_error
+    ):
+        kind, growth, error = "decaying", decay, decay_error
+    elif irregular is None and (late > 1.6 * early or (last - reached) * period * hertz < 3):
+        kind = "growing"
+    stretch = slice(max(first, reached if kind != "decaying" else first), last)
+    force = log.force_n[stretch]
+    travel = min(_peak_to_peak(fast[stretch]), _of_cycles(log.position_m[stretch], period, hertz))
+    return Swing(
+        Oscillation(
+            kind=kind,
+            frequency_hz=hertz,
+            frequency_error_hz=max(spread, 0.02 * hertz / math.sqrt(max(1.0, (last - first) * period * hertz))),
+            peak_to_peak_m=travel,
+            force_peak_to_peak_n=_peak_to_peak(force),
+            steps=travel / log.encoder_m if log.encoder_m else math.nan,
+            growth_per_s=growth,
+            growth_error_per_s=error,
+            begins_s=log.start_s + begins * period,
+            ends_s=log.start_s + last * period,
+            contact_share=float(np.mean(force != 0)),
+            at_rest_m=_rms(fast[: max(begins, 1)]),
+        ),
+        begins,
+        last,
+        fast,
+        envelope,
+    )
+
+
+def _toggled(log: Log, fast: FloatArray, toggling: Toggling) -> Swing:
+    """Return a limit cycle over a few counts that goes on until the log ends."""
+    period, first, last = log.ticks.period_s, toggling.first, toggling.last
+    hertz = 1 / (toggling.cycle * period)
+    cycles = (last - first) / toggling.cycle
+    force = log.force_n[first:last]
+    return Swing(
+        Oscillation(
+            kind="limit cycle",
+            frequency_hz=hertz,
+            frequency_error_hz=hertz * max(toggling.scatter, 0.02) / math.sqrt(cycles),
+            peak_to_peak_m=toggling.steps * log.encoder_m,
+            force_peak_to_peak_n=_peak_to_peak(force),
+            steps=toggling.steps,
+            begins_s=log.start_s + first * period,
+            ends_s=log.start_s + last * period,
+            contact_share=float(np.mean(force != 0)),
+            at_rest_m=_rms(fast[: max(first, 1)]),
+        ),
+        first,
+        last,
+        fast,
+        _envelope(fast, hertz, period),
+    )
+
+
+def _smooth(hertz: float, period: float) -> int:
+    """Return the samples of a cycle, over which an envelope is smoothed."""
+    return max(3, round(1.0 / hertz / period))
+
+
+def _envelope(fast: FloatArray, hertz: float, period: float) -> FloatArray:
+    """Return the amplitude of what swings at a frequency."""
+    ends = (max(0.6 * hertz, LOWEST_HZ), min(1.6 * hertz, 0.49 / period))
+    band = signal.butter(2, ends, "bandpass", fs=1 / period, output="sos")
+    envelope = np.abs(signal.hilbert(signal.sosfiltfilt(band, fast)))
+    smooth = _smooth(hertz, period)
+    return np.asarray(np.convolve(envelope, np.ones(smooth) / smooth, mode="same"))
+
+
+def _above(position: FloatArray, period: float) -> FloatArray:
+    filtered = signal.butter(3, LOWEST_HZ, "highpass", fs=1 / period, output="sos")
+    return np.asarray(
+        signal.sosfiltfilt(filtered, position - position.mean(), padtype="even", padlen=min(position.size - 1, 600))
+    )
+
+
+def _line(part: FloatArray, period: float) -> tuple[float, float, float]:
+    """Return amplitude and frequency of the strongest line, and its share of the power with its harmonics."""
+    n = part.size
+    window = np.hanning(n)
+    spectrum = np.abs(np.fft.rfft(part * window)) ** 2
+    hertz = np.fft.rfftfreq(n, period)
+    spectrum[hertz < LOWEST_HZ] = 0.0
+    total = float(spectrum.sum())
+    if total <= 0:
+        return 0.0, LOWEST_HZ, 0.0
+    peak = int(np.argmax(spectrum))
+    near = slice(max(peak - 2, 0), peak + 3)
+    power = float(spectrum[near].sum())
+    harmonics = sum(
+        float(spectrum[max(turn * peak - 2, 0) : turn * peak + 3].sum())
+        for turn in range(2, 6)
+        if turn * peak < spectrum.size and turn * peak - 2 > peak + 2
+    )
+    # Hann's window spreads a line over three bins: power in them is a quarter of n times its energy times the square.
+    amplitude = 2 * math.sqrt(power / (n * float(np.sum(window**2))))
+    exact = float(np.sum(hertz[near] * spectrum[near]) / power)
+    return amplitude, exact, (power + harmonics) / total
+
+
+def _runs(flags: BoolArray, frequency: FloatArray, *, together: bool) -> list[tuple[int, int]]:
+    """Return runs of windows that swing at one frequency, or at any; one window in between may fail."""
+    runs: list[list[int]] = []
+    for index in np.flatnonzero(flags):
+        hertz = frequency[index]
+        same = runs and (together or abs(math.log(hertz / frequency[runs[-1][-1]])) < _SAME)
+        if same and index - runs[-1][-1] <= 2:
+            runs[-1].append(int(index))
+        else:
+            runs.append([int(index)])
+    return [(run[0], run[-1] + 1) for run in runs]
+
+
+def _level_from(envelope: FloatArray, first: int, last: int, smooth: int, period: float, hertz: float) -> int | None:
+    """Return where an oscillation that dies away goes on at one level, or None where it does not."""
+    size = round(max(_LEVEL_S, _LEVEL_CYCLES / hertz) / period)
+    end = last - smooth
+    if end - first < size:
+        return None
+    slope, _ = _growth(envelope, end - size, end, period, hertz)
+    if not abs(slope) * size * period < _LEVEL:
+        return None
+    level = float(np.mean(envelope[end - size : end]))
+    away = np.flatnonzero(np.abs(np.log(envelope[first:end] / level)) > 2 * _LEVEL)
+    return first + (int(away[-1]) + 1 if away.size else 0)
+
+
+def _growth(envelope: FloatArray, begins: int, ends: int, period: float, hertz: float) -> tuple[float, float]:
+    """Return the slope of the logarithm of the envelope and its standard error."""
+    cycle = max(2, round(0.5 / hertz / period))
+    values = np.log(np.maximum(envelope[begins:ends:cycle], 1e-12))
+    if values.size < 4:
+        return math.nan, math.nan
+    time = np.arange(values.size) * cycle * period
+    (slope, _), covariance = np.polyfit(time, values, 1, cov=True)
+    return float(slope), float(math.sqrt(covariance[0, 0]))
+
+
+def _of_cycles(position: FloatArray, period: float, hertz: float) -> float:
+    """Return the travel in two cycles as measured: a filter overshoots where a position toggles between two steps."""
+    size = max(3, math.ceil(2 / hertz / period))
+    if position.size < size:
+        return math.inf
+    windows = np.lib.stride_tricks.sliding_window_view(position, size)[:: max(1, size // 2)]
+    return float(np.quantile(np.ptp(windows, axis=1), 0.9))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _peak_to_peak(values: FloatArray) -> float:
+    low, high = np.quantile(values, (0.01, 0.99))
+    return float(high - low)

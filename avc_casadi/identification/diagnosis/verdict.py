@@ -1,0 +1,291 @@
+"""The verdict on one log: what it says at once, what its loop model says, and what it leaves open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from avc_casadi._util.text import number
+from avc_casadi.identification.diagnosis.answer import Answer
+from avc_casadi.identification.diagnosis.causes import CAUSES, OTHER, Asked, shares_of
+from avc_casadi.identification.diagnosis.cures import cures_of
+from avc_casadi.identification.diagnosis.declared import Declared
+from avc_casadi.identification.diagnosis.even import GROWN, unlimited
+from avc_casadi.identification.diagnosis.evidence import (
+    deciding_log,
+    declared_resonance,
+    limit_sentence,
+    measured_sentences,
+    named_sentence,
+)
+from avc_casadi.identification.diagnosis.felt import felt, toggles
+from avc_casadi.identification.diagnosis.jump import find_jump, jump_sentence
+from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.log import Log
+from avc_casadi.identification.diagnosis.loop import worst_mode
+from avc_casadi.identification.diagnosis.model import Cure, Diagnosis, Measured, Trace, Verdict
+from avc_casadi.identification.diagnosis.oscillation import Swing
+from avc_casadi.identification.diagnosis.passing import passes
+from avc_casadi.identification.diagnosis.played import doubts_of_encoder, settled
+from avc_casadi.identification.diagnosis.search import Fit
+
+# A cause is named where so large a share of the answers agrees, and no other has more than this.
+_SURE, _RIVAL = 0.8, 0.12
+# Logarithm of the ratio of measured and modelled frequency, in contact throughout, beyond which the model is not it.
+_FREQUENCY = 0.3
+_FORCE_OFF = "the same log with the force off: what a force from outside drives goes on"
+# The tremor of a hand: its frequencies, and more than its size.
+_TREMOR_HZ, _TREMOR_M = (6.0, 13.0), 2e-3
+# Of a delay so much longer than declared, in samples, a strong tremor is as likely a reason.
+_LATE, _STRONG_TREMOR_M = 8.0, 2e-2
+# What a model may leave of the position, over what encoder and noise do.
+_UNEXPLAINED = 12.0
+# A swing that is in contact for a smaller share of its time flies and falls: a bounce.
+_BOUNCES = 1 / 3
+
+
+class Judge:
+    """What is known of a log before anything is judged."""
+
+    def __init__(
+        self, log: Log, swing: Swing, law: Law | None, declared: Declared, evidence: list[str], notes: list[str]
+    ) -> None:
+        self._log, self._swing, self._law, self._declared = log, swing, law, declared
+        self._evidence, self._notes = evidence, notes
+
+    def at_once(self) -> Diagnosis | None:
+        """Return the verdict where no loop model is needed."""
+        found, log = self._swing.found, self._log
+        if not found.sustained:
+            what = "an oscillation comes and dies away" if found.kind == "decaying" else "nothing swings"
+            return self._made("nothing wrong", f"nothing wrong: {what} in {number(_seconds(log), 3)} s")
+        if toggles(found) and felt(log, self._swing, self._declared) < 1:
+            said = "nothing wrong: it toggles by one step of the encoder, which no hand feels; a finer one would rest"
+            return self._made("nothing wrong", said)
+        if passes(log, found.begins_s, found.ends_s, self._swing.last, found.frequency_hz):
+            cycles = number(found.frequency_hz * (found.ends_s - found.begins_s), 2)
+            said = f"nothing wrong: after {cycles} cycles until {number(found.ends_s, 3)} s it rests in contact"
+            return self._made("nothing wrong", said)
+        if found.contact_share == 0:
+            said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
+            return self._made("not the loop", said)
+        return None
+
+    def in_another_unit(self, told: str) -> Diagnosis | None:
+        """Return the verdict where no model can fit because the positions are not in metres."""
+        if not told:
+            return None
+        return self._made("cannot tell", f"cannot tell: {told}", decides="the same log with its unit told (--units)")
+
+    def jumps(self) -> Diagnosis | None:
+        """Return the verdict where the force jumps at the edge of contact, and every cycle crosses it."""
+        jump = find_jump(self._log, self._swing, self._law, self._declared.device.max_force_n)
+        if jump is None:
+            return None
+        size = number(jump.force_n, 3)
+        told = jump_sentence(jump, self._log.reach_m)
+        said = (
+            f"{CAUSES['stiffness']}: the force jumps by {size} N where contact begins, a spring without length; let it "
+            "grow with the depth (k below its limit), or keep it on through the whole cycle"
+        )
+        return self._made("named", said, cause="stiffness", candidates=("stiffness",), evidence=[*self._evidence, told])
+
+    def without_model(self) -> Diagnosis:
+        """Return the verdict where no loop model can be made."""
+        limit = limit_sentence(self._log)
+        if limit:
+            less = "the same log with less damping, or its velocity filtered, below the force limit"
+            return self._made("cannot tell", f"cannot tell: {limit}", decides=less)
+        said = (
+            "cannot tell: the force of this log is not that of a spring and a damper on its position, so that no loop "
+            "model can be made"
+        )
+        decides = "a log of the position that the computer used and the force that it commanded, tick by tick"
+        return self._made("cannot tell", said, decides=decides)
+
+    def judged(self, law: Law, fits: Sequence[Fit], asked: Sequence[Asked]) -> Diagnosis:
+        """Return the verdict by the shares of the causes."""
+        found, log, declared = self._swing.found, self._log, self._declared
+        asked = settled(asked, law, log, found, declared, self._evidence)
+        shares = shares_of(asked)
+        causes = list(shares)
+        first, second = causes[0], causes[1] if len(causes) > 1 else None
+        answer, fit = _likeliest(first, asked, fits)
+        measured = _measured(answer, fit, law, log, declared)
+        evidence = [*self._evidence, *measured_sentences(measured, declared)]
+        doubts = []
+        if first == OTHER:
+            doubts.append(
+                "no single change of those that were tried brings this loop to rest, or it rests on the model"
+            )
+        elif together := _together(asked):
+            doubts.append(
+                f"the delay is more than declared, and with the declared one there would be {CAUSES[together]} still"
+            )
+        elif shares[first] < _SURE or (second is not None and shares[second] > _RIVAL):
+            doubts.append(f"of the answers that the log bears out {_shares_text(shares)}")
+        apart = abs(math.log(max(measured.frequency_hz, 0.1) / found.frequency_hz))
+        linear = unlimited(log, found, declared.device.max_force_n)
+        if first not in {"encoder", "ticks", OTHER} and linear and apart > _FREQUENCY:
+            doubts.append(
+                f"the model swings at {number(measured.frequency_hz, 3)} Hz, the log at {number(found.frequency_hz, 3)}"
+            )
+        seen, lasts = _growth(self._swing, log.ticks.period_s)
+        driven = linear and first != OTHER and (measured.growth_per_s - max(seen, 0.0)) * lasts > GROWN
+        if driven:
+            doubts.append(
+                f"a loop that grows by {number(measured.growth_per_s, 2)} 1/s does not swing so evenly for "
+                f"{number(lasts, 2)} s where nothing limits it: the hand, the table or a machine may drive it"
+            )
+        size_m = log.reach_m * found.peak_to_peak_m
+        late = measured.delay_samples - measured.declared_delay_samples
+        size = _TREMOR_M if late < _LATE else _STRONG_TREMOR_M
+        trembles = first == "delay" and _TREMOR_HZ[0] < found.frequency_hz < _TREMOR_HZ[1] and size_m < size
+        if trembles and not driven:
+            doubts.append("a hand trembles so of its own")
+        if measured.misfit > _UNEXPLAINED and first not in {"ticks", "rate"}:
+            doubts.append(f"the model leaves {number(measured.misfit, 2)} times what encoder and noise do")
+        if first == "encoder":
+            some = [one.answer for one in asked if one.causes.get(first, 0.0) >= 0.5]
+            doubts += doubts_of_encoder([answer, *some], law, log, evidence)
+        if doubts:
+            candidates = tuple(cause for cause in causes if cause != OTHER)[:2]
+            known = [CAUSES[cause] for cause in candidates] + ["a force from outside the loop"] * (driven or trembles)
+            names = " or ".join(known) or "none of the causes it knows"
+            said = f"cannot tell: {names}; {'; '.join(doubts)}"
+            cures = tuple(cure for cause in candidates for cure in cures_of(cause, answer, law, log, declared))
+            return self._made(
+                "cannot tell",
+                said,
+                candidates=candidates,
+                shares=shares,
+                measured=measured,
+                evidence=evidence,
+                cures=tuple(dict.fromkeys(cures)),
+                decides=_FORCE_OFF if driven or trembles else deciding_log(candidates, known=declared.known),
+            )
+        if first == "resonance":
+            self._notes.append(declared_resonance(measured))
+        return self._made(
+            "named",
+            named_sentence(first, measured, law, log, declared),
+            cause=first,
+            candidates=(first,),
+            shares=shares,
+            measured=measured,
+            evidence=evidence,
+            cures=cures_of(first, answer, law, log, declared),
+        )
+
+    def _made(
+        self,
+        verdict: Verdict,
+        conclusion: str,
+        *,
+        cause: str | None = None,
+        candidates: tuple[str, ...] = (),
+        shares: Mapping[str, float] | None = None,
+        measured: Measured | None = None,
+        evidence: Sequence[str] | None = None,
+        cures: tuple[Cure, ...] = (),
+        decides: str = "",
+    ) -> Diagnosis:
+        log, share = self._log, self._swing.found.contact_share
+        if share < _BOUNCES and any(math.isfinite(cure.growth_per_s) for cure in cures):
+            self._notes.append(
+                f"in contact for {100 * share:.0f} % of the time it bounces: changes were checked on the loop in "
+                "contact, and a bounce may outlast a loop that rests there"
+            )
+        return Diagnosis(
+            source=log.name,
+            seconds=_seconds(log),
+            ticks=log.ticks,
+            encoder_m=log.encoder_m,
+            oscillation=self._swing.found,
+            law=self._law,
+            measured=measured,
+            verdict=verdict,
+            cause=cause,
+            candidates=candidates,
+            shares=dict(shares or {}),
+            conclusion=conclusion,
+            evidence=tuple(self._evidence if evidence is None else evidence),
+            cures=cures,
+            decides=decides,
+            notes=tuple(self._notes),
+            trace=_trace(log, self._swing),
+        )
+
+
+def _together(asked: Sequence[Asked]) -> str | None:
+    """Return what most of the answers name together with a delay, each a part of the way to rest; None for nothing."""
+    shares: dict[str, float] = {}
+    for one in asked:
+        if "delay" in one.causes and "encoder" not in one.causes:
+            for cause in one.causes.keys() - {"delay", OTHER}:
+                shares[cause] = shares.get(cause, 0.0) + one.weight
+    most = max(shares, key=lambda cause: shares[cause], default=None)
+    return most if most is not None and shares[most] > 0.5 * sum(one.weight for one in asked) else None
+
+
+def _likeliest(cause: str, asked: Sequence[Asked], fits: Sequence[Fit]) -> tuple[Answer, Fit]:
+    """Return the likeliest answer of a cause, and the fit that it is from."""
+    of_cause = [one for one in asked if one.causes.get(cause, 0.0) >= 0.5] or list(asked)
+    # The best of each fit stands before those drawn about it.
+    best = max(of_cause, key=lambda one: one.weight).answer
+    fit = next(fit for fit in fits if best is fit.answer or any(best is draw for draw in fit.draws))
+    return best, fit
+
+
+def _measured(answer: Answer, fit: Fit, law: Law, log: Log, declared: Declared) -> Measured:
+    mode = worst_mode(answer, law)
+    shape = answer.device.resonance
+    return Measured(
+        delay_samples=float(answer.device.delay_samples) + law.lag,
+        delay_error_samples=float(np.std([float(draw.device.delay_samples) for draw in fit.draws])),
+        declared_delay_samples=declared.longest_delay * declared.device.sample_time_s / log.ticks.period_s,
+        lag_samples=law.lag,
+        device={"mass_kg": answer.device.mass_kg, "damping_ns_per_m": answer.device.damping_ns_per_m},
+        hand=None if answer.hand is None else answer.hand.values(0),
+        resonance=None if shape is None else shape.model_dump(),
+        misfit=fit.misfit,
+        growth_per_s=mode.growth_per_s,
+        frequency_hz=mode.frequency_hz,
+    )
+
+
+def _growth(swing: Swing, period_s: float) -> tuple[float, float]:
+    """Return the rate at which it grew from the first half of the oscillation to the second, and its time."""
+    halves = np.array_split(swing.envelope_m[swing.first : swing.last], 2)
+    before, after = (max(float(np.median(half)), 1e-300) for half in halves)
+    lasts = (swing.last - swing.first) * period_s
+    return 2 * math.log(after / before) / lasts, lasts
+
+
+def _shares_text(shares: Mapping[str, float]) -> str:
+    return ", ".join(
+        f"{100 * share:.0f} % say {CAUSES.get(cause, 'none of them')}"
+        for cause, share in shares.items()
+        if share > 0.01
+    )
+
+
+def _seconds(log: Log) -> float:
+    return float(log.position_m.size * log.ticks.period_s)
+
+
+def _trace(log: Log, swing: Swing) -> Trace:
+    part = swing.fast_m[swing.first : swing.last]
+    window = np.hanning(part.size)
+    amplitude = 2 * np.abs(np.fft.rfft(part * window)) / window.sum()
+    return Trace(
+        time_s=log.time_s,
+        position_m=log.position_m,
+        fast_m=swing.fast_m,
+        envelope_m=swing.envelope_m,
+        force_n=-log.force_n,
+        frequency_hz=np.asarray(np.fft.rfftfreq(part.size, log.ticks.period_s), dtype=np.float64),
+        spectrum_m=np.asarray(amplitude),
+    )

@@ -1,0 +1,1 @@
+"""Signals that identify a device, played within limits."""

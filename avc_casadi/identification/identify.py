@@ -1,0 +1,360 @@
+"""Logs in, a device out: what they tell of it, how well, and what they cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import number
+from avc_casadi._util.units import told_in, units_for
+from avc_casadi.files.device_file import DeviceFile
+from avc_casadi.files.rotary_keys import power_at_handle
+from avc_casadi.identification.against_base import check_against, differs_from, leans_on
+from avc_casadi.identification.alike import unlike_notes
+from avc_casadi.identification.closed_loop import autocorrelation, feeds_back
+from avc_casadi.identification.cut import cut_notes
+from avc_casadi.identification.device import device_file, states
+from avc_casadi.identification.encoder import encoder_step_m
+from avc_casadi.identification.estimates import estimates_of, widened
+from avc_casadi.identification.finer import finer
+from avc_casadi.identification.fit import Fit, Window, judged, slowest_observer
+from avc_casadi.identification.frequency import measured_response, model_response
+from avc_casadi.identification.model import Identification, Refusal, Shown
+from avc_casadi.identification.only_feedback import only_feedback, refused_beside
+from avc_casadi.identification.play import EVENLY
+from avc_casadi.identification.predictor import Observer, Predictor
+from avc_casadi.identification.read import read_logs
+from avc_casadi.identification.record import Record, shortened
+from avc_casadi.identification.refuse import EXCITATION, cannot_tell, never_told, not_of_one_kind, refusals, vague_terms
+from avc_casadi.identification.remarks import remarks
+from avc_casadi.identification.repeats import repeat_notes, repeats_of
+from avc_casadi.identification.select import HIDDEN, select
+from avc_casadi.identification.selection import Selection, settled, without
+from avc_casadi.identification.share import SHARE, other_shares, share_assumed, share_refused, shared
+from avc_casadi.identification.spring_side import moved as beyond_side
+from avc_casadi.identification.start import cut_force_n, first_guess
+from avc_casadi.identification.terms import PARAMETERS, PLAY, TERMS, Structure
+from avc_casadi.identification.turned import known_at_handle, of_the_turn, radius_of
+from avc_casadi.identification.uncertainty import Spread, sensitivity, spread_of
+from avc_casadi.identification.units import Layout
+
+MOST_SAMPLES = 120_000
+_SHOWN_S = 1.5
+_SHOWN_RATE_PER_S = 4.0
+# Rates of the observers that would have found other values of a wrong model, as multiples of the best.
+_OTHER_OBSERVERS = (3.0, 0.4, 0.12)
+_LEAST_S = 1.0
+# A rigid device that explains less of the force says nothing of its sign.
+_FOLLOWS = 0.3
+# Masses at a handle that are no slip of a unit.
+_LIGHTEST_KG, _HEAVIEST_KG = 1e-3, 2e3
+
+
+def identify(
+    logs: Sequence[str | Path] | str | Path | Sequence[Record],
+    *,
+    layout: Layout | None = None,
+    base: DeviceFile | None = None,
+    known: Mapping[str, float] | None = None,
+    added_mass_kg: Sequence[float] = (),
+    encoder_at: str | None = None,
+    flip_force: bool = False,
+    handle_radius_m: float | None = None,
+    most_samples: int = MOST_SAMPLES,
+    progress: Progress = SILENT,
+) -> Identification:
+    """Identify a device from logs of time, position and commanded force.
+
+    Args:
+        logs: files, or records.
+        layout: columns and units of the files.
+        base: what is known of the device; what the logs do not tell is taken from it.
+        known: values that are not searched for, by key of a device file; of a device that turns inertia_kgm2 and
+            damping_nms_per_rad.
+        added_mass_kg: known mass on the device, one of each log.
+        encoder_at: "motor" or "handle"; None takes that of the base, or what the log bears out.
+        flip_force: whether the logs count the force against +position.
+        handle_radius_m: where the hand holds a device that turns, if not as the base says.
+        most_samples: longer records are cut to so many in all.
+        progress: who is told.
+
+    Raises:
+        InputError: every fault of the logs, or a mass that comes out negative or absurd.
+    """
+    records, notes = _records(logs, layout, added_mass_kg)
+    if encoder_at not in {None, "motor", "handle"}:
+        raise InputError.of(f"is {encoder_at!r}; allowed: motor, handle", key="encoder_at")
+    if flip_force:
+        records = [replace(record, force_n=-record.force_n) for record in records]
+    radius = radius_of(records, base, handle_radius_m)
+    with told_in(units_for("linear" if radius is None else "rotary")):
+        held = _checked(known or {}, radius)
+    if base is not None:
+        check_against(records, base)
+    if radius is None:
+        found = _identified(records, notes, base, held, encoder_at, 1.0, most_samples, progress)
+    else:
+        with told_in(units_for("rotary")):
+            at_handle = [record.at_handle(radius) for record in records]
+            held = known_at_handle(held, radius)
+            found = _identified(at_handle, notes, base, held, encoder_at, radius, most_samples, progress)
+        found = of_the_turn(found, radius)
+    if base is not None:
+        found = replace(found, notes=(*found.notes, *differs_from(found, base), *leans_on(found, base)))
+    return replace(found, device=device_file(found, base))
+
+
+def _identified(
+    records: Sequence[Record],
+    notes: list[str],
+    base: DeviceFile | None,
+    known: Mapping[str, float],
+    encoder_at: str | None,
+    radius_m: float,
+    most_samples: int,
+    progress: Progress,
+) -> Identification:
+    """Identify the device at its handle; numbers in messages are those of the turn."""
+    records, cut = shortened(records, most_samples)
+    notes += [cut] if cut else []
+    seconds = sum(record.seconds for record in records)
+    if seconds < _LEAST_S:
+        gaps = f"; {'; '.join(notes)}" if notes else ""
+        message = f"hold {number(seconds)} s in all; allowed: at least {_LEAST_S:g} s{gaps}"
+        raise InputError.of(message, key="logs")
+    step_m = encoder_step_m(records)
+    force_rms, travel = _sizes(records, step_m)
+    with progress.step("first guess"):
+        driven = only_feedback(records)
+        guess = _guess(records, force_rms, radius_m, pushed=driven is not None)
+    structure = _simplest(records, known, force_rms, travel, step_m)
+    if base is not None:
+        structure = replace(structure, loop_damping_ratio=base.device.amplifier_damping_ratio)
+    guess |= known
+    repeats = repeats_of(records, step_m)
+    window = Window.of([record.position_m.size for record in records], records[0].sample_time_s, repeats)
+    predictor = Predictor(records, float(records[0].position_m[0]))
+    response = measured_response(records)
+    if encoder_at is None and base is not None and base.device.resonance is not None:
+        encoder_at = base.device.encoder_at
+    sides = ("motor", "handle") if encoder_at is None else (encoder_at,)
+    with progress.step("model"):
+        chosen = select(predictor, guess, structure, response, window, sides, progress)
+    with progress.step("intervals"):
+        spread, refused = _told(predictor, chosen, window)
+        fit, share = chosen.fit, None
+        spread = replace(spread, beyond=beyond_side(fit))
+        if share_assumed(fit):
+            beyond, ends = other_shares(predictor, fit, window)
+            spread = replace(spread, beyond=beyond)
+            share = (fit.values[SHARE], *ends)
+            refused[SHARE] = share_refused(share[0], ends)
+    normal, collinear = sensitivity(fit)
+    inseparable = chosen.inseparable
+    if "coulomb" in inseparable:
+        key, why = "coulomb_friction_n", "the log bears it out, and does not tell it from damping and mass"
+        refused[key] = Refusal(key, f"{why}, whose intervals hold it", EXCITATION[key])
+    logs = tuple(dict.fromkeys(record.whole for record in records))
+    refused |= {} if driven is None else refused_beside([one.name for one in fit.structure.free])
+    notes += [] if driven else unlike_notes(fit, predictor, logs, radius_m)
+    estimates = estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m, logs)
+    lags = autocorrelation(fit.error_m)
+    absent = chosen.trials.keys() - set(fit.structure.terms)
+    refused |= never_told(fit, estimates, response.excited_hz, absent, inseparable, lags) | refused
+    feedback = feeds_back(records, fit.error_m)
+    notes += repeat_notes(records, repeats) + remarks(fit, lags, feedback, driven, estimates, radius_m)
+    names = tuple(one.name for one in fit.structure.free)
+    return Identification(
+        sources=tuple(dict.fromkeys(record.name for record in records)),
+        seconds=seconds,
+        records=len(records),
+        sample_time_s=records[0].sample_time_s,
+        terms=fit.structure.terms,
+        encoder_at=fit.structure.encoder_at if "resonance" in fit.structure.terms else "motor",
+        amplifier_order=fit.structure.amplifier_order if "amplifier" in fit.structure.terms else 1,
+        assumed_share=share,
+        estimates=estimates,
+        refused=tuple(_from(base, one) for one in refused.values()),
+        trials=tuple(chosen.trials.values()),
+        names=names,
+        correlation=spread.correlation,
+        sensitivity=normal,
+        collinearity=collinear,
+        spread_from=spread.source,
+        error_rms_m=fit.rms_m,
+        observer_rate_per_s=fit.observer.rate_per_s,
+        error_m=np.concatenate(fit.error_m),
+        feedback=feedback,
+        lags=lags,
+        notes=(*notes, *([] if driven else cut_notes(predictor, fit, window, radius_m))),
+        response=response,
+        modelled=model_response(fit.values, fit.structure, records[0].sample_time_s, response.frequency_hz),
+        shown=_shown(records, fit),
+        device=None,
+    )
+
+
+def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, float]:
+    """Return the change of the force and the travel; refuse logs that tell nothing."""
+    changes = np.concatenate([record.force_n - record.force_n.mean() for record in records])
+    force = float(np.sqrt(np.mean(changes**2)))
+    travel = max(float(np.ptp(record.position_m)) for record in records)
+    places = max(np.unique(record.position_m).size for record in records)
+    nothing = cannot_tell(force, travel / step_m if step_m else float(places))
+    if nothing:
+        raise InputError.of("; ".join(f"{one.why}; allowed: {one.excitation}" for one in nothing), key="logs")
+    sizes = [record.position_m.size for record in records]
+    skip = Window.of(sizes, records[0].sample_time_s).skip
+    if not any(np.ptp(record.position_m[skip:]) for record in records):
+        start = number(skip * records[0].sample_time_s)
+        message = f"move in the first {start} s only, which the model needs to begin, and stand still after; allowed: "
+        raise InputError.of(message + "motion that goes on (a multisine, as avc excite plays one)", key="logs")
+    return force, travel
+
+
+def _guess(records: Sequence[Record], force_rms: float, radius_m: float, *, pushed: bool) -> dict[str, float]:
+    """Return values to start from; refuse a force that points the other way or is cut, and units that cannot be.
+
+    A device that a hand pushes follows no force at all.
+    """
+    guess, explained = first_guess(records)
+    mass = guess["mass_kg"]
+    size = radius_m**2
+    if mass < 0 and abs(mass) > 1e-4 * force_rms:
+        why, allowed = "force and position point against each other", "force along +position, or --flip-force"
+        if explained < _FOLLOWS:
+            why = f"the motion hardly follows the force ({number(100 * max(explained, 0.0), 2)} % of it explained)"
+            allowed = "a multisine with several times the force, free of contact; is it the force that acts, in time?"
+        raise InputError.of(f"give a mass of {number(mass * size)} kg: {why}; allowed: {allowed}", key="logs")
+    if not _LIGHTEST_KG <= mass <= _HEAVIEST_KG:
+        raise InputError.of(
+            f"give a mass of {number(mass * size)} kg; allowed: {number(_LIGHTEST_KG * size)} to "
+            f"{number(_HEAVIEST_KG * size)} kg; are the units of position and force right?",
+            key="logs",
+        )
+    limit = None if pushed else cut_force_n(records, guess["delay_samples"])
+    if limit is not None:
+        largest = max(float(np.abs(record.force_n).max()) for record in records)
+        message = (
+            f"asks for up to {number(largest, 3)} N, and the device follows it up to about {number(limit, 2)} N: what "
+            "acts is then not what is logged; allowed: a log below that force, or the force as the amplifier gives it"
+        )
+        raise InputError([Fault(records[0].name, None, "force", message)])
+    return {**guess, "force_scale": 1.0}
+
+
+def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spread, dict[str, Refusal]]:
+    """Return the uncertainty and what is refused; terms that are not told leave the model, which is fitted again."""
+    while True:
+        fit = chosen.fit
+        spread = spread_of(fit, _beside(predictor, fit, window))
+        refused = refusals(fit, spread, sensitivity(fit)[0])
+        if SHARE in refused:
+            chosen.fit = settled(predictor, shared(predictor, fit, window, 1e-6), window)
+            continue
+        halves = widened(fit, spread, chosen.rivals, chosen.inseparable)
+        refused |= not_of_one_kind(fit, halves)
+        vague = vague_terms(fit, halves, refused)
+        if fit.hides_play:
+            without(predictor, chosen, "play", HIDDEN, window)
+        elif vague:
+            without(predictor, chosen, vague[0], "is not told well enough to stand in a model", window)
+        else:
+            chosen.fit, spread = finer(predictor, fit, spread, window)
+            return spread, refused
+
+
+def _beside(predictor: Predictor, fit: Fit, window: Window) -> list[Fit]:
+    """Return what faster and slower observers say at the same point, and play that is taken up otherwise."""
+    rate, slowest, fastest = fit.observer.rate_per_s, slowest_observer(predictor), 1 / predictor.sample_time_s
+    rates = {min(max(rate * by, slowest), fastest) for by in _OTHER_OBSERVERS} - {rate}
+    found = [judged(predictor, fit.structure, fit.search, Observer(other), window) for other in sorted(rates)]
+    if fit.structure.present(PLAY):
+        evenly = predictor.of(predictor.records, EVENLY)
+        found.append(judged(evenly, fit.structure, fit.search, fit.observer, window))
+    return found
+
+
+def _records(
+    logs: Sequence[str | Path] | str | Path | Sequence[Record], layout: Layout | None, added: Sequence[float]
+) -> tuple[list[Record], list[str]]:
+    if isinstance(logs, str | Path):
+        logs = [logs]
+    given = [one for one in logs if isinstance(one, Record)]
+    if given:
+        return given, []
+    paths = [one for one in logs if isinstance(one, str | Path)]
+    if not paths:
+        raise InputError.of("are none; allowed: at least one log", key="logs")
+    return read_logs(paths, layout, added)
+
+
+def _checked(known: Mapping[str, float], radius_m: float | None = None) -> dict[str, float]:
+    """Return the values by the keys used inside; a device that turns has a radius and keys of its own."""
+    units = units_for("linear" if radius_m is None else "rotary")
+    inner = {units.key(one.name): one.name for one in TERMS["base"].parameters}
+    if not set(known) <= set(inner):
+        # Not quoted: what is said of a device that turns would come out in its words.
+        raise InputError.of(
+            f"names what a device that moves like this has not; allowed: {', '.join(inner)}", key="known"
+        )
+    for key, value in known.items():
+        one, size = PARAMETERS[inner[key]], (radius_m or 1.0) ** -power_at_handle(inner[key])
+        low, high = one.lowest * size, one.highest * size
+        if not low <= value <= high:
+            raise InputError.of(f"has {key} = {value:g}; allowed: {low:g} to {high:g}", key="known")
+    return {inner[key]: float(value) for key, value in known.items()}
+
+
+def _simplest(
+    records: Sequence[Record], known: Mapping[str, float], force: float, travel: float, step_m: float | None
+) -> Structure:
+    """Return the structure to begin with; the force has a scale where a known mass tells it."""
+    speed = max(
+        float(np.std(np.diff(record.position_m[:: max(1, int(0.01 / record.sample_time_s))])))
+        / (max(1, int(0.01 / record.sample_time_s)) * record.sample_time_s)
+        for record in records
+    )
+    seconds = max(record.begins_s + record.seconds for record in records)
+    units = {
+        "damping_ns_per_m": force / speed,
+        "damping_asymmetry_ns_per_m": force / speed,
+        "offset_n": force,
+        "coulomb_friction_n": force,
+        "breakaway_excess_n": force,
+        "offset_drift_n_per_s": force / seconds,
+        "stiffness_n_per_m": force / travel,
+        "speed_m_per_s": speed,
+        PLAY: step_m or 1e-3 * travel,
+    }
+    scaled = "mass_kg" in known or len({record.added_mass_kg for record in records}) > 1
+    logs = len({record.whole for record in records})
+    return Structure(("base", "scale") if scaled else ("base",), known, units, logs=logs)
+
+
+def _from(base: DeviceFile | None, refused: Refusal) -> Refusal:
+    """Say where a value comes from all the same."""
+    if base is None or not states(base, refused.key):
+        return refused
+    return replace(refused, why=f"{refused.why}; the value of {base.name} is written")
+
+
+def _shown(records: Sequence[Record], fit: Fit) -> tuple[Shown, ...]:
+    """Return stretches of the longest records in which the model runs all but freely."""
+    found = []
+    logs = tuple(dict.fromkeys(record.whole for record in records))
+    for record in sorted(records, key=lambda one: -one.seconds)[:2]:
+        free = Predictor([record], float(records[0].position_m[0]), logs)
+        error = free.predict(fit.structure, fit.search, Observer(_SHOWN_RATE_PER_S), slopes=False)[0].error_m
+        size = min(record.position_m.size // 2, int(_SHOWN_S / record.sample_time_s))
+        first = record.position_m.size - size - size // 4
+        part = slice(first, first + size)
+        time = np.asarray(np.arange(first, first + size) * record.sample_time_s, dtype=np.float64)
+        position = record.position_m[part]
+        found.append(Shown(record.name, time, position, position - error[part], record.force_n[part]))
+    return tuple(found)

@@ -1,0 +1,277 @@
+"""The linear part of the loop from sample to sample, and its derivatives: the project's own sampled plant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.identification.terms import LINEAR, LOOP_RATIO, Structure
+from avc_casadi.model.device import Device, Resonance
+from avc_casadi.model.plant import GROUND, LinearPlant, Plant, Transition, transitions
+from avc_casadi.model.sampled_plant import SampledPlant, device_plant, sampled_plant
+
+# Relative steps of the central differences that give the derivatives of a few matrix entries: their error is 1e-9.
+_STEP = 1e-4
+_DELAY_STEP = 2e-3
+
+# The force of a fractional delay comes from two samples; a derivative stays between the same two.
+TAPS = 2
+# Parts of a sample in which dry friction looks at the velocity, where an amplifier bends it.
+PARTS = 8
+
+
+@dataclass(frozen=True)
+class _Spring:
+    """What holds the device, as the loop knows it: a spring from the grip to the ground."""
+
+    stiffness_n_per_m: float
+
+    def mechanics(self, plant: Plant) -> None:
+        plant.join(plant.grip, GROUND, self.stiffness_n_per_m, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearStep:
+    """x(k+1) = A x(k) + sum over j of B[:, j] F(k - taps[j]) + g f: F along +x, f the mean of a force on the motor.
+
+    Attributes:
+        matrix: A, shape (n, n).
+        force: B, shape (n, taps).
+        motor: g, shape (n,).
+        early: the velocity of the motor inside the sample, when the newer force arrives and wherever else dry friction
+            looks at it, by x, by the forces and by f, shape (cuts, n + taps + 1).
+        taps: delays j in samples.
+        measured: index of the measured position.
+        names: of the states.
+    """
+
+    matrix: FloatArray
+    force: FloatArray
+    motor: FloatArray
+    early: FloatArray
+    taps: tuple[int, ...]
+    measured: int
+    names: tuple[str, ...]
+
+    def flat(self) -> FloatArray:
+        """Return all entries in one vector, columns first."""
+        return np.concatenate(
+            [self.matrix.ravel(order="F"), self.force.ravel(order="F"), self.motor, self.early.ravel()]
+        )
+
+
+def entries_of(states: int, cuts: int) -> int:
+    """Return the number of entries of a step of n states, as `LinearStep.flat` lists them."""
+    return states * (states + TAPS + 1) + cuts * (states + TAPS + 1)
+
+
+def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: float) -> Device:
+    """Return the device at some values of the parameters."""
+    delay = values["delay_samples"]
+    frequency = values["resonance.frequency_hz"]
+    bandwidth = values["amplifier_bandwidth_hz"]
+    return Device(
+        mass_kg=values["mass_kg"],
+        damping_ns_per_m=max(values["damping_ns_per_m"], 0.0) if values["damping_ns_per_m"] > 1e-9 else 0.0,
+        sample_time_s=sample_time_s,
+        delay_samples=delay if delay > 1e-3 else 0.0,
+        amplifier_bandwidth_hz=None if math.isnan(bandwidth) else bandwidth,
+        amplifier_order=structure.amplifier_order,
+        amplifier_damping_ratio=values[LOOP_RATIO],
+        resonance=None
+        if math.isnan(frequency)
+        else Resonance(
+            frequency_hz=frequency,
+            damping_ratio=values["resonance.damping_ratio"],
+            mass_ratio=values["resonance.mass_ratio"],
+        ),
+        encoder_at=structure.encoder_at,
+    )
+
+
+def linear_step(
+    values: Mapping[str, float],
+    structure: Structure,
+    sample_time_s: float,
+    taps: tuple[int, ...],
+    *,
+    parts: int = PARTS,
+) -> LinearStep:
+    """Discretise exactly.
+
+    Args:
+        values: of every parameter.
+        structure: which terms there are.
+        sample_time_s: T.
+        taps: delays to give columns of.
+        parts: of a sample in which dry friction looks at the velocity where an amplifier bends it; 0: it never looks.
+    """
+    return linear_steps([values], structure, sample_time_s, taps, parts=parts)[0]
+
+
+def linear_steps(
+    several: Sequence[Mapping[str, float]],
+    structure: Structure,
+    sample_time_s: float,
+    taps: tuple[int, ...],
+    *,
+    parts: int = PARTS,
+    near: Mapping[str, float] | None = None,
+) -> list[LinearStep]:
+    """Do the same for several values in one go, with dry friction looking where it does at near ones, if there are."""
+    devices = [device_of(values, structure, sample_time_s) for values in several]
+    springs = [values["stiffness_n_per_m"] if structure.present("stiffness_n_per_m") else None for values in several]
+    sampled: dict[int, tuple[SampledPlant, int]] = {}
+    for spring in dict.fromkeys(springs):
+        mine = [place for place, one in enumerate(springs) if one == spring]
+        made = sampled_plant([devices[place] for place in mine], None if spring is None else _Spring(spring))
+        sampled |= {place: (made, row) for row, place in enumerate(mine)}
+    plants = [
+        device_plant(device, None if spring is None else _Spring(spring)).linear()
+        for device, spring in zip(devices, springs, strict=True)
+    ]
+    late_s = [(device.delay_samples - int(device.delay_samples)) * sample_time_s for device in devices]
+    cuts = [_cuts(one, near or one, sample_time_s, parts) for one in several]
+    motor, early = _inside(plants, late_s, sample_time_s, cuts)
+    found = []
+    for place, (values, plant) in enumerate(zip(several, plants, strict=True)):
+        made, row = sampled[place]
+        whole = int(made.whole_delay[row])
+        columns = {whole: -made.new[row, 0], whole + 1: -made.old[row, 0]}
+        force = np.stack([columns.get(tap, np.zeros(plant.states)) for tap in taps], axis=1) * values["force_scale"]
+        inside = np.zeros((len(early[place]), plant.states + len(taps) + 1))
+        inside[:, : plant.states] = early[place][:, : plant.states]
+        # Forces are positive against +x in the loop.
+        for tap, column in ((whole + 1, plant.states), (whole, plant.states + 1)):
+            if tap in taps:
+                inside[:, plant.states + taps.index(tap)] = -early[place][:, column] * values["force_scale"]
+        inside[:, -1] = -early[place][:, -1]
+        found.append(
+            LinearStep(
+                matrix=made.matrix[row, 0],
+                force=force,
+                motor=-motor[place],
+                early=inside,
+                taps=taps,
+                measured=int(np.argmax(made.measured)),
+                names=plant.names,
+            )
+        )
+    return found
+
+
+def _cuts(values: Mapping[str, float], near: Mapping[str, float], period: float, parts: int) -> list[float]:
+    """Return when dry friction looks at the velocity inside a sample: when the newer force arrives, s.
+
+    After that an amplifier bends it, the more the sooner: there it looks more often, so that of each part the same is
+    left out. What is beyond the sample lies in the next one; which those are, and their order, is as at near values:
+    where one came to lie on the other side, all rows would change places, and a difference be no derivative.
+    """
+    if math.isnan(values["amplifier_bandwidth_hz"]):
+        return [_samples_late(values) * period] if parts else []
+    before = _looks(near, period, parts)
+    places = _looks(values, period, parts) - np.floor(before)
+    return [period * min(max(float(place), 0.0), 1.0) for place in places[np.argsort(before % 1.0)]]
+
+
+def _looks(values: Mapping[str, float], period: float, parts: int) -> FloatArray:
+    """Return the same in samples, without regard to where the sample ends."""
+    turn = math.pi * values["amplifier_bandwidth_hz"] * period
+    after = -np.log1p(np.arange(parts) / parts * math.expm1(-turn)) / turn
+    return np.asarray(_samples_late(values) + after)
+
+
+def _samples_late(values: Mapping[str, float]) -> float:
+    """Return the part of a sample after which the newer force arrives."""
+    delay = values["delay_samples"]
+    return delay - int(delay)
+
+
+def _inside(
+    plants: Sequence[LinearPlant], late_s: Sequence[float], period: float, cuts: Sequence[Sequence[float]]
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return what a force on the motor does over a sample, and the motor's velocity at the cuts of the sample.
+
+    Args:
+        plants: driven by the force.
+        late_s: when the newer force arrives.
+        period: T.
+        cuts: of each plant's sample, s, as many for all.
+
+    Returns:
+        Of each plant (n,), and by x, the older and the newer force and by f (cuts, n + 3).
+    """
+    asked = {(place, True, period): 0 for place in range(len(plants))}
+    for place, (mine, late) in enumerate(zip(cuts, late_s, strict=True)):
+        for time in mine:
+            wanted = ((True, time), (False, min(time, late)), (False, time - late))
+            asked |= {(place, rubs, t): 0 for rubs, t in wanted if t > 0}
+    rubbed = [replace(plant, force=plant.friction) for plant in plants]
+    every = transitions([((rubbed if rubs else plants)[place], time) for place, rubs, time in asked])
+    moves = dict(zip(asked, every, strict=True))
+    early = []
+    for place, (mine, late, plant) in enumerate(zip(cuts, late_s, plants, strict=True)):
+        size = plant.states
+        lines = np.zeros((len(mine), size + 3))
+        for line, time in zip(lines, mine, strict=True):
+            line[:size] = np.eye(size)[1]
+            first = moves.get((place, False, min(time, late)))
+            if first is not None:
+                line[: size + 1] = _row(first, size)
+            if time > late:
+                second = _row(moves[place, False, time - late], size)
+                line[: size + 2] = [*second[:size], 0.0, second[size]]
+                if first is not None:
+                    line[:size] = second[:size] @ first.matrix.reshape(size, size)
+                    line[size] = second[:size] @ first.force.reshape(-1)
+            if time > 0:
+                line[size + 2] = _row(moves[place, True, time], size)[size]
+        early.append(lines)
+    return [moves[place, True, period].force.reshape(-1) for place in range(len(plants))], early
+
+
+def _row(move: Transition, size: int) -> FloatArray:
+    """Return how the motor's velocity follows from the state and a force."""
+    return np.append(move.matrix.reshape(size, size)[1], move.force.reshape(-1)[1])
+
+
+def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:
+    """Return the delays that a force may come from at some values."""
+    whole = int(values["delay_samples"])
+    return tuple(range(whole, whole + TAPS))
+
+
+def linear_derivatives(
+    values: Mapping[str, float], structure: Structure, sample_time_s: float, taps: tuple[int, ...], parts: int
+) -> FloatArray:
+    """Return the derivative of every entry of the step, in so many parts, by the free linear parameters.
+
+    Returns:
+        Shape (entries, parameters), in the order of `structure.free` without those of friction.
+    """
+    cases: list[Mapping[str, float]] = []
+    weights: list[tuple[float, ...]] = []
+    places: tuple[float, ...]
+    weighed: tuple[float, ...]
+    for one in structure.free:
+        if one.name not in LINEAR:
+            continue
+        value = values[one.name]
+        if one.name == "delay_samples":
+            # Inside its whole sample, where every entry is smooth.
+            step = _DELAY_STEP if value - int(value) < 0.5 else -_DELAY_STEP
+            places, weighed = (value, value + step, value + 2 * step), (-1.5, 2.0, -0.5)
+        else:
+            step = _STEP * max(abs(value), structure.units.get(one.name, 0.0))
+            low = max(value - step, one.lowest) if one.kind == "linear" else value - step
+            step = value + step - low
+            places, weighed = (low, low + step), (-1.0, 1.0)
+        cases += [{**values, one.name: at} for at in places]
+        weights.append(tuple(weight / step for weight in weighed))
+    steps = linear_steps(cases, structure, sample_time_s, taps, parts=parts, near=values)
+    entries = iter([made.flat() for made in steps])
+    return np.stack([sum(weight * next(entries) for weight in some) for some in weights], axis=1)

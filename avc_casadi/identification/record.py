@@ -1,0 +1,311 @@
+"""A record of a device: position and commanded force at equal times, cut where ticks are missing."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avc_casadi._errors import Fault
+from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.text import number
+from avc_casadi._util.units import MotionKind
+from avc_casadi.identification.lost import left_out, wrapped
+
+# A step of time may differ from the usual one by this share of it; a longer one is a gap.
+_JITTER = 0.25
+# Places that are told of the same fault.
+_TOLD = 3
+_TWICE = "; of a row that is written twice, leave one out"
+_SHORTEST = 200
+# A piece shorter than this share of the longest would have every record judged from too early on.
+_SHORT = 0.1
+# Pieces of these lengths are worth more than shorter ones, where they hold so much of the log.
+_PIECES_S = (1.0, 0.5, 0.4, 0.3)
+_ENOUGH_S, _ENOUGH = 2.0, 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Samples of one uninterrupted record; of a device that turns in rad, N.m and kg.m2.
+
+    Attributes:
+        name: file, and which record of it.
+        sample_time_s: T.
+        position_m: measured position, shape (samples,).
+        force_n: commanded force along +position, held from this sample to the next, shape (samples,).
+        added_mass_kg: known mass on the device during the record.
+        motion: of the device.
+        begins_s: when it begins, from the first sample of its log on: what drifts goes on over a gap.
+        log: the log that it is a piece of; empty of a record that is one itself. A constant force is one of each log.
+    """
+
+    name: str
+    sample_time_s: float
+    position_m: FloatArray
+    force_n: FloatArray
+    added_mass_kg: float = 0.0
+    motion: MotionKind = "linear"
+    begins_s: float = 0.0
+    log: str = ""
+
+    @property
+    def whole(self) -> str:
+        """The log that it is a piece of, or its own name."""
+        return self.log or self.name
+
+    def at_handle(self, radius_m: float) -> Record:
+        """Return the record of a device that turns as that of a handle, which goes so far for each radian."""
+        return replace(
+            self,
+            position_m=self.position_m * radius_m,
+            force_n=self.force_n / radius_m,
+            added_mass_kg=self.added_mass_kg / radius_m**2,
+            motion="linear",
+        )
+
+    @property
+    def seconds(self) -> float:
+        """How long it lasts."""
+        return self.position_m.size * self.sample_time_s
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """What a file says, in SI units, before it is known to be a record.
+
+    Attributes:
+        file: its name.
+        time_s, position_m, force_n: shape (rows,).
+        line: line of each row in the file, shape (rows,), or None of a file without lines.
+        motion: of the device.
+        told: what was done to it, for its user to know.
+    """
+
+    file: str
+    time_s: FloatArray
+    position_m: FloatArray
+    force_n: FloatArray
+    line: Sequence[int] | None = None
+    motion: MotionKind = "linear"
+    told: tuple[str, ...] = ()
+
+    def at(self, row: int) -> int | None:
+        """Return the line of a row."""
+        return None if self.line is None else self.line[row]
+
+
+def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Record], list[Fault], list[str]]:
+    """Cut a log into records at its gaps, and find what is wrong with it.
+
+    Args:
+        columns: the log.
+        added_mass_kg: known mass on the device.
+
+    Returns:
+        Records, faults, and what the user should know.
+    """
+    backwards = backwards_of(columns)
+    before = columns.told
+    columns, told = left_out(columns)
+    told = [*before, *told]
+    faults = implausible(columns)
+    if columns.time_s.size < _SHORTEST:
+        return [], faults, []
+    faults += backwards
+    steps = np.diff(columns.time_s)
+    usual = float(np.median(steps))
+    if backwards or usual <= 0:
+        return [], faults, []
+    # Clocks are written with few digits: a step is compared with the mean of those about it.
+    gaps = np.flatnonzero(steps > (1.5 * usual))
+    uneven = np.abs(steps - usual) > _JITTER * usual
+    uneven[gaps] = False
+    if np.mean(uneven) > 0.01:
+        low, high = np.quantile(np.delete(steps, gaps), (0.005, 0.995))
+        message = (
+            f"steps from {number(low)} to {number(high)} s; allowed: equal steps (missing samples apart), with the "
+            "time of the tick and not that of writing it; or --sample-time, where the ticks themselves are even"
+        )
+        faults.append(Fault(columns.file, None, "time", message))
+    if faults:
+        return [], faults, []
+    edges = [0, *(int(gap) + 1 for gap in gaps), steps.size + 1]
+    whole = list(itertools.pairwise(edges))
+    sizes = np.array([b - a for a, b in whole])
+    shortest = max(_SHORTEST, _SHORT * sizes.max(), _worth(sizes, usual))
+    pieces = [(a, b) for a, b in whole if b - a >= shortest]
+    if gaps.size:
+        lost = columns.time_s.size - sum(b - a for a, b in pieces)
+        told.append(
+            f"{columns.file}: {gaps.size} gap{'' if gaps.size == 1 else 's'} in time; taken as {len(pieces)} "
+            f"record{'' if len(pieces) == 1 else 's'}"
+            + (f", {lost} samples in shorter pieces left out" if lost else "")
+        )
+    if not pieces:
+        message = (
+            f"has no {_SHORTEST} samples in a row without a gap; allowed: at least one such record; or --sample-time, "
+            "where no row is missing and the clock is written with too few digits"
+        )
+        return [], [Fault(columns.file, None, "time", message)], []
+    period = float(np.mean(np.delete(steps, gaps))) if gaps.size else float(steps.mean())
+    return (
+        [
+            Record(
+                columns.file if len(pieces) == 1 else f"{columns.file}#{index}",
+                _round(period),
+                columns.position_m[a:b],
+                columns.force_n[a:b],
+                added_mass_kg,
+                columns.motion,
+                float(columns.time_s[a] - columns.time_s[0]),
+                columns.file,
+            )
+            for index, (a, b) in enumerate(pieces, start=1)
+        ],
+        [],
+        told,
+    )
+
+
+def _worth(sizes: IndexArray, period_s: float) -> float:
+    """Return the samples of a piece below which it is left out, where enough is left.
+
+    The start of each has to be forgotten before it is judged: short pieces ask for an observer so fast that noise leans
+    what it finds.
+    """
+    seconds = sizes * period_s
+    enough = max(_ENOUGH_S, _ENOUGH * seconds.sum())
+    return next((least / period_s for least in _PIECES_S if seconds[seconds >= least].sum() >= enough), 0.0)
+
+
+def backwards_of(columns: Columns) -> list[Fault]:
+    """Return where the time of a log does not increase."""
+    there = np.flatnonzero(np.isfinite(columns.time_s))
+    backwards = np.flatnonzero(np.diff(columns.time_s[there]) <= 0)
+    faults = [
+        Fault(
+            columns.file,
+            columns.at(int(after)),
+            "time",
+            f"is {number(columns.time_s[after])} s after {number(columns.time_s[before])} s; allowed: increasing "
+            f"times{_TWICE if columns.time_s[after] == columns.time_s[before] else ', or one file for each record'}",
+        )
+        for before, after in zip(there[backwards[:_TOLD]], there[backwards[:_TOLD] + 1], strict=True)
+    ]
+    if backwards.size > _TOLD:
+        more = f"does not increase in {backwards.size - _TOLD} more places; allowed: increasing times"
+        faults.append(Fault(columns.file, None, "time", more))
+    return faults
+
+
+def faults_of_rows(file: str, key: str, rows: Sequence[tuple[int | None, str]], allowed: str) -> list[Fault]:
+    """Return the faults of one column: each where they are few, otherwise the first with how many more there are.
+
+    Args:
+        file: of the log.
+        key: the quantity.
+        rows: line, and what is wrong there.
+        allowed: what may stand there.
+    """
+    if len(rows) <= _TOLD:
+        return [Fault(file, line, key, f"{wrong}; allowed: {allowed}") for line, wrong in rows]
+    (line, wrong), (last, _) = rows[0], rows[-1]
+    until = "" if last is None else f", to line {last}"
+    return [Fault(file, line, key, f"{wrong}, with {len(rows) - 1} more such rows{until}; allowed: {allowed}")]
+
+
+def _round(period: float) -> float:
+    """Return a sample time of few digits where the clock means one."""
+    for digits in range(1, 5):
+        near = float(f"{period:.{digits}g}")
+        if abs(near - period) <= 2e-5 * period:
+            return near
+    return period
+
+
+# What a haptic device or a drive of a machine does; a slip of the unit is a factor of 1000.
+_LIKELY: Mapping[MotionKind, tuple[tuple[str, str, float, float, str], ...]] = {
+    "linear": (("position", "spans", 2e-6, 5.0, "m"), ("force", "reaches", 1e-3, 1e5, "N")),
+    "rotary": (("position", "spans", 1e-5, 1e3, "rad"), ("force", "reaches", 1e-5, 1e4, "N.m")),
+}
+
+
+def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
+    """Return what cannot be: numbers that are none, too few samples, magnitudes of another unit.
+
+    Args:
+        columns: the log.
+        idle: whether a device that stands still, or is commanded no force, is a log too.
+    """
+    faults = []
+    for key, values in (("time", columns.time_s), ("position", columns.position_m), ("force", columns.force_n)):
+        rows = [(columns.at(int(row)), f"is {values[row]}") for row in np.flatnonzero(~np.isfinite(values))]
+        faults += faults_of_rows(columns.file, key, rows, "a finite number")
+    if columns.time_s.size < _SHORTEST:
+        message = f"has {columns.time_s.size} samples; allowed: at least {_SHORTEST}"
+        return [*faults, Fault(columns.file, None, "", message)]
+    if faults:
+        return faults
+    jumps = wrapped(columns.position_m, columns.time_s)
+    if jumps.size:
+        far = number(abs(float(columns.position_m[jumps[0]] - columns.position_m[jumps[0] - 1])), 3)
+        often = "once" if jumps.size == 1 else f"{jumps.size} times"
+        message = f"jumps by {far} m from one sample to the next, {often}, the most of all it covers"
+        allowed = "a position without jumps; add the counter's range where it wraps around"
+        faults.append(Fault(columns.file, columns.at(int(jumps[0])), "position", f"{message}; allowed: {allowed}"))
+        return faults
+    step = float(np.median(np.diff(columns.time_s)))
+    if not 1e-5 <= step <= 0.05:
+        message = f"steps of {number(step)} s; allowed: 1e-5 to 0.05 s; is the unit right?"
+        faults.append(Fault(columns.file, None, "time", message))
+    sizes = {"position": np.ptp(columns.position_m), "force": np.abs(columns.force_n).max()}
+    for key, verb, low, high, unit in _LIKELY[columns.motion]:
+        size = float(sizes[key])
+        if size > high or (size < low and not idle):
+            what = "never changes" if key == "position" and size == 0 else "is 0 throughout" if size == 0 else ""
+            message = what or f"{verb} {number(size)} {unit}"
+            question = "" if size == 0 else "; is the unit right?"
+            if size == 0:
+                question = {
+                    "position": "; log a multisine with several times the force, more than dry friction holds",
+                    "force": "; without a force no mass is told: log a multisine, as avc excite plays one",
+                }[key]
+            faults.append(Fault(columns.file, None, key, f"{message}; allowed: {low:g} to {high:g} {unit}{question}"))
+    return faults
+
+
+def shortened(records: Sequence[Record], most_samples: int) -> tuple[list[Record], str]:
+    """Keep evenly spread pieces of long records.
+
+    Args:
+        records: of one device.
+        most_samples: to keep in all.
+
+    Returns:
+        Records, and what was left out, or nothing.
+    """
+    total = sum(record.position_m.size for record in records)
+    if total <= most_samples:
+        return list(records), ""
+    kept = []
+    for record in records:
+        size = record.position_m.size
+        pieces = max(1, min(8, size // 8000))
+        length = max(_SHORTEST, int(size * most_samples / total / pieces))
+        for index, start in enumerate(np.linspace(0, size - length, pieces).astype(int)):
+            part = slice(int(start), int(start) + length)
+            kept.append(
+                replace(
+                    record,
+                    name=f"{record.name}@{index + 1}",
+                    log=record.whole,
+                    position_m=record.position_m[part],
+                    force_n=record.force_n[part],
+                    begins_s=record.begins_s + float(start) * record.sample_time_s,
+                )
+            )
+    used = sum(record.position_m.size for record in kept)
+    return kept, f"of {total} samples {used} were used, in pieces spread evenly over the records"

@@ -1,0 +1,143 @@
+"""The model so far: its fit, what came of every term, and what replaces one that is none of the device's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from avc_casadi.identification.amplifier import (
+    A_LAG_FROM,
+    behind_a_structure,
+    damped_as_it_is,
+    in_place_of_a_resonance,
+    of_the_other_order,
+)
+from avc_casadi.identification.evidence import Trial, compared
+from avc_casadi.identification.fit import Fit, Window, best_observer, fit
+from avc_casadi.identification.mimic import MIMICS
+from avc_casadi.identification.predictor import Predictor
+from avc_casadi.identification.refuse import refusals, vague_terms
+from avc_casadi.identification.terms import LOOP_DAMPING, LOOP_RATIO
+from avc_casadi.identification.uncertainty import sensitivity, spread_of
+
+
+@dataclass
+class Selection:
+    """A model and how it came about.
+
+    Attributes:
+        fit: the model at its best.
+        trials: of every term, the last of each.
+        rivals: the fit of each term that was tried in full and not taken.
+        mimic: a resonance beyond the excited frequencies that did as well as the amplifier when that was taken.
+        rough_m: error of the best rough fit of each term that was tried last.
+    """
+
+    fit: Fit
+    trials: dict[str, Trial] = field(default_factory=dict)
+    rivals: dict[str, Fit] = field(default_factory=dict)
+    mimic: Fit | None = None
+    rough_m: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def inseparable(self) -> set[str]:
+        """Terms that are borne out and not told from the rest of the model."""
+        return {term for term, trial in self.trials.items() if trial.inseparable}
+
+    def not_told(self, lagging: Fit, ringing: Fit) -> None:
+        """Write down that an amplifier and a resonance do the same."""
+        for term, found in (("amplifier", lagging), ("resonance", ringing)):
+            self.rivals[term] = found
+            self.trials[term] = replace(self.trials[term], taken=False, why=MIMICS[term], inseparable=True)
+
+
+def settled(predictor: Predictor, found: Fit, window: Window) -> Fit:
+    """Fit once more, closely, under the observer that the model asks for.
+
+    Args:
+        predictor: of the records.
+        found: the model.
+        window: of the fit.
+    """
+    observer = best_observer(predictor, found, window)
+    return fit(predictor, found.structure, found.values, observer, window, tolerance=1e-10)
+
+
+def without(predictor: Predictor, chosen: Selection, term: str, why: str, window: Window) -> None:
+    """Take a term out of the model and fit again.
+
+    Args:
+        predictor: of the records.
+        chosen: the model.
+        term: what goes.
+        why: in words.
+        window: of the fit.
+    """
+    found = chosen.fit
+    chosen.rivals[term] = found
+    chosen.trials[term] = replace(chosen.trials[term], taken=False, why=why)
+    simpler = fit(predictor, found.structure.less(term), found.values, found.observer, window, tolerance=1e-6)
+    chosen.fit = settled(predictor, simpler, window)
+
+
+def no_false_resonance(predictor: Predictor, chosen: Selection, window: Window) -> bool:
+    """Take a current loop in place of a resonance that no structure has, where that does as well; say whether it does.
+
+    Args:
+        predictor: of the records.
+        chosen: the model, with a resonance.
+        window: of the fits.
+    """
+    ringing = chosen.fit
+    spread = spread_of(ringing, ())
+    vague = vague_terms(ringing, spread.half_width.tolist(), refusals(ringing, spread, sensitivity(ringing)[0]))
+    loop = in_place_of_a_resonance(predictor, ringing, window, doubted="resonance" in vague)
+    if loop is None:
+        return False
+    chosen.fit = settled(predictor, loop, window)
+    found = compared(ringing, loop, "amplifier")
+    why = "a current loop does as well"
+    chosen.trials["resonance"] = replace(chosen.trials["resonance"], taken=False, why=why)
+    for term in ("amplifier", LOOP_DAMPING):
+        chosen.trials[term] = replace(found, term=term, taken=True, why="in place of a resonance that is none")
+    return True
+
+
+def no_false_loop(predictor: Predictor, chosen: Selection, window: Window) -> bool:
+    """Take a resonance before an encoder at the handle in place of a current loop, where that does better.
+
+    Args:
+        predictor: of the records.
+        chosen: the model.
+        window: of the fits.
+    """
+    loop = chosen.fit
+    ringing = None if LOOP_DAMPING not in loop.structure.terms else behind_a_structure(predictor, loop, window)
+    if ringing is None:
+        return False
+    chosen.fit = settled(predictor, ringing, window)
+    chosen.trials["resonance"] = compared(loop, ringing, "resonance")
+    for term in ("amplifier", LOOP_DAMPING):
+        chosen.trials[term] = replace(chosen.trials[term], taken=False, why="a resonance does better in its place")
+    return True
+
+
+def told_by_its_kind(predictor: Predictor, chosen: Selection, window: Window) -> None:
+    """Set an amplifier of the first order and one of the second apart, and those of other damping ratios.
+
+    Args:
+        predictor: of the records.
+        chosen: the model, with an amplifier.
+        window: of the fits.
+    """
+    if LOOP_DAMPING in chosen.fit.structure.terms:
+        return
+    other = of_the_other_order(predictor, chosen.fit, window)
+    if compared(chosen.fit, other, "amplifier").taken:
+        chosen.fit = settled(predictor, other, window)
+    else:
+        chosen.rivals["amplifier"] = other
+    chosen.trials[LOOP_DAMPING], free = damped_as_it_is(predictor, chosen.fit, window)
+    if chosen.trials[LOOP_DAMPING].taken:
+        chosen.fit = settled(predictor, free, window)
+    elif chosen.fit.structure.amplifier_order == 2 or free.values[LOOP_RATIO] < A_LAG_FROM:
+        chosen.rivals[LOOP_DAMPING] = free

@@ -1,0 +1,190 @@
+"""How well each number is known: from stretches and records, not from the size of the error alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.identification.fit import Fit
+from avc_casadi.identification.terms import LOOP_RATIO, PLAY, lag_of
+
+LEVEL = 0.95
+_DRAWS = 500
+_SEED = 20
+# Fewer records than this say little of how records differ.
+_ENOUGH_RECORDS = 3
+# The mean over a sample of what bends and of what decays evenly differ by a twelfth of the bend, as Simpson's rule
+# tells; friction changes by twice its level where the motor turns.
+_BENT = 6.0
+# The least that the model leaves out where what rings inside a sample tells a number, or an amplifier's lag does: what
+# errors against a simulation in steps of 1/200 sample ask for.
+_LEAST = {
+    "resonance.frequency_hz": 1e-3,
+    "resonance.damping_ratio": 3e-2,
+    "resonance.mass_ratio": 4e-2,
+    "amplifier_bandwidth_hz": 1e-2,
+    LOOP_RATIO: 1e-2,
+}
+# Share to which the clock of a log is known, and with it every number.
+_CLOCK = 1e-5
+# When play is taken up is known to half a sample.
+_TAKEN_UP = 0.5
+_IN_PROPORTION = ("damping_ns_per_m", "coulomb_friction_n", "stiffness_n_per_m")
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Uncertainty of the coordinates of a fit.
+
+    Attributes:
+        covariance: shape (free, free).
+        half_width: of the stated interval, shape (free,).
+        correlation: shape (free, free).
+        degrees: of freedom of the t distribution.
+        source: in words.
+        beyond: how far what is assumed may have moved the estimate down and up, shape (2, free).
+    """
+
+    covariance: FloatArray
+    half_width: FloatArray
+    correlation: FloatArray
+    degrees: int
+    source: str
+    beyond: FloatArray
+
+
+def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
+    """Return the uncertainty of a fit.
+
+    Blocks are drawn anew with replacement, and each draw moves the estimate by a Gauss-Newton step; from three records
+    on, the spread between records is taken where it is larger. What other observers would have found is added where it
+    is more than chance: there the disturbance, or the model, is not what it is taken for. So is what the model leaves
+    out inside a sample.
+
+    Args:
+        fit: at its best.
+        others: the same point under faster and slower observers.
+    """
+    gradients = np.array([block.gradient for block in fit.blocks])
+    curvatures = np.array([block.curvature for block in fit.blocks])
+    whole = curvatures.sum(axis=0)
+    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    free, count = scale.size, len(fit.blocks)
+    random = np.random.default_rng(_SEED)
+    # At a bound the gradient does not vanish; it says nothing of the spread.
+    gradients = gradients - gradients.mean(axis=0)
+    moves = []
+    for _ in range(_DRAWS):
+        drawn = random.integers(0, count, count)
+        curvature = curvatures[drawn].sum(axis=0) / scale / scale[:, None]
+        moves.append(-np.linalg.lstsq(curvature, gradients[drawn].sum(axis=0) / scale, rcond=1e-12)[0] / scale)
+    covariance = np.atleast_2d(np.cov(np.array(moves).T)) * count / max(1, count - 1)
+    repeats = ", each with its repeats" if fit.repeated else ""
+    degrees, source = max(1, count - 1), f"{count} stretches drawn anew{repeats}"
+    records = sorted({block.record for block in fit.blocks})
+    if len(records) >= _ENOUGH_RECORDS:
+        each = []
+        for record in records:
+            mine = [index for index, block in enumerate(fit.blocks) if block.record == record]
+            each.append(gradients[mine].sum(axis=0))
+        inverse = np.linalg.pinv(whole / scale / scale[:, None], rcond=1e-12) / scale / scale[:, None]
+        between = inverse @ (np.cov(np.array(each).T).reshape(free, free) * len(records)) @ inverse
+        if scale @ (np.diag(between) * scale) > scale @ (np.diag(covariance) * scale):
+            covariance, degrees = between, len(records) - 1
+            source = f"differences between {len(records)} records"
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    bias = np.max([_beyond_chance(fit, other) for other in others], axis=0) if others else np.zeros(free)
+    half = stats.t.ppf(0.5 + LEVEL / 2, degrees) * deviation
+    outer = np.outer(deviation, deviation)
+    correlation = np.divide(covariance, outer, out=np.eye(free), where=outer > 0)
+    half = half + bias + _inside_a_sample(fit) + _by_the_clock(fit)
+    return Spread(covariance, half, correlation, degrees, source, np.zeros((2, free)))
+
+
+def _inside_a_sample(fit: Fit) -> FloatArray:
+    """Return how far the model's own samples may move each coordinate, shape (free,).
+
+    The linear part is exact. Dry friction takes a velocity to decay evenly over a sample: of damping that leaves out
+    the second order, of a resonance the first. It matters in samples in which the motor turns, and as friction weighs
+    beside the force. Without friction, and as the sample time falls, nothing is left of it. What an amplifier's lag
+    gains a delay loses.
+    """
+    values, period = fit.values, fit.sample_time_s
+    dry = (values["coulomb_friction_n"] + values["breakaway_excess_n"]) / fit.structure.units["coulomb_friction_n"]
+    angle = 0.0
+    if fit.structure.present("resonance.frequency_hz"):
+        angle = 2 * np.pi * values["resonance.frequency_hz"] * period
+    bend = (values["damping_ns_per_m"] / values["mass_kg"] * period) ** 2 + angle**2
+    share = fit.turning * dry * bend / _BENT
+    # A pole and a zero move by this share of their distance from the origin.
+    moved = {
+        "mass_kg": share,
+        "delay_samples": share / angle if angle else share,
+        "resonance.frequency_hz": share,
+        "resonance.damping_ratio": share / values["resonance.damping_ratio"],
+        "resonance.mass_ratio": 4 * share / values["resonance.mass_ratio"],
+    }
+    if fit.structure.present("amplifier_bandwidth_hz"):
+        order, ratio = fit.structure.amplifier_order, values[LOOP_RATIO]
+        lag = lag_of(order, ratio) / (2 * np.pi * values["amplifier_bandwidth_hz"] * period)
+        moved["delay_samples"] += lag * sum(
+            _LEAST[key] for key in ("amplifier_bandwidth_hz", LOOP_RATIO) if fit.structure.present(key)
+        )
+    if fit.structure.present(PLAY):
+        # Where play begins and ends is known to what encoder and noise leave, and when to a part of a sample.
+        moved["delay_samples"] += _TAKEN_UP * fit.taking_up
+        moved[PLAY] = math.sqrt(fit.noise_share) * fit.rms_m / fit.structure.units[PLAY]
+    return np.array(
+        [
+            share * abs(q) if one.name in _IN_PROPORTION else max(moved.get(one.name, 0.0), _LEAST.get(one.name, 0.0))
+            for one, q in zip(fit.structure.free, fit.search, strict=True)
+        ]
+    )
+
+
+def _by_the_clock(fit: Fit) -> FloatArray:
+    """Return how far the clock of the log may move each coordinate, shape (free,)."""
+    pairs = zip(fit.structure.free, fit.search, strict=True)
+    return np.array([_CLOCK * (1.0 if one.kind == "log" else abs(q)) for one, q in pairs])
+
+
+def _beyond_chance(fit: Fit, other: Fit) -> FloatArray:
+    """Return how far another observer moves the estimate, less what chance moves it."""
+    low, high = fit.structure.bounds()
+    # Each block's share of the two steps; their difference block by block is what chance makes of the shift.
+    moves = moves_of(other) - moves_of(fit)
+    shift = np.clip(fit.search + moves.sum(axis=0), low, high) - fit.search
+    chance = 2.0 * np.sqrt(len(moves)) * moves.std(axis=0, ddof=1)
+    return np.asarray(np.sqrt(np.maximum(shift**2 - chance**2, 0.0)))
+
+
+def moves_of(fit: Fit) -> FloatArray:
+    """Return the Gauss-Newton step in the search that each block asks for, shape (blocks, free); they add up.
+
+    Args:
+        fit: a point, with the blocks that are asked.
+    """
+    whole = np.sum([block.curvature for block in fit.blocks], axis=0)
+    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    gradients = np.array([block.gradient for block in fit.blocks]).T / scale[:, None]
+    return np.asarray(-(np.linalg.lstsq(whole / scale / scale[:, None], gradients, rcond=1e-10)[0] / scale[:, None]).T)
+
+
+def sensitivity(fit: Fit) -> tuple[FloatArray, float]:
+    """Return correlations of the normalised sensitivities, shape (free, free), and their collinearity index.
+
+    The index is 1/sqrt of the smallest eigenvalue: from about 20 on, two or more numbers do the same to the log.
+
+    Args:
+        fit: at its best.
+    """
+    whole = np.sum([block.curvature for block in fit.blocks], axis=0)
+    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    normal = whole / scale / scale[:, None]
+    smallest = float(np.linalg.eigvalsh(normal)[0])
+    return normal, 1 / np.sqrt(max(smallest, 1e-16))

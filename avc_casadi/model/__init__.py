@@ -1,0 +1,1 @@
+"""Plain data and matrices: problem, device, hand, wall, plant, gains; they know no file."""

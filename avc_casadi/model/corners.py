@@ -1,0 +1,131 @@
+"""The corners of what is known of a device: every claim must hold at the worst of them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from functools import lru_cache
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.model.device import Device
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+
+RIGID_KEYS = ("mass_kg", "damping_ns_per_m", "delay_samples")
+"""Keys of a device that a loop with rigid mechanics and an ideal amplifier knows."""
+LINEAR_KEYS = (
+    *RIGID_KEYS,
+    "amplifier_bandwidth_hz",
+    "amplifier_damping_ratio",
+    "resonance.frequency_hz",
+    "resonance.damping_ratio",
+    "resonance.mass_ratio",
+)
+"""Keys of a device that `SampledPlant` knows."""
+
+
+def device_corners(device: Device, keys: Collection[str] | None = None) -> list[Device]:
+    """Return the devices at the corners of the declared ranges, each known exactly.
+
+    Args:
+        device: with its ranges; where it has none, it is the only corner.
+        keys: ranges that matter, such as `LINEAR_KEYS`, the others staying at their nominal value; None takes every
+            range. There are two corners to each range.
+    """
+    ends = {key: tuple(sorted(set(interval))) for key, interval in _intervals(device, keys).items()}
+    whole = device.model_dump(exclude={"range"})
+    return [_changed(whole, dict(zip(ends, corner, strict=True))) for corner in product(*ends.values())]
+
+
+def device_set(device: Device, keys: Collection[str] | None = None, *, draws: int = 16, seed: int = 0) -> list[Device]:
+    """Return the devices at the corners of the declared ranges, then devices drawn uniformly within them.
+
+    Args:
+        device: with its ranges; where it has none, it is the only one.
+        keys: ranges that matter, as in `device_corners`.
+        draws: number of devices beside the corners.
+        seed: of the draws.
+    """
+    corners = device_corners(device, keys)
+    if len(corners) == 1:
+        return corners
+    intervals = _intervals(device, keys)
+    low, high = np.array(list(intervals.values())).T
+    drawn = low + (high - low) * np.random.default_rng(seed).random((draws, len(low)))
+    return [*corners, *(device_with(device, dict(zip(intervals, row, strict=True))) for row in drawn.tolist())]
+
+
+def _intervals(device: Device, keys: Collection[str] | None) -> dict[str, tuple[float, float]]:
+    """Return the declared ranges by key."""
+    found: dict[str, tuple[float, float]] = {}
+    for table, ranges in (("", device.range), ("resonance.", device.range.resonance)):
+        for key in type(ranges).model_fields:
+            interval = getattr(ranges, key)
+            wanted = keys is None or f"{table}{key}" in keys
+            if wanted and isinstance(interval, tuple):
+                found[f"{table}{key}"] = interval
+    return found
+
+
+def device_with(device: Device, values: Mapping[str, float]) -> Device:
+    """Return a device that is known exactly, with other values of some keys, such as ``resonance.frequency_hz``."""
+    return _changed(device.model_dump(exclude={"range"}), values)
+
+
+def linear_values(device: Device) -> dict[str, float]:
+    """Return the numbers of `LINEAR_KEYS` that a device has, by key."""
+    found: dict[str, float] = {}
+    lags = device.amplifier_bandwidth_hz is None or device.amplifier_order == 1
+    for key in LINEAR_KEYS:
+        if key == "amplifier_damping_ratio" and lags:
+            continue
+        table, _, inner = key.rpartition(".")
+        value = getattr(getattr(device, table) if table else device, inner, None)
+        if value is not None:
+            found[key] = value
+    return found
+
+
+def _changed(whole: dict[str, Any], values: Mapping[str, float]) -> Device:
+    changed = dict(whole)
+    for key, value in values.items():
+        table, _, inner = key.rpartition(".")
+        if table:
+            changed[table] = {**changed[table], inner: value}
+        else:
+            changed[key] = value
+    return Device.model_validate(changed)
+
+
+# Every check of a schedule asks for the corners of the same few problems.
+@lru_cache(maxsize=16)
+def corner_problems(problem: Problem) -> tuple[Problem, ...]:
+    """The problem at the corners of the ranges of device mass and damping, each with a device that is known exactly."""
+    corners = device_corners(problem.device, ("mass_kg", "damping_ns_per_m"))
+    return tuple(problem.changed(device=corner) for corner in corners)
+
+
+@lru_cache(maxsize=16)
+def least_damped(problem: Problem, credit_ns_per_m: float = 0.0) -> Problem:
+    """Return the problem with the lowest damping that its device may have: Re Z_h grows with it.
+
+    Args:
+        problem: the problem.
+        credit_ns_per_m: damping of the hand, credited to the device.
+    """
+    lowest = min(device.damping_ns_per_m for device in device_corners(problem.device, ("damping_ns_per_m",)))
+    known = {"damping_ns_per_m": lowest + credit_ns_per_m, "range": {"damping_ns_per_m": None}}
+    return problem.changed(device=known)
+
+
+def margin_over_range(problem: Problem) -> float:
+    """Re Z_h of the device as it stands with which every device of its range keeps the margin, N.s/m.
+
+    Re Z_h does not depend on the mass and grows with the damping, so that the least damped device decides.
+    """
+    spread = problem.device.damping_ns_per_m - least_damped(problem).device.damping_ns_per_m
+    return problem.stability.margin_ns_per_m + spread

@@ -1,0 +1,92 @@
+"""What a device is declared to have beyond mass, damping and sample time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from avc_casadi.model.effects import (
+    AmplifierEffect,
+    BacklashEffect,
+    CoulombFrictionEffect,
+    DelayEffect,
+    DetentEffect,
+    Effect,
+    EncoderEffect,
+    HandEffect,
+    NoiseEffect,
+    ResonanceEffect,
+    SaturationEffect,
+    WallEffect,
+)
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+
+def declared(problem: Problem) -> tuple[str, ...]:
+    """Name everything that makes the device more than a mass with a damper that is known exactly and never late.
+
+    Args:
+        problem: a validated problem.
+
+    Returns:
+        Dotted keys, for example ``device.delay_samples`` and ``device.range.mass_kg``, in the order of the file. A verb
+        names those of them that it does not use.
+    """
+    device, range_ = problem.device, problem.device.range
+    stated = {"motion", "handle_radius_m", "mass_kg", "damping_ns_per_m", "sample_time_s", "range"}
+    whole = set(type(device).model_fields) - stated
+    # These say nothing alone.
+    if device.amplifier_bandwidth_hz is None:
+        whole -= {"amplifier_order", "amplifier_damping_ratio"}
+    idle = {"amplifier_damping_ratio"} if device.amplifier_order == 1 else set()
+    whole -= idle
+    if device.resonance is None:
+        whole.discard("encoder_at")
+    values = {key: (getattr(device, key), field.default) for key, field in type(device).model_fields.items()}
+    found = [f"device.{key}" for key, (value, ideal) in values.items() if key in whole and value != ideal]
+    found += [
+        f"device.range.{key}"
+        for key in type(range_).model_fields
+        if key not in {"resonance", *idle} and getattr(range_, key) is not None
+    ]
+    mode = range_.resonance
+    found += [f"device.range.resonance.{key}" for key in type(mode).model_fields if getattr(mode, key) is not None]
+    found += ["detent"] if problem.detent is not None else []
+    return tuple(found)
+
+
+def declared_effects(problem: Problem) -> tuple[Effect, ...]:
+    """Return the scene tables of a hand, a wall and everything that the device declares, its values left to it.
+
+    Ranges are no effects; backlash is none where the encoder sits beyond it, at the handle.
+    """
+    device = problem.device
+    at_handle = device.encoder_at == "handle" and device.resonance is not None
+    found: list[tuple[bool, Effect]] = [
+        (True, HandEffect()),
+        (True, WallEffect()),
+        (problem.detent is not None, DetentEffect()),
+        (device.resonance is not None, ResonanceEffect()),
+        (device.coulomb_friction_n > 0, CoulombFrictionEffect()),
+        (device.backlash_m > 0 and not at_handle, BacklashEffect()),
+        (device.position_noise_rms_m > 0, NoiseEffect()),
+        (device.encoder_resolution_m > 0 or at_handle, EncoderEffect()),
+        (device.delay_samples > 0, DelayEffect()),
+        (device.max_force_n is not None, SaturationEffect()),
+        (device.amplifier_bandwidth_hz is not None, AmplifierEffect()),
+    ]
+    return tuple(effect for there, effect in found if there)
+
+
+def scene_effects(problem: Problem) -> tuple[Effect, ...]:
+    """Return the effects that a scene lists, or with none listed all that is declared."""
+    return problem.scene.effects or declared_effects(problem)
+
+
+def left_out(problem: Problem) -> tuple[str, ...]:
+    """Return the kinds of declared effects that a scene with a list of effects does not simulate."""
+    listed = {effect.kind for effect in scene_effects(problem)}
+    listed |= {"hand"} if "stylus-hand" in listed else set()
+    listed |= {"wall"} if "environment" in listed else set()
+    return tuple(effect.kind for effect in declared_effects(problem) if effect.kind not in listed)

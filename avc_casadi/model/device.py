@@ -1,0 +1,199 @@
+"""The haptic device as it is declared: what a verb does not use of it, it names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, model_serializer
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.units import MotionKind, Units, units_for
+from avc_casadi.model.quantity import (
+    Damping,
+    DampingInterval,
+    DampingRatio,
+    DampingRatioInterval,
+    DelayInterval,
+    DelaySamples,
+    Force,
+    ForceInterval,
+    ForceLimit,
+    ForceLimitInterval,
+    FrequencyInterval,
+    Hertz,
+    Length,
+    LengthInterval,
+    LoopDampingRatio,
+    LoopDampingRatioInterval,
+    Mass,
+    MassInterval,
+    MassShare,
+    MassShareInterval,
+    Position,
+    Quantity,
+    Radius,
+    SampleTime,
+    Table,
+    plain,
+)
+
+_Pitch = Annotated[float, BeforeValidator(Quantity("m", 1e-6, 10, zero=False))]
+_Width = Annotated[float, BeforeValidator(Quantity("", 1e-2, 1, zero=False))]
+
+
+class Detent(Table):
+    """Valleys at equal distances: F = force sin(2 pi u/width), u from the nearest valley, as a share of the pitch.
+
+    Beyond half the width there is no force. The steepest slope, 2 pi force/(width pitch), is that of a spring in the
+    valleys, and with the other sign at the tops, where it drives the device away.
+
+    Attributes:
+        force_n: its largest.
+        pitch_m: from one valley to the next.
+        width: share of the pitch on which there is a force.
+        centre_m: one of the valleys, from the wall: that is at 0, and is the end stop of a knob.
+        damping_ns_per_m: of a damper beside it, everywhere.
+    """
+
+    force_n: ForceLimit
+    pitch_m: _Pitch
+    width: _Width = 1.0
+    centre_m: Position = 0.0
+    damping_ns_per_m: Damping = 0.0
+
+    @property
+    def slope_n_per_m(self) -> float:
+        """The steepest slope: the stiffness in the valleys, and with the other sign at the tops."""
+        return 2 * math.pi * self.force_n / (self.width * self.pitch_m)
+
+
+CURRENT_LOOP_DAMPING_RATIO = 0.7
+"""Of an amplifier of order 2 of which nothing else is said."""
+
+
+class Resonance(Table):
+    """A structural resonance: motor and handle, two shares of the device's mass, joined by a spring.
+
+    The frequency is that of the two against each other, the device free; the mass ratio is that of the handle to the
+    whole.
+
+    Attributes:
+        frequency_hz: of motor and handle against each other, the device free.
+        damping_ratio: of that oscillation.
+        mass_ratio: share of the handle in the device's mass.
+    """
+
+    frequency_hz: Hertz
+    damping_ratio: DampingRatio
+    mass_ratio: MassShare
+
+
+class ResonanceRange(Table):
+    """How well the resonance is known."""
+
+    frequency_hz: FrequencyInterval | None = None
+    damping_ratio: DampingRatioInterval | None = None
+    mass_ratio: MassShareInterval | None = None
+
+
+class DeviceRange(Table):
+    """How well the device is known: each value [lowest, highest] about the nominal one, or None."""
+
+    mass_kg: MassInterval | None = None
+    damping_ns_per_m: DampingInterval | None = None
+    delay_samples: DelayInterval | None = None
+    coulomb_friction_n: ForceInterval | None = None
+    encoder_resolution_m: LengthInterval | None = None
+    position_noise_rms_m: LengthInterval | None = None
+    amplifier_bandwidth_hz: FrequencyInterval | None = None
+    amplifier_damping_ratio: LoopDampingRatioInterval | None = None
+    max_force_n: ForceLimitInterval | None = None
+    backlash_m: LengthInterval | None = None
+    resonance: ResonanceRange = ResonanceRange()
+
+
+class Device(Table):
+    """The haptic device; 0 and None stand for what it does not have.
+
+    Of a device that turns every value is that of the turn: kg.m2 in `mass_kg`, N.m.s/rad in `damping_ns_per_m`, N.m in
+    forces and rad in lengths; its file has keys of its own for them.
+
+    Attributes:
+        motion: linear, or rotary: a knob, wheel, pedal or lever, whose position is an angle.
+        handle_radius_m: of a device that turns: where the hand holds it, from the axis; what a finger feels lies there.
+        mass_kg: what the hand moves, at the handle.
+        damping_ns_per_m: viscous friction of the device.
+        sample_time_s: from one force to the next.
+        delay_samples: from measurement to force, on top of the hold; an int where it is whole.
+        coulomb_friction_n: dry friction.
+        encoder_resolution_m: a step of the measured position.
+        position_noise_rms_m: white noise of the measured position.
+        amplifier_bandwidth_hz: of the actuator's force; None: ideal.
+        amplifier_order: 1, a lag; 2, a current loop.
+        amplifier_damping_ratio: of a current loop.
+        max_force_n: largest force of the actuator; None: no limit.
+        backlash_m: play of the measured position; nothing beyond a resonance with the encoder at the handle.
+        resonance: motor and handle joined by a spring; None: rigid.
+        encoder_at: the side of the resonance on which the position is measured.
+        range: how well the device is known.
+    """
+
+    motion: MotionKind = "linear"
+    handle_radius_m: Radius | None = None
+    mass_kg: Mass
+    damping_ns_per_m: Damping
+    sample_time_s: SampleTime = 1e-3
+    delay_samples: DelaySamples = 0
+    coulomb_friction_n: Force = 0.0
+    encoder_resolution_m: Length = 0.0
+    position_noise_rms_m: Length = 0.0
+    amplifier_bandwidth_hz: Hertz | None = None
+    amplifier_order: Literal[1, 2] = 1
+    amplifier_damping_ratio: LoopDampingRatio = CURRENT_LOOP_DAMPING_RATIO
+    max_force_n: ForceLimit | None = None
+    backlash_m: Length = 0.0
+    resonance: Resonance | None = None
+    encoder_at: Literal["motor", "handle"] = "motor"
+    range: DeviceRange = DeviceRange()
+
+    @property
+    def units(self) -> Units:
+        """Names and units in which people read its values."""
+        return units_for(self.motion)
+
+    @property
+    def metres_per_unit(self) -> float:
+        """How far the hand moves for a unit of the position: 1 for a linear device, else the radius of the handle."""
+        return 1.0 if self.motion == "linear" else (self.handle_radius_m or 1.0)
+
+    @model_serializer(mode="wrap")
+    def _says_only_what_turns(self, whole: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """Leave out of a linear device what only one that turns has to say."""
+        kept = whole(self)
+        if self.motion == "linear":
+            for key in ("motion", "handle_radius_m"):
+                kept.pop(key, None)
+        return kept
+
+
+def whole_delay(delay_samples: float, what: str) -> int:
+    """Return the delay for what knows whole samples only.
+
+    Args:
+        delay_samples: delay of the device.
+        what: that, for the message.
+
+    Raises:
+        UnsupportedError: the delay is fractional.
+    """
+    whole = int(delay_samples)
+    if whole == delay_samples:
+        return whole
+    raise UnsupportedError(
+        f"device.delay_samples is {plain(delay_samples)}: {what} takes whole samples only. Fractions are taken by the "
+        "pointwise methods (direct, exact, closed-form), by the certificate levels L0, L1, L3 and L5, and by scenes; "
+        f"or round the delay up to {whole + 1}",
+        key="device.delay_samples",
+    )

@@ -1,0 +1,371 @@
+"""The effects of a scene in a problem file.
+
+A value that is None is taken from the device, the environment or the hands when the scene is built.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from avc_casadi.model.quantity import (
+    Damping,
+    DampingRatio,
+    DelaySamples,
+    Entries,
+    EntryRows,
+    Force,
+    ForceLimit,
+    Hertz,
+    Length,
+    LoopDampingRatio,
+    Mass,
+    MassRatio,
+    Place,
+    Places,
+    Rate,
+    Sections,
+    Seed,
+    Share,
+    Stiffness,
+    Table,
+    Threshold,
+    Wait,
+)
+
+
+class HandEffect(Table):
+    """A hand between its moving target and the device: mass, damper and spring.
+
+    Attributes:
+        mass_kg: None: the middle of [hands].
+        damping_ns_per_m: None: the middle of [hands].
+        stiffness_n_per_m: None: the middle of [hands].
+    """
+
+    kind: Literal["hand"] = "hand"
+    mass_kg: Mass | None = None
+    damping_ns_per_m: Damping | None = None
+    stiffness_n_per_m: Stiffness | None = None
+
+
+class StylusHandEffect(Table):
+    """A hand on a stylus: tip, grip (k1, b1), mass, arm (k2, b2), ground.
+
+    The defaults are the means of 15 subjects (Fu & Cavusoglu 2012).
+
+    Attributes:
+        mass_kg: between grip and arm.
+        grip_damping_ns_per_m: b1.
+        grip_stiffness_n_per_m: k1.
+        arm_damping_ns_per_m: b2.
+        arm_stiffness_n_per_m: k2.
+    """
+
+    kind: Literal["stylus-hand"] = "stylus-hand"
+    mass_kg: Mass = 0.21
+    grip_damping_ns_per_m: Damping = 1.3
+    grip_stiffness_n_per_m: Stiffness = 575.0
+    arm_damping_ns_per_m: Damping = 11.0
+    arm_stiffness_n_per_m: Stiffness = 170.0
+
+
+class WallEffect(Table):
+    """The environment on one side only: no force at x < 0.
+
+    Attributes:
+        damping_ns_per_m: None: that of [environment].
+        stiffness_n_per_m: None: that of [environment].
+    """
+
+    kind: Literal["wall"] = "wall"
+    damping_ns_per_m: Damping | None = None
+    stiffness_n_per_m: Stiffness | None = None
+
+
+class EnvironmentEffect(Table):
+    """The environment on both sides.
+
+    Attributes:
+        damping_ns_per_m: None: that of [environment].
+        stiffness_n_per_m: None: that of [environment].
+    """
+
+    kind: Literal["environment"] = "environment"
+    damping_ns_per_m: Damping | None = None
+    stiffness_n_per_m: Stiffness | None = None
+
+
+class DetentEffect(Table):
+    """The detents of [detent], beside the wall."""
+
+    kind: Literal["detent"] = "detent"
+
+
+class CoulombFrictionEffect(Table):
+    """Dry friction of the device, with true sticking.
+
+    Attributes:
+        force_n: None: that of [device].
+    """
+
+    kind: Literal["coulomb-friction"] = "coulomb-friction"
+    force_n: Force | None = None
+
+
+class ViscousFrictionEffect(Table):
+    """Viscous friction of the device.
+
+    Attributes:
+        damping_ns_per_m: on top of the device's own; must be told.
+    """
+
+    kind: Literal["viscous-friction"] = "viscous-friction"
+    damping_ns_per_m: Damping | None = None
+
+
+class ResonanceEffect(Table):
+    """A structural resonance of the device.
+
+    Attributes:
+        frequency_hz: None: that of [device].
+        damping_ratio: None: that of [device].
+        mass_ratio: share of the handle in the mass; None: that of [device].
+    """
+
+    kind: Literal["resonance"] = "resonance"
+    frequency_hz: Hertz | None = None
+    damping_ratio: DampingRatio | None = None
+    mass_ratio: MassRatio | None = None
+
+
+class BacklashEffect(Table):
+    """Play between the handle and the motor, on which the encoder sits.
+
+    Attributes:
+        gap_m: the play; None: that of [device].
+    """
+
+    kind: Literal["backlash"] = "backlash"
+    gap_m: Length | None = None
+
+
+class EncoderEffect(Table):
+    """Quantised position, at the motor or at the handle beyond the resonance.
+
+    Attributes:
+        resolution_m: a step; None: that of [device].
+        at: the side of the resonance; None: that of [device].
+    """
+
+    kind: Literal["encoder"] = "encoder"
+    resolution_m: Length | None = None
+    at: Literal["motor", "handle"] | None = None
+
+
+class NoiseEffect(Table):
+    """White noise on the sampled position.
+
+    Attributes:
+        rms_m: None: that of [device].
+        seed: of the draw.
+    """
+
+    kind: Literal["noise"] = "noise"
+    rms_m: Length | None = None
+    seed: Seed = 0
+
+
+class VelocityFilterEffect(Table):
+    """First-order low pass on the velocity.
+
+    Attributes:
+        cutoff_hz: where it has 3 dB less.
+    """
+
+    kind: Literal["velocity-filter"] = "velocity-filter"
+    cutoff_hz: Hertz
+
+
+class NotchEffect(Table):
+    """A notch on the measured position: gain `depth` at its frequency, `width` its band as a share of that.
+
+    Attributes:
+        frequency_hz: its middle.
+        depth: gain there.
+        width: its band as a share of that frequency.
+    """
+
+    kind: Literal["notch"] = "notch"
+    frequency_hz: Hertz
+    depth: Share = 0.0
+    width: Threshold = 0.5
+
+
+class CompensatorEffect(Table):
+    """A linear discrete filter on the measured position, in second-order sections [b0, b1, b2, a1, a2].
+
+    Attributes:
+        sections: second-order sections [b0, b1, b2, a1, a2], one after the other.
+    """
+
+    kind: Literal["compensator"] = "compensator"
+    sections: Sections
+
+
+class ObserverEffect(Table):
+    """An observer of the position between encoder steps; the mass is that of device and hand together.
+
+    The steps that it looks between and the samples that it looks ahead are those of encoder and delay, if left out.
+
+    Attributes:
+        mass_kg: of device and hand together; None: a little more than device and lightest hand.
+        resolution_m: the steps that it looks between; None: those of the encoder.
+        ahead_samples: how far it looks ahead; None: the delay.
+    """
+
+    kind: Literal["observer"] = "observer"
+    mass_kg: Mass | None = None
+    resolution_m: Length | None = None
+    ahead_samples: DelaySamples | None = None
+
+
+class StateFeedbackEffect(Table):
+    """An observer with a dead zone and state feedback, as a robust design makes it; its states are lengths.
+
+    Attributes:
+        state: matrix from state to state, by rows.
+        force_m_per_n: from force to state.
+        innovation: from what is new to state.
+        feedback: weights of the position that the wall sees.
+        positions: which states are positions.
+        measures: which one is measured.
+        dead_zone_m: half width of what is not believed to be new.
+        face_m: how far the face of the wall is moved out, against the lag of the dead zone.
+    """
+
+    kind: Literal["state-feedback"] = "state-feedback"
+    state: EntryRows
+    force_m_per_n: Entries
+    innovation: Entries
+    feedback: Entries
+    positions: Places
+    measures: Place = 0
+    dead_zone_m: Length = 0.0
+    face_m: Length = 0.0
+
+
+class DelayEffect(Table):
+    """Samples between measurement and force, whole or not.
+
+    Attributes:
+        samples: None: that of [device].
+    """
+
+    kind: Literal["delay"] = "delay"
+    samples: DelaySamples | None = None
+
+
+class JitterEffect(Table):
+    """Irregular sampling and lost samples.
+
+    Attributes:
+        rms_s: of the forces' lateness.
+        seed: of the draw.
+        dropped_share: of samples that are lost.
+    """
+
+    kind: Literal["jitter"] = "jitter"
+    rms_s: Wait
+    seed: Seed = 0
+    dropped_share: Share = 0.0
+
+
+class AmplifierEffect(Table):
+    """Bandwidth of the actuator: a lag of order 1, or a current loop of order 2.
+
+    Attributes:
+        bandwidth_hz: None: that of [device].
+        order: None: that of [device].
+        damping_ratio: of a current loop; None: that of [device].
+    """
+
+    kind: Literal["amplifier"] = "amplifier"
+    bandwidth_hz: Hertz | None = None
+    order: Literal[1, 2] | None = None
+    damping_ratio: LoopDampingRatio | None = None
+
+
+class SaturationEffect(Table):
+    """Largest force of the actuator.
+
+    Attributes:
+        force_n: None: that of [device].
+    """
+
+    kind: Literal["saturation"] = "saturation"
+    force_n: ForceLimit | None = None
+
+
+class EstimatorEffect(Table):
+    """Estimate of the interaction frequency that selects the gains.
+
+    Attributes:
+        method: which algorithm.
+    """
+
+    kind: Literal["estimator"] = "estimator"
+    method: Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"] = "fused"
+
+
+class AdaptationEffect(Table):
+    """How the gains follow the estimate: wait, limited slew (None: no limit), without creating energy.
+
+    Attributes:
+        hold_s: how long a lost estimate is held.
+        slew_per_s: largest change of a gain a second, as a share of it; None: no limit.
+        passive: whether changes may create no energy.
+    """
+
+    kind: Literal["adaptation"] = "adaptation"
+    hold_s: Wait = 0.0
+    slew_per_s: Rate | None = None
+    passive: bool = True
+
+
+class GuardEffect(Table):
+    """A guard in the time domain that dissipates what the loop generates.
+
+    Attributes:
+        method: a passivity controller, or an energy tank.
+    """
+
+    kind: Literal["guard"] = "guard"
+    method: Literal["passivity-controller", "energy-tank"] = "passivity-controller"
+
+
+Effect = Annotated[
+    HandEffect
+    | StylusHandEffect
+    | WallEffect
+    | EnvironmentEffect
+    | DetentEffect
+    | CoulombFrictionEffect
+    | ViscousFrictionEffect
+    | ResonanceEffect
+    | BacklashEffect
+    | EncoderEffect
+    | NoiseEffect
+    | VelocityFilterEffect
+    | ObserverEffect
+    | StateFeedbackEffect
+    | NotchEffect
+    | CompensatorEffect
+    | DelayEffect
+    | JitterEffect
+    | AmplifierEffect
+    | SaturationEffect
+    | EstimatorEffect
+    | AdaptationEffect
+    | GuardEffect,
+    Field(discriminator="kind"),
+]

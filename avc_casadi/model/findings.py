@@ -1,0 +1,156 @@
+"""What is wrong with the tables of a file: pydantic's errors in our own words, then the broken rules."""
+
+from __future__ import annotations
+
+import difflib
+import typing
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ValidationError
+
+from avc_casadi.model.quantity import Quantity, Whole, shown
+from avc_casadi.model.rules import BELONGS_IN, RULES, UNKNOWN, Finding, Path, Rule, Values, broken_rules
+
+_M = TypeVar("_M", bound=BaseModel)
+
+# More would help nobody, and a file of a million wrong numbers must be answered at once too.
+_MOST = 1000
+
+# The file's own name is the name of the problem.
+_NOT_A_KEY = "name"
+
+# These only follow from another fault, which is told where it stands.
+_CONSEQUENCES = {"default_factory_not_called"}
+
+
+def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequence[Rule] = RULES) -> _M | list[Finding]:
+    """Return a file's parsed tables as a model, or everything that is wrong with them.
+
+    Fields come first, then each rule between values wherever the values that it needs are sound, so that a
+    fault in one place hides none in another.
+    """
+    keys = {key: value for key, value in tables.items() if key != _NOT_A_KEY}
+    findings: list[Finding] = []
+    if _NOT_A_KEY in tables:
+        findings.append(((_NOT_A_KEY,), "is not a key; the file's own name is the name of the problem"))
+    try:
+        found = model.model_validate({**keys, _NOT_A_KEY: name} if _NOT_A_KEY in model.model_fields else keys)
+    except ValidationError as error:
+        items = [item for item in error.errors(include_url=False) if item["loc"]]
+        items = [item for item in items if item["type"] not in _CONSEQUENCES]
+        paths = [_path(item["loc"]) for item in items]
+        findings += [_finding(model, keys, path, item) for path, item in zip(paths[:_MOST], items, strict=False)]
+        findings += broken_rules(Values(keys, model, set(paths)), rules)
+    else:
+        if not findings:
+            return found
+    if len(findings) > _MOST:
+        findings[_MOST:] = [((), f"has {len(findings) - _MOST} more faults")]
+    return findings
+
+
+def _path(location: Sequence[str | int]) -> Path:
+    """Return pydantic's location without the kind that it names beside each motion and effect."""
+    length = 3 if location[:2] == ("scene", "effects") else 2 if location[:2] == ("scene", "motion") else None
+    if length is None or len(location) <= length:
+        return tuple(location)
+    return (*location[:length], *location[length + 1 :])
+
+
+def _item(node: Any, part: str | int) -> Any:
+    if isinstance(part, int):
+        return node[part] if isinstance(node, list) else None
+    return node.get(part) if isinstance(node, Mapping) else None
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """Return the tables that an annotation allows."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in typing.get_args(annotation) for model in _models(inner)]
+
+
+def _models_at(whole: type[BaseModel], tables: Mapping[str, Any], path: Path) -> list[type[BaseModel]]:
+    """Return the tables allowed at a path: one, or one for each kind."""
+    models = [whole]
+    node: Any = tables
+    for part in path:
+        node = _item(node, part)
+        if isinstance(part, str):
+            models = _models(models[0].model_fields[part].annotation)
+        if isinstance(node, Mapping):
+            models = [m for m in models if "kind" in node and _kind(m) == node["kind"]] or models
+    return models
+
+
+def _kind(model: type[BaseModel]) -> Any:
+    field = model.model_fields.get("kind")
+    return field and field.default
+
+
+def _keys(models: list[type[BaseModel]]) -> list[str]:
+    if len(models) > 1:
+        return ["kind"]
+    return [key for key in models[0].model_fields if key != _NOT_A_KEY]
+
+
+def _table(models: list[type[BaseModel]]) -> str:
+    return f"a table with {', '.join(_keys(models))}"
+
+
+def _one_of(choices: list[Any], value: object) -> str:
+    near = difflib.get_close_matches(str(value)[:60], [str(choice) for choice in choices], n=1)
+    return f"{', '.join(map(shown, choices))}{f'; did you mean {shown(near[0])}?' if near else ''}"
+
+
+def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item: Any) -> Finding:
+    fault, value = item["type"], item["input"]
+    message: str = item["msg"]
+    if fault == "missing":
+        message = f"is missing; allowed: {_allowed(whole, tables, path)}"
+    elif fault == "extra_forbidden":
+        own = _models_at(whole, tables, path[:-1])
+        message = f"{UNKNOWN}{', '.join(_keys(own))}{_hint(whole, own, path)}"
+    elif fault in {"model_type", "model_attributes_type"}:
+        message = f"is {shown(value)}, not a table; allowed: {_table(_models_at(whole, tables, path))}"
+    elif fault in {"union_tag_invalid", "union_tag_not_found"}:
+        kinds = [_kind(model) for model in _models_at(whole, tables, path)]
+        what = f"is {shown(value['kind'])}" if "kind" in value else "is missing"
+        path, message = (*path, "kind"), f"{what}; allowed: {_one_of(kinds, value.get('kind'))}"
+    elif fault == "literal_error":
+        annotation = _models_at(whole, tables, path[:-1])[0].model_fields[str(path[-1])].annotation
+        message = f"is {shown(value)}; allowed: {_one_of(list(typing.get_args(annotation)), value)}"
+    elif fault == "bool_type":
+        message = f"is {shown(value)}; allowed: true or false"
+    return path, message
+
+
+def _hint(whole: type[BaseModel], own: list[type[BaseModel]], path: Path) -> str:
+    """Say which tables have a key, or which key of its own table is like it; effects have words of their own."""
+    key, table, keys = str(path[-1]), ".".join(map(str, path[:-1])), _keys(own)
+    near = difflib.get_close_matches(key[:60], keys, n=1)
+    if path[0] != "scene" and "range" not in path:
+        inside = [f"[{table}.{name}]" for model in own for name in _tables_with(model, key)]
+        # A key of which a word was left out is of its own table, whoever else has one of that name.
+        left_out = near and key in near[0]
+        others = inside or ([] if left_out else [f"[{name}]" for name in _tables_with(whole, key)])
+        if others:
+            return f"{BELONGS_IN}{' or '.join(others)}"
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def _tables_with(model: type[BaseModel], key: str) -> list[str]:
+    """Return the tables of a model that have a key and are of one kind."""
+    tables = {name: _models(field.annotation) for name, field in model.model_fields.items()}
+    return [name for name, models in tables.items() if len(models) == 1 and key in _keys(models)]
+
+
+def _allowed(whole: type[BaseModel], tables: Mapping[str, Any], path: Path) -> str:
+    """Say what a missing key may be."""
+    field = _models_at(whole, tables, path[:-1])[0].model_fields[str(path[-1])]
+    for mark in field.metadata:
+        if isinstance(mark, BeforeValidator) and isinstance(mark.func, Quantity | Whole):
+            return mark.func.allowed
+    inner = _models(field.annotation)
+    return _table(inner) if inner else "text in quotation marks"

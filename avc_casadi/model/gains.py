@@ -1,0 +1,315 @@
+"""The gains of the coupling in a scene: from a table at one interaction frequency, from numbers, or none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from avc_casadi._errors import InputError
+from avc_casadi._util.arrays import Float32Array, FloatArray
+from avc_casadi._util.text import Columns, Tabular, short
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.schedule import GainSchedule
+
+
+Precision = TypeVar("Precision", np.float32, np.float64)
+
+
+def interpolate(
+    rows: NDArray[Precision], frequency_hz: ArrayLike, ln: Callable[[Any], Any] = np.log
+) -> NDArray[Precision]:
+    """Gains at frequencies: linear in ln(frequency), hence monotone between rows; the end rows hold beyond the ends.
+
+    Args:
+        rows: shape (n, 4): frequency_hz, b, k, b_p, rising in frequency; their precision is that of the arithmetic.
+        frequency_hz: any shape; where it is not a number (undefined on a device at rest) the first row holds.
+        ln: natural logarithm; `single_ln` together with rows in single precision gives the bits of a device.
+
+    Returns:
+        b, k, b_p along a last axis of 3, in the precision of the rows.
+    """
+    at = np.asarray(frequency_hz, dtype=rows.dtype)
+    frequency, gains = rows[:, 0], rows[:, 1:]
+    inside = (at > frequency[0]) & (at < frequency[-1])
+    safe = np.where(inside, at, frequency[0])
+    low = np.clip(np.searchsorted(frequency, safe, side="right") - 1, 0, max(len(rows) - 2, 0))
+    high = np.minimum(low + 1, len(rows) - 1)
+    base = ln(frequency[low])
+    span = ln(frequency[high]) - base
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (ln(safe) - base) / span
+    share = np.where((share >= 0) & (share <= 1), share, rows.dtype.type(0))[..., None]
+    between = gains[low] + share * (gains[high] - gains[low])
+    ends = np.where((at >= frequency[-1])[..., None], gains[-1], gains[0])
+    return np.asarray(np.where(inside[..., None], between, ends))
+
+
+@dataclass(frozen=True)
+class DeviceLn:
+    """Natural logarithm of normal positive numbers as a device computes it, operation by operation.
+
+    The exponent times ln 2, plus 2 artanh((m - 1)/(m + 1)) of the mantissa m, 2^-1/2 to 2^1/2, by its series.
+
+    Attributes:
+        dtype: precision of every operation.
+        bits: unsigned integers of its size.
+        mantissa_bits: of a number, without the leading one.
+        terms: of the series; what is left out is below a rounding of the first.
+    """
+
+    dtype: type[Any]
+    bits: type[Any]
+    mantissa_bits: int
+    terms: int
+
+    @property
+    def coefficients(self) -> list[float]:
+        """1/(2 j + 1), the smallest first."""
+        return [1.0 / (2 * j + 1) for j in reversed(range(self.terms))]
+
+    def __call__(self, x: ArrayLike) -> Any:
+        """Return ln x, any shape, in this precision."""
+        number, whole = self.dtype, self.bits
+        bits = np.asarray(x, dtype=number).view(whole)
+        one = number(1)
+        fraction = whole((1 << self.mantissa_bits) - 1)
+        above_one = bits >> whole(self.mantissa_bits)
+        bias = np.asarray(one).view(whole) >> whole(self.mantissa_bits)
+        exponent = above_one.astype(np.int32) - np.int32(bias)
+        m = ((bits & fraction) | np.asarray(one).view(whole)).view(number)
+        large = m > number(np.sqrt(2.0))
+        m = np.where(large, m * number(0.5), m)
+        exponent = exponent + large
+        s = (m - one) / (m + one)
+        z = s * s
+        first, *others = self.coefficients
+        series = np.full_like(z, first)
+        for coefficient in others:
+            series = series * z + number(coefficient)
+        return exponent.astype(number) * number(np.log(2.0)) + (s + s) * series
+
+
+single_ln = DeviceLn(np.float32, np.uint32, 23, 5)
+double_ln = DeviceLn(np.float64, np.uint64, 52, 12)
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Constant gains of the coupling; an infinite damping or stiffness joins device and environment rigidly.
+
+    Attributes:
+        damping_ns_per_m: b.
+        stiffness_n_per_m: k.
+        contact_damping_ns_per_m: b_p of the damped structure.
+    """
+
+    damping_ns_per_m: float
+    stiffness_n_per_m: float
+    contact_damping_ns_per_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value >= 0 or (name == "contact_damping_ns_per_m" and math.isinf(value)):
+                raise InputError.of(f"is {value}; allowed: 0 or more", file="gains", key=name)
+
+    @property
+    def rigid(self) -> bool:
+        """Whether device and environment are joined rigidly."""
+        return math.isinf(self.damping_ns_per_m) or math.isinf(self.stiffness_n_per_m)
+
+
+NO_COUPLING = Gains(math.inf, math.inf)
+_NEAR_RIGID_N_PER_M = 1e8
+
+
+def near_rigid_n_per_m(device: Device) -> float:
+    """Return a spring that no hand tells from a rigid joint, and that a device still holds in single precision."""
+    return _NEAR_RIGID_N_PER_M * device.metres_per_unit**2
+
+
+def spring_before(problem: Problem, felt_n_per_m: float) -> float:
+    """Return the spring, N/m, with which a wall feels so stiff at rest; nearly rigid where it is no stiffer itself.
+
+    Args:
+        problem: wall and device.
+        felt_n_per_m: stiffness of wall and spring in series.
+    """
+    wall, rigid = problem.environment.stiffness_n_per_m, near_rigid_n_per_m(problem.device)
+    if felt_n_per_m >= wall:
+        return rigid
+    return min(felt_n_per_m * wall / (wall - felt_n_per_m), rigid)
+
+
+def without_start(schedule: GainSchedule) -> str:
+    """Say that a schedule has no gains at its lowest frequency, where a hand at rest begins; empty where it has."""
+    row = int(schedule.frequency_hz.argmin())
+    if schedule.status[row].has_gains:
+        return ""
+    why = schedule.reason[row].rstrip(".")
+    return (
+        f"no gains at {schedule.frequency_hz[row]:g} Hz, where a hand at rest begins ({schedule.status[row]}"
+        f"{f': {why}' if why else ''}). Choose another method, or gains that hold at the lowest frequency."
+    )
+
+
+def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains:
+    """Take the gains of a table at one interaction frequency.
+
+    Between two rows they are linear in the logarithm of frequency, as on the device.
+
+    Args:
+        schedule: a gain table.
+        frequency_hz: interaction frequency; None is the table's lowest, that of a hand at rest.
+
+    Raises:
+        InputError: outside the table, or a row without gains.
+    """
+    grid = schedule.frequency_hz
+    frequency = float(grid.min()) if frequency_hz is None else frequency_hz
+    if not grid.min() <= frequency <= grid.max():
+        raise InputError.of(
+            f"is {frequency:g} Hz; allowed: {grid.min():g} to {grid.max():g} Hz, the frequencies of the gain table",
+            file=schedule.problem,
+            key="frequency_hz",
+        )
+    if frequency == grid.min() and without_start(schedule):
+        raise InputError.of(without_start(schedule), file=schedule.problem, key=schedule.method)
+    above = int(np.searchsorted(grid, frequency))
+    rows = (above,) if grid[above] == frequency else (above - 1, above)
+    for row in rows:
+        if not schedule.usable[row]:
+            raise InputError.of(
+                f"has no gains at {grid[row]:g} Hz ({schedule.status[row]}): {schedule.reason[row]} "
+                "Choose another method or another interaction frequency",
+                file=schedule.problem,
+                key=schedule.method,
+            )
+    table = np.stack(
+        [grid, schedule.damping_ns_per_m, schedule.stiffness_n_per_m, schedule.contact_damping_ns_per_m], axis=1
+    )[schedule.usable]
+    return Gains(*interpolate(table[np.argsort(table[:, 0], kind="stable")], frequency).tolist())
+
+
+# Rows whose gains are this near to the first's, relative to the largest, are constant gains.
+_SAME = 1e-12
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GainTable(Tabular):
+    """Gains against frequency, linear in ln(frequency) between rows and constant beyond the ends.
+
+    Attributes:
+        rows: shape (n, 4): frequency_hz, b (N.s/m), k (N/m), b_p (N.s/m); rising in frequency.
+    """
+
+    rows: FloatArray
+
+    @classmethod
+    def of(cls, schedule: GainSchedule) -> GainTable:
+        """Take every row that carries gains, in the order of frequency.
+
+        Raises:
+            InputError: no row carries gains.
+        """
+        if not schedule.usable.any():
+            raise InputError.of(
+                f"{schedule.problem} by {schedule.method} has no row with gains; choose another method or widen "
+                "[coupling]",
+                key="status",
+            )
+        columns = (
+            schedule.frequency_hz,
+            schedule.damping_ns_per_m,
+            schedule.stiffness_n_per_m,
+            schedule.contact_damping_ns_per_m,
+        )
+        rows = np.stack(columns, axis=1)[schedule.usable]
+        return cls(np.asarray(rows[np.argsort(rows[:, 0], kind="stable")]))
+
+    @classmethod
+    def constant_gains(cls, gains: Gains, frequency_hz: float = 1.0) -> GainTable:
+        """Return the table of gains that do not vary."""
+        return cls(np.array([[frequency_hz, *vars(gains).values()]], dtype=np.float64))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, GainTable) and np.array_equal(self.rows, other.rows)
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(self.rows.tobytes())
+
+    def to_dict(self) -> Columns:
+        """Return the rows as columns by name with unit, each of shape (n,)."""
+        names = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+        return dict(zip(names, self.rows.T, strict=True))
+
+    def _summary(self) -> str:
+        b, k, contact = self.gains
+        spans = f"b {short(b, 'N.s/m')}, k {short(k, 'N/m')}, b_p {short(contact, 'N.s/m')}"
+        return f"{len(self)} row{'s' if len(self) > 1 else ''}: {spans}"
+
+    @property
+    def frequency_hz(self) -> FloatArray:
+        """Frequencies of the rows, (n,)."""
+        return self.rows[:, 0]
+
+    @property
+    def gains(self) -> FloatArray:
+        """b, k and b_p of the rows, (3, n)."""
+        return self.rows[:, 1:].T
+
+    @property
+    def constant(self) -> bool:
+        """Whether the gains are the same at every frequency, so that nothing needs to follow it."""
+        gains = self.rows[:, 1:]
+        return bool(np.all(np.abs(gains - gains[0]) <= _SAME * np.abs(gains).max(axis=0)))
+
+    @property
+    def rest_hz(self) -> float:
+        """Frequency of the row for a device at rest: the lowest."""
+        return float(self.rows[0, 0])
+
+    @property
+    def at_rest(self) -> Gains:
+        """Gains of a device at rest: those of the lowest row."""
+        return Gains(*self.rows[0, 1:].tolist())
+
+    @property
+    def rest_stiffness_n_per_m(self) -> float:
+        """Stiffness of the lowest row, which a mean force keeps while the gains follow another frequency."""
+        return self.at_rest.stiffness_n_per_m
+
+    def __call__(self, frequency_hz: ArrayLike) -> FloatArray:
+        """Return b, k and b_p at frequencies, shape (3, ...)."""
+        return np.moveaxis(interpolate(self.rows, frequency_hz), -1, 0)
+
+    def single(self) -> Float32Array:
+        """Return the rows in single precision, as a device holds them."""
+        return self.rows.astype(np.float32)
+
+    def expressions(self, frequency_hz: Any) -> list[Any]:
+        """Return b, k and b_p as CasADi expressions in the frequency: sums of ramps, one for each interval."""
+        import casadi as ca  # noqa: PLC0415
+
+        knots = np.log(self.frequency_hz)
+        at = ca.log(ca.fmax(frequency_hz, self.rest_hz))
+        values: list[Any] = [float(gain) for gain in self.gains[:, 0]]
+        for index, width in enumerate(np.diff(knots)):
+            ramp = ca.fmin(ca.fmax(at - knots[index], 0), width)
+            for gain, row in enumerate(self.gains):
+                slope = (row[index + 1] - row[index]) / width
+                if slope != 0:
+                    values[gain] += slope * ramp
+        return [ca.SX(value) for value in values]

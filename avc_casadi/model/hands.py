@@ -1,0 +1,157 @@
+"""Hands that hold the device, one or many, and the sets of them that the ranges of a problem stand for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from itertools import product
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.plant import TARGET, Plant
+from avc_casadi.model.problem import Hands
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Hands
+
+
+_BODY = "hand"
+
+
+class _Held:
+    """What both kinds of hand share: every number is one hand's, or an array of shape (n,) for n hands."""
+
+    mass_kg: float | FloatArray
+
+    def __len__(self) -> int:
+        return int(np.size(self.mass_kg))
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and all(
+            np.array_equal(value, vars(other)[name]) for name, value in vars(self).items()
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def pick(self, rows: slice | NDArray[np.intp]) -> Self:
+        """Take some of the hands."""
+        return type(self)(**{name: np.atleast_1d(value)[rows] for name, value in vars(self).items()})
+
+    def at_handle(self, metres_per_unit: float) -> Self:
+        """Return the hands as a device has them whose handle they move so far for a unit of its position."""
+        return type(self)(**{name: value * metres_per_unit**2 for name, value in vars(self).items()})
+
+    def values(self, row: int) -> dict[str, float]:
+        """Return the numbers of one hand, by name."""
+        return {name: float(np.atleast_1d(value)[row]) for name, value in vars(self).items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Hand(_Held):
+    """A mass that moves with the device, spring and damper to the target.
+
+    Attributes:
+        mass_kg: m_h.
+        damping_ns_per_m: b_h.
+        stiffness_n_per_m: k_h.
+    """
+
+    mass_kg: float | FloatArray
+    damping_ns_per_m: float | FloatArray
+    stiffness_n_per_m: float | FloatArray
+
+    def mechanics(self, plant: Plant) -> None:
+        """Add the mass to the body that the hand holds, and join that to the target."""
+        plant.add_mass(plant.grip, self.mass_kg)
+        plant.join(plant.grip, TARGET, self.stiffness_n_per_m, self.damping_ns_per_m)
+
+
+@dataclass(frozen=True, eq=False)
+class StylusHand(_Held):
+    """Tip -(k1, b1)- mass of the hand -(k2, b2)- target (Fu and Cavusoglu 2012).
+
+    Attributes:
+        mass_kg: mass of the hand.
+        grip_damping_ns_per_m: b1.
+        grip_stiffness_n_per_m: k1.
+        arm_damping_ns_per_m: b2.
+        arm_stiffness_n_per_m: k2.
+    """
+
+    mass_kg: float | FloatArray
+    grip_damping_ns_per_m: float | FloatArray
+    grip_stiffness_n_per_m: float | FloatArray
+    arm_damping_ns_per_m: float | FloatArray
+    arm_stiffness_n_per_m: float | FloatArray
+
+    def mechanics(self, plant: Plant) -> None:
+        """Add the hand as a body between the device and the target."""
+        plant.add_mass(_BODY, self.mass_kg)
+        plant.join(plant.grip, _BODY, self.grip_stiffness_n_per_m, self.grip_damping_ns_per_m)
+        plant.join(_BODY, TARGET, self.arm_stiffness_n_per_m, self.arm_damping_ns_per_m)
+
+
+def hand_ranges(hands: Hands) -> FloatArray:
+    """Ranges of mass, damping and stiffness, rows of [lowest, highest], shape (3, 2)."""
+    return np.array([getattr(hands, item.name) for item in fields(Hand)], dtype=np.float64)
+
+
+def hand_corners(hands: Hands) -> Hand:
+    """Every corner of the ranges once, light, loose and soft first; before them the device let go, if it belongs."""
+    corners = set(product(*hand_ranges(hands).tolist()))
+    return Hand(*np.array(sorted(corners | {(0.0, 0.0, 0.0)} if hands.let_go else corners)).T)
+
+
+def hand_set(hands: Hands, *, draws: int = 24, seed: int = 0) -> Hand:
+    """All corners of the ranges, then uniform draws within them.
+
+    Args:
+        hands: ranges of mass, damping and stiffness.
+        draws: hands drawn beside the corners.
+        seed: seed of the draws.
+    """
+    low, high = hand_ranges(hands).T
+    drawn = low + (high - low) * np.random.default_rng(seed).random((draws, len(low)))
+    corners = np.array(list(vars(hand_corners(hands)).values())).T
+    return Hand(*np.concatenate([corners, drawn]).T)
+
+
+def joined(hands: Hand, more: Hand) -> Hand:
+    """Put two sets of hands together."""
+    return Hand(
+        *(
+            np.concatenate([np.atleast_1d(one), np.atleast_1d(other)])
+            for one, other in zip(vars(hands).values(), vars(more).values(), strict=True)
+        )
+    )
+
+
+def with_let_go(hands: Hand | StylusHand) -> Hand | StylusHand:
+    """Add the device without any hand."""
+    return type(hands)(**{name: np.append(np.atleast_1d(value), 0.0) for name, value in vars(hands).items()})
+
+
+def no_hand() -> Hand:
+    """Return the device left alone."""
+    return Hand(0.0, 0.0, 0.0)
+
+
+STYLUS_RANGES: dict[str, tuple[float, float]] = {
+    "mass_kg": (0.016, 0.57),
+    "grip_damping_ns_per_m": (0.3, 4.6),
+    "grip_stiffness_n_per_m": (228.0, 1043.0),
+    "arm_damping_ns_per_m": (3.7, 27.6),
+    "arm_stiffness_n_per_m": (63.0, 533.0),
+}
+"""Lowest and highest of the 15 subjects of Fu and Cavusoglu (2012)."""
+
+FINGERTIP = Hands(mass_kg=(0.02, 0.1), damping_ns_per_m=(1.0, 5.0), stiffness_n_per_m=(100.0, 500.0))
+"""One finger that touches the handle: assumed, lighter and less damped than a hand that holds it."""
+
+
+def stylus_corners() -> StylusHand:
+    """Return every corner of the ranges of hands on a stylus."""
+    corners = np.array(list(product(*STYLUS_RANGES.values())))
+    return StylusHand(**dict(zip(STYLUS_RANGES, corners.T, strict=True)))

@@ -1,0 +1,246 @@
+"""The continuous part of the loop: masses on one axis joined by springs and dampers, moved by the hand's target."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
+
+DEVICE = "device"
+TARGET = "target"
+GROUND = "ground"
+HANDLE = "handle"
+
+
+class Mechanics(Protocol):
+    """What holds or joins the device mechanically, such as a hand."""
+
+    def mechanics(self, plant: Plant) -> None:
+        """Add masses, springs and dampers."""
+
+
+@dataclass(frozen=True)
+class LinearPlant:
+    """x' = A x + b_F F + b_x x_h + b_v v_h + b_f f: rates of the state; leading axes run over hands.
+
+    Attributes:
+        names: state names with units; position and velocity of the device come first.
+        matrix: A, shape (..., n, n), 1/s.
+        force: b_F, shape (..., n): F is the force of the actuator, positive against +x.
+        target: b_x and b_v, shape (..., n, 2): position x_h (m) and velocity v_h (m/s) of the hand's target.
+        friction: b_f, shape (..., n): f is the dry friction, positive against +x.
+    """
+
+    names: tuple[str, ...]
+    matrix: FloatArray
+    force: FloatArray
+    target: FloatArray
+    friction: FloatArray
+
+    @property
+    def states(self) -> int:
+        """Number of states n."""
+        return len(self.names)
+
+
+@dataclass
+class Plant:
+    """Collects what the effects add to the mechanics; masses, springs and dampers may be arrays over hands.
+
+    Attributes:
+        grip: the body that the hand holds.
+        actuator_rate_per_s: bandwidth of the actuator, rad/s, or None for an ideal one.
+        actuator_order: 1, a lag; 2, a current loop.
+        actuator_damping_ratio: of a current loop.
+    """
+
+    grip: str = DEVICE
+    actuator_rate_per_s: float | None = None
+    actuator_order: int = 1
+    actuator_damping_ratio: float = CURRENT_LOOP_DAMPING_RATIO
+    _masses: dict[str, FloatArray] = field(default_factory=dict)
+    _links: list[tuple[str, str, FloatArray, FloatArray]] = field(default_factory=list)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies in the order of the state."""
+        return tuple(self._masses)
+
+    def add_mass(self, body: str, mass_kg: ArrayLike) -> None:
+        """Add mass to a body; a new name makes a new body."""
+        self._masses[body] = self._masses.get(body, np.zeros(())) + np.asarray(mass_kg, dtype=np.float64)
+
+    def mass_kg(self, body: str) -> FloatArray:
+        """Return the mass of a body so far."""
+        return self._masses[body]
+
+    def join(self, one: str, other: str, stiffness_n_per_m: ArrayLike, damping_ns_per_m: ArrayLike) -> None:
+        """Put a spring and a damper side by side between two bodies, or a body and the target or the ground."""
+        k, b = (np.asarray(value, dtype=np.float64) for value in (stiffness_n_per_m, damping_ns_per_m))
+        self._links.append((one, other, k, b))
+
+    def split(self, frequency_hz: float | FloatArray, damping_ratio: float | FloatArray, mass_ratio: float) -> None:
+        """Move a share of the device's mass to a handle on a spring, which is what a hand then holds.
+
+        Args:
+            frequency_hz: frequency of motor and handle against each other, the device free.
+            damping_ratio: damping of that mode, as a share of the critical.
+            mass_ratio: share of the device's mass on the side of the hand.
+        """
+        handle = self.mass_kg(DEVICE) * mass_ratio
+        self.add_mass(DEVICE, -handle)
+        self.add_mass(HANDLE, handle)
+        reduced = handle * (1 - mass_ratio)
+        omega = 2 * math.pi * frequency_hz
+        self.join(DEVICE, HANDLE, reduced * omega**2, 2 * damping_ratio * omega * reduced)
+        self.grip = HANDLE
+
+    def linear(self) -> LinearPlant:
+        """Assemble the equations of motion."""
+        bodies = self.bodies
+        shape = np.broadcast_shapes(
+            *(mass.shape for mass in self._masses.values()), *(k.shape for _, _, k, _ in self._links)
+        )
+        names = [name for body in bodies for name in (f"{body}_position_m", f"{body}_velocity_m_per_s")]
+        if self.actuator_rate_per_s is not None:
+            names += ["actuator_force_n", "actuator_rate_n_per_s"][: self.actuator_order]
+        n = len(names)
+        matrix, target = np.zeros((*shape, n, n)), np.zeros((*shape, n, 2))
+        force, friction = np.zeros((*shape, n)), np.zeros((*shape, n))
+        at = {body: 2 * index for index, body in enumerate(bodies)}
+        for body in bodies:
+            matrix[..., at[body], at[body] + 1] = 1.0
+        for one, other, k, b in self._links:
+            for body, far in ((one, other), (other, one)):
+                if body not in at:
+                    continue
+                k_per_kg, b_per_kg = k / self._masses[body], b / self._masses[body]
+                row = at[body] + 1
+                matrix[..., row, at[body]] -= k_per_kg
+                matrix[..., row, row] -= b_per_kg
+                if far in at:
+                    matrix[..., row, at[far]] += k_per_kg
+                    matrix[..., row, at[far] + 1] += b_per_kg
+                elif far == TARGET:
+                    target[..., row, 0] += k_per_kg
+                    target[..., row, 1] += b_per_kg
+        push = -1.0 / self._masses[DEVICE]
+        friction[..., 1] = push
+        if self.actuator_rate_per_s is None:
+            force[..., 1] = push
+        elif self.actuator_order == 1:
+            matrix[..., 1, n - 1] = push
+            matrix[..., n - 1, n - 1] = -self.actuator_rate_per_s
+            force[..., n - 1] = self.actuator_rate_per_s
+        else:
+            matrix[..., 1, n - 2] = push
+            matrix[..., n - 2, n - 1] = 1.0
+            matrix[..., n - 1, n - 2] = -(self.actuator_rate_per_s**2)
+            matrix[..., n - 1, n - 1] = -2 * self.actuator_damping_ratio * self.actuator_rate_per_s
+            force[..., n - 1] = self.actuator_rate_per_s**2
+        return LinearPlant(tuple(names), matrix, force, target, friction)
+
+
+# With a norm of 1/2, the first term left out is 2^-19/19! = 1.6e-23 of the whole.
+_TERMS = 18
+_NORM = 0.5
+
+
+def expm(matrix: FloatArray) -> FloatArray:
+    """Return exp(matrix) over the last two axes by scaling, Taylor's series and squaring.
+
+    Args:
+        matrix: shape (..., n, n), balanced by the caller: the work grows with the logarithm of its largest norm.
+
+    Returns:
+        The same shape; numbers that are not finite where the exponential of a matrix is beyond them.
+    """
+    norm = float(np.abs(matrix).sum(axis=-1).max(initial=0.0))
+    squarings = max(0, int(np.ceil(np.log2(norm / _NORM)))) if norm > 0 else 0
+    scaled = matrix / 2.0**squarings
+    identity = np.broadcast_to(np.eye(matrix.shape[-1]), matrix.shape)
+    result = identity
+    for term in range(_TERMS, 0, -1):
+        result = identity + scaled @ result / term
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(squarings):
+            result = result @ result
+    return result
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One step of length h: x(h) = Phi x(0) + gamma_F F + gamma_x x_h + gamma_v v_h.
+
+    F is constant over the step and the target moves at constant velocity: x_h + v_h t.
+
+    Attributes:
+        matrix: Phi, shape (..., n, n).
+        force: gamma_F, shape (..., n).
+        target: gamma_x and gamma_v, shape (..., n, 2).
+    """
+
+    matrix: FloatArray
+    force: FloatArray
+    target: FloatArray
+
+
+def time_scale(plant: LinearPlant, step_s: float | FloatArray) -> FloatArray:
+    """Return the diagonal that counts rates by the step, velocities in metres a step, which balances A."""
+    return np.where([name.endswith("_per_s") for name in plant.names], step_s, 1.0)
+
+
+def transition(plant: LinearPlant, step_s: float) -> Transition:
+    """Discretise the plant exactly for a held force and a target at constant velocity.
+
+    Args:
+        plant: the linear plant.
+        step_s: length of the step.
+    """
+    return transitions([(plant, step_s)])[0]
+
+
+def transitions(cases: Sequence[tuple[LinearPlant, float]]) -> list[Transition]:
+    """Do the same for many plants of one shape, each with its step, in one go.
+
+    Args:
+        cases: plants and lengths of steps.
+    """
+    steps_s = np.array([step_s for _, step_s in cases])
+    augmented, scales = _augmented([plant for plant, _ in cases], steps_s)
+    scale = scales.reshape(len(cases), *(1,) * (augmented.ndim - 3), -1)
+    wholes = expm(augmented * scale[..., None] / scale[..., None, :]) / scale[..., None] * scale[..., None, :]
+    n = wholes.shape[-1] - 3
+    return [Transition(one[..., :n, :n], one[..., :n, n], one[..., :n, n + 1 :]) for one in wholes]
+
+
+def _augmented(plants: Sequence[LinearPlant], steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return matrices whose exponentials are sought, shape (cases, ..., n + 3, n + 3), and scales that balance them.
+
+    Args:
+        plants: of one shape.
+        steps_s: length of the step of each.
+    """
+    n = plants[0].states
+    matrix, force, target = (
+        np.stack([getattr(plant, name) for plant in plants]) for name in ("matrix", "force", "target")
+    )
+    step = steps_s.reshape(-1, *(1,) * (matrix.ndim - 3))
+    augmented = np.zeros((*matrix.shape[:-2], n + 3, n + 3))
+    augmented[..., :n, :n] = matrix * step[..., None, None]
+    augmented[..., :n, n] = force * step[..., None]
+    augmented[..., :n, n + 1 :] = target * step[..., None, None]
+    augmented[..., n + 1, n + 2] = step
+    scales = np.ones((len(plants), n + 3))
+    scales[:, :n] = time_scale(plants[0], steps_s[:, None])
+    # The unit of force is chosen so that its column does not dominate the norm.
+    scales[:, n] = np.maximum(1.0, np.abs(force).reshape(len(plants), -1).max(axis=1) * steps_s**2)
+    scales[:, n + 2] = steps_s
+    return augmented, scales

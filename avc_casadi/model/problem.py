@@ -1,0 +1,310 @@
+"""The problem: device, environment, realistic bounds, admissible gains and the claim to be met.
+
+Frozen pydantic models of plain numbers; a key's name carries its SI unit. ``problems/`` holds examples.
+"""
+
+from collections.abc import Iterator, Mapping
+from html import escape
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field, model_validator
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.text import Table as ShownTable
+from avc_casadi._util.text import short
+from avc_casadi._util.units import Units
+from avc_casadi.model.device import Detent, Device
+from avc_casadi.model.findings import checked
+from avc_casadi.model.measured_bounds import MeasuredBounds
+from avc_casadi.model.quantity import (
+    Damping,
+    DampingInterval,
+    Factor,
+    Frequencies,
+    FrequencyInterval,
+    Hertz,
+    MassInterval,
+    Points,
+    Slope,
+    Stiffness,
+    StiffnessInterval,
+    Table,
+    Text,
+    Threshold,
+    Weight,
+    refusal,
+)
+from avc_casadi.model.rotary_defaults import with_turned_defaults
+from avc_casadi.model.rules import RULES, Values, broken_rules, dotted
+from avc_casadi.model.scene import Scene
+
+Model = Literal["paper", "sampled-data"]
+Structure = Literal["series", "damped"]
+Contact = Literal["clip-last", "gated"]
+Scope = Literal["pointwise", "band", "all", "hands"]
+Objective = Literal["magnitude", "complex", "perceptual"]
+Required = Literal["none", "jnd", "bounds"]
+
+
+class Impedance(Table):
+    """A damper and a spring side by side, b + k/s.
+
+    Attributes:
+        damping_ns_per_m: damper b.
+        stiffness_n_per_m: spring k.
+    """
+
+    damping_ns_per_m: Damping
+    stiffness_n_per_m: Stiffness
+
+
+class Boundaries(Table):
+    """The range of impedance that feels real; its mean is the desired impedance   (10).
+
+    Attributes:
+        measured: frequency responses of both bounds, which then are the bounds; upper and lower are what stands for
+            them where a spring and damper are needed.
+    """
+
+    upper: Impedance
+    lower: Impedance
+    measured: MeasuredBounds | None = None
+
+
+class GainBox(Table):
+    """Structure of the coupling, its law at a one-sided wall, and the box of admissible gains, each [lowest, highest].
+
+    Contact clip-last: F = max(0, y), y the force of the coupling to an environment on both sides. Gated: the same on
+    the tool's penetration, and only where the device is in the wall; so it is, whatever is asked for, where the wall or
+    the coupling has no spring.
+
+    Attributes:
+        structure: series, the paper's spring and damper; damped, the same with a contact damper.
+        contact: law at a one-sided wall.
+        damping_ns_per_m: b, [lowest, highest].
+        stiffness_n_per_m: k, [lowest, highest].
+        contact_damping_ns_per_m: b_p, [lowest, highest]; structure damped only.
+    """
+
+    structure: Structure = "series"
+    contact: Contact = "clip-last"
+    damping_ns_per_m: DampingInterval = (0.0, 1e4)
+    stiffness_n_per_m: StiffnessInterval = (0.0, 1e7)
+    contact_damping_ns_per_m: DampingInterval = (0.0, 0.0)
+
+
+class Stability(Table):
+    """The claim that the gains must meet: hold model, scope of frequencies, margin on Re Z_h   (12).
+
+    Attributes:
+        model: paper, its hold (z+1)/(2z); sampled-data, the loop that runs on a device.
+        scope: which frequencies or hands each row of gains must hold for.
+        band_factor: for the scope band: from f/factor to f factor.
+        margin_ns_per_m: Re Z_h must be this at least.
+    """
+
+    model: Model = "paper"
+    scope: Scope = "pointwise"
+    band_factor: Factor = 2.0
+    margin_ns_per_m: Damping = 0.0
+
+
+class Realism(Table):
+    """What counts as error, the just-noticeable difference as a share of |Z|, and what every row of gains must meet.
+
+    Required: nothing; |Z_h - Z_h_ds| <= jnd |Z_h_ds|; or |Z_h| between those of the boundaries. The methods direct and
+    schedule keep it as a constraint.
+
+    Attributes:
+        objective: magnitude, (11); complex, phase too; perceptual, what exceeds the just-noticeable difference.
+        jnd: just-noticeable difference as a share of |Z|.
+        require: what direct and schedule keep at every row: within jnd of the desired impedance, or |Z| within
+            the boundaries.
+    """
+
+    objective: Objective = "magnitude"
+    jnd: Threshold = 0.10
+    require: Required = "none"
+
+
+class ScheduleSettings(Table):
+    """Smoothness of the joint schedule over ln(frequency), and what its cost counts.
+
+    A slope limit of None is no limit. Outside `interaction_hz` the error weighs a tenth. The contact damping penalty
+    weighs the mean of (b_p/|Z_h_ds|)^2. The hand's damping is credited to the device in the constraints on Re Z_h.
+
+    Attributes:
+        slope_penalty: weight of (d ln b/d ln f)^2 + (d ln k/d ln f)^2.
+        slope_limit: largest |d ln b/d ln f| and |d ln k/d ln f|; None: no limit.
+        hand_damping_ns_per_m: damping that the hand is trusted to add.
+        interaction_hz: where hands interact: errors elsewhere weigh a tenth; None: everywhere alike.
+        contact_damping_penalty: weight of the mean of (b_p/|Z_h_ds|)^2.
+    """
+
+    slope_penalty: Weight = 1e-3
+    slope_limit: Slope | None = None
+    hand_damping_ns_per_m: Damping = 0.0
+    interaction_hz: FrequencyInterval | None = None
+    contact_damping_penalty: Weight = 1e-6
+
+
+class Hands(Table):
+    """The set of hands, each value [lowest, highest]: corners and draws of it are used.
+
+    With `let_go` the device without any hand belongs to the set, as it must before a coupling may go into a device.
+
+    Attributes:
+        mass_kg: [lowest, highest].
+        damping_ns_per_m: [lowest, highest].
+        stiffness_n_per_m: [lowest, highest].
+        let_go: whether the device without a hand belongs to the set.
+    """
+
+    mass_kg: MassInterval = (0.05, 0.3)
+    damping_ns_per_m: DampingInterval = (3.0, 20.0)
+    stiffness_n_per_m: StiffnessInterval = (200.0, 800.0)
+    let_go: bool = False
+
+
+class Frequency(Table):
+    """The frequencies of interaction: a range, or the list `values_hz` in its place.
+
+    Attributes:
+        start_hz: lowest frequency of interaction.
+        stop_hz: highest; below half the sampling rate. Of a device too slow for the default it is 0.45 of that rate.
+        points: how many rows.
+        spacing: even in ln f, or in f.
+        values_hz: a list in place of all four.
+    """
+
+    start_hz: Hertz = 1.0
+    stop_hz: Hertz = 450.0
+    points: Points = 200
+    spacing: Literal["log", "linear"] = "log"
+    values_hz: Frequencies | None = None
+
+    def grid_hz(self) -> NDArray[np.float64]:
+        """Return the frequencies, shape (points,), Hz; a range of one point is its start."""
+        if self.values_hz is not None:
+            return np.array(self.values_hz, dtype=np.float64)
+        if self.points == 1:
+            return np.array([self.start_hz])
+        if self.spacing == "linear":
+            return np.linspace(self.start_hz, self.stop_hz, self.points)
+        return np.geomspace(self.start_hz, self.stop_hz, self.points)
+
+
+def _merged(table: Any, change: Any) -> Any:
+    """Lay keys over those that a table was given; what is no mapping replaces it."""
+    if not isinstance(change, Mapping) or not isinstance(table, BaseModel):
+        return change
+    given = {key: getattr(table, key) for key in table.model_fields_set}
+    return given | {key: _merged(given.get(key), value) for key, value in change.items()}
+
+
+def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        elif value is not None:
+            yield f"{prefix}{key}", value
+
+
+class Problem(Table):
+    """A whole problem file.
+
+    Attributes:
+        name: catalogue name or file stem.
+        title: one line for figures and reports.
+        source: where the numbers come from; says which are assumed.
+        boundaries: where left out, the environment is both bounds.
+        detent: notches along the way, beside the wall; None: there are none.
+
+    Raises:
+        pydantic.ValidationError: a value is refused, or a rule between values is broken.
+
+    Example:
+        >>> problem = avc.load_problem("figure5")
+        >>> problem.changed(device={"damping_ns_per_m": 5.0}).device.damping_ns_per_m
+        5.0
+    """
+
+    name: Text = ""
+    title: Text = ""
+    source: Text = ""
+    device: Device
+    environment: Impedance
+    boundaries: Boundaries = Field(
+        default_factory=lambda data: Boundaries(upper=data["environment"], lower=data["environment"])
+    )
+    coupling: GainBox = GainBox()
+    stability: Stability = Stability()
+    realism: Realism = Realism()
+    schedule: ScheduleSettings = ScheduleSettings()
+    hands: Hands = Hands()
+    detent: Detent | None = None
+    frequency: Frequency = Frequency()
+    scene: Scene = Scene()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _hands_that_turn(cls, tables: Any) -> Any:
+        """What is left out of a problem of a device that turns is that of a linear one at its handle."""
+        return with_turned_defaults(tables) if isinstance(tables, Mapping) else tables
+
+    @model_validator(mode="after")
+    def _keeps_the_rules(self) -> Self:
+        broken = broken_rules(Values(self, type(self)), RULES)
+        if broken:
+            raise refusal("\n".join(f"{dotted(path)}: {message}" for path, message in broken))
+        return self
+
+    def changed(self, **tables: Mapping[str, Any] | BaseModel | str | None) -> Self:
+        """Return the problem with some keys changed, validated as a file is.
+
+        Args:
+            tables: by name, keys to change in a table (``stability={"scope": "hands"}``), a whole table, a text, or
+                None, which leaves out a table that need not be there.
+
+        Raises:
+            InputError: with every value that is refused and every rule that is broken.
+        """
+        whole = {name: getattr(self, name) for name in type(self).model_fields if name != "name"}
+        found = checked(
+            type(self),
+            {
+                name: _merged(whole.get(name), tables[name]) if name in tables else whole[name]
+                for name in {**whole, **tables}
+            },
+            self.name,
+        )
+        if isinstance(found, list):
+            raise InputError([Fault(self.name or "problem", None, dotted(path), message) for path, message in found])
+        return found
+
+    def __repr__(self) -> str:
+        device, wall, f = self.device, self.environment, self.frequencies_hz()
+        return self.units.text(
+            f"Problem({self.name!r}: wall {wall.stiffness_n_per_m:g} N/m, {wall.damping_ns_per_m:g} N.s/m; device "
+            f"{device.mass_kg:g} kg, {device.damping_ns_per_m:g} N.s/m, T {1e3 * device.sample_time_s:g} ms, delay "
+            f"{device.delay_samples};\n  {self.coupling.structure}, model {self.stability.model}, scope "
+            f"{self.stability.scope}, {short(f, 'Hz')} in {len(f)} rows)"
+        )
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        keys = self.model_dump(include={"device", "environment", "boundaries", "coupling", "stability", "hands"})
+        rows = tuple((self.units.text(key), str(value)) for key, value in _flat(keys))
+        return f"<p>{escape(repr(self))}</p>\n{ShownTable(('key', 'value'), rows, left=(0, 1)).html()}"
+
+    @property
+    def units(self) -> Units:
+        """Names and units in which people read its values."""
+        return self.device.units.beside(self.name, self.title, self.source)
+
+    def frequencies_hz(self) -> NDArray[np.float64]:
+        """Return the frequencies of interaction, shape (n,), Hz."""
+        return self.frequency.grid_hz()

@@ -1,0 +1,322 @@
+"""Rules between the values of a problem, each checked wherever the values that it needs are sound."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Any
+
+from pydantic import BaseModel
+
+from avc_casadi.model.device import DeviceRange, ResonanceRange
+from avc_casadi.model.quantity import plain, shown
+
+Path = tuple[str | int, ...]
+UNKNOWN = "is not a known key; allowed: "
+"""How the finding of a mistyped key begins."""
+BELONGS_IN = "; it belongs in "
+"""How it goes on where other tables have that key."""
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
+
+
+def dotted(path: Path) -> str:
+    """Write a path as a user does: ``scene.effects[0].mass_kg``."""
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if _BARE_KEY.fullmatch(part) else f".{shown(part)}"
+    return text.removeprefix(".")
+
+
+class UnsoundError(LookupError):
+    """A rule asked for a value that is faulty or missing; its own fault is told elsewhere."""
+
+
+class Values:
+    """Read access to a problem, whether a model or the tables of a file with faults in it."""
+
+    def __init__(self, problem: Mapping[str, Any] | BaseModel, model: type[BaseModel], faulty: Collection[Path] = ()):
+        self._problem = problem
+        self._model = model
+        self._faulty = faulty
+
+    def given(self, *path: str) -> bool:
+        """Whether the value was written down, rather than a default."""
+        node: Any = self._problem
+        for key in path:
+            keys = node.model_fields_set if isinstance(node, BaseModel) else node
+            if not isinstance(keys, Mapping | set) or key not in keys:
+                return False
+            node = getattr(node, key) if isinstance(node, BaseModel) else node[key]
+        return True
+
+    def __getitem__(self, path: str) -> Any:
+        """Return the value at a dotted path, a default where it is left out.
+
+        Raises:
+            UnsoundError: the value is faulty, or missing and without a default.
+        """
+        keys = tuple(path.split("."))
+        if any(keys[: len(bad)] == bad[: len(keys)] for bad in self._faulty):
+            raise UnsoundError(path)
+        node: Any = self._problem
+        model: Any = self._model
+        for key in keys:
+            field = model.model_fields[key]
+            if isinstance(node, Mapping) and key not in node:
+                if field.is_required() or field.default_factory is not None:
+                    raise UnsoundError(path)
+                node = field.default
+            else:
+                node = getattr(node, key) if isinstance(node, BaseModel) else node[key]
+            model = field.annotation
+        return node
+
+    def get(self, path: str, default: Any) -> Any:
+        """Return the value at a dotted path, `default` where it is unsound."""
+        try:
+            return self[path]
+        except UnsoundError:
+            return default
+
+
+Finding = tuple[Path, str]
+Rule = Callable[[Values], Iterator[Finding]]
+
+# Closer frequencies would coincide after rounding.
+_SMALLEST_STEP = 1e-12
+
+
+def broken_rules(values: Values, rules: Sequence[Rule]) -> list[Finding]:
+    """Return every broken rule among those whose values are sound."""
+    findings: list[Finding] = []
+    for rule in rules:
+        try:
+            findings.extend(rule(values))
+        except UnsoundError:
+            continue
+    return findings
+
+
+def _bounds(quantity: str) -> Rule:
+    def rule(values: Values) -> Iterator[Finding]:
+        upper, lower = values[f"boundaries.upper.{quantity}"], values[f"boundaries.lower.{quantity}"]
+        # Springs and dampers that stand for measured bounds need not be ordered as these are.
+        if upper < lower and _measured(values) is None:
+            message = f"is {shown(upper)}, below the lower bound {shown(lower)}; allowed: at least that"
+            yield ("boundaries", "upper", quantity), message
+
+    return rule
+
+
+def _measured(values: Values) -> Any:
+    """Return the measured bounds; () where they are faulty, None where there are none."""
+    return values.get("boundaries.measured", ()) if values.given("boundaries") else None
+
+
+def _measured_where_asked(values: Values) -> Iterator[Finding]:
+    """Nothing is known of a bound beyond the frequencies at which it was measured."""
+    measured = _measured(values)
+    if not measured:
+        return
+    sides = [_inside(_inside(measured, side), "frequency_hz") for side in ("upper", "lower")]
+    low, high = max(side[0] for side in sides), min(side[-1] for side in sides)
+    listed = values["frequency.values_hz"]
+    span = "a range or a list" if listed is None else "a list"
+    first = values["frequency.start_hz"] if listed is None else min(listed)
+    last = values["frequency.stop_hz"] if listed is None else max(listed)
+    if listed is None and values["frequency.points"] == 1:
+        last = first
+    if first < low or last > high:
+        message = (
+            f"asks for {plain(first)} to {plain(last)} Hz, but [boundaries] are measured from {plain(low)} to "
+            f"{plain(high)} Hz; allowed: {span} within"
+        )
+        yield ("frequency",), message
+
+
+def _bounds_apart(values: Values) -> Iterator[Finding]:
+    if values["realism.require"] != "bounds":
+        return
+    quantities = ("damping_ns_per_m", "stiffness_n_per_m")
+    if _measured(values) is not None:
+        return
+    # Left out, both bounds are the environment.
+    if not values.given("boundaries") or all(
+        values[f"boundaries.upper.{quantity}"] == values[f"boundaries.lower.{quantity}"] for quantity in quantities
+    ):
+        message = 'is "bounds", but upper and lower of [boundaries] are equal; allowed: bounds apart, "jnd" or "none"'
+        yield ("realism", "require"), message
+
+
+def _known_range(*path: str) -> Rule:
+    """The nominal value of the device lies in its range; where there is none, nothing is known of it."""
+    table, quantity = ".".join(("device", "range", *path[:-1])), path[-1]
+    where = ".".join(("device", *path))
+
+    def rule(values: Values) -> Iterator[Finding]:
+        # What is wrong beside it in its table hides nothing; a resonance may be none.
+        alone = len(path) == 1
+        interval = values[f"{table}.{quantity}"] if alone else _inside(values[table], quantity)
+        if interval is None:
+            return
+        nominal = values[where] if alone else _inside(values[".".join(("device", *path[:-1]))], quantity)
+        if nominal is None and quantity in _WITHOUT_DEFAULT:
+            message = f"is {shown(interval)}, but {where} is missing; allowed: beside a nominal value in it"
+            yield ("device", "range", *path), message
+            return
+        nominal = values[where] if nominal is None else nominal
+        if not interval[0] <= nominal <= interval[1]:
+            message = f"is {shown(interval)}; allowed: an interval that holds {where} = {shown(nominal)}"
+            yield ("device", "range", *path), message
+        elif quantity == "mass_kg" and interval[0] == 0 < interval[1]:
+            message = f"is {shown(interval)}; allowed: from above 0 kg, for without a mass nothing is there to hold"
+            yield ("device", "range", *path), message
+
+    return rule
+
+
+# Quantities of the device that it may not have at all.
+_WITHOUT_DEFAULT = {"amplifier_bandwidth_hz", "max_force_n", "frequency_hz", "damping_ratio", "mass_ratio"}
+
+
+def _inside(table: Any, key: str) -> Any:
+    """Return a value of a table, written or validated; None without the table."""
+    return table.get(key) if isinstance(table, Mapping) else getattr(table, key, None)
+
+
+def _turns(values: Values) -> Iterator[Finding]:
+    """What a finger feels of a device that turns depends on where it holds it; a linear one has no radius."""
+    radius, rotary = values["device.handle_radius_m"], values["device.motion"] == "rotary"
+    if rotary and radius is None:
+        message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"
+        yield ("device", "handle_radius_m"), message
+    if not rotary and radius is not None:
+        yield ("device", "handle_radius_m"), 'says nothing of a linear device; allowed: beside motion = "rotary"'
+
+
+def _resonance(values: Values) -> Iterator[Finding]:
+    if values["device.resonance"] is None:
+        return
+    if values["device.mass_kg"] == 0:
+        message = "is 0, but device.resonance divides the mass; allowed: above 0, or no resonance"
+        yield ("device", "mass_kg"), message
+
+
+def _contact_damping(values: Values) -> Iterator[Finding]:
+    interval = values["coupling.contact_damping_ns_per_m"]
+    if values["coupling.structure"] == "series" and tuple(interval) != (0, 0):
+        message = f'is {shown(interval)}; allowed: [0.0, 0.0], or the structure "damped", which has this damper'
+        yield ("coupling", "contact_damping_ns_per_m"), message
+
+
+def _range_or_list(values: Values) -> Iterator[Finding]:
+    listed = values.get("frequency.values_hz", ()) is not None
+    for key in ("start_hz", "stop_hz", "points", "spacing"):
+        if listed and values.given("frequency", key):
+            yield ("frequency", key), "stands beside values_hz; allowed: a range or a list, not both"
+
+
+def _increasing(values: Values) -> Iterator[Finding]:
+    for index, (one, two) in enumerate(itertools.pairwise(values["frequency.values_hz"] or ()), start=1):
+        if two <= one:
+            fault = "repeats" if two == one else "is below"
+            message = f"is {shown(two)} and {fault} the one before, {shown(one)}; allowed: increasing values"
+            yield ("frequency", "values_hz", index), message
+
+
+def _origin(values: Values, key: str) -> str:
+    return "" if values.given("frequency", key) else " (the default)"
+
+
+def _range(values: Values) -> Iterator[Finding]:
+    points = values.get("frequency.points", 0)
+    if values["frequency.values_hz"] is not None or points == 1:
+        return
+    start, stop = values["frequency.start_hz"], values["frequency.stop_hz"]
+    if stop < start:
+        origin = _origin(values, "stop_hz")
+        message = f"is {shown(stop)}{origin}, below start_hz = {shown(start)}; allowed: at least that"
+        yield ("frequency", "stop_hz"), message
+    elif stop - start < _SMALLEST_STEP * stop * (points - 1):
+        message = (
+            f"is {points}, too many between {shown(start)} and {shown(stop)} Hz to be told apart; "
+            "allowed: 1 for start_hz alone, or a wider range"
+        )
+        yield ("frequency", "points"), message
+
+
+def _beyond_nyquist(frequency: float, sample_time: float, origin: str = "") -> str | None:
+    """Say that a frequency is too high, if it is."""
+    if frequency * sample_time < 0.5:
+        return None
+    limit = plain(0.5 / sample_time)
+    return (
+        f"is {shown(frequency)}{origin}, at or above the Nyquist frequency {limit} Hz of sample_time_s = "
+        f"{shown(sample_time)}, where the Tustin map is infinite; allowed: below {limit} Hz"
+    )
+
+
+def _end_below_nyquist(key: str) -> Rule:
+    def rule(values: Values) -> Iterator[Finding]:
+        listed = values["frequency.values_hz"] is not None
+        if listed or (key == "stop_hz" and values.get("frequency.points", 0) == 1):
+            return
+        message = _beyond_nyquist(values[f"frequency.{key}"], values["device.sample_time_s"], _origin(values, key))
+        if message:
+            yield ("frequency", key), message
+
+    return rule
+
+
+def _list_below_nyquist(values: Values) -> Iterator[Finding]:
+    sample_time = values["device.sample_time_s"]
+    for index, frequency in enumerate(values["frequency.values_hz"] or ()):
+        message = _beyond_nyquist(frequency, sample_time)
+        if message:
+            yield ("frequency", "values_hz", index), message
+
+
+def _duration(values: Values) -> Iterator[Finding]:
+    duration, sample_time = values["scene.duration_s"], values["device.sample_time_s"]
+    if duration < sample_time:
+        message = f"is {shown(duration)}; allowed: at least one sample, device.sample_time_s = {shown(sample_time)}"
+        yield ("scene", "duration_s"), message
+
+
+def _saturation(values: Values) -> Iterator[Finding]:
+    if values["device.max_force_n"] is not None:
+        return
+    for index, effect in enumerate(values["scene.effects"]):
+        table = dict(effect)
+        if table["kind"] == "saturation" and table.get("force_n") is None:
+            message = "has neither force_n nor device.max_force_n; allowed: one of the two"
+            yield ("scene", "effects", index, "force_n"), message
+
+
+DEVICE_RULES: tuple[Rule, ...] = (
+    *(_known_range(key) for key in DeviceRange.model_fields if key != "resonance"),
+    *(_known_range("resonance", key) for key in ResonanceRange.model_fields),
+    _turns,
+    _resonance,
+)
+RULES: tuple[Rule, ...] = (
+    _bounds("damping_ns_per_m"),
+    _bounds("stiffness_n_per_m"),
+    _bounds_apart,
+    _measured_where_asked,
+    *DEVICE_RULES,
+    _contact_damping,
+    _range_or_list,
+    _increasing,
+    _range,
+    _end_below_nyquist("start_hz"),
+    _end_below_nyquist("stop_hz"),
+    _list_below_nyquist,
+    _duration,
+    _saturation,
+)

@@ -1,0 +1,162 @@
+"""What runs beside the gains on the control computer, and as which effects a scene simulates it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, fields
+from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.model.effects import (
+    AdaptationEffect,
+    Effect,
+    EstimatorEffect,
+    GuardEffect,
+    ObserverEffect,
+    StateFeedbackEffect,
+)
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import FloatArray
+
+
+MOST_STATES = 16
+
+Row = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class StateFeedback:
+    """e = dz(x + face - s_m), s+ = s + L e, y = R s+, and after the force F: s = A s+ + B F.
+
+    x is the measured position, m the state that stands for it, dz the dead zone, y the position that the wall sees. All
+    states are lengths: velocities are counted by the sample, forces by a stiffness.
+
+    Attributes:
+        state: A, n rows of n numbers.
+        force_m_per_n: B, n numbers.
+        innovation: L, n numbers.
+        feedback: R, n numbers.
+        positions: which states are positions; they start where the device stands.
+        measures: m, one of the positions.
+        dead_zone_m: half width of the dead zone; 0 for none.
+        face_m: how far the face of the wall is moved out, against the lag of the dead zone.
+    """
+
+    state: tuple[Row, ...]
+    force_m_per_n: Row
+    innovation: Row
+    feedback: Row
+    positions: tuple[int, ...]
+    measures: int
+    dead_zone_m: float = 0.0
+    face_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        faults = list(self._faults())
+        if faults:
+            raise InputError([Fault("", None, key, message) for key, message in faults])
+
+    def _faults(self) -> list[tuple[str, str]]:
+        n = len(self.force_m_per_n)
+        if not 1 <= n <= MOST_STATES:
+            return [("force_m_per_n", f"has {n} numbers; allowed: 1 to {MOST_STATES}, one for each state")]
+        found = [
+            (name, f"has {len(getattr(self, name))} numbers; allowed: {n}, as force_m_per_n")
+            for name in ("innovation", "feedback", "state")
+            if len(getattr(self, name)) != n
+        ]
+        found += [
+            (f"state[{row}]", f"has {len(values)} numbers; allowed: {n}")
+            for row, values in enumerate(self.state)
+            if len(values) != n
+        ]
+        numbers = {"force_m_per_n": self.force_m_per_n, "innovation": self.innovation, "feedback": self.feedback}
+        numbers |= {f"state[{row}]": values for row, values in enumerate(self.state)}
+        found += [
+            (name, "has a number that is not finite")
+            for name, values in numbers.items()
+            if not all(map(math.isfinite, values))
+        ]
+        if any(not 0 <= place < n for place in self.positions) or self.measures not in self.positions:
+            found.append(("positions", f"is {list(self.positions)}; allowed: places from 0 to {n - 1}, measures among"))
+        for name in ("dead_zone_m", "face_m"):
+            if not 0 <= getattr(self, name) < math.inf:
+                found.append((name, f"is {getattr(self, name)!r}; allowed: a finite length, 0 or more"))
+        return found
+
+    @property
+    def states(self) -> int:
+        """Number of states n."""
+        return len(self.force_m_per_n)
+
+    def numbers(self) -> FloatArray:
+        """Return A by rows, B, L, R, dead zone and face, in the order of the step's parameters."""
+        rows = [value for row in self.state for value in row]
+        return np.array([*rows, *self.force_m_per_n, *self.innovation, *self.feedback, self.dead_zone_m, self.face_m])
+
+
+STATE_FEEDBACK_KEYS: tuple[str, ...] = tuple(item.name for item in fields(StateFeedback))
+
+
+ESTIMATOR_METHODS: tuple[str, ...] = get_args(EstimatorEffect.model_fields["method"].annotation)
+GUARD_METHODS: tuple[str, ...] = get_args(GuardEffect.model_fields["method"].annotation)
+RUNTIME_KINDS = ("observer", "state-feedback", "estimator", "adaptation", "guard")
+"""Effects of a scene that belong to the control computer: a coupling brings its own."""
+
+
+@dataclass(frozen=True)
+class Runtime:
+    """What runs beside the gains; estimator and adaptation only where the gains vary with frequency.
+
+    Attributes:
+        estimator: method that estimates the interaction frequency.
+        hold_s: how long a lost estimate is kept before it falls to that of rest.
+        slew_per_s: largest relative change of a gain, a second; None for no limit.
+        passive: whether gains change without creating energy, with anchor and tank.
+        observer_mass_kg: mass that the observer between encoder steps reckons with; None for no observer.
+        guard: method of the guard in the time domain; None for no guard.
+        state_feedback: observer and feedback of a robust design; None for the measured position as it is.
+    """
+
+    estimator: str = "fused"
+    hold_s: float = 0.2
+    slew_per_s: float | None = 20.0
+    passive: bool = True
+    observer_mass_kg: float | None = None
+    guard: str | None = None
+    state_feedback: StateFeedback | None = None
+
+    def __post_init__(self) -> None:
+        if self.estimator not in ESTIMATOR_METHODS:
+            raise InputError.of(f"is {self.estimator!r}; allowed: {', '.join(ESTIMATOR_METHODS)}", key="estimator")
+        if self.guard is not None and self.guard not in GUARD_METHODS:
+            raise InputError.of(f"is {self.guard!r}; allowed: {', '.join(GUARD_METHODS)}, or none", key="guard")
+        for name in ("hold_s", "slew_per_s", "observer_mass_kg"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value < float("inf"):
+                raise InputError.of(f"is {value!r}; allowed: a finite number, 0 or more", key=name)
+        if self.observer_mass_kg is not None and self.state_feedback is not None:
+            raise InputError.of("stands beside observer_mass_kg; allowed: one of them", key="state_feedback")
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return asdict(self)
+
+    def effects(self, *, constant: bool) -> tuple[Effect, ...]:
+        """Return the effects of a scene; constant gains need nothing that follows frequency."""
+        listed: list[Effect] = []
+        if self.observer_mass_kg is not None:
+            listed.append(ObserverEffect(mass_kg=self.observer_mass_kg))
+        if self.state_feedback is not None:
+            listed.append(StateFeedbackEffect(**vars(self.state_feedback)))
+        if not constant:
+            listed += [
+                EstimatorEffect.model_validate({"method": self.estimator}),
+                AdaptationEffect(hold_s=self.hold_s, slew_per_s=self.slew_per_s, passive=self.passive),
+            ]
+        if self.guard is not None:
+            listed.append(GuardEffect.model_validate({"method": self.guard}))
+        return tuple(listed)

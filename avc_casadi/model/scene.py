@@ -1,0 +1,112 @@
+"""The scene of a problem file: motion of the hand's target, coupling and the effects to simulate."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from avc_casadi.model.effects import Effect
+from avc_casadi.model.quantity import Amplitude, Hertz, Position, Span, Speed, Substeps, Table, refusal, shown
+
+
+class _Motion(Table):
+    """Motion of the hand's target along the axis of the device; the wall begins at 0 and lies at x > 0.
+
+    Attributes:
+        start_m: where the target begins.
+        end_m: where it goes.
+        speed_m_per_s: how fast.
+    """
+
+    start_m: Position = -0.01
+    end_m: Position = 0.01
+    speed_m_per_s: Speed = 0.07
+
+
+class Press(_Motion):
+    """From start to end at constant speed, then stay."""
+
+    kind: Literal["press"] = "press"
+
+
+class Tap(_Motion):
+    """To and fro between start and end.
+
+    Attributes:
+        frequency_hz: taps a second.
+        rest_s: how long the target rests at the end, at least.
+    """
+
+    kind: Literal["tap"] = "tap"
+    frequency_hz: Hertz = 2.0
+    rest_s: Span = 1.0
+
+
+class Hold(_Motion):
+    """Rest at the end from the beginning on."""
+
+    kind: Literal["hold"] = "hold"
+
+
+class Stroke(_Motion):
+    """From start to end at constant speed, then oscillate about the end.
+
+    Attributes:
+        frequency_hz: of the oscillation.
+        amplitude_m: of the oscillation.
+        rest_s: how long the target rests at the end, at least.
+    """
+
+    kind: Literal["stroke"] = "stroke"
+    frequency_hz: Hertz = 1.0
+    amplitude_m: Amplitude = 0.005
+    rest_s: Span = 1.0
+
+
+class Free(_Motion):
+    """Oscillate about the start.
+
+    Attributes:
+        frequency_hz: of the oscillation.
+        amplitude_m: of the oscillation.
+        rest_s: how long the target rests at the end, at least.
+    """
+
+    kind: Literal["free"] = "free"
+    frequency_hz: Hertz = 1.0
+    amplitude_m: Amplitude = 0.005
+    rest_s: Span = 1.0
+
+
+Motion = Annotated[Press | Tap | Hold | Stroke | Free, Field(discriminator="kind")]
+
+
+CouplingChoice = Literal["none", "static", "static-tuned", "closed-form", "direct", "schedule"]
+Integrator = Literal["exact", "projected", "rk4"]
+
+
+def _tables(value: Any) -> Any:
+    if not isinstance(value, list | tuple):
+        raise refusal(f"is {shown(value)}; allowed: one [[scene.effects]] for each effect")
+    return tuple(value)
+
+
+class Scene(Table):
+    """What is simulated: the motion of the hand's target, the coupling and the effects.
+
+    Attributes:
+        duration_s: of the simulation.
+        coupling: whose gains are simulated.
+        interaction_hz: where a gain table is read; None: its lowest frequency.
+        integrator: exact; projected and rk4 to compare.
+        substeps: of projected and rk4.
+        motion: of the hand's target.
+        effects: these and nothing else; none listed: a hand, a wall and all that the device declares.
+    """
+
+    duration_s: Span = 3.0
+    coupling: CouplingChoice = "static"
+    interaction_hz: Hertz | None = None
+    integrator: Integrator = "exact"
+    substeps: Substeps = 1
+    motion: Motion = Press()
+    effects: Annotated[tuple[Effect, ...], BeforeValidator(_tables)] = ()

@@ -1,0 +1,211 @@
+"""The paper's closed form: project the desired impedance onto Re Z >= 0, then go back to gains (steps 1 to 4)."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+from avc_casadi.model.corners import margin_over_range
+from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.paper.equations import coupling_gains, environment_impedance
+from avc_casadi.paper.loop import Loop, loop_at
+from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.paper.rows import pointwise_notes
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.paper.loop import Loop
+
+
+ROUNDING = 16 * float(np.finfo(np.float64).eps)
+"""Rounding of a sum of a few terms, relative to their magnitudes."""
+
+RIGID = "asks for a rigid coupling: the rendered impedance equals the environment"
+FREE_SPACE = "asks for an impedance that no coupling renders in free space (b_e = k_e = 0)"
+NOTHING = "nothing to render: environment and goal are free space (b_e = k_e = 0), so that any coupling does the same"
+
+
+@dataclass(frozen=True)
+class Quotient:
+    """Z_avc = Z_e Z_eavc/(Z_e - Z_eavc) with its rounding; arrays of shape (n,), N.s/m.
+
+    Attributes:
+        coupling: Z_avc.
+        rounding: how far it may be off.
+        rigid: the difference below the line is nothing but rounding.
+        nothing: environment and rendered impedance are 0, so that every coupling will do.
+        impossible: the environment is 0 and the rendered impedance is not.
+    """
+
+    coupling: ComplexArray
+    rounding: FloatArray
+    rigid: BoolArray
+    nothing: BoolArray
+    impossible: BoolArray
+
+    @classmethod
+    def of(cls, loop: Loop, desired: ComplexArray, gap: ComplexArray, injected: FloatArray) -> Quotient:
+        """Divide, for Z_eavc = desired + injected/H.
+
+        Args:
+            loop: the loop at n frequencies.
+            desired: Z_ds, shape (n,).
+            gap: Z_e - Z_ds, shape (n,).
+            injected: damping delta of the projection, shape (n,); 0 where it injects nothing.
+        """
+        push = injected / loop.hold
+        rendered, difference = desired + push, gap - push
+        terms = np.abs(loop.device.real) + np.abs(loop.hold.real * desired.real)
+        terms = terms + np.abs(loop.hold.imag * desired.imag) + injected
+        push_off = np.where(injected > 0, ROUNDING * terms / np.abs(loop.hold), 0.0)
+        rendered_off = ROUNDING * (np.abs(desired) + np.abs(push)) + push_off
+        difference_off = ROUNDING * (np.abs(gap) + np.abs(push)) + push_off
+        free = loop.environment == 0
+        rigid = ~free & (np.abs(difference) <= difference_off)
+        nothing = free & (np.abs(rendered) <= rendered_off)
+        below = np.where(free | rigid, 1.0, difference)
+        coupling = np.where(rigid, np.inf, np.where(free, 0.0, loop.environment * rendered / below))
+        scale = np.abs(loop.environment / below)
+        rounding = scale * (rendered_off + np.abs(rendered) * (ROUNDING + difference_off / np.abs(below)))
+        return cls(coupling, rounding, rigid, nothing, free & ~nothing)
+
+
+def placed(value: FloatArray, rounding: FloatArray, ends: tuple[float, float]) -> FloatArray:
+    """Put gains that lie outside an interval by no more than rounding onto its end."""
+    inside = np.clip(value, *ends)
+    return np.where(np.abs(value - inside) <= rounding, inside, value)
+
+
+def why_not(problem: Problem, b: float, k: float, contact: float) -> str:
+    """Say why finite gains cannot be built, or nothing."""
+    faults = []
+    box = problem.coupling
+    for name, unit, value, (low, high) in (
+        ("stiffness", "N/m", k, box.stiffness_n_per_m),
+        ("damping", "N.s/m", b, box.damping_ns_per_m),
+        ("contact damping", "N.s/m", contact, box.contact_damping_ns_per_m),
+    ):
+        if not np.isfinite(value):
+            faults.append(f"asks for {name} that is not finite")
+        elif value < 0:
+            faults.append(f"asks for negative {name} {value:.6g} {unit}")
+        elif not low <= value <= high:
+            faults.append(f"asks for {name} {value:.6g} {unit} outside [{low:g}, {high:g}]")
+    return "; ".join(faults)
+
+
+@dataclass(frozen=True)
+class Projection:
+    """The projected impedance and the damping injection that it amounts to; arrays of shape (n,).
+
+    The projection renders the desired impedance plus delta/H. In the paper's model without delay 1/H = 1 + s_t T/2, so
+    that it is a damper delta and a virtual mass delta T/2 beside the desired wall.
+
+    Attributes:
+        impedance: Z of (13), N.s/m.
+        rendered: Z_eavc of (15), N.s/m.
+        coupling: Z_avc of (16), N.s/m; infinite where the coupling would have to be rigid, 0 in free space.
+        injected_damping_ns_per_m: delta = max(0, margin - Re Z_h_ds).
+        virtual_mass_kg: delta T/2.
+    """
+
+    impedance: ComplexArray
+    rendered: ComplexArray
+    coupling: ComplexArray
+    injected_damping_ns_per_m: FloatArray
+    virtual_mass_kg: FloatArray
+
+
+def project(problem: Problem, *, as_printed: bool = False) -> Projection:
+    """Evaluate (10), (13), (15) and (16) at the problem's frequencies.
+
+    Args:
+        problem: the problem; the paper's margin is 0.
+        as_printed: take s of (10) as printed, T(z-1)/(2(z+1)), which is T^2/4 times the right one.
+    """
+    loop = loop_at(problem, problem.frequencies_hz())
+    desired, gap = _desired(problem, loop, as_printed=as_printed)
+    target = loop.device + loop.hold * desired
+    delta = np.maximum(0.0, margin_over_range(problem) - target.real)
+    return Projection(
+        target + delta,
+        desired + delta / loop.hold,
+        Quotient.of(loop, desired, gap, delta).coupling,
+        delta,
+        delta * problem.device.sample_time_s / 2,
+    )
+
+
+def _desired(problem: Problem, loop: Loop, *, as_printed: bool) -> tuple[ComplexArray, ComplexArray]:
+    """Z_ds and Z_e - Z_ds; the printed s is imaginary as Tustin's, and puts the stiffness 4/T^2 times into Im alone."""
+    if not as_printed:
+        return loop.desired, loop.desired_gap
+    bounds = problem.boundaries
+    if bounds.measured is not None:
+        raise UnsupportedError(
+            f"{problem.name}: as printed: the paper's (10) takes springs and dampers, and [boundaries] are measured; "
+            "take the closed form as it is corrected"
+        )
+    b, k = (
+        (getattr(bounds.upper, name) + getattr(bounds.lower, name)) / 2
+        for name in ("damping_ns_per_m", "stiffness_n_per_m")
+    )
+    tustin = environment_impedance(loop.angle, "paper", b, k)
+    desired = tustin.real + 4j / problem.device.sample_time_s**2 * tustin.imag
+    return desired, loop.environment - desired
+
+
+def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSchedule:
+    """Solve by the paper's closed form, corrected or as printed.
+
+    In the series structure rows whose spring and damper would be negative, infinite or outside the gain box are marked
+    not realisable; their impedance is that of the projection. Gains that leave the box by no more than their rounding
+    stand on its end. In the damped structure the spring and damper render the desired wall and the contact damper
+    b_p = delta/Re H injects the damping; only the virtual mass is left out.
+
+    Args:
+        problem: the problem.
+        as_printed: use (10) and (17) as the paper prints them.
+    """
+    started = time.perf_counter()
+    loop = loop_at(problem, problem.frequencies_hz())
+    projection = project(problem, as_printed=as_printed)
+    delta, box = projection.injected_damping_ns_per_m, problem.coupling
+    damped = box.structure == "damped"
+    desired, gap = _desired(problem, loop, as_printed=as_printed and not damped)
+    quotient = Quotient.of(loop, desired, gap, np.zeros(delta.shape) if damped else delta)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        contact = np.where(delta > 0, delta / loop.hold.real, 0.0) if damped else np.zeros(delta.shape)
+        b, k = coupling_gains(loop.angle, quotient.coupling)
+        per_impedance = 2 / problem.device.sample_time_s * loop.angle.sin / loop.angle.cos
+        if as_printed:
+            per_impedance = problem.device.sample_time_s / 2 * loop.angle.sin / loop.angle.cos
+            b, k = quotient.coupling.real, -quotient.coupling.imag * per_impedance
+        b = placed(b, quotient.rounding + ROUNDING * np.abs(quotient.coupling), box.damping_ns_per_m)
+        k = placed(k, per_impedance * quotient.rounding, box.stiffness_n_per_m)
+    b, k = (np.where(quotient.rigid, np.inf, np.where(quotient.impossible, np.nan, gain)) for gain in (b, k))
+    b = np.where(quotient.nothing, box.damping_ns_per_m[0], b)
+    k = np.where(quotient.nothing, box.stiffness_n_per_m[0], k)
+    reasons = tuple(
+        RIGID if rigid else FREE_SPACE if impossible else why_not(problem, *gains)
+        for rigid, impossible, *gains in zip(quotient.rigid, quotient.impossible, b, k, contact, strict=True)
+    )
+    status = tuple(Status.NOT_REALISABLE if reason else Status.SOLVED for reason in reasons)
+    return gain_schedule(
+        problem,
+        "closed-form",
+        (b, k, contact),
+        status,
+        solver="as-printed" if as_printed else None,
+        reason=reasons,
+        requested=(b, k),
+        requested_contact=contact,
+        impedance=None if damped else projection.impedance,
+        solve_seconds=time.perf_counter() - started,
+        notes=(*pointwise_notes(problem), *((NOTHING,) if quotient.nothing.all() else ())),
+    )

@@ -1,0 +1,203 @@
+"""The NLP (11)-(12) as CasADi expressions of the gains b, k and b_p: the definition of the method `direct`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi.model.corners import margin_over_range
+from avc_casadi.paper.equations import SampleAngle, coupling_impedance
+from avc_casadi.paper.loop import Loop
+from avc_casadi.paper.numbers import ComplexExpr, abs2, casadi_numbers
+from avc_casadi.paper.rows import GainArrays, admissible
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+
+_NAMES = (
+    "sample_time", "sin", "cos", "device_re", "device_im", "hold_re", "hold_im", "environment_re", "environment_im",
+    "target_re", "target_im", "margin", "scale_b", "scale_k", "scale_p",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CouplingNlp:
+    """One frequency's NLP; all members are CasADi SX expressions.
+
+    Attributes:
+        gains: (b, k, b_p), the decision variables, N.s/m and N/m.
+        parameters: everything that depends on device, environment, bounds, margin and frequency, shape (15,), so that
+            one NLP serves all problems.
+        impedance: Z_h_avc.
+        target: Z_h_ds.
+        objective: (|Z_h_ds| - |Z_h_avc|)^2   (11).
+        distance: |Z_h_avc - Z_h_ds|^2, which breaks ties of (11).
+        constraint: Re Z_h_avc - margin   (12).
+        constraint_polynomial: (12) times |Z_e + Z_avc|^2: the same sign, quadratic in the gains, free of division.
+    """
+
+    gains: Any
+    parameters: Any
+    impedance: ComplexExpr
+    target: ComplexExpr
+    objective: Any
+    distance: Any
+    constraint: Any
+    constraint_polynomial: Any
+
+
+@cache
+def coupling_nlp() -> CouplingNlp:
+    """Build the NLP of one frequency; built once a process."""
+    b, k, b_p = ca.SX.sym("b"), ca.SX.sym("k"), ca.SX.sym("b_p")
+    parameters = ca.SX.sym("parameters", len(_NAMES))
+    value = dict(zip(_NAMES, ca.vertsplit(parameters), strict=True))
+    angle = SampleAngle(casadi_numbers(), 0.0, value["sample_time"], value["sin"], value["cos"])
+    device = ComplexExpr(value["device_re"], value["device_im"])
+    hold = ComplexExpr(value["hold_re"], value["hold_im"])
+    environment = ComplexExpr(value["environment_re"], value["environment_im"])
+    z_h_ds = ComplexExpr(value["target_re"], value["target_im"])
+
+    z_avc = coupling_impedance(angle, b, k)
+    z_h_avc = Loop(angle, device, hold, environment, environment, environment).perceived(b, k, b_p)
+    objective = (ca.sqrt(abs2(z_h_ds)) - ca.sqrt(abs2(z_h_avc))) ** 2
+    constraint = z_h_avc.real - value["margin"]
+
+    # With d for what stands beside the series part: d|Z_e + Z_avc|^2 + Re{H (Z_avc|Z_e|^2 + Z_e|Z_avc|^2)} >= 0.
+    beside = device.real - value["margin"] + hold.real * b_p
+    polynomial = (
+        (beside + (hold * environment).real) * abs2(z_avc)
+        + ((hold * abs2(environment) + 2 * beside * environment.conjugate()) * z_avc).real
+        + beside * abs2(environment)
+    )
+    return CouplingNlp(
+        gains=ca.vertcat(b, k, b_p),
+        parameters=parameters,
+        impedance=z_h_avc,
+        target=z_h_ds,
+        objective=objective,
+        distance=abs2(z_h_avc - z_h_ds),
+        constraint=constraint,
+        constraint_polynomial=polynomial,
+    )
+
+
+def nlp_parameters(problem: Problem, loop: Loop, size: float = 1.0) -> FloatArray:
+    """Return the parameters of `coupling_nlp` for each frequency, shape (15, n), impedances over a size.
+
+    The last three are natural scales of b, k and b_p: the gains at which coupling and environment weigh the same.
+    """
+    weight = np.abs(loop.environment) / size
+    weight = np.where(weight > 0, weight, 1.0)
+    values = dict.fromkeys(_NAMES, np.zeros(weight.shape)) | {
+        "sample_time": np.full(weight.shape, problem.device.sample_time_s),
+        "sin": loop.angle.sin,
+        "cos": loop.angle.cos,
+        "device_re": loop.device.real / size,
+        "device_im": loop.device.imag / size,
+        "hold_re": loop.hold.real,
+        "hold_im": loop.hold.imag,
+        "environment_re": loop.environment.real / size,
+        "environment_im": loop.environment.imag / size,
+        "target_re": loop.target.real / size,
+        "target_im": loop.target.imag / size,
+        "margin": np.full(weight.shape, margin_over_range(problem) / size),
+        "scale_b": weight,
+        "scale_k": weight / np.abs(coupling_impedance(loop.angle, 0.0, 1.0)),
+        "scale_p": weight,
+    }
+    return np.array([values[name] for name in _NAMES], dtype=np.float64)
+
+
+KKT_TOLERANCE = 1e-6
+"""Largest accepted KKT residual: by how much error^2 would fall along one gain at the slope of the point, over the
+gain's natural scale or up to its bound, relative to the square of the terms that make up |Z_h_avc|."""
+_ACTIVE = 1e-6
+"""(12) counts as active where Re Z_h is within this share of the same terms of the margin."""
+
+
+@dataclass(frozen=True)
+class Optimality:
+    """Recomputed quality of each row, arrays of shape (n,); not a number for rows without gains.
+
+    Attributes:
+        violation_ns_per_m: by how much (12) is missed, 0 where it is met but for rounding; infinite outside the gain
+            box.
+        kkt_residual: first-order optimality of (11)-(12), dimensionless.
+    """
+
+    violation_ns_per_m: FloatArray
+    kkt_residual: FloatArray
+
+    def acceptable(self) -> BoolArray:
+        """Whether each row may be called solved."""
+        with np.errstate(invalid="ignore"):
+            good: BoolArray = (self.violation_ns_per_m == 0) & (self.kkt_residual <= KKT_TOLERANCE)
+        return good
+
+
+@lru_cache(maxsize=8)
+def _derivatives(rows: int) -> Any:
+    nlp = coupling_nlp()
+    outputs = [
+        nlp.objective,
+        nlp.constraint,
+        ca.gradient(nlp.objective, nlp.gains),
+        ca.gradient(nlp.constraint, nlp.gains),
+        ca.gradient(nlp.impedance.imag, nlp.gains),
+    ]
+    return ca.Function("optimality", [nlp.gains, nlp.parameters], outputs).map(rows)
+
+
+def optimality(problem: Problem, loop: Loop, gains: GainArrays) -> Optimality:
+    """Recompute violation and KKT residual of (b, k, b_p), each (n,)."""
+    parameters = nlp_parameters(problem, loop)
+    x = np.array(gains)
+    f, g, df, dg, turning = (np.array(value) for value in _derivatives(x.shape[1])(x, parameters))
+    terms = np.abs(loop.target) + np.abs(loop.device) + np.abs(loop.hold * (loop.rendered(*gains[:2]) + gains[2]))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        missing = np.where(-g[0] > np.finfo(np.float64).eps * terms, -g[0], 0.0)
+        # |Z| has no gradient where Z = 0, but it rises from there on every way; an error of 0 is optimal anyway.
+        df = np.where(np.isnan(df), -2 * np.sqrt(f) * np.hypot(dg, turning), df)
+        df, dg = np.where(f[0] == 0, 0.0, df / terms**2), dg / terms
+        active = g[0] <= _ACTIVE * terms
+    violation = np.where(admissible(problem, *gains), missing, np.inf)
+    box = problem.coupling
+    low, high = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]).T[:, :, None]
+    scale = parameters[-3:] + x
+    down, up = np.clip(x - low, 0.0, scale), np.clip(high - x, 0.0, scale)
+    residual = _residual(df, np.where(active, dg, 0.0), down, up)
+    empty = np.isnan(x).any(axis=0)
+    return Optimality(np.where(empty, np.nan, violation), np.where(empty, np.nan, residual))
+
+
+def _residual(df: FloatArray, dg: FloatArray, down: FloatArray, up: FloatArray) -> FloatArray:
+    """Smallest residual over multipliers lambda >= 0 of (12); arrays (3, n).
+
+    The residual of a gain is the slope times the way that the gain can go, down where the goal rises and up where it
+    falls. It is piecewise linear in lambda, so that the smallest maximum lies where two gains balance or one vanishes.
+
+    Args:
+        df: gradient of the goal.
+        dg: gradient of the constraint, 0 where it is not active.
+        down: how far each gain may fall.
+        up: how far each gain may rise.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        choices = [np.zeros(df.shape[1]), *(df / dg)]
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            for one in (down[i], -up[i]):
+                choices += [
+                    (one * df[i] - other * df[j]) / (one * dg[i] - other * dg[j]) for other in (down[j], -up[j])
+                ]
+    multiplier = np.array(choices)
+    multiplier = np.where(np.isfinite(multiplier) & (multiplier > 0), multiplier, 0.0)
+    slope = df - multiplier[:, None] * dg
+    smallest: FloatArray = np.where(slope > 0, slope * down, -slope * up).max(axis=1).min(axis=0)
+    return smallest

@@ -1,0 +1,130 @@
+"""Whether an impedance feels real: between the paper's bounds U and L, or within the just-noticeable difference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, Comparable, ComplexArray, FloatArray
+from avc_casadi.paper.equations import environment_impedance, perceived_impedance
+from avc_casadi.paper.loop import loop_at
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Objective, Problem
+    from avc_casadi.paper.loop import Loop
+
+
+# An impedance that stands on a bound is inside; a solver ends so near to one, as a share of it, and nobody feels it.
+_UNFELT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class RealismResult(Comparable):
+    """Realism at each frequency; arrays of shape (n,). Frequencies without gains are not inside.
+
+    Attributes:
+        inside_bounds: |Z_h| lies between |Z_h| of the bounds L and U, as the paper has it. Says nothing of phase.
+        inside_jnd: |Z_h - Z_h_ds| <= rho |Z_h_ds|: magnitude and phase within the just-noticeable difference.
+        jnd: rho.
+    """
+
+    inside_bounds: BoolArray
+    inside_jnd: BoolArray
+    jnd: float
+
+    @property
+    def share_inside_bounds(self) -> float:
+        """Share of the frequencies between the bounds."""
+        return float(np.mean(self.inside_bounds))
+
+    @property
+    def share_inside_jnd(self) -> float:
+        """Share of the frequencies within the just-noticeable difference."""
+        return float(np.mean(self.inside_jnd))
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {
+            "inside_bounds": self.inside_bounds.tolist(),
+            "inside_jnd": self.inside_jnd.tolist(),
+            "share_inside_bounds": self.share_inside_bounds,
+            "share_inside_jnd": self.share_inside_jnd,
+            "jnd": self.jnd,
+        }
+
+
+def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray | None = None) -> RealismResult:
+    """Judge perceived impedances at the problem's frequencies.
+
+    Args:
+        problem: bounds and just-noticeable difference.
+        impedance: Z_h at each frequency, shape (n,), N.s/m; not a number where there are no gains.
+        usable: which rows have gains; None takes all that are numbers.
+    """
+    if usable is not None:
+        impedance = np.where(usable, impedance, np.nan)
+    loop = loop_at(problem, problem.frequencies_hz())
+    low, high = bound_magnitudes(problem, loop)
+    low, high = low * (1 - _UNFELT), high * (1 + _UNFELT)
+    size = np.abs(impedance)
+    jnd = problem.realism.jnd
+    return RealismResult(
+        inside_bounds=np.asarray((size >= low) & (size <= high)),
+        inside_jnd=np.asarray(np.abs(impedance - loop.target) <= jnd * (1 + _UNFELT) * np.abs(loop.target)),
+        jnd=jnd,
+    )
+
+
+def bound_magnitudes(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray]:
+    """|Z_h| where the bounds L and U themselves are rendered: the smaller and the larger of the two, (n,), N.s/m.
+
+    Bounds that were measured draw together by what is not known of them: what lies between is real for sure.
+    """
+    ends = np.array([np.abs(bound) for bound in perceived_bounds(problem, loop)])
+    measured = problem.boundaries.measured
+    if measured is None:
+        return ends.min(axis=0), ends.max(axis=0)
+    frequency = np.asarray(loop.angle.turns / loop.angle.sample_time_s)
+    unknown = np.abs(loop.hold) * np.array([one.error_at(frequency) for one in (measured.upper, measured.lower)])
+    order = ends.argsort(axis=0)
+    low = np.take_along_axis(ends + unknown, order[:1], axis=0)[0]
+    high = np.take_along_axis(ends - unknown, order[1:], axis=0)[0]
+    return low, high
+
+
+def perceived_bounds(problem: Problem, loop: Loop) -> tuple[ComplexArray, ComplexArray]:
+    """Z_h where the bounds U and L themselves are rendered, each (n,), N.s/m."""
+    bounds, model = problem.boundaries, problem.stability.model
+    if bounds.measured is None:
+        upper, lower = (
+            environment_impedance(loop.angle, model, bound.damping_ns_per_m, bound.stiffness_n_per_m)
+            for bound in (bounds.upper, bounds.lower)
+        )
+    else:
+        frequency = np.asarray(loop.angle.turns / loop.angle.sample_time_s)
+        upper, lower = (bound.at(frequency) for bound in (bounds.measured.upper, bounds.measured.lower))
+    return (
+        np.asarray(perceived_impedance(loop.device, loop.hold, upper)),
+        np.asarray(perceived_impedance(loop.device, loop.hold, lower)),
+    )
+
+
+def relative_errors(
+    impedance: ComplexArray, target: ComplexArray, objective: Objective = "magnitude", jnd: float = 0.0
+) -> FloatArray:
+    """Relative errors of perceived impedances, of the shape in which the arguments broadcast.
+
+    Args:
+        impedance: Z_h.
+        target: Z_h_ds, not 0.
+        objective: magnitude: ||Z_h| - |Z_h_ds||; complex: |Z_h - Z_h_ds|; perceptual: what the complex error exceeds
+            the just-noticeable difference by, counted in such differences.
+        jnd: the just-noticeable difference as a share of |Z_h_ds|; used by perceptual alone.
+    """
+    size = np.abs(target)
+    if objective == "magnitude":
+        return np.asarray(np.abs(np.abs(impedance) - size) / size)
+    error = np.abs(impedance - target) / size
+    return np.asarray(error if objective == "complex" else np.maximum(error / jnd - 1, 0.0))

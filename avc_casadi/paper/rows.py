@@ -1,0 +1,127 @@
+"""What every per-frequency method shares: the order among gains and the status of a row."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+from avc_casadi.model.corners import margin_over_range
+from avc_casadi.model.schedule import Status
+from avc_casadi.paper.loop import Loop
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+
+_GUARD = 4 * float(np.finfo(np.float64).eps)
+"""A point meant to lie on Re Z = margin is placed this far inside it, relative to the terms of Re Z: their rounding."""
+
+
+def guarded_margin(device: ComplexArray, hold: ComplexArray, rendered: ComplexArray, margin: float) -> FloatArray:
+    """The margin plus the rounding of Re(device + hold * rendered)."""
+    terms = np.abs(device.real) + np.abs(hold.real * rendered.real) + np.abs(hold.imag * rendered.imag)
+    guarded: FloatArray = margin + _GUARD * terms
+    return guarded
+
+
+def wanted_points(loop: Loop, radius: FloatArray, margin: float) -> tuple[ComplexArray, ComplexArray]:
+    """Z_eavc and Z_e - Z_eavc, (4, n): at the goal, where |Z| = R crosses Re Z = margin (2), at Z = margin."""
+    target = loop.target
+    at_goal = np.where(target.real >= margin, 0, np.nan)
+    # Both parts of Z_eavc may be as large as this; on the circle a larger guard moves no error.
+    sizes = (1 + 1j) * (np.abs(loop.desired) + np.abs(target / loop.hold))
+    guarded = guarded_margin(loop.device, loop.hold, sizes, margin)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        height = np.sqrt(radius * radius - guarded * guarded)
+        # Towards the goal's side the two heights nearly cancel; the difference of squares does not.
+        side = np.where(target.imag < 0, -1.0, 1.0)
+        near = (target.real - guarded) * (target.real + guarded) / (height + np.abs(target.imag))
+        shift = (
+            np.stack(
+                (
+                    at_goal + 0j,
+                    guarded - target.real + 1j * side * near,
+                    guarded - target.real - 1j * (side * height + target.imag),
+                    guarded - target.real - 1j * target.imag,
+                )
+            )
+            / loop.hold
+        )
+    return loop.desired + shift, loop.desired_gap - shift
+
+
+TIE_MAGNITUDE = 1e-12
+"""Magnitude errors that differ by less than this share of |Z_h_ds| are equal."""
+TIE_DISTANCE = 1e-12
+"""Distances |Z_h_avc - Z_h_ds| that differ by less than this share of |Z_h_ds| are equal."""
+
+ON_BOUND = 1e-6
+"""A gain within this share of the upper end of its box stands on an end: solvers stop short of bounds by less."""
+
+GainArrays = tuple[FloatArray, FloatArray, FloatArray]
+
+
+def admissible(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> BoolArray:
+    """Whether each (b, k, b_p) lies in the gain box, of the shape of the gains."""
+    box = problem.coupling
+    (b0, b1), (k0, k1), (p0, p1) = box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m
+    inside: BoolArray = (b >= b0) & (b <= b1) & (k >= k0) & (k <= k1) & (p >= p0) & (p <= p1)
+    return inside
+
+
+def best_candidate(
+    problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p: FloatArray, margin_ns_per_m: float | None = None
+) -> GainArrays:
+    """Choose per frequency, of candidates (m, n), the first in lexicographic order.
+
+    The order: inside the box and Re Z_h >= margin, strictly; smallest magnitude error; smallest distance to Z_h_ds;
+    smallest b_p, k, b. The two tie tolerances of this module apply. A margin of None is the problem's,
+    kept by every device of its range.
+
+    Returns:
+        (b, k, b_p), each (n,); not a number where no candidate is feasible.
+    """
+    margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        z = loop.perceived(b, k, p)
+        feasible = admissible(problem, b, k, p) & (z.real >= margin)
+        radius = np.abs(loop.target)
+        error = np.where(feasible, np.abs(np.abs(z) - radius), np.inf)
+    lowest = error.min(axis=0)
+    left = feasible & (error <= lowest + TIE_MAGNITUDE * radius)
+    distance = np.where(left, np.abs(z - loop.target), np.inf)
+    left &= distance <= distance.min(axis=0) + TIE_DISTANCE * radius
+    for gain in (p, k, b):
+        ranked = np.where(left, gain, np.inf)
+        left &= ranked <= ranked.min(axis=0)
+    chosen = left.argmax(axis=0), np.arange(z.shape[1])
+    empty = ~np.isfinite(lowest)
+    return tuple(np.where(empty, np.nan, gain[chosen]) for gain in (b, k, p))  # type: ignore[return-value]
+
+
+def pointwise_notes(problem: Problem) -> tuple[str, ...]:
+    """Say that gains are pointwise where the problem asks for more; for the methods that know no other scope."""
+    scope = problem.stability.scope
+    if scope == "pointwise":
+        return ()
+    return (f"pointwise gains, each frequency on its own: they need not meet scope {scope}, as direct and schedule do",)
+
+
+def row_status(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> tuple[Status, ...]:
+    """Status of solved rows: infeasible without gains, active-bound where a gain stands on the box, else solved.
+
+    A gain stands on an end of its box when it lies within 1e-6 of the box's upper end from it (`ON_BOUND`), whichever
+    solver found it: interior-point methods stop short of a bound, root finding stands on it to the last digit.
+    """
+    box = problem.coupling
+    bounds = [box.damping_ns_per_m, box.stiffness_n_per_m]
+    if problem.coupling.structure == "damped":
+        bounds.append(box.contact_damping_ns_per_m)
+    active = np.zeros(b.shape, dtype=bool)
+    for gain, ends in zip((b, k, p), bounds, strict=False):
+        for end in ends:
+            active |= np.abs(gain - end) <= ON_BOUND * ends[1]
+    solved = np.where(active, Status.ACTIVE_BOUND, Status.SOLVED)
+    return tuple(Status(item) for item in np.where(np.isnan(b), Status.INFEASIBLE, solved))

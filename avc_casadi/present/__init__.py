@@ -1,0 +1,1 @@
+"""Results for people: figures, reports, the local page."""

@@ -1,0 +1,354 @@
+"""The parts of the page, each a question that the server answers: a few milliseconds to a second of work."""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import AvcError, InputError, fault_document
+from avc_casadi._util.json_values import json_text, plain
+from avc_casadi._util.text import with_problem
+from avc_casadi._util.units import speaking
+from avc_casadi.claims.certificate import levels_table
+from avc_casadi.claims.certify import certify
+from avc_casadi.claims.deployable import deployable
+from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
+from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
+from avc_casadi.claims.zwidth import zwidth
+from avc_casadi.files.coupling_file import coupling_document
+from avc_casadi.files.device_file import device_catalogue, load_device, parse_device
+from avc_casadi.files.gain_file import gain_csv
+from avc_casadi.files.problem_document import dump_problem
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.realism import perceived_bounds
+from avc_casadi.present.explore.fields import KEYS, dotted_units, fields_document, labels_of, words_document
+from avc_casadi.present.explore.requests import RequestError
+from avc_casadi.present.explore.settings import (
+    GAINS,
+    LIVE,
+    SLOW,
+    Settings,
+    dropped_ranges,
+    kept_of,
+    problem_of_settings,
+    require_motion,
+    settings_of,
+    values_of,
+)
+from avc_casadi.present.explore.toy import toy_document
+from avc_casadi.simulation.scene import simulate
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from avc_casadi._util.units import Units
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.present.explore.explorer import Explorer
+    from avc_casadi.simulation.run import Run
+
+_DIGITS = 6
+# Points of a trace: a lowest and a highest in each of half as many stretches.
+_TRACE_POINTS = 1200
+# A command that the page does itself.
+_METHOD = re.compile(r"`?avc (?:recommend P|solve P --method ([a-z-]+))`?(?! --)")
+
+
+def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the page is built from: words, fields, devices, methods and the base."""
+    base = explorer.base.device
+    return {
+        "words": words_document(base.units),
+        "fields": fields_document(base),
+        "values": values_of(explorer.base),
+        "devices": [
+            {"name": file.name, "title": file.title, "gaps": labels_of(file.gaps, base.units)}
+            for file in device_catalogue()
+            if file.device.motion == base.motion
+        ],
+        "live": list(LIVE),
+        "slow": list(SLOW),
+    }
+
+
+def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return impedances and gains against frequency."""
+    settings = settings_of(asked.get("settings"))
+    problem = explorer.problem(settings)
+    frequency = problem.frequencies_hz()
+    loop = loop_at(problem, frequency)
+    upper, lower = perceived_bounds(problem, loop)
+    return {
+        "title": problem.title or problem.name,
+        "values": values_of(problem),
+        "kept": kept_of(problem),
+        "dropped": dropped_ranges(explorer.base, settings, problem),
+        "frequency_hz": _short(frequency),
+        "desired": _impedance(np.asarray(loop.target)),
+        "without": _impedance(np.asarray(loop.without_coupling)),
+        "upper": _short(np.abs(upper)),
+        "lower": _short(np.abs(lower)),
+        "passive_limit_n_per_m": plain(passive_limit_n_per_m(problem.device)),
+        "gains": _gains(explorer.schedule(settings), problem.units),
+    }
+
+
+def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the certificate, the verdict on deployment and the stiffest wall of a spring and damper."""
+    settings = settings_of(asked.get("settings"))
+    problem, coupling = explorer.problem(settings), explorer.coupling(settings)
+    low_high = explorer.heavy(
+        f"stiffest {problem.device!r} {problem.hands!r}",
+        lambda: stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands))),
+    )
+    found: dict[str, Any] = {"stiffest": plain(vars(low_high)), "certificate": None, "deployable": None}
+    schedule = explorer.schedule(settings)
+    if coupling is None or schedule is None:
+        return found
+    certificate = explorer.heavy(f"levels {settings.key}", lambda: certify(problem, coupling)).document()
+    return found | {
+        "certificate": levels_table(certificate).html(),
+        "levels": [
+            {
+                "level": level,
+                "title": problem.units.text(one["title"]),
+                "pass": one["pass"],
+                "refused": bool(one["refused"]),
+            }
+            for level, one in certificate["levels"].items()
+        ],
+        "deployable": _on_page(
+            explorer, explorer.heavy(f"deployable {settings.key}", lambda: deployable(coupling)).document()
+        ),
+    }
+
+
+def touch(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a simulated hand that presses, taps or holds the wall."""
+    settings = settings_of(asked.get("settings"))
+    problem, coupling = explorer.problem(settings), explorer.coupling(settings)
+    if coupling is None:
+        return {"touch": None}
+    run = explorer.heavy(f"touch {settings.key}", lambda: simulate(problem, coupling.on(problem)))
+    return {"touch": _traces(run)}
+
+
+def region(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the K-B region of the device with its hands, and the wall that is wanted."""
+    problem = explorer.problem(settings_of(asked.get("settings")))
+    found = explorer.regions(f"region {problem.device!r} {problem.hands!r}", lambda: zwidth(problem))
+    return {
+        "damping_ns_per_m": _short(found.damping_ns_per_m),
+        "curves": [
+            {
+                "key": curve.key,
+                "claim": _told(explorer, curve.claim),
+                "stiffness_n_per_m": _short(curve.stiffness_n_per_m),
+            }
+            for curve in found.curves
+        ],
+        "encoder_limit_n_per_m": found.encoder_limit_n_per_m,
+    }
+
+
+def toy(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the numbers with which the page moves the device itself."""
+    settings = settings_of(asked.get("settings"))
+    without = bool(asked.get("without_coupling"))
+    return toy_document(explorer.problem(settings), None if without else explorer.coupling(settings))
+
+
+def work(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Begin a slow method, or say how far it is."""
+    settings = settings_of(asked.get("settings"))
+    told = explorer.work(settings, begin=bool(asked.get("begin")))
+    saved = f"{_stem(explorer.problem(settings), asked)}.toml" if _changed(settings) else explorer.source
+    told["lines"] = [with_problem(line, shlex.quote(saved)) for line in told.get("lines", [])]
+    return told | {key: _told(explorer, told[key]) for key in ("lines", "error", "what") if key in told}
+
+
+def cancel(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """End a slow method."""
+    return explorer.cancel(settings_of(asked.get("settings")))
+
+
+def device(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of a device file that was read in the browser, or of a device of the catalogue."""
+    text, name = asked.get("text"), asked.get("name")
+    if isinstance(text, str):
+        found = parse_device(text, file=str(asked.get("file", "device.toml"))[:200])
+    elif isinstance(name, str):
+        found = load_device(name)
+    else:
+        raise RequestError(400, "device needs text or name")
+    require_motion(found.device, explorer.base.device)
+    table = found.device.model_dump(mode="json", exclude_unset=True)
+    return {"title": found.title, "gaps": labels_of(found.gaps, found.device.units), "device": table}
+
+
+def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the problem or the coupling as a file, or both as commands to type."""
+    settings, kind = settings_of(asked.get("settings")), asked.get("kind")
+    problem = explorer.problem(settings)
+    whole = problem_of_settings(explorer.base, settings, to_save=True)
+    stem = _stem(problem, asked)
+    if kind == "problem":
+        return {"name": f"{stem}.toml", "text": dump_problem(whole)}
+    if kind == "command":
+        return {"name": "", "text": _command(explorer, settings, whole, stem)}
+    if kind not in {"coupling", "csv"}:
+        raise RequestError(400, "kind is problem, coupling, csv or command")
+    coupling = explorer.coupling(settings)
+    if coupling is None:
+        raise InputError.of("no frequency has gains, or the run is not done: there is nothing to save", key="method")
+    if kind == "csv":
+        return {"name": f"{stem}-gains.csv", "text": gain_csv(coupling.schedule)}
+    verdict = deployable(coupling).document()
+    certificate = dict(coupling.certificate or certify(problem, coupling).document()) | {"deployable": verdict}
+    text = json_text(coupling_document(coupling.with_certificate(certificate)))
+    return {"name": f"{stem}-coupling.json", "text": text, "told": _told(explorer, verdict["sentence"])}
+
+
+Part = Callable[["Explorer", Mapping[str, Any]], dict[str, Any]]
+PARTS: Mapping[str, Part] = {
+    each.__name__: each for each in (start, now, judge, touch, region, toy, work, cancel, device, file)
+}
+"""What can be asked for, by name."""
+_B, _K = "damping_ns_per_m", "stiffness_n_per_m"
+
+
+def answer(explorer: Explorer, part: Part, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Answer a question; what is wrong with the settings is an answer too, each fault with its field.
+
+    Raises:
+        RequestError: the page would not ask so.
+    """
+    try:
+        with speaking(explorer.base.units):
+            return part(explorer, asked)
+    except InputError as error:
+        return {"errors": [_fault(explorer, one) for one in fault_document(error)["errors"]]}
+    except RequestError:
+        raise
+    except AvcError as error:
+        return {"refused": _told(explorer, str(error))}
+
+
+def _fault(explorer: Explorer, fault: dict[str, Any]) -> dict[str, Any]:
+    of_field = fault["key"] in KEYS or fault["key"].removeprefix("gains.") in GAINS
+    key = fault["key"] if of_field else explorer.base.units.text(fault["key"])
+    return fault | {"key": key, "message": _told(explorer, fault["message"])}
+
+
+def _on_page(explorer: Explorer, verdict: dict[str, Any]) -> dict[str, Any]:
+    """Return a verdict whose advice is what to choose on the page, in place of a command."""
+    claims = [one | {"advice": _METHOD.sub(_chosen, one["advice"])} for one in verdict["claims"]]
+    told: dict[str, Any] = _told(explorer, verdict | {"claims": claims})
+    return told
+
+
+def _chosen(found: re.Match[str]) -> str:
+    return f"{found[1] or 'recommend'}, under Method"
+
+
+def _told(explorer: Explorer, told: Any) -> Any:
+    """Return a text, or every text of an answer, in the words and with the units of the page."""
+    if isinstance(told, str):
+        return dotted_units(explorer.base.units.text(told))
+    if isinstance(told, Mapping):
+        return {key: _told(explorer, one) for key, one in told.items()}
+    return [_told(explorer, one) for one in told] if isinstance(told, list | tuple) else told
+
+
+def _command(explorer: Explorer, settings: Settings, problem: Problem, stem: str) -> str:
+    """Return what to type for the same: the problem as a file where it is none yet, then the verb."""
+    changed, name = _changed(settings), f"{stem}.toml"
+    lines = [f"cat > {name} <<'AVC_PROBLEM'", dump_problem(problem).rstrip(), "AVC_PROBLEM"] if changed else []
+    which = name if changed else shlex.quote(explorer.source)
+    if settings.method == "recommend":
+        lines.append(f"avc recommend {which} --out {stem}-coupling.json")
+    elif settings.method == "constant" and settings.gains.get(GAINS[2]):
+        return f"avc certify {stem}-coupling.json  # the file of Save coupling\n"
+    elif settings.method == "constant":
+        given = [f"{settings.gains.get(key, 0.0):.15g}" for key in (_K, _B)]
+        lines.append(f"avc compare {which} --mine {','.join(given)}")
+    else:
+        lines.append(f"avc solve {which} --method {settings.method} --out {stem}-coupling.json")
+    return "\n".join(lines) + "\n"
+
+
+def _changed(settings: Settings) -> bool:
+    return bool(settings.values) or settings.device is not None
+
+
+def _stem(problem: Problem, asked: Mapping[str, Any]) -> str:
+    """Return how the files of one column are named; those of the second, which stand beside the first's, otherwise."""
+    stem = problem.name.replace("/", "-") or "problem"
+    return f"{stem}-b" if asked.get("column") == "b" else stem
+
+
+def _gains(schedule: GainSchedule | None, units: Units) -> dict[str, Any] | None:
+    if schedule is None:
+        return None
+    usable = schedule.usable
+    return {
+        "method": schedule.method,
+        "constant": bool(usable.all()) and bool(np.ptp(schedule.stiffness_n_per_m) == 0),
+        "damping_ns_per_m": _short(schedule.damping_ns_per_m),
+        "stiffness_n_per_m": _short(schedule.stiffness_n_per_m),
+        "contact_damping_ns_per_m": _short(schedule.contact_damping_ns_per_m),
+        **_impedance(np.where(usable, schedule.impedance, np.nan)),
+        "counts": schedule.counts(),
+        "reasons": [units.text(reason) for reason in dict.fromkeys(filter(None, schedule.reason))][:3],
+    }
+
+
+def _impedance(values: Any) -> dict[str, Any]:
+    return {"magnitude": _short(np.abs(values)), "real": _short(np.real(values))}
+
+
+def _traces(run: Run) -> dict[str, Any]:
+    """Return the traces with their peaks kept, and what became of the run."""
+    kept = slice(0, run.samples_in_reach)
+    rows = _peaks(run.force_n[kept], run.position_m[kept])
+    found = run.judgement
+    return {
+        "time_s": _short(run.time_s[kept][rows]),
+        "position_m": _short(run.position_m[kept][rows]),
+        "target_m": _short(run.target_m[kept][rows]),
+        "force_n": _short(run.force_n[kept][rows]),
+        "claim": run.claim,
+        "buzzing": run.buzzing,
+        "stiffness_n_per_m": plain(run.apparent_stiffness_n_per_m),
+        "peak_force_n": plain(np.max(np.abs(run.force_n[kept]), initial=0.0)),
+        "ripple_n": plain(found.force_ripple_n),
+        "effects": list(run.effects),
+    }
+
+
+def _peaks(*traces: Any) -> Any:
+    """Return the rows of each trace's lowest and highest value in every stretch; all rows of a short one."""
+    samples = len(traces[0])
+    if samples <= _TRACE_POINTS:
+        return np.arange(samples)
+    edges = np.linspace(0, samples, _TRACE_POINTS // (2 * len(traces)) + 1).astype(int)
+    found = {0, samples - 1}
+    for first, last in pairwise(edges.tolist()):
+        for trace in traces:
+            found |= {first + int(np.argmin(trace[first:last])), first + int(np.argmax(trace[first:last]))}
+    return np.array(sorted(found))
+
+
+def _short(values: ArrayLike) -> list[float | None]:
+    """Return numbers to so many significant digits; None where there is none."""
+    return [
+        float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+        for value in np.atleast_1d(np.asarray(values, dtype=np.float64)).tolist()
+    ]

@@ -1,0 +1,219 @@
+"""What stands behind the page: the problem it began with, answers kept for a while, and work in the background."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from avc_casadi._util.background import Background
+from avc_casadi._util.progress import Progress
+from avc_casadi._util.text import number
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.methods import solve
+from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.present.explore.requests import RequestError
+from avc_casadi.present.explore.settings import LIVE, Settings, constant_gains, problem_of_settings
+from avc_casadi.recommendation.recommend import Recommendation, recommend
+from avc_casadi.recommendation.told import conclusion_lines
+
+if TYPE_CHECKING:
+    from avc_casadi.design.methods import MethodName
+    from avc_casadi.model.problem import Problem
+
+T = TypeVar("T")
+
+_KEPT = 24
+_AT_ONCE = 2
+# A page that was closed no longer asks: its work ends.
+_UNASKED_S = 15.0
+
+
+@dataclass
+class Kept:
+    """The last few results by key; what is asked for twice at a time is made once."""
+
+    most: int = _KEPT
+    _held: OrderedDict[str, Any] = field(default_factory=OrderedDict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def __call__(self, key: str, make: Callable[[], T]) -> T:
+        """Return what is kept, or make it."""
+        with self._lock:
+            if key in self._held:
+                self._held.move_to_end(key)
+                found: T = self._held[key]
+                return found
+            made = make()
+            self._held[key] = made
+            while len(self._held) > self.most:
+                self._held.popitem(last=False)
+            return made
+
+
+@dataclass
+class _Task:
+    of: Background
+    asked_s: float
+
+
+@dataclass
+class Explorer:
+    """Everything that a server of the page needs; it keeps no state but caches.
+
+    Attributes:
+        base: the problem that the page begins with.
+        source: how the user named it.
+        versions: versions by package, for the coupling files that it writes.
+    """
+
+    base: Problem
+    source: str
+    versions: Mapping[str, str] = field(default_factory=dict)
+    problems: Kept = field(default_factory=Kept)
+    schedules: Kept = field(default_factory=Kept)
+    heavy: Kept = field(default_factory=Kept)
+    regions: Kept = field(default_factory=Kept)
+    _tasks: dict[str, _Task] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def problem(self, settings: Settings) -> Problem:
+        """Return the problem that the settings mean.
+
+        Raises:
+            InputError: with every fault.
+        """
+        return self.problems(
+            f"{settings.method in LIVE} {settings.method == 'constant' and settings.gains} {settings.stated}",
+            lambda: problem_of_settings(self.base, settings),
+        )
+
+    def schedule(self, settings: Settings) -> GainSchedule | None:
+        """Return the gains of the settings; None where they come from work that is not done."""
+        if settings.method not in LIVE:
+            coupling = self.coupling(settings)
+            return None if coupling is None else self.schedules(settings.key, lambda: _at_all_frequencies(coupling))
+        return self.schedules(settings.key, lambda: _live(self.problem(settings), settings))
+
+    def coupling(self, settings: Settings) -> Coupling | None:
+        """Return the coupling of the settings; None where no row has gains, or its work is not done."""
+        if settings.method in LIVE:
+            gains, problem = self.schedule(settings), self.problem(settings)
+            if gains is None or not gains.usable.any():
+                return None
+            return self.heavy(f"coupling {settings.key}", lambda: Coupling.of(problem, gains, versions=self.versions))
+        task = self._tasks.get(settings.run)
+        if task is None or task.of.result is None:
+            return None
+        found: Coupling | None = task.of.result[0]
+        return None if found is None else replace(found, problem=self.problem(settings), versions=self.versions)
+
+    def work(self, settings: Settings, *, begin: bool) -> dict[str, Any]:
+        """Say how far the work of the settings is; begin it where it is asked to.
+
+        Raises:
+            InputError: the settings mean no problem.
+            RequestError: too much is under way.
+        """
+        if settings.method in LIVE:
+            raise RequestError(400, f"{settings.method} follows at once and is no work")
+        problem, key = self.problem(settings), settings.run
+        with self._lock:
+            self._end_unasked()
+            task = self._tasks.get(key)
+            if begin and (task is None or task.of.error):
+                running = sum(not one.of.over for one in self._tasks.values())
+                if running >= _AT_ONCE:
+                    return {"state": "refused", "error": f"{running} runs are under way; cancel one of them first"}
+                task = _Task(Background.of(_worked, (problem, settings.method)), time.monotonic())
+                self._tasks[key] = task
+                self._forget()
+            if task is None:
+                return {"state": "not-begun"}
+            task.asked_s = time.monotonic()
+            return _state(task.of)
+
+    def cancel(self, settings: Settings) -> dict[str, Any]:
+        """End the work of the settings."""
+        with self._lock:
+            task = self._tasks.get(settings.run)
+            if task is not None:
+                task.of.cancel()
+        return {"state": "not-begun"} if task is None else {"state": "error", "error": "cancelled"}
+
+    def close(self) -> None:
+        """End all work."""
+        with self._lock:
+            for task in self._tasks.values():
+                task.of.cancel()
+
+    def _end_unasked(self) -> None:
+        for task in self._tasks.values():
+            if not task.of.over and time.monotonic() - task.asked_s > _UNASKED_S:
+                task.of.cancel()
+
+    def _forget(self) -> None:
+        over = [key for key, task in self._tasks.items() if task.of.over]
+        for key in over[: max(0, len(self._tasks) - _KEPT)]:
+            del self._tasks[key]
+
+
+def _state(work: Background) -> dict[str, Any]:
+    done, total, what = work.said
+    told = {"done": done, "total": total, "what": what, "seconds": round(work.seconds, 1)}
+    if not work.over:
+        return {"state": "running"} | told
+    if work.error:
+        return {"state": "error", "error": work.error} | told
+    return {"state": "done", "lines": work.result[1]} | told
+
+
+def _live(problem: Problem, settings: Settings) -> GainSchedule:
+    if settings.method != "constant":
+        method: MethodName = settings.method  # type: ignore[assignment]
+        return solve(problem, method)
+    rows, gains = len(problem.frequencies_hz()), constant_gains(settings)
+    every = tuple(np.full(rows, value) for value in vars(gains).values())
+    return gain_schedule(problem, "constant", (every[0], every[1], every[2]), (Status.SOLVED,) * rows)
+
+
+def _at_all_frequencies(coupling: Coupling) -> GainSchedule:
+    """Return the gains that run at the problem's frequencies, where the method told them at others only."""
+    schedule, frequency = coupling.schedule, coupling.problem.frequencies_hz()
+    if np.array_equal(schedule.frequency_hz, frequency):
+        return schedule
+    b, k, contact = coupling.table(frequency)
+    return gain_schedule(
+        coupling.problem,
+        coupling.method,
+        (b, k, contact),
+        (Status.SOLVED,) * len(frequency),
+        state_feedback=coupling.runtime.state_feedback,
+    )
+
+
+def _helpful(document: Mapping[str, Any]) -> list[str]:
+    """Return what would help, as a line of the conclusion."""
+    walls = [f"{one['change']} {number(one['stiffest_wall_n_per_m'])}" for one in document["what_would_help"]]
+    now = number(document["plain_wall_n_per_m"])
+    return [f"what would help a plain spring and damper, which holds {now} N/m: {'; '.join(walls)}"] if walls else []
+
+
+def _worked(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | None, list[str]]:
+    """Return the coupling of a slow method and what is to be told of it."""
+    problem, method = task
+    if method == "recommend":
+        found: Recommendation = recommend(problem, progress=progress)
+        document = found.document()
+        return found.coupling, [*conclusion_lines(document), *_helpful(document)]
+    name: MethodName = method  # type: ignore[assignment]
+    gains = solve(problem, name, progress=progress)
+    if not gains.usable.any():
+        return None, list(dict.fromkeys(gains.reason))
+    return Coupling.of(problem, gains), list(gains.notes)

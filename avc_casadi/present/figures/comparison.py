@@ -1,0 +1,169 @@
+"""The comparison of the methods: errors against frequency and a strip of verdicts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.patches import Patch
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.present.figures.layout import GivenAxes, Panels
+from avc_casadi.present.figures.style import (
+    DESIRED,
+    IMPEDANCE_UNIT,
+    LOWER,
+    MINE,
+    NO_COUPLING,
+    PERCEIVED,
+    UPPER,
+    frequency_axis,
+    method_lines,
+    styled,
+    value_axis,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from avc_casadi.design.comparison.comparison import Comparison
+
+
+@styled
+def draw_boundaries(comparison: Comparison, axes: GivenAxes = None) -> Figure:
+    """Draw |Z_h| of the bounds U and L, the desired impedance and no coupling, in N.s/m and relative to the desired.
+
+    Args:
+        comparison: what is drawn.
+        axes: 2 axes to draw in, row by row; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    frequency = comparison.frequency_hz
+    titles = ("(a) perceived impedance", "(b) relative to the desired impedance")
+    panels = Panels.of(axes, titles, 3.4, lambda figure: figure.subplots(1, 2))
+    size, share = panels.axes
+    curves = (
+        (DESIRED, comparison.target),
+        (NO_COUPLING, comparison.without_coupling),
+        (UPPER, comparison.upper),
+        (LOWER, comparison.lower),
+    )
+    desired = np.abs(comparison.target)
+    shares: list[FloatArray] = []
+    sizes: list[FloatArray] = []
+    for line, impedance in curves:
+        sizes.append(np.abs(impedance))
+        line.draw(size, frequency, sizes[-1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares.append(100 * np.abs(impedance) / desired)
+        line.draw(share, frequency, shares[-1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share.fill_between(
+            frequency,
+            100 * np.abs(comparison.lower) / desired,
+            100 * np.abs(comparison.upper) / desired,
+            color="0.93",
+            zorder=1,
+            label="feels real",
+        )
+    value_axis(share, *shares)
+    value_axis(size, *sizes)
+    size.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
+    share.set_ylabel(f"{PERCEIVED} / desired (%)")
+    for panel in (size, share):
+        frequency_axis(panel, frequency)
+    handles, labels = share.get_legend_handles_labels()
+    panels.legend(handles, labels, len(labels))
+    return panels.figure
+
+
+# Smaller errors, in per cent, are drawn on this line: rounding in the goal, nothing that a hand could notice.
+_ROUNDING = 1e-9
+_UNNOTICED = 1e-2
+
+_VERDICTS = {
+    "agree": ("methods agree", "0.97", ""),
+    "direct-better": ("optimiser better", "0.82", "...."),
+    "closed-form-not-realisable": ("closed form not realisable", "0.66", "////"),
+    "bound-active": ("bound active", "0.9", "||||"),
+    "infeasible": ("infeasible", "0.25", "xxxx"),
+}
+
+
+@styled
+def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
+    """Draw the magnitude error, the complex error and the verdict at each frequency.
+
+    Args:
+        comparison: what is drawn.
+        axes: 3 axes to draw in, row by row; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    titles = (
+        "(a) the goal (11); 1e-9 % and less is rounding",
+        f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such",
+        "(c) verdict, pointwise",
+    )
+    panels = Panels.of(axes, titles, 6.2, lambda figure: figure.subplots(3, 1, height_ratios=[3, 3, 0.5]))
+    magnitude, complex_, strip = panels.axes
+    size = np.abs(comparison.target)
+    errors: list[tuple[str, FloatArray, FloatArray]] = [
+        (name, gains.magnitude_error, gains.complex_error) for name, gains in comparison.methods.items()
+    ]
+    lines = method_lines(comparison)
+    if comparison.mine is not None:
+        errors.append(("mine", comparison.mine.magnitude_error, comparison.mine.complex_error))
+        lines["mine"] = MINE
+    for name, magnitude_error, complex_error in errors:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = 100 * magnitude_error / size
+        given = comparison.methods.get(name)
+        usable = np.ones(len(share), dtype=bool) if given is None else given.usable
+        for panel, error, floor in ((magnitude, share, _ROUNDING), (complex_, 100 * complex_error, _UNNOTICED)):
+            shown = np.maximum(error, floor)
+            lines[name].draw_where(usable, panel, comparison.frequency_hz, shown)
+    for panel, floor, label in (
+        (magnitude, _ROUNDING, f"error of {PERCEIVED} (%)"),
+        (complex_, _UNNOTICED, "complex error (%)"),
+    ):
+        panel.set_yscale("log")
+        panel.set_ylim(floor / 3, max(panel.get_ylim()[1], 1.0))
+        frequency_axis(panel, comparison.frequency_hz, label=False)
+        panel.set_ylabel(label)
+    patches = _verdicts(strip, comparison, magnitude.get_xlim())
+    handles, labels = magnitude.get_legend_handles_labels()
+    panels.legend(
+        [*handles, *patches],
+        [*labels, *(str(patch.get_label()) for patch in patches)],
+        3,
+    )
+    return panels.figure
+
+
+def _verdicts(axes: Axes, comparison: Comparison, ends: tuple[float, float]) -> list[Patch]:
+    """Draw one band for each run of equal verdicts, from end to end of the axis."""
+    frequency = comparison.frequency_hz
+    verdicts = [verdict.value for verdict in comparison.verdict]
+    middle = np.sqrt(frequency[1:] * frequency[:-1])
+    edges = np.concatenate([ends[:1], middle, ends[1:]])
+    start = 0
+    for row in range(1, len(verdicts) + 1):
+        if row == len(verdicts) or verdicts[row] != verdicts[start]:
+            _, colour, hatch = _VERDICTS[verdicts[start]]
+            axes.axvspan(edges[start], edges[row], facecolor=colour, edgecolor="0.3", hatch=hatch, linewidth=0.6)
+            start = row
+    frequency_axis(axes, frequency)
+    axes.set_xlim(*ends)
+    axes.set_yticks([])
+    axes.grid(visible=False)
+    counts = comparison.counts()
+    return [
+        Patch(facecolor=colour, edgecolor="0.3", hatch=hatch, linewidth=0.6, label=f"{label} ({counts[verdict]})")
+        for verdict, (label, colour, hatch) in _VERDICTS.items()
+        if counts[verdict]
+    ]

@@ -1,0 +1,147 @@
+"""A device identified: the log beside the model, what is left over, frequency response, intervals, correlations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.ticker import FixedLocator, FuncFormatter
+
+from avc_casadi.present.figures.layout import GivenAxes, Panels
+from avc_casadi.present.figures.style import frequency_axis, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from avc_casadi.identification.model import Identification
+
+_MEASURED: dict[str, Any] = {"color": "0.55", "linewidth": 2.6, "label": "measured"}
+_MODEL: dict[str, Any] = {"color": "#08306b", "linewidth": 1.2, "linestyle": (0, (5, 1.6)), "label": "model"}
+_LARGE_M = 2e-3
+_TITLES = (
+    "(a) position, the model all but free",
+    "(b) measured less model",
+    "(c) velocity for 1 N",
+    "(d) its phase, less that of a mass",
+    "(e) 95 % intervals about the values",
+    "(f) prediction error against its past",
+)
+
+
+@styled
+def draw_identification(found: Identification, axes: GivenAxes = None) -> Figure:
+    """Draw how a model stands to its log, in six panels.
+
+    Args:
+        found: the identification.
+        axes: one axes a panel to draw in; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    panels = Panels.of(axes, _TITLES, 8.6, lambda figure: figure.subplots(3, 2).ravel())
+    position, left, size, phase, intervals, past = panels.axes
+    _stretch(position, left, found)
+    _response(size, phase, found)
+    _intervals(intervals, found)
+    _past(past, found)
+    panels.legend(*position.get_legend_handles_labels(), 2)
+    return panels.figure
+
+
+@styled
+def draw_correlations(found: Identification, axes: GivenAxes = None) -> Figure:
+    """Draw the correlations of the estimates.
+
+    Args:
+        found: the identification.
+        axes: one axes to draw in; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    panels = Panels.of(axes, ("correlations of the estimates",), 4.6, lambda figure: [figure.subplots()])
+    (one,) = panels.axes
+    one.imshow(found.correlation, aspect="auto", vmin=-1, vmax=1, cmap="RdBu_r")
+    names = [name.rpartition(".")[2] for name in found.names]
+    one.set_xticks(range(len(names)), names, rotation=35, ha="right")
+    one.set_yticks(range(len(names)), names)
+    one.grid(visible=False)
+    for row in range(len(names)):
+        for column in range(row):
+            value = float(found.correlation[row, column])
+            colour = "white" if abs(value) > 0.6 else "0.2"
+            one.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=colour)
+    return panels.figure
+
+
+def _stretch(position: Axes, left: Axes, found: Identification) -> None:
+    shown = found.shown[0]
+    position.plot(shown.time_s, 1e3 * shown.measured_m, **_MEASURED)
+    position.plot(shown.time_s, 1e3 * shown.simulated_m, **_MODEL)
+    position.set_ylabel("position (mm)")
+    difference = shown.measured_m - shown.simulated_m
+    size, unit = (1e3, "mm") if np.abs(difference).max(initial=0.0) > _LARGE_M else (1e6, "µm")
+    left.plot(shown.time_s, size * difference, color="#08306b", linewidth=0.8)
+    left.set_ylabel(f"difference ({unit})")
+    for one in (position, left):
+        one.set_xlabel("time (s)")
+        one.set_xlim(float(shown.time_s[0]), float(shown.time_s[-1]))
+
+
+def _response(size: Axes, phase: Axes, found: Identification) -> None:
+    response = found.response
+    use = response.driven & (response.coherence > 0.3)
+    if not use.any():
+        use = np.ones_like(use)
+    frequency = response.frequency_hz
+    band = frequency[use]
+    span = (frequency >= band[0]) & (frequency <= band[-1])
+    size.plot(band, np.abs(response.velocity_per_force[use]), "o", markersize=2.4, color="0.55")
+    size.plot(frequency[span], np.abs(found.modelled[span]), **{**_MODEL, "label": "_"})
+    size.set_yscale("log")
+    size.set_ylabel("|v/F| (m/s/N)")
+    # A mass turns by -90 degrees; what is left is damping, delay, amplifier and resonance.
+    turned = 1j
+    measured = np.degrees(np.angle(response.velocity_per_force[use] * turned))
+    model = np.degrees(np.unwrap(np.angle(found.modelled[span] * turned)))
+    # Each measured phase is shown in the turn of the model.
+    near = np.interp(band, frequency[span], model)
+    phase.plot(band, measured + 360 * np.round((near - measured) / 360), "o", markersize=2.4, color="0.55")
+    phase.plot(frequency[span], model, **{**_MODEL, "label": "_"})
+    phase.set_ylabel("phase (degrees)")
+    for one in (size, phase):
+        if band[-1] > band[0]:
+            frequency_axis(one, band)
+        one.set_xlabel("frequency (Hz)")
+
+
+def _intervals(axes: Axes, found: Identification) -> None:
+    known = [one for one in found.estimates.values() if one.value != 0 and one.low < one.high]
+    some = [one for one in known if not one.key.startswith("offset")]
+    at = np.arange(len(some))[::-1]
+    ends = np.array([[(one.value - one.low) / abs(one.value), (one.high - one.value) / abs(one.value)] for one in some])
+    ends = 100 * np.clip(ends.reshape(-1, 2).T, 1e-4, 1e3)
+    axes.hlines(at, -ends[0], ends[1], color="#08306b", linewidth=2.2)
+    axes.plot(np.zeros(len(some)), at, "|", color="0.1", markersize=8)
+    axes.set_yticks(at, [one.key.rpartition(".")[2] for one in some])
+    widest = float(ends.max(initial=1.0))
+    straight = 10.0 ** np.floor(np.log10(max(1.0, widest) / 50))
+    axes.set_xscale("symlog", linthresh=straight)
+    axes.xaxis.set_major_locator(FixedLocator(straight * np.array([-100.0, -1.0, 0.0, 1.0, 100.0])))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}".replace("e+0", "e")))
+    axes.set_xlim(-1.6 * widest, 1.6 * widest)
+    axes.set_xlabel("from the value (%)")
+
+
+def _past(axes: Axes, found: Identification) -> None:
+    lags = np.arange(1, found.lags.size + 1)
+    axes.vlines(lags, 0, found.lags, color="#08306b", linewidth=1.6)
+    white = 2 / np.sqrt(max(found.error_m.size, 1))
+    axes.axhspan(-white, white, color="0.85", zorder=0)
+    reach = max(0.1, 1.15 * float(np.abs(found.lags).max(initial=0.0)))
+    axes.set_ylim(-reach, reach)
+    axes.set_xlim(0, lags[-1] + 1)
+    axes.set_xlabel("samples back")
+    axes.set_ylabel("correlation")

@@ -1,0 +1,176 @@
+"""The paper's figure 5, a to e: perceived impedance with an enlarged part, damping, stiffness and Re Z_h."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+from avc_casadi._util.units import spoken
+from avc_casadi.present.figures.layout import GivenAxes, Panels
+from avc_casadi.present.figures.style import (
+    DESIRED,
+    IMPEDANCE_UNIT,
+    NO_COUPLING,
+    PERCEIVED,
+    frequency_axis,
+    method_lines,
+    styled,
+    value_axis,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from avc_casadi.design.comparison.comparison import Comparison
+    from avc_casadi.model.problem import Model
+    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.present.figures.style import Line
+
+# The enlarged part spans this factor in frequency.
+_ENLARGED = 3.0
+
+
+@styled
+def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
+    """Draw what the hand meets without coupling, by the closed form and by the delivered gains, and these gains.
+
+    Args:
+        comparison: what is drawn.
+        axes: 5 axes (6 in the damped structure) to draw in, row by row; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    damped = comparison.structure == "damped"
+    other = "sampled-data" if comparison.model == "paper" else "paper"
+    titles = [
+        "(a) perceived impedance",
+        "(b) enlarged part",
+        "(c) damping b",
+        "(d) stiffness k",
+        f"(e) real part, {comparison.model} model; thin: {other}",
+        *(["(f) contact damping"] if damped else []),
+    ]
+    layout = "ab;cd;ef" if damped else "ab;cd;ee"
+    drawn = Panels.of(axes, titles, 8.0, lambda figure: figure.subplot_mosaic(layout).values())
+    panels = dict(zip("abcdef", drawn.axes, strict=False))
+    shown = ("closed-form", comparison.delivered)
+    _magnitude(panels["a"], comparison, shown)
+    _enlarged(panels["b"], panels["a"], comparison, shown)
+    # Of what turns a wall is tenths of a N.m/rad.
+    stiffness = (1e-3, "k (kN/m)") if spoken().linear else (1.0, "k (N/m)")
+    gains = [
+        (panels["c"], "damping_ns_per_m", 1.0, f"b ({IMPEDANCE_UNIT})"),
+        (panels["d"], "stiffness_n_per_m", *stiffness),
+    ]
+    if damped:
+        label = rf"$b_\mathrm{{p}}$ ({IMPEDANCE_UNIT})"
+        gains.append((panels["f"], "contact_damping_ns_per_m", 1.0, label))
+    for panel, key, scale, label in gains:
+        _gain(panel, comparison, shown, key, scale)
+        panel.set_ylabel(label)
+    limit = stiffness[0] * comparison.passive_limit_n_per_m
+    if np.isfinite(limit):
+        panels["d"].axhline(
+            limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label="passive limit of DC stiffness"
+        )
+    _real_part(panels["e"], comparison, shown)
+    handles, labels = panels["a"].get_legend_handles_labels()
+    for letter in ("c", "d", "e"):
+        for handle, label in zip(*panels[letter].get_legend_handles_labels(), strict=True):
+            if label not in labels:
+                handles.append(handle)
+                labels.append(label)
+    drawn.legend(handles, labels, 3)
+    return drawn.figure
+
+
+def _curves(comparison: Comparison, shown: tuple[str, ...]) -> list[tuple[Line, ComplexArray, BoolArray]]:
+    """Return each curve with where it can be had."""
+    everywhere = np.ones(comparison.frequency_hz.shape, dtype=bool)
+    lines = method_lines(comparison)
+    return [
+        (DESIRED, comparison.target, everywhere),
+        (NO_COUPLING, comparison.without_coupling, everywhere),
+        *((lines[name], comparison.methods[name].impedance, comparison.methods[name].usable) for name in shown),
+    ]
+
+
+def _magnitude(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
+    sizes = []
+    for line, impedance, usable in _curves(comparison, shown):
+        sizes.append(np.abs(impedance))
+        line.draw_where(usable, axes, comparison.frequency_hz, sizes[-1])
+    value_axis(axes, *sizes)
+    frequency_axis(axes, comparison.frequency_hz)
+    axes.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
+
+
+def enlarged_range(comparison: Comparison) -> tuple[float, float]:
+    """Return the part worth enlarging, Hz: about the largest relative difference between the curves."""
+    frequency, desired = comparison.frequency_hz, np.abs(comparison.target)
+    curves = [comparison.methods["closed-form"].impedance, comparison.without_coupling]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.max([np.abs(np.abs(curve) - desired) / desired for curve in curves], axis=0)
+    spread = np.where(np.isfinite(spread), spread, 0.0)
+    low, high = float(frequency.min()), float(frequency.max())
+    centre = float(np.clip(frequency[int(np.argmax(spread))], low * _ENLARGED**0.5, high / _ENLARGED**0.5))
+    return max(low, centre / _ENLARGED**0.5), min(high, centre * _ENLARGED**0.5)
+
+
+def _enlarged(axes: Axes, whole: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
+    low, high = enlarged_range(comparison)
+    frequency = comparison.frequency_hz
+    inside = (frequency >= low) & (frequency <= high)
+    if inside.sum() < 2:
+        inside[:] = True
+    sizes = []
+    for line, impedance, usable in _curves(comparison, shown):
+        line.draw_where(usable[inside], axes, frequency[inside], np.abs(impedance[inside]), markers=8)
+        sizes.append(np.abs(impedance[inside]))
+    frequency_axis(axes, frequency[inside])
+    value_axis(axes, *sizes)
+    axes.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
+    whole.axvspan(frequency[inside].min(), frequency[inside].max(), color="0.93", zorder=0, label="enlarged in (b)")
+
+
+def _gain(axes: Axes, comparison: Comparison, shown: tuple[str, ...], key: str, scale: float) -> None:
+    drawn: list[FloatArray] = []
+    lines = method_lines(comparison)
+    for name in shown:
+        gains: GainSchedule = comparison.methods[name]
+        value = scale * getattr(gains, key)
+        asked = scale * getattr(gains, f"requested_{key}", np.full(gains.rows, np.nan))
+        drawn.append(np.where(gains.usable, value, asked))
+        lines[name].draw_where(gains.usable, axes, comparison.frequency_hz, drawn[-1])
+    frequency_axis(axes, comparison.frequency_hz)
+    value_axis(axes, *drawn, wide=1.2)
+    if axes.get_yscale() != "log":  # where 0 has no place, and would move the limits
+        axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
+
+
+def _real_part(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
+    drawn = []
+    for line, impedance, usable in _curves(comparison, shown):
+        line.draw_where(usable, axes, comparison.frequency_hz, impedance.real, markers=20)
+        drawn.append(impedance.real)
+    lines = method_lines(comparison)
+    other: Model = "sampled-data" if comparison.model == "paper" else "paper"
+    for name in shown:
+        values = np.where(comparison.methods[name].usable, comparison.judged[name].real_part[other], np.nan)
+        label = f"{lines[name].label}, {other} model"
+        if np.isfinite(values).any():
+            lines[name].draw(axes, comparison.frequency_hz, values, linewidth=0.9, marker="", alpha=0.6, label=label)
+        drawn.append(values[np.isfinite(values)])
+    frequency_axis(axes, comparison.frequency_hz)
+    value_axis(axes, *drawn)
+    lowest, highest = axes.get_ylim()
+    margin = comparison.margin_ns_per_m
+    if lowest < margin:
+        axes.axhspan(lowest, margin, facecolor="0.96", edgecolor="0.8", hatch="////", linewidth=0, zorder=0)
+        axes.set_ylim(lowest, highest)
+    axes.axhline(margin, color="0.5", linewidth=0.8, zorder=1)
+    axes.set_ylabel(rf"Re $Z_\mathrm{{h}}$ ({IMPEDANCE_UNIT})")

@@ -1,0 +1,222 @@
+"""Z-width: which walls a device renders passively or stably, where solved gains lie, and what Llewellyn allows."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import BoundaryNorm
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.present.figures.layout import GivenAxes, Panels
+from avc_casadi.present.figures.style import IMPEDANCE_UNIT, styled
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from avc_casadi._util.arrays import FloatArray
+    from avc_casadi.arm.walls import WorkspaceMap
+    from avc_casadi.claims.zwidth import LlewellynTable, ZWidth
+
+
+_AXES = ("x", "y", "z")
+_COLOURS = 12
+
+
+@styled
+def draw_workspace(maps: Mapping[str, WorkspaceMap], axes: GivenAxes = None) -> Figure:
+    """Draw maps of the stiffest wall, a row each, a panel for each normal; grey is out of the mechanism's reach.
+
+    Of a device in space a plane is drawn through the middle of the shortest side of the workspace; its place is told.
+
+    Args:
+        maps: by what tells them apart, for the titles.
+        axes: one axes a panel to draw in; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    labels = next(iter(maps.values())).labels
+    names = [f"normal {label}" if label in _AXES else "any direction" for label in labels]
+    titles = [f"{name}\n{normal}" if name else normal for name in maps for normal in names]
+    panels = Panels.of(
+        axes,
+        titles,
+        1.5 + 1.7 * len(maps),
+        lambda figure: figure.subplots(len(maps), len(labels), sharex=True, sharey=True, squeeze=False).ravel(),
+    )
+    planes = [_plane(found) for found in maps.values()]
+    whole = np.concatenate([part.ravel() for _, _, parts, _ in planes for part in parts])
+    colours, levels = _levels(whole[np.isfinite(whole)] / 1e3)
+    for row, (sides, grid, parts, section) in enumerate(planes):
+        for column, (one, part) in enumerate(
+            zip(panels.axes[row * len(labels) : (row + 1) * len(labels)], parts, strict=True)
+        ):
+            one.set_facecolor("0.85")
+            one.pcolormesh(1e3 * grid[0], 1e3 * grid[1], part.T / 1e3, norm=levels, cmap=colours)
+            one.grid(visible=False)
+            if panels.own:
+                one.set_aspect("equal")
+            # A colour stands for a place of the grid; nothing is said of what lies beyond the workspace.
+            one.set_xlim(1e3 * grid[0][0], 1e3 * grid[0][-1])
+            one.set_ylim(1e3 * grid[1][0], 1e3 * grid[1][-1])
+            if row == len(maps) - 1:
+                one.set_xlabel(f"{sides[0]} (mm){section}")
+            if column == 0:
+                one.set_ylabel(f"{sides[1]} (mm)")
+    ends = levels.boundaries
+    handles = [Patch(color=colours(index)) for index in range(len(ends) - 1)]
+    spans = [f"{low:.3g} to {high:.3g} kN/m" for low, high in pairwise(ends)]
+    panels.legend(handles, spans, 4, "stiffest wall of a spring and damper, every hand and let go, along the normal")
+    return panels.figure
+
+
+def _levels(stiffness_kn_per_m: FloatArray) -> tuple[Any, BoundaryNorm]:
+    """Return colours of even ratios from the softest wall to the stiffest."""
+    low, high = float(stiffness_kn_per_m.min()), float(stiffness_kn_per_m.max())
+    ends = np.geomspace(0.999 * low, 1.001 * high, _COLOURS + 1)
+    return colormaps["viridis"].resampled(_COLOURS), BoundaryNorm(ends, _COLOURS)
+
+
+def _plane(found: WorkspaceMap) -> tuple[tuple[str, str], tuple[FloatArray, FloatArray], list[FloatArray], str]:
+    """Return the names of two sides, the grid along them (m), the stiffness of each normal, and where the plane is."""
+    d = len(found.counts)
+    whole = found.stiffness_n_per_m.reshape(*found.counts, len(found.labels))
+    places = found.points_m.reshape(*found.counts, d)
+    across = int(np.argmin(np.ptp(found.points_m, axis=0))) if d == 3 else None
+    left = [axis for axis in range(d) if axis != across]
+    section = ""
+    if across is not None:
+        middle = found.counts[across] // 2
+        whole, places = np.take(whole, middle, axis=across), np.take(places, middle, axis=across)
+        section = f", at {_AXES[across]} = {1e3 * float(places[0, 0, across]) + 0.0:.3g} mm"
+    grid = places[:, 0, left[0]], places[0, :, left[1]]
+    sides = _AXES[left[0]], _AXES[left[1]]
+    return sides, grid, [whole[..., column] for column in range(len(found.labels))], section
+
+
+_LINES: dict[str, tuple[str, Any, float]] = {
+    "passive-paper": ("#d1600a", (0, (5, 1.6)), 1.4),
+    "passive-sampled-data": ("#08306b", "-", 2.0),
+    "passive-delayed": ("#5a9bd4", (0, (1, 1.4)), 1.6),
+    "stable-released": ("#5a5a00", (0, (4, 1.5, 1, 1.5)), 1.3),
+    "stable-hands": ("#1b7837", "-", 1.3),
+}
+
+
+@styled
+def draw_zwidth(
+    region: ZWidth,
+    llewellyn: LlewellynTable | None = None,
+    rendered: dict[str, tuple[FloatArray, FloatArray]] | None = None,
+    axes: GivenAxes = None,
+) -> Figure:
+    """Draw the K-B region with the walls that gains render, and the largest coupling that Llewellyn allows.
+
+    Args:
+        region: curves of the device.
+        llewellyn: second panel, left out where None (a device without damping).
+        rendered: by name of a method, (B, K) of the walls rendered at each frequency.
+        axes: one axes a panel to draw in; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    count = 1 if llewellyn is None else 2
+    panels = Panels.of(
+        axes,
+        ("(a) walls without coupling: stiffness below each curve", "(b) coupling for any passive wall")[:count],
+        4.4,
+        lambda figure: figure.subplots(1, count, squeeze=False, width_ratios=[1.7, 1][:count])[0],
+    )
+    _region(panels.axes[0], region, rendered or {})
+    if llewellyn is not None:
+        _llewellyn(panels.axes[1], llewellyn)
+    panels.legend(*panels.axes[0].get_legend_handles_labels(), 2)
+    return panels.figure
+
+
+def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, FloatArray]]) -> None:
+    damping = region.damping_ns_per_m[1:]
+    for curve in region.curves:
+        colour, style, width = _LINES[curve.key]
+        stiffness = curve.stiffness_n_per_m[1:]
+        label = f"{curve.claim} (of {region.hands})" if curve.key == "stable-hands" else curve.claim
+        if not (stiffness > 0).any():
+            label = f"{label}: no wall"
+        axes.plot(damping, stiffness, color=colour, linestyle=style, linewidth=width, label=label)
+        if curve.key == "passive-sampled-data":
+            axes.fill_between(damping, 0, np.nan_to_num(stiffness), color=colour, alpha=0.12, linewidth=0)
+    limit = region.encoder_limit_n_per_m
+    if limit is not None:
+        axes.axhline(
+            limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label=r"encoder and friction, $2f_c/\Delta$"
+        )
+    wanted = region.wanted_stiffness_n_per_m
+    lowest, highest = [], []
+    if wanted > 0:
+        # A wall without damping has no place on a logarithmic axis: the left edge.
+        place = max(region.wanted_damping_ns_per_m, float(damping[0]))
+        axes.plot(
+            [place], [wanted], linestyle="none", marker="*", markersize=11, color="#b2182b", markeredgecolor="white",
+            markeredgewidth=0.6, label=f"wall wanted: {wanted:g} N/m, {region.wanted_damping_ns_per_m:g} N.s/m",
+            zorder=6, clip_on=False,
+        )  # fmt: skip
+        lowest, highest = [wanted], [wanted]
+    for (name, (b, k)), marker in zip(rendered.items(), "o^sDv", strict=False):
+        shown = (b > 0) & (k > 0)
+        axes.plot(
+            b[shown], k[shown], linestyle="none", marker=marker, markersize=3.4, color="0.15", markerfacecolor="white",
+            markeredgewidth=0.8, label=f"walls rendered by {name}, each at its frequency", zorder=5,
+        )  # fmt: skip
+        lowest += [k[shown].min(initial=np.inf)]
+        highest += [k[shown].max(initial=0.0)]
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    curves = np.concatenate([curve.stiffness_n_per_m[np.isfinite(curve.stiffness_n_per_m)] for curve in region.curves])
+    stable = np.concatenate([c.stiffness_n_per_m for c in region.curves if c.key.startswith("stable")])
+    passive = np.nan_to_num(region.passive_limit_n_per_m)
+    top = max(np.nanmax(stable, initial=1.0), passive, *highest, 0.0)
+    bottom = min(0.3 * passive if passive > 0 else top, *lowest, top)
+    bottom = max(bottom, 1e-4 * top, 0.5 * curves.min(initial=top))
+    axes.set_ylim(0.7 * bottom, 2.5 * max(top, limit or 0.0))
+    for line in axes.get_lines():
+        highest_drawn = np.max(np.nan_to_num(np.asarray(line.get_ydata(), dtype=np.float64)), initial=0.0)
+        if 0 < highest_drawn < 0.7 * bottom:
+            line.set_label(f"{line.get_label()}: below, at most {highest_drawn:.3g} N/m")
+    shown_to = [region.wanted_damping_ns_per_m, *(b[(b > 0) & (k > 0)].max(initial=0.0) for b, k in rendered.values())]
+    for curve in region.curves:
+        shown_to += [damping[np.nan_to_num(curve.stiffness_n_per_m[1:]) > 0].max(initial=0.0)]
+    axes.set_xlim(damping[0], 1.5 * max(shown_to, default=0.0) or damping[-1])
+    axes.set_xlabel(f"wall damping B ({IMPEDANCE_UNIT})")
+    axes.set_ylabel("wall stiffness K (N/m)")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _llewellyn(axes: Axes, table: LlewellynTable) -> None:
+    for values, name, key in (
+        (table.paper, "paper's hold", "passive-paper"),
+        (table.sampled_data, "sampled-data hold", "passive-sampled-data"),
+    ):
+        colour, style, width = _LINES[key]
+        axes.plot(table.damping_ratio, values, color=colour, linestyle=style, linewidth=width, label=name)
+        if np.isfinite(values).any():
+            best = int(np.nanargmax(values))
+            place = (table.damping_ratio[best], values[best])
+            axes.annotate(
+                f"{values[best]:.4g}", place, xytext=(3, 3), textcoords="offset points", fontsize=7.5, color=colour
+            )
+    axes.set_ylim(0, 1.3 * max(np.nanmax([table.paper, table.sampled_data], initial=0.0), 1e-3))
+    some = [np.nan_to_num(values) > 0 for values in (table.paper, table.sampled_data)]
+    widest = float(table.damping_ratio[some[0] | some[1]].max(initial=0.0))
+    axes.set_xlim(0, min(1.3 * widest, table.damping_ratio[-1]) or table.damping_ratio[-1])
+    axes.legend(loc="upper right")
+    axes.set_xlabel(r"$b_\mathrm{c}/b_\mathrm{d}$")
+    axes.set_ylabel(r"largest $k_\mathrm{c}T/b_\mathrm{d}$")

@@ -1,0 +1,95 @@
+"""One self-contained HTML page: one head and one foot for whatever it tells."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.text import Table
+from avc_casadi._util.units import spoken
+from avc_casadi.present.figures.layout import figure_png_svg, figure_svg, stacked
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_HERE = Path(__file__).parent
+
+
+def page_html(title: str, source: str, body: str, versions: Mapping[str, str]) -> str:
+    """Return a self-contained page.
+
+    Args:
+        title: of the page, a text.
+        source: what it is about, a text.
+        body: HTML.
+        versions: versions by package.
+    """
+    told = table_html(Table(("package", "version"), tuple(versions.items()), (0, 1)), "versions")
+    page = filled("frame", title=escape(title), source=escape(source), body=body, versions=told)
+    return spoken().page(page)
+
+
+def filled(name: str, **parts: str) -> str:
+    """Return a template beside this file with its parts, HTML, filled in."""
+    return Template((_HERE / f"{name}.html").read_text(encoding="utf-8")).substitute(parts)
+
+
+def items_html(texts: Iterable[str]) -> str:
+    """Return the items of a list."""
+    return "\n".join(f"<li>{escape(text)}</li>" for text in texts)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure for a page.
+
+    Attributes:
+        caption: what it is, for everybody.
+        words: what it shows, in numbers, for who cannot see it.
+        wide: SVG text.
+        narrow: the same with its panels one below the other, for a phone.
+    """
+
+    caption: str
+    words: str
+    wide: str
+    narrow: str
+
+    @classmethod
+    def of(cls, draw: Callable[..., Figure], result: Any, caption: str, words: str) -> Picture:
+        """Draw a result both ways."""
+        return cls(caption, words, figure_svg(draw(result)), figure_svg(stacked(draw, result)))
+
+    @classmethod
+    def with_png(cls, draw: Callable[..., Figure], result: Any, caption: str, words: str) -> tuple[bytes, Picture]:
+        """Draw a result both ways, and return the wide one as the content of a PNG file too."""
+        png, wide = figure_png_svg(draw(result))
+        return png, cls(caption, words, wide, figure_svg(stacked(draw, result)))
+
+    def html(self) -> str:
+        """Return the figure with its pictures inside."""
+        wide, narrow = (
+            f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}" for svg in (self.wide, self.narrow)
+        )
+        return (
+            f'<figure><picture><source media="(max-width: 700px)" srcset="{narrow}"><img src="{wide}" '
+            f'alt="{escape(self.words)}"></picture><figcaption>{escape(self.caption)}</figcaption></figure>'
+        )
+
+
+def table_html(table: Table, what: str = "") -> str:
+    """Return a table that scrolls by itself, under its title and with its notes below.
+
+    Args:
+        table: the table.
+        what: what it tells, for a screen reader; empty takes its title.
+    """
+    told = f"<p>{escape(table.title)}</p>\n" if table.title else ""
+    below = f"\n<ul>\n{items_html(table.notes)}\n</ul>" if table.notes else ""
+    name = escape(what or table.title or ", ".join(" ".join(head.split()) for head in table.header))
+    return f'{told}<div class="wide" tabindex="0" role="region" aria-label="{name}">\n{table.html()}\n</div>{below}'

@@ -1,0 +1,263 @@
+"""The report of a run: what to deploy first, then the paper's question and all that stands behind both."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._util.text import Cell, Table, counts_text, number, with_problem
+from avc_casadi.claims.certificate import levels_table
+from avc_casadi.design.comparison.document import comparison_document, comparison_tables
+from avc_casadi.files.catalogue import catalogue_names
+from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
+from avc_casadi.present.report.frame import Picture, filled, items_html, page_html, table_html
+from avc_casadi.present.report.summary import device_line, injection_line, scope_line, summary_lines
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from avc_casadi.design.comparison.comparison import Comparison
+    from avc_casadi.model.problem import Problem
+
+
+def picture_words(comparison: Comparison) -> Mapping[str, str]:
+    """Return a sentence for each of the figures boundaries, perceived and comparison.
+
+    Args:
+        comparison: what they draw.
+    """
+    band = f"from {_span(comparison.frequency_hz)} Hz"
+    desired = np.abs(comparison.target)
+    gains, closed = comparison.methods[comparison.delivered], comparison.methods["closed-form"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        upper, lower, bare = (
+            100 * np.abs(curve) / desired for curve in (comparison.upper, comparison.lower, comparison.without_coupling)
+        )
+        error, closed_error = (100 * one.magnitude_error / desired for one in (gains, closed))
+    return {
+        "boundaries": (
+            f"Two charts {band}. The desired |Z_h| runs from {_span(desired)} N.s/m. Relative to it the upper bound "
+            f"lies at {_span(upper)} %, the lower at {_span(lower)} %, the wall without coupling at {_span(bare)} %."
+        ),
+        "perceived": (
+            f"Charts {band} of {comparison.delivered} beside the closed form. |Z_h| of {comparison.delivered} errs by "
+            f"{_most(error)} % of the desired at most; b lies within {_span(gains.damping_ns_per_m)} N.s/m, k within "
+            f"{_span(gains.stiffness_n_per_m)} N/m. Re Z_h is {_least(gains.real_part)} N.s/m at least; without "
+            f"coupling {_least(np.real(comparison.without_coupling))}."
+        ),
+        "comparison": (
+            f"Errors {band}: {comparison.delivered} misses |Z_h| by at most {_most(error)} % and the complex impedance "
+            f"by {_most(100 * gains.complex_error)} %; the closed form, of which {int(closed.usable.sum())} of "
+            f"{closed.rows} rows can be built, by {_most(closed_error)} %. Verdicts: "
+            f"{counts_text(comparison.counts())}."
+        ),
+    }
+
+
+def _known(values: ArrayLike) -> list[float]:
+    array = np.asarray(values, dtype=float)
+    return [float(value) for value in array[np.isfinite(array)]]
+
+
+def _span(values: ArrayLike) -> str:
+    known = _known(values)
+    return f"{number(min(known), 3)} to {number(max(known), 3)}" if known else "nothing known"
+
+
+def _most(values: ArrayLike) -> str:
+    return number(max(_known(values), default=float("nan")), 3)
+
+
+def _least(values: ArrayLike) -> str:
+    return number(min(_known(values), default=float("nan")), 3)
+
+
+# Shares of the wanted stiffness from which a wall is the one that was asked for, and below which it is hardly one.
+_THE_WALL, _NO_WALL = 0.9, 0.1
+
+
+@dataclass(frozen=True)
+class ReportContents:
+    """What the report tells.
+
+    Attributes:
+        problem: the problem.
+        comparison: its comparison.
+        summary: what `summarise` found.
+        certificate: the `certify` document.
+        figures: the figures of the paper's question.
+        versions: versions by package.
+        conclusion: what to deploy and why, or that nothing can be; one sentence a line.
+        deployment: the `recommend` document behind it.
+    """
+
+    problem: Problem
+    comparison: Comparison
+    summary: Mapping[str, Any]
+    certificate: Mapping[str, Any]
+    figures: Sequence[Picture]
+    versions: Mapping[str, str]
+    conclusion: Sequence[str]
+    deployment: Mapping[str, Any]
+
+
+def report_html(contents: ReportContents) -> str:
+    """Return the page."""
+    comparison = comparison_document(contents.comparison)
+    best = comparison["methods"][comparison["delivered"]]
+    push = contents.summary["push"]
+    tables = comparison_tables(comparison)
+    body = filled(
+        "page",
+        verdict=_verdict(contents.deployment),
+        conclusion=_conclusion([*contents.conclusion, *_undelivered(contents.deployment, push)]),
+        deployment=_deployment(contents.deployment),
+        summary=items_html(summary_lines(contents.summary)),
+        figures="\n".join(figure.html() for figure in contents.figures),
+        scope=escape(scope_line(contents.summary)),
+        verdicts=table_html(tables.verdicts),
+        injection=escape(f"The closed form: {injection_line(contents.summary)}."),
+        comparison=table_html(tables.frequencies),
+        certificate="\n".join(map(table_html, (levels_table(contents.certificate), tables.safety, tables.realism))),
+        rows=str(len(best["frequency_hz"])),
+        method=escape(comparison["delivered"]),
+        gains=_gains(best),
+        device=escape(device_line(push)),
+        push=_table(("what", "value"), [(key, _text(value)) for key, value in push.items()]),
+        problem=_table(("key", "value"), _flat(contents.problem.model_dump(exclude={"name", "title", "source"}))),
+        assumptions=_table(("what", "assumed"), [(item.what, item.assumed) for item in ASSUMPTIONS]),
+        paper_errors=_table(
+            ("equation", "as printed", "correct", "effect"),
+            [(item.equation, item.as_printed, item.correct, item.effect) for item in PAPER_ERRORS],
+        ),
+    )
+    title = ": ".join(filter(None, (contents.problem.name, contents.problem.title)))
+    return page_html(
+        title, contents.problem.source, with_problem(body, escape(_file(contents.problem))), contents.versions
+    )
+
+
+def _file(problem: Problem) -> str:
+    """Return what a command calls the problem: its name in the catalogue, else its file beside the report's folder."""
+    return problem.name if problem.name in catalogue_names() else f"{problem.name}.toml"
+
+
+def _verdict(found: Mapping[str, Any]) -> str:
+    """Return the answer in a line: deploy this, do not, or there is nothing to deploy."""
+    if found["coupling"] is None:
+        return f'<p class="verdict fail">Deploy nothing: {escape(found["reason"].partition(";")[0])}.</p>'
+    if not found["deployable"]:
+        return '<p class="verdict fail">Do not deploy this coupling.</p>'
+    rested = [found["trial"], *([found["confirmed"]] if found["confirmed"] else [])]
+    if any(one["at_rest"] < one["hands"] for one in rested):
+        return '<p class="verdict fail">Deployable, but not every simulated hand comes to rest with it.</p>'
+    felt, share = found["felt"]["stiffness_n_per_m"], found["felt"]["share_of_wall"]
+    if felt is None or share is None or share >= _THE_WALL:
+        return '<p class="verdict pass">Deploy this coupling.</p>'
+    softer = f"{number(felt)} N/m are felt, {100 * share:.3g} % of the wall"
+    if share < _NO_WALL:
+        return f'<p class="verdict fail">Deployable, but hardly a wall: {softer}.</p>'
+    return f'<p class="verdict pass">Deploy this coupling; the wall is softened: {softer}.</p>'
+
+
+def _undelivered(found: Mapping[str, Any], push: Mapping[str, Any]) -> list[str]:
+    """Return why the packaged firmware did not get a coupling that may be deployed."""
+    return (
+        [device_line(push).replace("device:", "packaged firmware:", 1)]
+        if found["coupling"] and "skipped" in push
+        else []
+    )
+
+
+def _conclusion(lines: Sequence[str]) -> str:
+    """Return the sentences of the conclusion, each under the word that it begins with."""
+    parts = (line.partition(": ") for line in lines)
+    rows = (f"<dt>{escape(what)}</dt><dd>{escape(told)}</dd>" for what, _, told in parts)
+    return "<dl>\n" + "\n".join(rows) + "\n</dl>"
+
+
+def _deployment(found: Mapping[str, Any]) -> str:
+    """Return how the coupling to deploy was tried, what was proved of it, what would help and what is assumed."""
+    claims = (found["certificate"] or {}).get("deployable", {}).get("claims", [])
+    tried = {
+        "those that chose it": found["trial"],
+        "others, no part in the choice": found["confirmed"],
+        **{f"{holding}, nothing promised": of for holding, of in found["other_hands"].items()},
+        "corner hands on devices off their file, nothing promised": found["off_file"],
+    }
+    if found["coupling"] is None and not found["what_would_help"]:
+        return _table(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])])
+    parts = [
+        "<h3>How simulated hands fared</h3>",
+        _table(
+            ("hands", "how many", "at rest", "without friction", "quiet"),
+            [
+                (who, *(of[key] for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")))
+                for who, of in tried.items()
+                if of
+            ],
+            left=(0,),
+        ),
+        "<h3>What is claimed of it</h3>",
+        _table(
+            ("claim", "result", "what was found"),
+            [
+                *((claim["name"], "pass" if claim["pass"] else "FAIL", claim["sentence"]) for claim in claims),
+                *((("rest (L7)", found["rest"]["word"], found["rest"]["sentence"]),) if found["rest"] else ()),
+            ],
+        ),
+        "<h3>What limits it, and what would help</h3>",
+        _table(
+            ("what would help", "plain spring and damper hold, by linear stability alone, N/m"),
+            [
+                ("the device as it is", found["plain_wall_n_per_m"]),
+                *((one["change"], one["stiffest_wall_n_per_m"]) for one in found["what_would_help"]),
+            ],
+            left=(0,),
+        ),
+        _table(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])]),
+    ]
+    return "\n".join(parts)
+
+
+def _table(header: tuple[str, ...], rows: Iterable[tuple[Cell, ...]], left: tuple[int, ...] | None = None) -> str:
+    """Return an HTML table; columns are texts where ``left`` is None."""
+    return table_html(Table(header, tuple(rows), tuple(range(len(header))) if left is None else left))
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_text, value)) or "none"
+    return number(value) if isinstance(value, float) else str(value)
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    rows = []
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            rows += _flat(value, f"{prefix}{key}.")
+        elif value is not None:
+            rows.append((f"{prefix}{key}", _text(value)))
+    return rows
+
+
+def _gains(document: Mapping[str, Any]) -> str:
+    columns = (
+        ("f\nHz", "frequency_hz"),
+        ("b\nN.s/m", "damping_ns_per_m"),
+        ("k\nN/m", "stiffness_n_per_m"),
+        ("b_p\nN.s/m", "contact_damping_ns_per_m"),
+        ("error of |Z|\nN.s/m", "magnitude_error"),
+        ("complex error\nrelative", "complex_error"),
+        ("Re Z_h\nN.s/m", "real_part"),
+        ("status", "status"),
+        ("reason", "reason"),
+    )
+    rows = zip(*(document[key] for _, key in columns), strict=True)
+    return _table(tuple(name for name, _ in columns), rows, left=(7, 8))

@@ -1,0 +1,127 @@
+"""What a recommendation takes for granted, and what of the problem nothing here uses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.files.plausibility import plausibility
+from avc_casadi.model.corners import LINEAR_KEYS
+from avc_casadi.model.declared import declared, declared_effects
+from avc_casadi.model.rotary_defaults import turned_gains
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Problem
+
+_RANGE = "device.range."
+_BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"), (-np.inf, np.inf)
+_SCENE_ALONE = {
+    "noise",
+    "jitter",
+    "amplifier",
+    "resonance",
+    "backlash",
+    "viscous-friction",
+    "velocity-filter",
+    "notch",
+    "compensator",
+}
+
+
+def assumed(
+    problem: Problem, coupling: Coupling | None = None, *, tried: bool = True, devices: int = 1
+) -> tuple[str, ...]:
+    """Say what is taken for granted.
+
+    Args:
+        problem: device, wall and hands.
+        coupling: what is recommended.
+        tried: whether simulated hands try it, or linear stability alone is asked for.
+        devices: of the declared ranges, on which others tried it.
+    """
+    device = problem.device
+    gaps = [
+        "hands are linear, on one axis, and constant while they hold on",
+    ]
+    if device.amplifier_bandwidth_hz is None and device.resonance is None:
+        gaps.append("amplifier and structure are ideal: no bandwidth and no resonance is declared")
+    elif device.amplifier_bandwidth_hz is None:
+        gaps.append("the amplifier is ideal: no bandwidth is declared")
+    elif device.resonance is None:
+        gaps.append("the structure is rigid: no resonance is declared")
+    if problem.detent is not None:
+        gaps.append("the trial has no detents: their slopes are judged in the claims, and avc simulate has them")
+    if tried:
+        gaps += _of_trials(device)
+    else:
+        gaps.append("linear stability alone: dry friction, encoder, noise and force limit play no part")
+    linear, rest = _ranges(problem)
+    at = "trial at nominal" if devices == 1 else f"trial at nominal, and by others at {devices} devices of the ranges"
+    gaps += [f"{key}: linear stability at its corners{f', {at}' if tried else ''}" for key in linear]
+    gaps += [f"{key}: {f'{at}; ' if tried else ''}no part of linear stability" for key in rest]
+    if coupling is not None:
+        gaps += _outside(coupling)
+    gaps += [f"what may be a slip: {doubt.key} {doubt.message}" for doubt in plausibility(problem)]
+    return tuple(gaps)
+
+
+def _of_trials(device: Device) -> list[str]:
+    """Say what the file leaves open that only a trial knows."""
+    gaps = []
+    if device.coulomb_friction_n == 0:
+        gaps.append("no dry friction is declared: none is assumed, the cautious end")
+    if device.encoder_resolution_m == 0:
+        gaps.append("no encoder resolution is declared: the position is taken as exact, the ideal end")
+    if device.max_force_n is None:
+        gaps.append("no force limit is declared: any force is taken as given")
+    return gaps
+
+
+def _ranges(problem: Problem) -> tuple[list[str], list[str]]:
+    """Return the declared ranges that linear stability is judged over, and those of what is simulated alone."""
+    keys = [key for key in declared(problem) if key.startswith(_RANGE) and key not in _not_simulated(problem)]
+    return (
+        [key for key in keys if key.removeprefix(_RANGE) in LINEAR_KEYS],
+        [key for key in keys if key.removeprefix(_RANGE) not in LINEAR_KEYS],
+    )
+
+
+def _outside(coupling: Coupling) -> list[str]:
+    """Say where gains leave what the problem states of the gain box of [coupling]."""
+    box, gains, device = coupling.problem.coupling, coupling.table.gains, coupling.problem.device
+    # Filled in where the file of a device that turns states none.
+    usual = turned_gains(device.metres_per_unit) if device.motion == "rotary" else {}
+    given = {key: getattr(box, key) for key in box.model_fields_set}
+    stated = (_ANY if given.get(key) in {None, usual.get(key)} else given[key] for key in _BOX)
+    left = [
+        f"{symbol} of {outside[np.argmax(np.abs(outside - low))]:.4g} {unit} lies outside [{low:g}, {high:g}]"
+        for (symbol, unit), (low, high), values in zip(
+            (("b", "N.s/m"), ("k", "N/m"), ("b_p", "N.s/m")),
+            stated,
+            gains,
+            strict=True,
+        )
+        if len(outside := values[(values < low) | (values > high)])
+    ]
+    if not left:
+        return []
+    return [f"the gain box of [coupling] does not bound what is recommended: {' and '.join(left)}"]
+
+
+def _not_simulated(problem: Problem) -> set[str]:
+    """Return the declared keys that an encoder at the handle does not see: the play lies between it and the motor."""
+    device = problem.device
+    at_handle = device.encoder_at == "handle" and device.resonance is not None
+    return {"device.backlash_m", "device.range.backlash_m"} if at_handle else set()
+
+
+def not_used(problem: Problem) -> tuple[str, ...]:
+    """Name what the problem declares and no candidate, certificate or trial uses."""
+    unused = [f"{key} (not seen by an encoder at the handle)" for key in declared(problem)]
+    unused = [line for line in unused if line.partition(" ")[0] in _not_simulated(problem)]
+    simulated = {effect.kind for effect in declared_effects(problem)}
+    listed = [effect.kind for effect in problem.scene.effects if effect.kind in _SCENE_ALONE - simulated]
+    return (*unused, *(f"scene.effects: {kind} (simulated by avc simulate alone)" for kind in listed))

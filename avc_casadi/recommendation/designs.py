@@ -1,0 +1,190 @@
+"""The couplings that are put before the same people, each as the gains that a hand at rest in the wall meets."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.json_values import plain
+from avc_casadi.design.constant.static_tuned import tuned_margin
+from avc_casadi.design.methods import method_named, solve
+from avc_casadi.model.effects import HandEffect, WallEffect
+from avc_casadi.model.gains import NO_COUPLING, Gains, gains_at
+from avc_casadi.model.problem import Boundaries, Frequency, Impedance
+from avc_casadi.model.scene import Scene
+from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.paper.closed_form import project
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem, Structure
+
+CandidateName = Literal[
+    "none",
+    "static",
+    "static-sampled",
+    "direct",
+    "closed-form",
+    "static-tuned-series",
+    "schedule-series",
+    "static-tuned",
+    "schedule",
+]
+COUPLINGS: dict[CandidateName, str] = {
+    "none": "device and wall joined directly",
+    "static": "best constant series coupling under Llewellyn's condition (6) with the printed hold",
+    "static-sampled": "best constant series coupling under condition (6) with the hold of a sampled loop, z^-1",
+    "direct": "the paper's pointwise optimum (11)-(12), series",
+    "closed-form": "the paper's projection as what it is: the desired wall and a constant contact damper",
+    "static-tuned-series": "constant series gains tuned for the training hands",
+    "schedule-series": "series gains scheduled on frequency, tuned for the training hands",
+    "static-tuned": "constant gains with a contact damper, tuned for the training hands",
+    "schedule": "gains with a contact damper scheduled on frequency, tuned for the training hands",
+}
+
+# From a press that is held for long, in which a damper without a spring would creep, to contact transients.
+TUNED_HZ = (0.01, 100.0)
+TUNED_POINTS = 50
+TUNED_SLOPE_PENALTY = 1e-4
+# The highest frequency as a share of Nyquist, where a slow device does not reach that far.
+_OF_NYQUIST = 0.9
+
+
+@dataclass(frozen=True)
+class Design:
+    """One coupling for one wall.
+
+    Attributes:
+        coupling: which one.
+        problem: what was solved; its device and environment are those that are simulated.
+        gains: gains in force at the table's lowest frequency, that of a hand at rest; None where there are none.
+        schedule: the whole table, where there is one.
+        reason: why there are no gains.
+    """
+
+    coupling: CandidateName
+    problem: Problem = field(repr=False)
+    gains: Gains | None
+    schedule: GainSchedule | None = field(default=None, repr=False)
+    reason: str = ""
+
+    def __str__(self) -> str:
+        return "\n".join((f"{self.problem.name}: {COUPLINGS[self.coupling]} ({self.coupling})", *self.sentences()))
+
+    def sentences(self) -> tuple[str, str]:
+        """Return the gains and why they are so, or why there are none, each in one line for people."""
+        return self._gains_sentence(), " ".join(self.reason.split()) or self._why()
+
+    def _gains_sentence(self) -> str:
+        if self.gains is None:
+            return "no gains"
+        b, k, b_p = vars(self.gains).values()
+        coupled = "rigid" if self.gains.rigid else f"b = {b:.4g} N.s/m, k = {k:.4g} N/m"
+        contact = f", b_p = {b_p:.4g} N.s/m" if b_p else ""
+        scheduled = "" if self.in_force is self.gains else " for a hand at rest, scheduled on frequency"
+        return coupled + contact + scheduled
+
+    def _why(self) -> str:
+        if self.schedule is None:
+            return "nothing was searched for"
+        coupling, stability = self.problem.coupling, self.problem.stability
+        low, high = coupling.contact_damping_ns_per_m
+        box = f" with b_p of {low:.4g} to {high:.4g} N.s/m" if coupling.structure == "damped" else ""
+        margin = f"{stability.margin_ns_per_m:.4g} N.s/m in reserve"
+        return (
+            f"solved by {self.schedule.method}: structure {coupling.structure}{box}, {stability.model} model, {margin}"
+        )
+
+    @property
+    def in_force(self) -> Gains | GainSchedule:
+        """What a device would run: a table that changes is followed by estimator and adaptation."""
+        if self.gains is None:
+            raise ValueError(f"{self.coupling} has no gains: {self.reason}")
+        return self.gains if self.schedule is None or self.coupling.startswith("static") else self.schedule
+
+    def document(self) -> dict[str, float | None] | None:
+        """Return the gains of a hand at rest as JSON values; an infinite gain is a rigid coupling, null."""
+        if self.gains is None:
+            return None
+        gains: dict[str, float | None] = plain(vars(self.gains))
+        return gains
+
+
+def physical_wall(problem: Problem) -> Problem:
+    """Let the goal be the wall as it would be without sampling.
+
+    A spring on a sampled position, held for T, has the negative damping k_e T/2. The goal makes up for it, so that
+    H Z_ds is b_e + k_e/(j omega) up to the second power of omega T.
+    """
+    wall = problem.environment
+    made_up = wall.damping_ns_per_m + wall.stiffness_n_per_m * problem.device.sample_time_s / 2
+    goal = Impedance(damping_ns_per_m=made_up, stiffness_n_per_m=wall.stiffness_n_per_m)
+    return problem.changed(boundaries=Boundaries(upper=goal, lower=goal))
+
+
+def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: float | None = None) -> Problem:
+    """State what both tuned designs solve: same goal, structure, gain box, frequencies and training hands.
+
+    The contact damper may reach 2 m/T of the device alone, beyond which it outruns the loop by itself. Constant gains
+    are tried in a press without dry friction and steps of the encoder, against which no reserve of damping helps;
+    whatever else people do with them, and the whole device, are for a trial.
+
+    Args:
+        problem: device and wall.
+        structure: series or damped.
+        margin_ns_per_m: damping in reserve of which the device is robbed while every training hand must be stable;
+            None is that of `tuned_margin`.
+    """
+    device = problem.device
+    margin = tuned_margin(problem) if margin_ns_per_m is None else margin_ns_per_m
+    most = 2 * device.mass_kg / device.sample_time_s if structure == "damped" else 0.0
+    stop = min(TUNED_HZ[1], _OF_NYQUIST * 0.5 / device.sample_time_s)
+    return physical_wall(problem).changed(
+        coupling={"structure": structure, "contact_damping_ns_per_m": (0.0, most)},
+        stability={"model": "sampled-data", "scope": "hands", "margin_ns_per_m": margin},
+        realism={"objective": "complex"},
+        schedule={"slope_penalty": TUNED_SLOPE_PENALTY},
+        frequency=Frequency(start_hz=TUNED_HZ[0], stop_hz=stop, points=TUNED_POINTS),
+        scene=Scene(effects=(HandEffect(), WallEffect())),
+    )
+
+
+def design(problem: Problem, coupling: CandidateName) -> Design:
+    """Design one coupling for the wall of a problem; a method that refuses it is a coupling without gains."""
+    if coupling == "none":
+        return Design(coupling, problem, NO_COUPLING)
+    if coupling == "closed-form":
+        return _injection(problem)
+    method, stated = _stated(problem, coupling)
+    try:
+        table = solve(stated, method_named(method))
+    except UnsupportedError as refusal:
+        return Design(coupling, stated, None, reason=str(refusal))
+    rows = np.flatnonzero(table.usable)
+    if len(rows) == 0:
+        return Design(coupling, stated, None, table, table.reason[0])
+    return Design(coupling, stated, gains_at(table, float(table.frequency_hz[rows[0]])), table)
+
+
+def _stated(problem: Problem, coupling: CandidateName) -> tuple[str, Problem]:
+    if coupling.startswith(("static-tuned", "schedule")):
+        structure: Structure = "series" if coupling.endswith("-series") else "damped"
+        return coupling.removesuffix("-series"), tuning_problem(problem, structure)
+    if coupling == "static-sampled":
+        return "static", problem.changed(stability={"model": "sampled-data"})
+    return coupling, problem
+
+
+def _injection(problem: Problem) -> Design:
+    """Render the desired wall with the largest damper that the projection injects at any frequency."""
+    bounds = problem.boundaries
+    wall = Impedance(
+        damping_ns_per_m=(bounds.upper.damping_ns_per_m + bounds.lower.damping_ns_per_m) / 2,
+        stiffness_n_per_m=(bounds.upper.stiffness_n_per_m + bounds.lower.stiffness_n_per_m) / 2,
+    )
+    damper = float(project(problem).injected_damping_ns_per_m.max())
+    rendered = problem.changed(environment=wall)
+    return Design("closed-form", rendered, Gains(math.inf, math.inf, damper))

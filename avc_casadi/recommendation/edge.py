@@ -1,0 +1,46 @@
+"""Where a wall begins for a hand that moves: the device answers before its face or behind it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.scene import Press
+from avc_casadi.simulation.population.trial import Conditions, traces
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+
+SPEEDS_M_PER_S = (0.1, 0.4)
+"""A hand that explores, and one that strikes."""
+NOTICED_N = 0.1
+"""A force that is noticed."""
+# So firm that the wall does not slow it down.
+_FIRM = Hand(np.array([1.0]), np.array([600.0]), np.array([1e5]))
+_FROM_M, _TO_M = -0.04, 0.01
+
+
+def edges_m(coupling: Coupling) -> dict[str, float | None]:
+    """Return how deep a hand is when the device first pushes back, by its speed; below 0 before the wall.
+
+    Depth and speed are those of the device, of a turn in rad and rad/s; what pushes back is noticed at its handle.
+
+    A hand that nothing stops comes from free space, in the scene of all that the problem declares of the device. None
+    stands where nothing pushes back within 10 mm.
+
+    Args:
+        coupling: what runs.
+    """
+    device = coupling.problem.device
+    radius, hand = device.metres_per_unit, _FIRM.at_handle(device.metres_per_unit)
+    chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
+    found: dict[str, float | None] = {}
+    for speed in SPEEDS_M_PER_S:
+        press = Press(start_m=_FROM_M / radius, end_m=_TO_M / radius, speed_m_per_s=speed / radius)
+        duration_s = (_TO_M - _FROM_M) / speed
+        (run,) = traces(coupling.problem, chosen, hand, press, Conditions.of(coupling), duration_s)
+        pushed = np.flatnonzero(run.force_n[0] / radius > NOTICED_N)
+        found[f"{speed / radius:g}"] = float(run.depth_m[0, pushed[0]]) if len(pushed) else None
+    return found

@@ -1,0 +1,89 @@
+"""What would allow a stiffer wall: devices with one property changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
+from avc_casadi.model.hands import with_let_go
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.hands import Hand, StylusHand
+    from avc_casadi.model.problem import Problem
+
+
+@dataclass(frozen=True)
+class Help:
+    """One change of the device.
+
+    Attributes:
+        change: in words.
+        stiffest_wall_n_per_m: the stiffest wall that is then stable with every hand and let go; 0 where none is.
+    """
+
+    change: str
+    stiffest_wall_n_per_m: float
+
+
+def linear_changes(problem: Problem) -> dict[str, Problem]:
+    """Return what could be better that linear stability knows of, each on its own, with the problem that it leaves."""
+    device = problem.device
+    keys: dict[str, dict[str, Any]] = {"half the sample time": {"sample_time_s": device.sample_time_s / 2}}
+    if device.damping_ns_per_m:
+        keys["twice the damping of the device"] = _times(2, device, "damping_ns_per_m")
+    if device.mass_kg:
+        keys["twice the mass of the device"] = _times(2, device, "mass_kg")
+    if device.delay_samples:
+        keys["no delay"] = {"delay_samples": 0, "range": {"delay_samples": None}}
+    if device.amplifier_bandwidth_hz is not None:
+        lags = {"amplifier_bandwidth_hz": None, "amplifier_damping_ratio": None}
+        keys["an amplifier without lag"] = {"amplifier_bandwidth_hz": None, "amplifier_order": 1, "range": lags}
+    if device.resonance is not None:
+        nothing = dict.fromkeys(type(device.resonance).model_fields)
+        keys["no resonance"] = {"resonance": None, "encoder_at": "motor", "range": {"resonance": nothing}}
+    return {change: problem.changed(device=values) for change, values in keys.items()}
+
+
+def simulated_changes(problem: Problem) -> dict[str, Problem]:
+    """Return what could be better that only a simulation knows of, each on its own, with the problem that it leaves."""
+    device = problem.device
+    keys: dict[str, dict[str, Any]] = {}
+    if device.encoder_resolution_m:
+        keys["half the step of the encoder"] = _times(0.5, device, "encoder_resolution_m")
+    if device.position_noise_rms_m:
+        keys["half the noise of the encoder"] = _times(0.5, device, "position_noise_rms_m")
+    if device.backlash_m or device.range.backlash_m:
+        keys["no play"] = {"backlash_m": 0.0, "range": {"backlash_m": None}}
+    if device.max_force_n is not None:
+        keys["twice the force"] = _times(2, device, "max_force_n")
+    return {change: problem.changed(device=values) for change, values in keys.items()}
+
+
+def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help, ...]:
+    """Try each change with a plain spring and damper; the most helpful first.
+
+    Args:
+        problem: the device as it is.
+        extreme: the corners of its hands.
+    """
+    people = with_let_go(extreme)
+    found = [
+        Help(change, float(stiffest_wall(other.device, people).stiffness_n_per_m))
+        for change, other in linear_changes(problem).items()
+    ]
+    return _ranked(found)
+
+
+def _ranked(found: list[Help]) -> tuple[Help, ...]:
+    return tuple(sorted(found, key=lambda one: -one.stiffest_wall_n_per_m))
+
+
+def _times(share: float, device: Device, key: str) -> dict[str, Any]:
+    """Multiply a value, and the range within which it is known."""
+    interval = getattr(device.range, key)
+    return {
+        key: share * getattr(device, key),
+        "range": {key: None if interval is None else tuple(share * end for end in interval)},
+    }

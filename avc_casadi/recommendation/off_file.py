@@ -1,0 +1,95 @@
+"""How people fare with a coupling on devices that are not quite what their file says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.claims.deployable import deployable
+from avc_casadi.model.corners import device_with, linear_values
+from avc_casadi.model.declared import declared
+from avc_casadi.recommendation.choice import FIRST
+from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_on_devices
+from avc_casadi.simulation.population.operators import people_of
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Problem
+
+SHARE = 0.1
+"""So far off is what no range is stated of."""
+_DEVICES = 8
+
+
+@dataclass(frozen=True)
+class OffFile:
+    """What is seen where the file is a little wrong; nothing is promised of it.
+
+    Attributes:
+        keys: of the device that are off.
+        trial: of the corner hands, each on every device.
+        unstable: on how many of the devices the coupling is not deployable, though hands that hold it may rest.
+    """
+
+    keys: tuple[str, ...]
+    trial: CouplingTrial
+    unstable: int
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        told = {"share": SHARE, "keys": list(self.keys), "devices": self.trial.devices}
+        return told | {"linearly_unstable": self.unstable, **self.trial.counts()}
+
+
+def off_file(coupling: Coupling, seed: int = 0) -> OffFile | None:
+    """Let the corner hands try a coupling on devices a tenth off their file, each number up or down at random.
+
+    Args:
+        coupling: made for the device as its file has it.
+        seed: of hands and devices.
+
+    Returns:
+        What is seen; None where every number of the device has its range, whose devices are tried elsewhere.
+    """
+    problem = coupling.problem
+    keys = _without_range(problem)
+    if not keys:
+        return None
+    people = people_of(problem.hands, FIRST, seed)
+    devices = _off(problem.device, keys, seed)
+    each_on_all = people.pick(np.repeat(np.arange(len(people)), len(devices)))
+    theirs = [replace(coupling, problem=problem.changed(device=device)) for device in devices]
+    unstable = sum(not deployable(one).passed for one in theirs)
+    return OffFile(keys, try_on_devices(coupling, each_on_all, devices, seed), unstable)
+
+
+def _without_range(problem: Problem) -> tuple[str, ...]:
+    ranged = set(declared(problem))
+    values = linear_values(problem.device)
+    return tuple(key for key, value in values.items() if value > 0 and f"device.range.{key}" not in ranged)
+
+
+def _off(device: Device, keys: tuple[str, ...], seed: int) -> list[Device]:
+    """Draw devices; where a number is at the end of what it may be, it goes the other way only."""
+    random = np.random.default_rng(seed)
+    values = linear_values(device)
+    ends = {key: [end for end in _ends(values[key]) if _possible(device, key, end)] for key in keys}
+    return [
+        device_with(device, {key: some[random.integers(len(some))] for key, some in ends.items()})
+        for _ in range(_DEVICES)
+    ]
+
+
+def _ends(value: float) -> tuple[float, float]:
+    return (1 - SHARE) * value, (1 + SHARE) * value
+
+
+def _possible(device: Device, key: str, value: float) -> bool:
+    try:
+        device_with(device, {key: value})
+    except ValueError:
+        return False
+    return True

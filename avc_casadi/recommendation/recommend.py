@@ -1,0 +1,294 @@
+"""Recommend: which coupling to deploy, how stiff it feels, what holds it back, and what would help."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.arrays import Comparable
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.parallel import Crew
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import short
+from avc_casadi.claims.deployable import certified, deployable
+from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
+from avc_casadi.coupling import Coupling
+from avc_casadi.files.coupling_file import coupling_document
+from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.problem import Problem
+from avc_casadi.recommendation.assumptions import assumed, not_used
+from avc_casadi.recommendation.candidates import felt_at_rest_n_per_m
+from avc_casadi.recommendation.choice import ERROR_HZ, Judged, best_of, devices_of, reason_of
+from avc_casadi.recommendation.edge import NOTICED_N, edges_m
+from avc_casadi.recommendation.error_curve import error_curve
+from avc_casadi.recommendation.helps import Help, what_would_help
+from avc_casadi.recommendation.hopeless import hopeless
+from avc_casadi.recommendation.off_file import OffFile, off_file
+from avc_casadi.recommendation.rest import RestKnown, with_rest
+from avc_casadi.recommendation.stages import judged_candidates
+from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling
+from avc_casadi.simulation.population.operators import Population, draw_subjects, people_of
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.schedule import GainSchedule
+
+SCHEMA = "avc-recommend/1"
+OTHER_HANDS: dict[str, Population] = {"on a stylus": "B", "one fingertip": "fingertip"}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recommendation(Comparable):
+    """The coupling to deploy and what is known of it.
+
+    Attributes:
+        problem: the problem as stated.
+        coupling: certified and tried; None where no coupling is deployable.
+        trial: how simulated hands fared with it; None without a coupling.
+        confirmed: how hands of [hands] fared that had no part in the choice; None where nothing was chosen.
+        beside: how others fared, of whom nothing is promised, by how they hold the device.
+        off_file: how the corner hands fared on devices a tenth off their file; None without a coupling, or where every
+            number of the device has a range.
+        deployable: whether the coupling may go into the device.
+        rest: what is known of rest with every hand, making and breaking contact; None without a coupling.
+        stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every hand and let go: with a plain
+            spring and damper, or with one of the couplings that were judged, which are no stiffer than the wall asks.
+        plain_wall_n_per_m: that of a plain spring and damper, linear stability alone.
+        with_friction_n_per_m: what the stiffest of those tried would give if rest by the declared dry friction were
+            enough; a search for that may find more. None without any.
+        helps: what would allow a plain spring and damper a stiffer wall.
+        considered: how many couplings were judged.
+        reason: one sentence: why this one, or why none.
+        assumed: what is assumed.
+        not_used: what the problem declares and nothing here uses.
+
+    Example:
+        >>> found = avc.recommend("spring", hands=10)
+        >>> found.deployable, found.trial.hands
+        (True, 10)
+    """
+
+    problem: Problem
+    coupling: Coupling | None
+    trial: CouplingTrial | None
+    confirmed: CouplingTrial | None
+    beside: Mapping[str, CouplingTrial]
+    off_file: OffFile | None
+    deployable: bool
+    rest: RestKnown | None
+    stiffest_wall_n_per_m: float
+    plain_wall_n_per_m: float
+    with_friction_n_per_m: float | None
+    helps: tuple[Help, ...]
+    considered: int
+    reason: str
+    assumed: tuple[str, ...]
+    not_used: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        felt = "none" if self.trial is None else f"{self.coupling!r}, felt {short(self.trial.stiffness_n_per_m, 'N/m')}"
+        return f"Recommendation({self.problem.name!r}: {felt}; {self.reason})"
+
+    def felt(self) -> dict[str, Any]:
+        """Return what the hand feels: stiffness, complex error against the physical wall, tap, vibration."""
+        if self.coupling is None or self.trial is None:
+            return {"stiffness_n_per_m": None, "share_of_wall": None}
+        tried = self.trial.document()
+        springy = self.problem.environment.stiffness_n_per_m > 0
+        sensed = tried["stiffness_n_per_m"]["median"] if springy else None
+        curve = error_curve(self.problem, self.coupling)
+        return {
+            "stiffness_n_per_m": sensed,
+            "stiffness_at_handle_n_per_m": None if sensed is None else _at_handle(self.problem.device, sensed),
+            "share_of_wall": tried["share_of_wall"] if springy else None,
+            "complex_error": {f"{hz:g}": curve.at(curve.physical, hz) for hz in ERROR_HZ},
+            "tap_force_n": tried["tap_force_n"],
+            "tap_depth_m": tried["tap_depth_m"],
+            "edge_m": edges_m(self.coupling) if springy else {},
+            "edge_force_n": NOTICED_N * self.problem.device.metres_per_unit,
+            "vibration": tried["felt_vibration"],
+            "friction_n": self.problem.device.coulomb_friction_n,
+        }
+
+    def document(self) -> dict[str, Any]:
+        """Return the `recommend` document: JSON values only."""
+        found: dict[str, Any] = plain(
+            {
+                "schema": SCHEMA,
+                "problem": self.problem.name,
+                "deployable": self.deployable,
+                "rest": None if self.rest is None else self.rest.document(),
+                "reason": self.reason,
+                "coupling": None if self.coupling is None else coupling_document(self.coupling),
+                "felt": self.felt(),
+                "stiffest_wall_n_per_m": self.stiffest_wall_n_per_m,
+                "plain_wall_n_per_m": self.plain_wall_n_per_m,
+                "with_friction_n_per_m": self.with_friction_n_per_m,
+                "trial": None if self.trial is None else self.trial.document(),
+                "confirmed": None if self.confirmed is None else self.confirmed.counts(),
+                "other_hands": {holding: trial.counts() for holding, trial in self.beside.items()},
+                "off_file": None if self.off_file is None else self.off_file.document(),
+                "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
+                "what_would_help": [vars(one) for one in self.helps],
+                "considered": self.considered,
+                "assumed": list(self.assumed),
+                "not_used": list(self.not_used),
+            }
+        )
+        return found
+
+
+def _at_handle(device: Device, stiffness_n_per_m: float) -> float:
+    """Return the stiffness that the hand feels: behind an encoder at the motor, the structure gives way too."""
+    mode = device.resonance
+    if mode is None or device.encoder_at == "handle":
+        return stiffness_n_per_m
+    reduced = device.mass_kg * mode.mass_ratio * (1 - mode.mass_ratio)
+    spring = reduced * (2 * math.pi * mode.frequency_hz) ** 2
+    return stiffness_n_per_m * spring / (stiffness_n_per_m + spring)
+
+
+def judged_as_recommended(
+    problem: Problem,
+    gains: GainSchedule,
+    hands: int = 100,
+    seed: int = 0,
+    *,
+    versions: Mapping[str, str] | None = None,
+    progress: Progress = SILENT,
+) -> Recommendation:
+    """Certify and try the gains of a method as `recommend` does with its own, whatever the verdict.
+
+    Args:
+        problem: what the gains were made for.
+        gains: by any method.
+        hands: number of simulated hands.
+        seed: of their draw.
+        versions: of what made it, by package.
+        progress: told of the rows that are judged and the motions that are tried.
+    """
+    found = certified(Coupling.of(problem, gains, versions=versions), progress)
+    found, rest = with_rest(found, felt_at_rest_n_per_m(found), progress)
+    tried = try_coupling(found, people_of(problem.hands, hands, seed), seed, progress)
+    verdict = deployable(found, progress)
+    extreme = hand_corners(problem.hands)
+    limit = float(stiffest_wall(problem.device, with_let_go(extreme)).stiffness_n_per_m)
+    return Recommendation(
+        problem=problem,
+        coupling=found.with_trial(tried.document()),
+        trial=tried,
+        confirmed=None,
+        beside=_beside(found, hands, seed),
+        off_file=off_file(found, seed),
+        deployable=verdict.passed,
+        rest=rest,
+        stiffest_wall_n_per_m=limit,
+        plain_wall_n_per_m=limit,
+        with_friction_n_per_m=None,
+        helps=what_would_help(problem, extreme),
+        considered=1,
+        reason=f"the gains of {gains.method}, as asked for; {verdict.sentence}",
+        assumed=assumed(problem, found),
+        not_used=not_used(problem),
+    )
+
+
+def recommend(
+    problem: Problem | str | Path,
+    hands: int = 100,
+    seed: int = 0,
+    *,
+    lean_on_friction: bool = False,
+    prove: bool = False,
+    versions: Mapping[str, str] | None = None,
+    workers: int = 1,
+    progress: Progress = SILENT,
+    executor: Executor | None = None,
+) -> Recommendation:
+    """Choose the coupling to deploy.
+
+    Only couplings are considered that are linearly stable with every hand of [hands] and let go. Of these the safest
+    win: everybody at rest without dry friction, then with the declared one, then as many as possible; among equally
+    safe ones those whose rest nine hands in ten do not feel, then the stiffest, then the quietest and nearest to the
+    wall in motion. Twice as many hands that had no part in the choice confirm it, on devices all over [device.range].
+
+    Args:
+        problem: device with what is known of it, wall and hands; or a problem file, or a name of the catalogue.
+        hands: number of simulated hands, corners of [hands] among them.
+        seed: of their draw.
+        lean_on_friction: whether rest that only the declared dry friction brings is enough.
+        prove: ask for proofs of the coupling that is chosen, as `certify` does; without it rest is proved where a
+            second or two tells, and simulated otherwise.
+        versions: of what makes it, by package; written into the coupling.
+        workers: processes, this one among them; more than one start this program anew, so that a script needs its
+            guard. What is found does not depend on it.
+        progress: told of the candidates that are tuned, judged and tried.
+        executor: who lets the hands try them, as for `Chunked.run`: for many thousands.
+
+    Raises:
+        InputError: workers that are no whole number of 1 or more.
+        WorkerLostError: a helper died three times of the same task.
+
+    Example:
+        >>> found = avc.recommend("spring", hands=10)
+        >>> found.felt()["share_of_wall"] > 0.99 and found.felt()["stiffness_n_per_m"] < found.stiffest_wall_n_per_m
+        True
+    """
+    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
+    why_none, considered = hopeless(problem), 0
+    judged: list[Judged] = []
+    with Crew(workers) as crew:
+        helps = crew.begin(partial(what_would_help, problem, extreme))
+        limit = stiffest_wall(problem.device, with_let_go(extreme))
+        if not why_none:
+            found = judged_candidates(
+                problem, people, seed, limit, progress, lean_on_friction=lean_on_friction, executor=executor, crew=crew
+            )
+            judged, considered = found.judged, found.considered
+        best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
+        declared_n = problem.device.coulomb_friction_n
+        leaning = best_of(judged, lean_on_friction=True) if judged and declared_n > 0 else None
+        coupling, rest, beside, off = None, None, {}, None
+        if best is not None:
+            told_off = crew.begin(partial(off_file, best.coupling, seed))
+            known = certified(best.coupling, progress, prove=prove)
+            known, rest = with_rest(known, felt_at_rest_n_per_m(known), progress)
+            coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
+            beside, off = _beside(best.coupling, hands, seed, executor), told_off()
+        held = [felt_at_rest_n_per_m(one.coupling) for one in judged]
+        return Recommendation(
+            problem=problem,
+            coupling=coupling,
+            trial=None if best is None else best.trial,
+            confirmed=None if best is None else best.others,
+            beside=beside,
+            off_file=off,
+            deployable=best is not None,
+            rest=rest,
+            stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *held]),
+            plain_wall_n_per_m=limit.stiffness_n_per_m,
+            with_friction_n_per_m=None if leaning is None else felt_at_rest_n_per_m(leaning.coupling),
+            helps=() if why_none else helps(),
+            considered=considered,
+            reason=why_none or reason_of(best, judged, considered),
+            assumed=assumed(problem, None if best is None else best.coupling, devices=devices_of(best)),
+            not_used=not_used(problem),
+        )
+
+
+def _beside(coupling: Coupling, hands: int, seed: int, executor: Executor | None = None) -> dict[str, CouplingTrial]:
+    """Let people try it who hold the device otherwise than [hands] says."""
+    radius = coupling.problem.device.metres_per_unit
+    return {
+        holding: try_coupling(
+            coupling, draw_subjects(population, hands, seed).at_handle(radius), seed, executor=executor
+        )
+        for holding, population in OTHER_HANDS.items()
+    }

@@ -1,0 +1,79 @@
+"""What is known of the rest of the coupling to deploy: proved, refuted, open, or simulated only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+from weakref import WeakKeyDictionary
+
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.proof_levels import promises_rest, proved_wall_n_per_m, quick_rest_level, quickly_proved
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.recommendation.choice import Judged
+
+Word = Literal["proved", "refuted", "open", "simulated"]
+# What was found of couplings that are still in use.
+_PROMISED: WeakKeyDictionary[Coupling, bool] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True)
+class RestKnown:
+    """Rest of a coupling with every hand, making and breaking contact (level L7).
+
+    Attributes:
+        word: proved, refuted or open; simulated where no proof was asked for.
+        sentence: what holds, or why not.
+        proved_wall_n_per_m: where it is open, the stiffest wall felt with which such a coupling is proved (0 where
+            none was); the wall that is felt where it is proved; None where that was not looked for.
+    """
+
+    word: Word
+    sentence: str
+    proved_wall_n_per_m: float | None = None
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        found: dict[str, Any] = plain(vars(self))
+        return found
+
+
+def with_rest(coupling: Coupling, felt_n_per_m: float, progress: Progress = SILENT) -> tuple[Coupling, RestKnown]:
+    """Return a certified coupling with L7 in its certificate, where that takes a second or two, and what it says.
+
+    Args:
+        coupling: with its certificate, in which L7 may stand already.
+        felt_n_per_m: stiffness of coupling and wall in series.
+        progress: told of the proof.
+    """
+    certificate = dict(coupling.certificate or {})
+    levels = dict(certificate.get("levels", {}))
+    if "L7" not in levels:
+        level = quick_rest_level(coupling, progress)
+        if level is None:
+            return coupling, RestKnown(
+                "simulated", "no proof was asked for; avc recommend P --prove asks for one, in minutes"
+            )
+        levels["L7"] = level.document()
+        coupling = coupling.with_certificate(certificate | {"levels": levels})
+    word, claim = levels["L7"]["outcome"], levels["L7"]["claim"]
+    if coupling.problem.detent is not None:
+        claim = f"{claim}; of the wall alone, without [detent]"
+    wall = felt_n_per_m if word == "proved" else None
+    if word == "open" and quickly_proved(coupling):
+        wall = proved_wall_n_per_m(coupling, progress)
+    return coupling, RestKnown(word, claim, wall)
+
+
+def proved_first(judged: list[Judged]) -> list[Judged]:
+    """Leave those of which a proof of rest is likely, where there are any; one alone is not asked."""
+    return ([one for one in judged if _promises(one.coupling)] or judged) if len(judged) > 1 else judged
+
+
+def _promises(coupling: Coupling) -> bool:
+    """Ask once for each coupling: the same ones are compared again whenever one more is tried."""
+    if coupling not in _PROMISED:
+        _PROMISED[coupling] = promises_rest(coupling)
+    return _PROMISED[coupling]

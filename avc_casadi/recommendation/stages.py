@@ -1,0 +1,176 @@
+"""The order in which candidates are judged: the likeliest first, the others only where none is the wall itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from avc_casadi._util.parallel import ALONE, Crew
+from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m
+from avc_casadi.model.hands import hand_corners
+from avc_casadi.recommendation.candidates import (
+    SAFER,
+    Alternatives,
+    RobustCandidates,
+    behind_observers,
+    plain_candidates,
+    softened_to,
+    stiffer_n_per_m,
+    tuned_candidates,
+)
+from avc_casadi.recommendation.jury import Jury
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from concurrent.futures import Executor
+
+    from avc_casadi._util.progress import Progress
+    from avc_casadi.claims.stability.stiffest_wall import DampingRange
+    from avc_casadi.design.robust.ladder import Rung
+    from avc_casadi.model.hands import Hand
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.recommendation.choice import Judged
+
+# The way from the stiffest that is held to the next stiffer wall is halved until it is so short, or so often.
+_CLOSE, _MOST_HALVED = 1.05, 3
+CLIMBS, ONWARDS = range(3), range(2)
+"""Climbs, by their numbers, and those that go on from what is held."""
+# Of a climb's walls the next that is asked about is so much softer.
+_LESS = 0.96
+# Searches, as they are told.
+_PLAIN, _BETWEEN = "springs and dampers", "halfway to the next stiffer wall"
+_OBSERVED = "springs and dampers behind an observer"
+
+
+def judged_candidates(
+    problem: Problem,
+    people: Hand,
+    seed: int,
+    limit: DampingRange,
+    progress: Progress,
+    *,
+    lean_on_friction: bool,
+    executor: Executor | None = None,
+    crew: Crew = ALONE,
+    start: Rung | None = None,
+    climbs: range = CLIMBS,
+    onwards: range = ONWARDS,
+) -> Candidates:
+    """Try the likeliest couplings first, and the others only where none is the wall itself.
+
+    Args:
+        problem: device, wall and hands.
+        people: who tries them.
+        seed: of their draw.
+        limit: the stiffest wall that is stable with everybody and let go, with a spring and damper.
+        progress: told of the candidates.
+        lean_on_friction: as in `best_of`.
+        executor: as in `try_coupling`.
+        crew: who searches laws.
+        start: as in `RobustCandidates`.
+        climbs: numbers of those that are made.
+        onwards: numbers of those that go on from what is held.
+    """
+    wall = problem.environment.stiffness_n_per_m
+    # Where springs and dampers hold nothing, laws begin at the softest wall there is.
+    limit = replace(limit, stiffness_n_per_m=max(limit.stiffness_n_per_m, softest_wall_n_per_m(problem.device)))
+    jury = Jury(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
+    robust = RobustCandidates(problem, limit, crew, start)
+    plainly = min(wall, limit.stiffness_n_per_m)
+    corners = hand_corners(problem.hands)
+    plain = list(plain_candidates(problem, corners, limit))
+    # A wall beyond what spring and damper hold is robust from the start; one that nothing holds is softened until
+    # everybody rests quietly, behind a law first: what springs give is mostly softer. Tuned gains come last: what holds
+    # spring and damper back holds them back too.
+    held_plainly = wall <= limit.stiffness_n_per_m
+    if held_plainly:
+        _plainly(jury, plain, wall)
+    if not jury.holds(wall):
+        _behind_laws(jury, robust, wall, climbs, onwards)
+    if not (held_plainly or jury.holds(limit.stiffness_n_per_m)):
+        _plainly(jury, plain, limit.stiffness_n_per_m)
+    for share in SAFER:
+        if not jury.holds(share * plainly):
+            jury.ask(softened_to(problem, corners, share * plainly), "softer springs")
+    if not jury.holds(0.0):
+        jury.ask(tuned_candidates(problem, progress), "tuned gains")
+    if jury.judged:
+        best = jury.stiffest()
+        # Climbs have come as near as that to what is not held, where springs end before laws do.
+        behind_a_law = best is not None and best.coupling.runtime.state_feedback is not None
+        if not behind_a_law or jury.reached_n_per_m() < plainly:
+            _closer(problem, jury, limit)
+        jury.confirm()
+    return Candidates(jury.judged, jury.considered, tuple(robust.rungs))
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """What was judged.
+
+    Attributes:
+        judged: what was tried, and how.
+        considered: how many couplings there were.
+        rungs: walls for which laws were found.
+    """
+
+    judged: list[Judged]
+    considered: int
+    rungs: tuple[Rung, ...]
+
+
+def _plainly(jury: Jury, plain: list[Alternatives], stiffness_n_per_m: float) -> None:
+    """Try springs and dampers, and behind an observer where for somebody without one it is too soft or not quiet."""
+    jury.ask(plain, _PLAIN)
+    if not (jury.pleases(stiffness_n_per_m) and jury.holds(stiffness_n_per_m)):
+        jury.ask(behind_observers(plain), _OBSERVED)
+
+
+def _behind_laws(jury: Jury, robust: RobustCandidates, wall_n_per_m: float, climbs: range, onwards: range) -> None:
+    """Climb to the wanted wall, then on from what is held, with those who moved among the first to try."""
+    if _held(jury, robust, robust.climbs(jury.asked_first(), climbs), wall_n_per_m):
+        return
+    best = jury.stiffest()
+    if best is not None:
+        more = robust.onwards(best.coupling, best.felt_n_per_m, jury.asked_first(), onwards)
+        _held(jury, robust, more, wall_n_per_m)
+
+
+def _held(jury: Jury, robust: RobustCandidates, climbs: Iterable[list[Rung]], wall_n_per_m: float) -> bool:
+    """Ask for what each climb reached; say whether one holds the wanted wall, which makes the next ones needless."""
+    for rungs in climbs:
+        _stiffest_held(jury, robust, rungs)
+        if jury.holds(wall_n_per_m):
+            return True
+    return False
+
+
+def _stiffest_held(jury: Jury, robust: RobustCandidates, rungs: list[Rung]) -> None:
+    """Ask for the stiffest of some walls that is held, also with people who had no part in the choice."""
+    asked = math.inf
+    for rung in reversed(rungs):
+        felt = rung.stiffness_n_per_m
+        if jury.holds(felt):
+            return
+        if felt <= _LESS * asked:
+            asked = felt
+            search = f"walls behind an observer, {felt:.4g} N/m"
+            if jury.finds([robust.alternatives(rung)], felt, search) and jury.holds(felt):
+                return
+
+
+def _closer(problem: Problem, jury: Jury, limit: DampingRange) -> None:
+    """Halve the way to the next stiffer wall behind a spring, a few times.
+
+    So that what is felt hardly depends on where the walls stand that were looked at, and thus on the one wanted.
+    """
+    corners = hand_corners(problem.hands)
+    low = jury.reached_n_per_m()
+    high = None if low < 0 else stiffer_n_per_m(problem, limit, low)
+    for _ in range(_MOST_HALVED):
+        if high is None or high < _CLOSE * low:
+            return
+        felt = math.sqrt(low * high)
+        jury.ask(softened_to(problem, corners, felt), _BETWEEN)
+        low, high = (felt, high) if jury.holds(felt) else (low, felt)

@@ -1,0 +1,251 @@
+"""How stiff a wall the device can give to simulated hands, and what would allow a stiffer one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.checkpoint import Chunked
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.parallel import Processes, require_workers
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.deployable import deployable
+from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m, stiffest_wall
+from avc_casadi.design.robust.moved import moved
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.recommendation.assumptions import assumed, not_used
+from avc_casadi.recommendation.choice import Judged, best_of, devices_of
+from avc_casadi.recommendation.helps import linear_changes, simulated_changes
+from avc_casadi.recommendation.hopeless import hopeless
+from avc_casadi.recommendation.recommend import SCHEMA
+from avc_casadi.recommendation.stages import CLIMBS, ONWARDS, judged_candidates
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import people_of
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from avc_casadi.claims.stability.stiffest_wall import DampingRange
+    from avc_casadi.design.robust.ladder import Rung
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Problem
+
+# A wall out of reach, over what spring and damper hold.
+_FAR = 1e3
+# Climbs, by their numbers, and those on from what they hold: of a recommendation for such a wall, and of another
+# search beside it, on the device as it is; and climbs anew on a changed one.
+_AS_IT_IS, _ANEW = ((CLIMBS, ONWARDS), (range(CLIMBS.stop, CLIMBS.stop + 2), range(1))), range(1)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Who asks: how many hands, the seed of their draw, and whether they may lean on dry friction."""
+
+    hands: int
+    seed: int
+    lean_on_friction: bool
+
+
+def stiffest(
+    problem: Problem,
+    hands: int = 100,
+    seed: int = 0,
+    *,
+    lean_on_friction: bool = False,
+    workers: int = 1,
+    progress: Progress = SILENT,
+    executor: Executor | None = None,
+) -> dict[str, Any]:
+    """Search the stiffest wall at which simulated hands rest as safely as with a recommendation, and what would help.
+
+    The search is that of `recommend`, for a wall that is out of reach: everything that the device declares is
+    simulated. Each change is searched anew, and from the law of the device as it is on: either may lead astray. It is
+    tried with the best coupling of the device as it is too, so that an improvement never counts as a loss where that
+    coupling goes on to hold.
+
+    Args:
+        problem: the device and its hands; its wall and detents do not matter.
+        hands: number of simulated hands, corners of [hands] among them.
+        seed: of their draw.
+        lean_on_friction: whether rest that only the declared dry friction brings is enough.
+        workers: processes; more than one start this program anew, so that a script needs its guard.
+        progress: told of the searches.
+        executor: who searches instead, as for `Chunked.run`.
+
+    Returns:
+        The document of `avc recommend P --stiffest`: JSON values. ``stiffest_wall_n_per_m`` is felt at rest with the
+        coupling that was found, None where there is none; ``plain_wall_n_per_m`` is that of a spring and damper by
+        linear stability alone, with the ``damping_ns_per_m`` that it needs; 0 where it holds none.
+    """
+    simple, _ = _out_of_reach(problem)
+    asked = _Asked(hands, seed, lean_on_friction)
+    better = linear_changes(problem) | simulated_changes(problem)
+    require_workers(workers)
+    with ExitStack() as stack:
+        if executor is None and workers > 1:
+            executor = stack.enter_context(Processes(workers))
+        with progress.step("stiffest wall"):
+            begun: list[_Task] = [partial(_as_it_is, problem, asked, *numbers) for numbers in _AS_IT_IS]
+            best = _best_of(_done(begun, executor, progress), asked)
+        reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g} N/m"
+        changed: list[_Task] = [partial(_anew, one, asked) for one in better.values()]
+        if best is not None:
+            changed += [partial(way, best, one, asked) for way in (_further, _kept) for one in better.values()]
+        with progress.step(f"{reached} as it is; what would help"):
+            found = _done(changed, executor, progress)
+    helps = []
+    for place, change in enumerate(better):
+        one = _best_of(found[place :: len(better)], asked)
+        helps.append({"change": change, **_told(None if one is None else one.judged)})
+    judged = None if best is None else best.judged
+    document: dict[str, Any] = plain(
+        {
+            "schema": SCHEMA,
+            "problem": problem.name,
+            **_told(judged),
+            "by": None if judged is None else judged.coupling.method,
+            "quiet": None if judged is None else int(judged.trial.quiet.sum()),
+            "confirmed": None if judged is None or judged.others is None else judged.others.counts(),
+            "plain_wall_n_per_m": simple.stiffness_n_per_m,
+            "damping_ns_per_m": [simple.lowest_ns_per_m, simple.highest_ns_per_m],
+            "what_would_help": sorted(helps, key=_safest_then_stiffest),
+            "assumed": list(assumed(problem.changed(detent=None), devices=devices_of(judged))),
+            "not_used": list(not_used(problem)),
+        }
+    )
+    return document
+
+
+def _out_of_reach(problem: Problem) -> tuple[DampingRange, Problem]:
+    """Return what spring and damper hold, and the device before a bare wall that is much stiffer."""
+    simple = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
+    far = _FAR * max(simple.stiffness_n_per_m, softest_wall_n_per_m(problem.device))
+    wall = {"stiffness_n_per_m": far, "damping_ns_per_m": 0.0}
+    return simple, problem.changed(environment=wall, detent=None)
+
+
+@dataclass(frozen=True)
+class _Best:
+    """The best that a device gives.
+
+    Attributes:
+        judged: the coupling, and how it was tried.
+        rung: the wall and the law behind it; None behind a spring and damper.
+    """
+
+    judged: Judged
+    rung: Rung | None
+
+
+_Task = Callable[[], "_Best | None"]
+
+
+def _done(tasks: list[_Task], executor: Executor | None, progress: Progress) -> list[_Best | None]:
+    """Work tasks out, in any order; return what they found."""
+    study: Chunked[_Task, list[_Best | None]] = Chunked({}, _called, tasks, list, things="searches")
+    return study.run(executor, progress=progress)
+
+
+def _called(task: _Task) -> _Best | None:
+    return task()
+
+
+def _best(
+    problem: Problem,
+    limit: DampingRange,
+    asked: _Asked,
+    *,
+    climbs: range,
+    onwards: range = range(0),
+    start: Rung | None = None,
+) -> _Best | None:
+    """Search the stiffest, where one can be held; arguments as for `judged_candidates`."""
+    if hopeless(problem):
+        return None
+    people, lean = people_of(problem.hands, asked.hands, asked.seed), asked.lean_on_friction
+    found = judged_candidates(
+        problem,
+        people,
+        asked.seed,
+        limit,
+        SILENT,
+        lean_on_friction=lean,
+        start=start,
+        climbs=climbs,
+        onwards=onwards,
+    )
+    if not found.judged:
+        return None
+    best = best_of(found.judged, lean_on_friction=lean)
+    law = best.coupling.runtime.state_feedback
+    laws = ((rung, one) for rung in found.rungs for one in (rung.found, *rung.found.others))
+    rungs = (replace(rung, found=one.beside(())) for rung, one in laws if one.law is law)
+    return _Best(best, next(rungs, None))
+
+
+def _as_it_is(problem: Problem, asked: _Asked, climbs: range, onwards: range) -> _Best | None:
+    """Search on the device as it is."""
+    simple, walled = _out_of_reach(problem)
+    return _best(walled, simple, asked, climbs=climbs, onwards=onwards)
+
+
+def _anew(changed: Problem, asked: _Asked) -> _Best | None:
+    """Search on a changed device for laws of its own, which may lie elsewhere."""
+    simple, walled = _out_of_reach(changed)
+    return _best(walled, simple, asked, climbs=_ANEW)
+
+
+def _further(before: _Best, changed: Problem, asked: _Asked) -> _Best | None:
+    """Search on a changed device from the law of the device as it is on."""
+    if before.rung is None:
+        return None
+    simple, walled = _out_of_reach(changed)
+    law = moved(before.rung, before.judged.coupling.problem, walled)
+    return None if law is None else _best(walled, simple, asked, climbs=range(1), start=law)
+
+
+def _kept(before: _Best, changed: Problem, asked: _Asked) -> _Best | None:
+    """Let the hands try the coupling of the device as it is; None at another rate or where it is not deployable."""
+    if changed.device.sample_time_s != before.judged.coupling.problem.device.sample_time_s:
+        return None
+    if _only_stronger(changed.device, before.judged.coupling.problem.device):
+        return before
+    coupling, (_, walled) = before.judged.coupling, _out_of_reach(changed)
+    other = replace(coupling, problem=coupling.problem.changed(device=walled.device))
+    if not deployable(other).passed:
+        return None
+    people = people_of(walled.hands, asked.hands, asked.seed)
+    return _Best(Judged(other, try_coupling(other, people, asked.seed), 0), None)
+
+
+def _only_stronger(device: Device, before: Device) -> bool:
+    """Whether a change is one of the force limit alone: force need not be used."""
+    force: dict[str, Any] = {"max_force_n": True, "range": {"max_force_n": True}}
+    return device.model_dump(exclude=force) == before.model_dump(exclude=force)
+
+
+def _safest_then_stiffest(told: dict[str, Any]) -> tuple[float, ...]:
+    counts = (told["at_rest_without_friction"] == told["hands"], told["at_rest"] == told["hands"])
+    return (*(-float(everybody) for everybody in counts), -(told["stiffest_wall_n_per_m"] or 0.0))
+
+
+def _best_of(found: Sequence[_Best | None], asked: _Asked) -> _Best | None:
+    """Return the best of some, whoever found nothing among them."""
+    some = [one for one in found if one is not None]
+    if not some:
+        return None
+    best = best_of([one.judged for one in some], lean_on_friction=asked.lean_on_friction)
+    return next(one for one in some if one.judged is best)
+
+
+def _told(best: Judged | None) -> dict[str, Any]:
+    if best is None:
+        return {"stiffest_wall_n_per_m": None, "hands": None, "at_rest": None, "at_rest_without_friction": None}
+    count = best.trial.counts()
+    return {
+        "stiffest_wall_n_per_m": best.felt_n_per_m,
+        **{key: count[key] for key in ("hands", "at_rest", "at_rest_without_friction")},
+    }

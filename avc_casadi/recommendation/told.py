@@ -1,0 +1,232 @@
+"""What a recommendation says in words: the conclusion first, one sentence a line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from avc_casadi._util.text import number
+from avc_casadi.recommendation.edge import NOTICED_N
+from avc_casadi.simulation.population.motions import TRIAL_S
+
+# Shares of the force limit and of the stiffness felt from which it is worth a line.
+_AT_LIMIT, _STIFFER = 0.97, 1.1
+# A share of the wall that is hardly anything, and an error at 1 Hz from which motion is another matter than rest.
+_HARDLY, _OTHERWISE = 0.1, 0.2
+# Hands that feel so much more or less than the median differ noticeably.
+_SPREAD = 0.1
+# How hands hold a device, where the key of the document is no phrase.
+_HELD = {"one fingertip": "with one fingertip"}
+# So far from its face a wall begins noticeably elsewhere.
+_ELSEWHERE_M = 5e-4
+
+
+def conclusion_lines(document: dict[str, Any]) -> list[str]:
+    """Return what to deploy and what it feels like, or that nothing can be deployed."""
+    coupling, felt, trial = document["coupling"], document["felt"], document["trial"]
+    if coupling is None:
+        return [f"deploy nothing on {document['problem']}: {document['reason']}"]
+    errors = ", ".join(f"{100 * error:.3g} % at {hz} Hz" for hz, error in felt["complex_error"].items())
+    first = "deploy on" if document["deployable"] else "DO NOT deploy on"
+    asked = [trial, *([document["confirmed"]] if document["confirmed"] else [])]
+    hands, at_rest = (sum(one[key] for one in asked) for key in ("hands", "at_rest"))
+    if document["deployable"] and at_rest < hands:
+        first = f"the least bad, which {hands - at_rest} of {hands} hands do not rest at, on"
+    springy = coupling["wall"]["stiffness_n_per_m"] > 0
+    if first == "deploy on" and springy and (felt["share_of_wall"] or 1.0) < _HARDLY:
+        first = "deploy, though hardly anything of the wall is left, on"
+    stiffness = _felt(felt, trial, springy=springy)
+    alone = "" if felt["stiffness_n_per_m"] is not None or not springy else " of the law alone, which nobody feels,"
+    return [
+        f"{first} {document['problem']}: {gains_line(coupling)}",
+        f"felt: {stiffness}; complex error{alone} against the physical wall {errors}",
+        (
+            f"trial{_nominal(document['confirmed'])}: {trial['at_rest']} of {trial['hands']} hands at rest, "
+            f"{trial['at_rest_without_friction']} without friction; {_quietly(document)}; "
+            f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}{_watched(trial)}"
+        ),
+        rest_line(document["rest"]),
+        *_unlike_the_proof(document["rest"], trial),
+        *([] if coupling["runtime"]["state_feedback"] is None else _in_motion(felt)),
+        *_edge(felt),
+        *_limits(document),
+        *_off_file(document["off_file"]),
+        f"other hands, to whom nothing is promised: {_other_hands(document['other_hands'])}",
+        f"why: {document['reason']}",
+    ]
+
+
+def _watched(trial: dict[str, Any]) -> str:
+    """Say how long those are watched whose hand and device alone swing for longer than a trial lasts."""
+    return "" if trial["longest_s"] <= TRIAL_S else f"; who still moves is watched for {number(trial['longest_s'])} s"
+
+
+def _nominal(confirmed: dict[str, int] | None) -> str:
+    """Say that the hands of the trial have the device as declared, where others had devices of its ranges."""
+    return " on the nominal device" if confirmed and confirmed["devices"] > 1 else ""
+
+
+def _quietly(document: dict[str, Any]) -> str:
+    """Say who presses without a vibration that is felt."""
+    trial, confirmed, declared_n = document["trial"], document["confirmed"], document["felt"]["friction_n"]
+    friction = ", with the declared friction" if declared_n else ""
+    others = f", and {confirmed['quiet']} of {confirmed['hands']} others" if confirmed else ""
+    where = f" on {confirmed['devices']} devices of the ranges" if confirmed and confirmed["devices"] > 1 else ""
+    return f"{trial['quiet']} press without a vibration that is felt{friction}{others}{where}"
+
+
+def rest_line(rest: dict[str, Any]) -> str:
+    """Return what is known of rest with every hand: proved, refuted, open or simulated."""
+    wall = rest["proved_wall_n_per_m"]
+    ends = ""
+    if rest["word"] == "open" and wall is not None:
+        ends = f"; proof ends at {number(wall)} N/m felt" if wall else "; no softer wall of this kind is proved"
+    return f"rest with every hand: {rest['word']}: {rest['sentence']}{ends}"
+
+
+def _unlike_the_proof(rest: dict[str, Any], trial: dict[str, Any]) -> list[str]:
+    """Say that hands move where a proof says that they rest: owing to what the proof leaves out."""
+    moving = trial["hands"] - trial["at_rest_without_friction"]
+    if rest["word"] != "proved" or not moving:
+        return []
+    who = f"{moving} of {trial['hands']} simulated hands"
+    return [f"beyond the proof: with what it leaves out {who} do not rest without dry friction"]
+
+
+def _felt(felt: dict[str, Any], trial: dict[str, Any], *, springy: bool) -> str:
+    limited = trial["at_force_limit"]
+    if not springy:
+        return "a damper, no stiffness"
+    if felt["stiffness_n_per_m"] is None:
+        return "nothing but the force limit" if limited else "nothing: no press ends in contact"
+    sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
+    share = f"{100 * (felt['share_of_wall'] or 0):.3g} % of the wall"
+    behind = "" if handle == sensed else f" at the sensor, and {number(handle)} N/m at the handle"
+    below = trial["hands"] - limited
+    most = f" (median of the {below} hands that stay below the force limit)" if limited else ""
+    return f"{number(sensed)} N/m, {share}{behind}{most}{_spread(trial['stiffness_n_per_m'])}"
+
+
+def _spread(over_hands: dict[str, Any]) -> str:
+    """Say how far hands differ, where more than one in twenty feels noticeably less than the median, or more."""
+    median, (low, high) = over_hands["median"], over_hands["nine_in_ten"]
+    if (1 - _SPREAD) * median <= low <= high <= (1 + _SPREAD) * median:
+        return ""
+    return f"; {number(low)} to {number(high)} N/m for nine hands in ten"
+
+
+def _in_motion(felt: dict[str, Any]) -> list[str]:
+    """Say that a wall behind an observer that is stiff at rest is softer in motion, where its error says so."""
+    error = felt["complex_error"]["1"]
+    if felt["stiffness_n_per_m"] is None or felt["share_of_wall"] < 1 - _OTHERWISE or error < _OTHERWISE:
+        return []
+    line = (
+        f"in motion: softer than at rest, as the error of {100 * error:.3g} % at 1 Hz says: the observer gives way "
+        "before it pushes, and a press is as stiff as told some tenths of a second after it began"
+    )
+    return [line]
+
+
+def _edge(felt: dict[str, Any]) -> list[str]:
+    """Say where the wall begins for a hand that moves, if that is felt to be elsewhere than its face."""
+    at = {speed: depth for speed, depth in felt["edge_m"].items() if depth is not None}
+    noticed = felt["edge_force_n"]
+    give = noticed / felt["stiffness_n_per_m"] if felt["stiffness_n_per_m"] else 0.0
+    metres_per_unit = noticed / NOTICED_N
+    elsewhere = _ELSEWHERE_M / metres_per_unit
+    if all(-elsewhere < depth < elsewhere + give for depth in at.values()):
+        return []
+    where = ", ".join(
+        f"{_depth(abs(depth))} {'before' if depth < 0 else 'behind'} its face at {speed} m/s"
+        for speed, depth in at.items()
+    )
+    return [f"edge: a hand that comes fast meets the wall's first {noticed:g} N elsewhere: {where}"]
+
+
+def _depth(depth_m: float) -> str:
+    return f"{number(depth_m, 3)} m" if depth_m >= 1 else f"{number(1e3 * depth_m, 3)} mm"
+
+
+def _off_file(off: dict[str, Any] | None) -> list[str]:
+    """Say how those fare who hold the device at the corners of [hands] where its file is a little wrong."""
+    if off is None:
+        return []
+    enough = off["at_rest_without_friction"] == off["hands"] and not off["linearly_unstable"]
+    shaky = (
+        f"; on {off['linearly_unstable']} of them the loop is linearly unstable all the same: with other hands of "
+        "[hands], next to rest, or let go"
+    )
+    advice = "" if enough else "; state in [device.range] how far yours may be off, to have it searched for"
+    line = (
+        f"off its file: on {off['devices']} devices of which {_listed(off['keys'])} are {100 * off['share']:g} % off, "
+        f"{off['at_rest']} of {off['hands']} trials of the corner hands end at rest, {off['at_rest_without_friction']} "
+        f"without friction{shaky if off['linearly_unstable'] else ''}{advice}"
+    )
+    return [line]
+
+
+def _listed(keys: list[str]) -> str:
+    return keys[0] if len(keys) == 1 else f"{', '.join(keys[:-1])} and {keys[-1]}"
+
+
+def _other_hands(tried: dict[str, Any]) -> str:
+    return "; ".join(
+        f"{_HELD.get(holding, holding)} {of['at_rest']} of {of['hands']} at rest, {of['at_rest_without_friction']} "
+        "without friction"
+        for holding, of in tried.items()
+    )
+
+
+def _limits(document: dict[str, Any]) -> list[str]:
+    """Say what the force limit does, and what leaning on dry friction would give."""
+    trial, lines = document["trial"], []
+    limit = document["coupling"]["max_force_n"]
+    if limit is not None and trial["tap_force_n"] >= _AT_LIMIT * limit:
+        presses = f"; so do the presses of {trial['at_force_limit']} hands" if trial["at_force_limit"] else ""
+        lines.append(
+            f"force: a tap reaches the limit of {number(limit)} N, beyond which no coupling is stiffer{presses}"
+        )
+    leaning, felt = document["with_friction_n_per_m"], document["felt"]["stiffness_n_per_m"]
+    if leaning is not None and felt is not None and leaning > _STIFFER * felt:
+        lines.append(
+            f"friction: if rest by the declared {number(document['felt']['friction_n'])} N of dry friction is enough, "
+            f"{number(leaning)} N/m at least; avc recommend P --lean-on-friction searches for it"
+        )
+    return lines
+
+
+def gains_line(coupling: dict[str, Any]) -> str:
+    """Return the gains and what runs beside them, as numbers to type into any firmware."""
+    rows = coupling["table"]
+    named = (
+        ("b", "damping_ns_per_m", "N.s/m"),
+        ("k", "stiffness_n_per_m", "N/m"),
+        ("b_p", "contact_damping_ns_per_m", "N.s/m"),
+    )
+    gains = ", ".join(f"{symbol} = {_span(rows[key])} {unit}" for symbol, key, unit in named)
+    runtime = coupling["runtime"]
+    beside = []
+    if runtime["observer_mass_kg"] is not None:
+        beside.append(
+            f"observer of {number(runtime['observer_mass_kg'])} kg (in exported C, not in the packaged firmware)"
+        )
+    if runtime["state_feedback"] is not None:
+        law = runtime["state_feedback"]
+        beside.append(
+            f"observer of {len(law['innovation'])} states with a dead zone of +-{number(1e6 * law['dead_zone_m'])} um, "
+            "and state feedback (numbers in the coupling file, C by avc export)"
+        )
+    if not coupling["constant"]:
+        beside.append(f"estimator {runtime['estimator']} and adaptation over {len(rows['frequency_hz'])} rows")
+    if runtime["guard"] is not None:
+        beside.append(f"guard {runtime['guard']}")
+    wall = coupling["wall"]
+    return (
+        f"{coupling['method']}: {gains}; beside them: {', '.join(beside) or 'nothing'}; wall "
+        f"{number(wall['stiffness_n_per_m'])} N/m, {number(wall['damping_ns_per_m'])} N.s/m; "
+        f"T {number(1e3 * coupling['sample_time_s'])} ms (coupling {coupling['id']})"
+    )
+
+
+def _span(values: list[float]) -> str:
+    low, high = min(values), max(values)
+    return number(low) if low == high else f"{number(low)} to {number(high)}"

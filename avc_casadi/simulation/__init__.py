@@ -1,0 +1,1 @@
+"""Simulation of a scene: only the effects that it lists, compiled into one CasADi step."""

@@ -1,0 +1,1 @@
+"""From one sample to the next: exact propagation, dry friction, other integrators."""

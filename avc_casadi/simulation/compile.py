@@ -1,0 +1,332 @@
+"""From a scene to one CasADi function for one sample, made of the listed effects only."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import InputError, UnsupportedError
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.coupling import contact_law, thinned
+from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, LinearPlant, Plant
+from avc_casadi.simulation.advance.advance import Advance, Drive, Layout, MatrixExponential, Split, column
+from avc_casadi.simulation.advance.friction import TaylorSeries
+from avc_casadi.simulation.advance.substeps import Projected, RungeKutta
+from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
+from avc_casadi.simulation.effects.base import SceneEffect, Station
+from avc_casadi.simulation.effects.computation import Adaptation
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.motion import Target, target_of
+from avc_casadi.simulation.tick import Tick
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from avc_casadi.model.problem import Contact, Problem
+    from avc_casadi.model.schedule import GainSchedule
+
+
+def bind(effects: tuple[SceneEffect, ...], gains: Gains | GainTable | GainSchedule) -> tuple[SceneEffect, ...]:
+    """Give the adaptation its table; gains that are numbers stay as they are, whatever the estimate.
+
+    Args:
+        effects: the effects of a scene.
+        gains: a gain table, or constant gains.
+
+    Raises:
+        InputError: a table without any gains.
+    """
+    if isinstance(gains, Gains) or not any(isinstance(effect, Adaptation) for effect in effects):
+        return effects
+    table = gains if isinstance(gains, GainTable) else thinned(GainTable.of(gains))
+    return tuple(replace(effect, table=table) if isinstance(effect, Adaptation) else effect for effect in effects)
+
+
+_SPEEDS = ("velocity_m_per_s", "held_m_per_s")
+
+
+@dataclass(frozen=True)
+class CompiledScene:
+    """One sample of a scene as a function, and everything that its runs share.
+
+    The function is (states, inputs, parameters) -> (states one sample later, traces).
+
+    Attributes:
+        problem: name of the problem.
+        effects: the effects, in the order of the loop.
+        function: the CasADi function of one sample.
+        states: names of the states.
+        owners: kind of effect that owns each state.
+        initial: states at the first sample.
+        inputs: names of the inputs.
+        traces: names of the outputs.
+        coupled: whether the gains are parameters; otherwise device and environment are joined rigidly.
+        damped: whether the contact damper is one.
+        environment: the virtual environment, or None in free space.
+        rate_gain_per_s: gain of the computer's velocities, 1/T without a filter.
+        target: motion of the hand's target.
+        sample_time_s: T.
+        samples: number of samples of a run.
+        build_seconds: time to compile.
+        metres_per_unit: how far the hand moves for a unit of the position.
+    """
+
+    problem: str
+    effects: tuple[SceneEffect, ...]
+    function: Any
+    states: tuple[str, ...]
+    owners: tuple[str, ...]
+    initial: FloatArray
+    inputs: tuple[str, ...]
+    traces: tuple[str, ...]
+    coupled: bool
+    damped: bool
+    environment: Environment | None
+    rate_gain_per_s: float
+    target: Target
+    sample_time_s: float
+    samples: int
+    build_seconds: float
+    metres_per_unit: float
+    _tick: Tick
+    _held: FloatArray
+
+    @property
+    def instructions(self) -> int:
+        """Number of instructions of one sample."""
+        return int(self.function.n_instructions())
+
+    @property
+    def speeds(self) -> tuple[str, ...]:
+        """Names of the traces of what moves; they follow the first trace."""
+        return tuple(name for name in self.traces if name in _SPEEDS)
+
+    @property
+    def branches(self) -> bool:
+        """Whether compiled code can skip pieces of a sample."""
+        return self._tick.split is not None
+
+    def split(self) -> Split | None:
+        """Return the sample in pieces, of which compiled code skips those that do not happen; None without any."""
+        return None if self._tick.split is None else self._tick.split()
+
+    def states_of(self, kind: str) -> int:
+        """Number of states that an effect owns."""
+        return Counter(self.owners)[kind]
+
+    def input_values(self, seed: int = 0) -> FloatArray:
+        """Return the inputs at every sample, shape (inputs, samples).
+
+        Raises:
+            InputError: a seed below 0.
+        """
+        if seed < 0:
+            raise InputError.of(f"is {seed}; allowed: 0 or more", key="seed")
+        columns = [slot.values(self.samples, seed) for slot in self._tick.inputs if slot.values is not None]
+        return np.array(columns, dtype=np.float64).reshape(len(columns), self.samples)
+
+    def parameter_values(self, gains: Gains) -> FloatArray:
+        """Return the parameters of every hand, shape (hands, parameters)."""
+        parts = [effect.numbers for effect in self.effects if effect.station < Station.ENVIRONMENT]
+        if self.coupled and self.environment is not None:
+            parts.append(
+                coupling_parameters(
+                    gains.damping_ns_per_m, gains.stiffness_n_per_m, self.environment, self.rate_gain_per_s
+                )
+            )
+        if self.damped:
+            parts.append(np.array([gains.contact_damping_ns_per_m]))
+        shared = np.concatenate(parts) if parts else np.zeros(0)
+        return np.concatenate([np.broadcast_to(shared, (len(self._held), len(shared))), self._held], axis=1)
+
+
+def compile_scene(
+    problem: Problem,
+    effects: tuple[SceneEffect, ...] | None = None,
+    *,
+    coupled: bool = True,
+    damped: bool = False,
+    stiffness_n_per_m: float = np.inf,
+) -> CompiledScene:
+    """Compile the scene of a problem.
+
+    Args:
+        problem: a validated problem.
+        effects: effects in place of those of the problem file; arrays in them stand for many hands.
+        coupled: with gains as parameters; otherwise device and environment are joined rigidly.
+        damped: with the contact damper b_p as a parameter.
+        stiffness_n_per_m: k of the gains that will run: 0 leaves the contact law clip-last without a surface.
+
+    Raises:
+        InputError: an impossible scene, by name.
+        UnsupportedError: an effect that scenes do not simulate.
+    """
+    started = time.perf_counter()
+    effects = build_effects(problem) if effects is None else effects
+    sample_time_s = problem.device.sample_time_s
+    samples = max(1, round(problem.scene.duration_s / sample_time_s))
+    target = target_of(problem.scene.motion, samples, sample_time_s)
+    plant, owners = _mechanics(problem, effects)
+    environment = next((effect.environment for effect in effects if effect.environment is not None), None)
+    if environment is not None and not environment.present:
+        environment = None
+    coupled, damped = coupled and environment is not None, damped and environment is not None
+    table = next((effect.gain_table for effect in effects if effect.gain_table is not None), None)
+    adapted = table is not None and environment is not None
+    if environment is not None:
+        environment = _lawful(environment, stiffness_n_per_m if table is None else table.gains[1])
+    tick = Tick(sample_time_s, target.device_start_m)
+    for name in plant.names:
+        with tick.owned_by(owners[name]):
+            tick.state(name, target.device_start_m if name.endswith("_position_m") else 0.0, computed=False)
+    tick.position = _sensed(problem, effects, tick)
+    _watch(tick)
+    if tick.position is not tick.states[0].symbol:
+        tick.trace("measured_m", tick.position)
+    damper = damped if table is None else bool(np.any(table.gains[2] > 0))
+    _sample(tick, effects, environment, coupled=coupled or adapted, damped=damper)
+    advance = _advance(problem, effects, plant, tick)
+    _continue(tick, plant, target, advance)
+    return CompiledScene(
+        problem=problem.name,
+        effects=effects,
+        function=_function(tick),
+        states=tuple(slot.name for slot in tick.states),
+        owners=tuple(slot.owner for slot in tick.states),
+        initial=np.array([slot.initial for slot in tick.states]),
+        inputs=tuple(slot.name for slot in tick.inputs),
+        traces=tuple(tick.traces),
+        coupled=coupled and not adapted,
+        damped=damped and not adapted,
+        environment=environment,
+        rate_gain_per_s=(1.0 - tick.filter_share) / sample_time_s,
+        target=target,
+        sample_time_s=sample_time_s,
+        samples=samples,
+        build_seconds=time.perf_counter() - started,
+        metres_per_unit=problem.device.metres_per_unit,
+        _tick=tick,
+        _held=np.atleast_2d(advance.parameters(plant, sample_time_s)),
+    )
+
+
+def _mechanics(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[LinearPlant, dict[str, str]]:
+    """Return the plant and the effect that owns each of its states."""
+    plant = Plant()
+    plant.add_mass(DEVICE, problem.device.mass_kg)
+    plant.join(DEVICE, GROUND, 0.0, problem.device.damping_ns_per_m)
+    owners = {DEVICE: "device"}
+    for effect in effects:
+        effect.mechanics(plant)
+        owners |= {body: effect.kind for body in plant.bodies if body not in owners}
+        if plant.actuator_rate_per_s is not None:
+            owners.setdefault("actuator", effect.kind)
+    if np.min(plant.mass_kg(DEVICE)) <= 0:
+        raise InputError.of(
+            "device and hand have no mass, so that nothing is there to be simulated; allowed: device.mass_kg above 0, "
+            "or a hand with a mass",
+            file=problem.name,
+            key="scene.effects",
+        )
+    linear = plant.linear()
+    return linear, {name: owners[name.split("_", 1)[0]] for name in linear.names}
+
+
+def _watch(tick: Tick) -> None:
+    """Record how the device moves, and its handle where that is another body: what a hand holds and feels."""
+    moves = {slot.name: slot.symbol for slot in tick.states}
+    tick.trace("position_m", moves[f"{DEVICE}_position_m"])
+    tick.trace("velocity_m_per_s", moves[f"{DEVICE}_velocity_m_per_s"])
+    if f"{HANDLE}_position_m" in moves:
+        tick.trace("held_m_per_s", moves[f"{HANDLE}_velocity_m_per_s"])
+        tick.trace("held_m", moves[f"{HANDLE}_position_m"])
+
+
+def _lawful(environment: Environment, stiffness_n_per_m: ArrayLike) -> Environment:
+    """Return the environment with the contact law that runs beside such gains."""
+    asked: Contact = "clip-last" if environment.clips_last else "gated"
+    law = contact_law(asked, environment.stiffness_n_per_m, stiffness_n_per_m)
+    return replace(environment, clips_last=law == "clip-last")
+
+
+def _sensed(problem: Problem, effects: tuple[SceneEffect, ...], tick: Tick) -> Any:
+    """Return the true position of the body that is measured: the motor, unless an effect says otherwise."""
+    body = next((effect.sensed_body for effect in effects if effect.sensed_body is not None), DEVICE)
+    symbols = {slot.name: slot.symbol for slot in tick.states}
+    if f"{body}_position_m" not in symbols:
+        message = f"measure the {body}, of which there is none; allowed: beside the effect resonance"
+        raise InputError.of(message, file=problem.name, key="scene.effects")
+    return symbols[f"{body}_position_m"]
+
+
+def _sample(
+    tick: Tick, effects: tuple[SceneEffect, ...], environment: Environment | None, *, coupled: bool, damped: bool
+) -> None:
+    """Add what the computer does, station by station."""
+    for effect in effects:
+        if effect.station < Station.ENVIRONMENT:
+            with tick.owned_by(effect.kind):
+                effect.sample(tick)
+    if environment is not None:
+        with tick.owned_by("coupling"):
+            tick.command = wall_force(tick, environment, rigid=not coupled, damped=damped)
+    for effect in effects:
+        if effect.station > Station.ENVIRONMENT:
+            with tick.owned_by(effect.kind):
+                effect.sample(tick)
+    for settle in tick.at_end:
+        settle()
+    if tick.command is not None:
+        tick.trace("force_n", tick.command)
+
+
+def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPlant, tick: Tick) -> Advance:
+    """Choose how to get from one sample to the next: the scene's integrator, where there is something to choose."""
+    friction = sum(effect.friction_n for effect in effects)
+    integrator, substeps = problem.scene.integrator, problem.scene.substeps
+    constant = tick.late if isinstance(tick.late, float) else 0.0
+    varying = tick.late is not None and constant == 0
+    held, driven = tick.command is not None, bool(np.any(plant.target))
+    if integrator == "rk4":
+        return RungeKutta(Layout.of(plant, friction), substeps)
+    if integrator == "projected" and friction > 0:
+        if varying:
+            raise UnsupportedError(
+                f'{problem.name}: scene.integrator = "projected" needs whole substeps, which the lateness of '
+                'the effect jitter breaks up; take "exact" or "rk4", or jitter with rms_s = 0'
+            )
+        return Projected(substeps, held=held, driven=driven, late=constant, friction_n=friction)
+    if friction > 0 or varying:
+        return TaylorSeries.of(plant, tick.sample_time_s, friction, substeps)
+    return MatrixExponential(substeps, held=held, driven=driven, late=constant)
+
+
+def _continue(tick: Tick, plant: LinearPlant, target: Target, advance: Advance) -> None:
+    """Move the plant to the next sample."""
+    aim = None
+    if np.any(plant.target):
+        aim = (
+            tick.input("target_position_m", lambda *_: target.position_m),
+            tick.input("target_velocity_m_per_s", lambda *_: target.velocity_m_per_s),
+        )
+    drive = Drive(force=tick.command, force_before=tick.command_before, late=tick.late, target=aim)
+    now = [slot.symbol for slot in tick.states[: plant.states]]
+    for name, value in zip(plant.names, advance.step(tick, now, drive), strict=True):
+        tick.follow(name, value)
+
+
+def _function(tick: Tick) -> Any:
+    import casadi as ca  # noqa: PLC0415
+
+    return ca.Function(
+        "sample",
+        [column(*(slot.symbol for slot in slots)) for slots in (tick.states, tick.inputs, tick.parameters)],
+        [ca.vertcat(*tick.successors()), ca.vertcat(*tick.traces.values())],
+        ["states", "inputs", "parameters"],
+        ["next", "traces"],
+    )

@@ -1,0 +1,216 @@
+"""Coupling and environment in series at one sample, solved in closed form, and the contact law of a one-sided wall.
+
+The coupling (k, b) joins the device at x to a massless tool at p, which meets the environment (k_e, b_e). Every rate is
+gain * value - offset (a backward difference, filtered or not), so that with e = x - p and kappa = k + b gain
+
+    f = kappa e - b offset_c    at the coupling,      f = kappa_e p - b_e offset_e    at the environment,
+
+which is solved for f and p without iteration. The contact damper b_p adds its own rate of x: y = f + b_p dx/dt.
+
+Two laws make a one-sided wall of it:
+
+- clip-last: f and p are those of the environment on both sides, always, and the force is F = max(0, y). The loop is
+  linear but for this one nonlinearity, whose slope lies in [0, 1]; its linear part is `stability.joint_rendering`;
+- gated: the tool's penetration is max(p, 0), the coupling never pulls, and F = max(0, y) where x > 0, otherwise 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.simulation.tick import Expr, Rate, Tick
+
+# N/m: far below any gain, far above the least of single precision.
+_NO_GAINS = 1e-20
+COUPLING_PARAMETERS = ("coupling_memory_s", "coupling_compliance_m_per_n", "series_stiffness_n_per_m")
+
+
+@dataclass(frozen=True)
+class Environment:
+    """The virtual environment of a scene.
+
+    Attributes:
+        stiffness_n_per_m: k_e.
+        damping_ns_per_m: b_e.
+        one_sided: a wall, which begins at x = 0 and never pulls.
+        clips_last: the contact law of a wall: clip-last, or gated. An expression lets each sample choose.
+    """
+
+    stiffness_n_per_m: float
+    damping_ns_per_m: float
+    one_sided: bool
+    clips_last: Expr = False
+
+    @property
+    def present(self) -> bool:
+        """Whether it can give any force at all."""
+        return self.stiffness_n_per_m > 0 or self.damping_ns_per_m > 0
+
+    @property
+    def damped(self) -> bool:
+        """Whether it has a damper, whose rate needs a state."""
+        return self.damping_ns_per_m > 0
+
+    def by_law(self, clip_last: Expr, gated: Expr) -> Expr:
+        """Return what a law has in place of the other's; a two-sided environment is linear, as the clip-last law is."""
+        import casadi as ca  # noqa: PLC0415
+
+        if not self.one_sided or self.clips_last is True:
+            return clip_last
+        return gated if self.clips_last is False else ca.if_else(self.clips_last, clip_last, gated)
+
+
+def coupling_parameters(
+    damping_ns_per_m: ArrayLike, stiffness_n_per_m: ArrayLike, environment: Environment, rate_gain_per_s: float
+) -> FloatArray:
+    """Return b/kappa, 1/kappa and the stiffness in series over one sample, shape (..., 3).
+
+    Args:
+        damping_ns_per_m: b; infinite for a rigid coupling.
+        stiffness_n_per_m: k; infinite for a rigid coupling.
+        environment: the environment.
+        rate_gain_per_s: gain of the rates, 1/T without a velocity filter.
+    """
+    b, k = np.broadcast_arrays(np.asarray(damping_ns_per_m, np.float64), np.asarray(stiffness_n_per_m, np.float64))
+    kappa = k + b * rate_gain_per_s
+    kappa_e = environment.stiffness_n_per_m + environment.damping_ns_per_m * rate_gain_per_s
+    rigid = np.isinf(kappa)
+    finite = np.where(rigid | (kappa == 0), 1.0, kappa)
+    memory = np.where(rigid | (kappa == 0), 0.0, b / finite)
+    compliance = np.where(rigid | (kappa == 0), 0.0, 1.0 / finite)
+    series = np.where(rigid, kappa_e, np.where(kappa == 0, 0.0, finite * (kappa_e / (finite + kappa_e))))
+    return np.stack([memory, compliance, series], axis=-1)
+
+
+def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: bool) -> Expr:
+    """Add coupling, environment and contact damper by the contact law; returns the force on the device.
+
+    Args:
+        tick: the loop so far, with the measured position.
+        environment: an environment that is present.
+        rigid: join device and environment without a coupling.
+        damped: with the contact damper b_p between device and ground.
+
+    Returns:
+        The force, N, positive against +x.
+    """
+    import casadi as ca  # noqa: PLC0415
+
+    force = _series_force(tick, environment, rigid=rigid)
+    if damped:
+        force += _contact_damper(tick)
+    if not environment.one_sided:
+        return force
+    pushing = ca.fmax(force, 0)
+    # Without the damper the gated force pushes already, and outside of the wall there is none.
+    return environment.by_law(pushing, ca.if_else(tick.position > 0, pushing, 0) if damped else force)
+
+
+def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
+    """Return f."""
+    import casadi as ca  # noqa: PLC0415
+
+    x, by_law = tick.position, environment.by_law
+    k_e, b_e, one_sided = environment.stiffness_n_per_m, environment.damping_ns_per_m, environment.one_sided
+    offset: Expr = 0.0
+    kappa_e = k_e
+    if environment.damped:
+        surface = _surface(tick, environment)
+        kappa_e = k_e + b_e * surface.gain
+        offset = b_e / kappa_e * surface.offset
+    if rigid:
+        free, series = x, None
+    else:
+        stretch = Rate(tick, "coupling_deflection")
+        memory, compliance, series, anchor_share = _gains(tick, stretch, kappa_e, environment)
+        free = x - memory * stretch.offset
+        if tick.adapted is not None:
+            free -= anchor_share * tick.adapted.anchor_m
+    force = (kappa_e if series is None else series) * (free - offset)
+    if one_sided:
+        force = by_law(force, _pushing_only(tick, force, free, None if series is None else compliance))
+    tool = x if series is None else free - compliance * force
+    if series is not None:
+        stretch.settle(x - tool)
+    depth = ca.fmax(tool, 0) if one_sided else tool
+    if environment.damped:
+        surface.settle(by_law(tool, depth))
+    tick.trace("tool_m", tool)
+    tick.environment_energy_j = 0.5 * k_e * depth * depth
+    if series is not None:
+        tick.coupling_energy_j = _spring_energy(tick, environment, x - tool, stretch.gain, memory, compliance)
+    return force
+
+
+def _surface(tick: Tick, environment: Environment) -> Rate:
+    """Return the rate at which the environment's spring is deflected: of the tool, or of its penetration."""
+    import casadi as ca  # noqa: PLC0415
+
+    name, penetration = "environment_deflection", max(tick.start_m, 0.0)
+    if not environment.one_sided or environment.clips_last is True:
+        return Rate(tick, name, tick.start_m)
+    if environment.clips_last is False:
+        return Rate(tick, name, penetration)
+    # One state serves both laws: before the wall, the gated one sees a penetration of 0 in it.
+    return Rate(tick, name, tick.start_m, seen=lambda before: environment.by_law(before, ca.fmax(before, 0)))
+
+
+def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -> tuple[Expr, Expr, Expr, Expr]:
+    """Return b/kappa, 1/kappa, the stiffness in series and k/kappa: parameters of a run, or from the gains of now."""
+    import casadi as ca  # noqa: PLC0415
+
+    if tick.adapt is None:
+        memory, compliance, series = (tick.parameter(name) for name in COUPLING_PARAMETERS)
+        return memory, compliance, series, None
+    # Out of contact the linear coupling is drawn out without a force: nothing is held there.
+    held = ca.fmax(stretch.before, 0) if environment.one_sided else stretch.before
+    tick.adapted = gains = tick.adapt(environment.by_law(held, stretch.before), environment.one_sided)
+    stretch.forget(environment.by_law(1, gains.touching))
+    kappa = gains.stiffness_n_per_m + gains.damping_ns_per_m * stretch.gain
+    # Without gains there is no force, whatever the compliance: it only has to be a number.
+    compliance = 1 / (kappa + _NO_GAINS)
+    series = kappa * (kappa_e / (kappa + kappa_e))
+    return gains.damping_ns_per_m * compliance, compliance, series, gains.stiffness_n_per_m * compliance
+
+
+def _spring_energy(
+    tick: Tick, environment: Environment, deflection: Expr, rate_gain_per_s: Expr, memory: Expr, compliance: Expr
+) -> Expr:
+    """Return the energy that the coupling's spring can give back to the hand."""
+    import casadi as ca  # noqa: PLC0415
+
+    if environment.one_sided:
+        deflection = environment.by_law(ca.fmax(deflection, 0), deflection)
+    if tick.adapted is not None:
+        stretch = deflection - tick.adapted.anchor_m
+        return 0.5 * tick.adapted.stiffness_n_per_m * stretch * stretch
+    some = compliance > 0
+    stiffness = (1 - memory * rate_gain_per_s) / ca.if_else(some, compliance, 1)
+    return ca.if_else(some, 0.5 * stiffness * deflection * deflection, 0)
+
+
+def _pushing_only(tick: Tick, force: Expr, free: Expr, compliance: Expr | None) -> Expr:
+    import casadi as ca  # noqa: PLC0415
+
+    if tick.filter_share == 0:
+        # The past of a plain difference never pushes a tool that is out of the wall: f > 0 implies p > 0.
+        return ca.fmax(force, 0)
+    if compliance is None:
+        return ca.if_else(free > 0, ca.fmax(force, 0), 0)
+    # A filtered rate still remembers the way in: at most the force that keeps the tool at the surface.
+    return ca.fmax(ca.if_else(compliance * force > free, free / compliance, force), 0)
+
+
+def _contact_damper(tick: Tick) -> Expr:
+    """Return the force of the damper b_p between device and ground.
+
+    It acts on the velocity of the device. The rate of the depth alone would miss a part of it at the first sample of a
+    contact, and light hands then bounce for ever.
+    """
+    adapted = tick.adapted
+    damping = tick.parameter("contact_damping_ns_per_m") if adapted is None else adapted.contact_damping_ns_per_m
+    return damping * Rate(tick, "contact_position", tick.start_m).settle(tick.position)

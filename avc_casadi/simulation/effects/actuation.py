@@ -1,0 +1,73 @@
+"""The amplifier's bandwidth: the force follows the command as a lag or as a current loop does."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
+from avc_casadi.model.plant import Plant
+from avc_casadi.model.problem import Problem
+from avc_casadi.simulation.effects.base import SceneEffect, Station, required_number
+from avc_casadi.simulation.tick import Tick
+
+
+@dataclass(frozen=True)
+class Saturation(SceneEffect):
+    """Clips the command.
+
+    Attributes:
+        force_n: largest force either way.
+    """
+
+    kind: ClassVar[str] = "saturation"
+    station: ClassVar[Station] = Station.ACTUATION
+
+    force_n: float
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take what is left out from the device."""
+        source, default = "device.max_force_n", problem.device.max_force_n
+        return cls(required_number(table.force_n, default, key="force_n", place=place, problem=problem, source=source))
+
+    def sample(self, tick: Tick) -> None:
+        """Clip."""
+        import casadi as ca  # noqa: PLC0415
+
+        if tick.command is not None:
+            tick.command = ca.fmin(ca.fmax(tick.command, -self.force_n), self.force_n)
+
+
+@dataclass(frozen=True)
+class Amplifier(SceneEffect):
+    """Lag between the command and the force.
+
+    Attributes:
+        bandwidth_hz: its corner frequency.
+        order: 1, or 2 for a current loop.
+        damping_ratio: of a current loop.
+    """
+
+    kind: ClassVar[str] = "amplifier"
+    station: ClassVar[Station] = Station.ACTUATION
+
+    bandwidth_hz: float
+    order: int = 1
+    damping_ratio: float = CURRENT_LOOP_DAMPING_RATIO
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take what is left out from the device."""
+        device, key, source = problem.device, "bandwidth_hz", "device.amplifier_bandwidth_hz"
+        default = device.amplifier_bandwidth_hz
+        bandwidth = required_number(table.bandwidth_hz, default, key=key, place=place, problem=problem, source=source)
+        ratio = table.damping_ratio or device.amplifier_damping_ratio
+        return cls(bandwidth, table.order or device.amplifier_order, ratio)
+
+    def mechanics(self, plant: Plant) -> None:
+        """Make the force a state of the continuous part."""
+        plant.actuator_rate_per_s = 2 * math.pi * self.bandwidth_hz
+        plant.actuator_order = self.order
+        plant.actuator_damping_ratio = self.damping_ratio

@@ -1,0 +1,238 @@
+"""The estimator of the interaction frequency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.gains import GainTable
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.runtime import STATE_FEEDBACK_KEYS
+from avc_casadi.model.runtime import StateFeedback as Settings
+from avc_casadi.simulation.effects.base import SceneEffect, Station, insert, required_number
+from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, HoldSettings, adaptation_step, hold_step
+from avc_casadi.simulation.runtime.estimators import estimator_step
+from avc_casadi.simulation.runtime.guard import GuardSettings, guard_step
+from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step
+from avc_casadi.simulation.runtime.signal import EstimatorSettings
+from avc_casadi.simulation.runtime.state_feedback import state_feedback_step
+from avc_casadi.simulation.tick import AdaptedGains, Expr, Tick
+
+
+@dataclass(frozen=True)
+class Guard(SceneEffect):
+    """Watches the energy through the held force and acts where some is missing.
+
+    Attributes:
+        method: passivity-controller or energy-tank.
+        settings: how far it may go.
+    """
+
+    kind: ClassVar[str] = "guard"
+    station: ClassVar[Station] = Station.GUARD
+
+    method: str
+    settings: GuardSettings
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Limit the damper to the device's own damping."""
+        del place
+        return cls(table.method, GuardSettings(damping_limit_ns_per_m=problem.device.damping_ns_per_m))
+
+    def sample(self, tick: Tick) -> None:
+        """Replace the command."""
+        if tick.command is None:
+            return
+        step = guard_step(self.method, tick.sample_time_s, self.settings)
+        stored = tick.environment_energy_j + tick.coupling_energy_j
+        outputs = insert(tick, "guard", step, [tick.command, tick.position, stored, tick.held_force()])
+        tick.command, reserve = outputs
+        tick.trace("guard_reserve_j", reserve)
+
+
+@dataclass(frozen=True)
+class StateFeedback(SceneEffect):
+    """Replaces the measured position by a weighted sum of what the observer believes.
+
+    Attributes:
+        settings: its matrices.
+    """
+
+    kind: ClassVar[str] = "state-feedback"
+    station: ClassVar[Station] = Station.COMPUTATION
+
+    settings: Settings
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take the table; its rows must be of one size."""
+        try:
+            return cls(Settings(**{key: getattr(table, key) for key in STATE_FEEDBACK_KEYS}))
+        except InputError as error:
+            faults = [Fault(problem.name, None, f"{place}.{one.key}", one.message) for one in error.faults]
+            raise InputError(faults) from None
+
+    @property
+    def numbers(self) -> FloatArray:
+        """The matrices: scenes with others of the same size are the same code."""
+        return self.settings.numbers()
+
+    def sample(self, tick: Tick) -> None:
+        """Replace the position."""
+        step = state_feedback_step(self.settings)
+        numbers = tuple(tick.parameter(f"state_feedback_{name}") for name in step.parameters)
+        tick.position = insert(tick, "state_feedback", step, [tick.position, tick.asked_force()], numbers)[0]
+
+
+# A mass taken too small turns every force into too much motion; far above the lightest, light hands buzz.
+_ABOVE = 1.07
+
+
+@dataclass(frozen=True)
+class Observer(SceneEffect):
+    """Replaces the counted position by one that the commanded forces explain, at the time when the next one acts.
+
+    Attributes:
+        settings: what it knows.
+        late: whether the loop has a delay: the force that acts is not the one that was asked for.
+    """
+
+    kind: ClassVar[str] = "observer"
+    station: ClassVar[Station] = Station.SENSING
+
+    settings: ObserverSettings
+    late: bool = False
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take step and delay from the loop, and the mass from the device and the lightest hand, if left out."""
+        encoder = next((effect for effect in problem.scene.effects if effect.kind == "encoder"), None)
+        if encoder is None:
+            message = "has no steps to look between; allowed: beside the effect encoder"
+            raise InputError([Fault(problem.name, None, place, message)])
+        source, default = "device.encoder_resolution_m", problem.device.encoder_resolution_m
+        told = encoder.resolution_m if table.resolution_m is None else table.resolution_m
+        resolution = required_number(told, default, key="resolution_m", place=place, problem=problem, source=source)
+        lightest = problem.device.mass_kg + problem.hands.mass_kg[0]
+        source = "that of device and lightest hand"
+        mass = required_number(
+            table.mass_kg, _ABOVE * lightest, key="mass_kg", place=place, problem=problem, source=source
+        )
+        delay = next((effect for effect in problem.scene.effects if effect.kind == "delay"), None)
+        late = 0 if delay is None else delay.samples or problem.device.delay_samples
+        ahead = late if table.ahead_samples is None else table.ahead_samples
+        return cls(ObserverSettings(resolution, mass, float(ahead)), bool(late))
+
+    def sample(self, tick: Tick) -> None:
+        """Replace the position."""
+        step = observer_step(tick.sample_time_s, self.settings)
+        force = tick.asked_force() if self.settings.ahead or self.late else tick.held_force()
+        tick.position = insert(tick, "observer", step, [tick.position, force])[0]
+
+
+@dataclass(frozen=True)
+class Adaptation(SceneEffect):
+    """Look-up with hold and decay, slew limit and passive change.
+
+    Attributes:
+        hold: how the look-up leaves a lost estimate.
+        settings: how the gains change.
+        table: the gain table; a run sets it.
+    """
+
+    kind: ClassVar[str] = "adaptation"
+    station: ClassVar[Station] = Station.COMPUTATION
+
+    hold: HoldSettings
+    settings: AdaptationSettings
+    table: GainTable | None = None
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take the table; without an estimator there is nothing to follow."""
+        if not any(effect.kind == "estimator" for effect in problem.scene.effects):
+            message = "has no estimate to follow; allowed: beside the effect estimator"
+            raise InputError([Fault(problem.name, None, place, message)])
+        return cls(HoldSettings(table.hold_s), AdaptationSettings(table.slew_per_s, table.passive))
+
+    @property
+    def gain_table(self) -> GainTable | None:
+        """The gain table, where one is bound."""
+        return self.table
+
+    def sample(self, tick: Tick) -> None:
+        """Look the gains up; they come into force when the coupling asks for them."""
+        if self.table is None:
+            return
+        rows = self.table
+        step = hold_step(tick.sample_time_s, self.hold)
+        # Without an estimator, as when its worth is being weighed, the gains are those of rest.
+        estimate = [0.0, 0.0] if tick.frequency_hz is None else [tick.frequency_hz, tick.frequency_valid]
+        frequency, _ = insert(tick, "hold", step, estimate, (rows.rest_hz,))
+        wanted = rows.expressions(frequency)
+        rest = rows.rest_stiffness_n_per_m
+        tick.adapt = lambda deflection, one_sided: self._change(tick, wanted, rest, deflection, one_sided=one_sided)
+
+    def _change(self, tick: Tick, wanted: list[Expr], rest: Expr, deflection: Expr, *, one_sided: bool) -> AdaptedGains:
+        import casadi as ca  # noqa: PLC0415
+
+        inputs = [*wanted, deflection]
+        touching: Expr = 1
+        with tick.owned_by(self.kind):
+            if self.settings.passive:
+                environment = tick.state("environment_energy_j")
+                tick.at_end.append(lambda: tick.follow("environment_energy_j", tick.environment_energy_j))
+                touching = tick.position > 0 if one_sided else 1
+                depth = ca.fmax(tick.position, 0) if one_sided else tick.position
+                inputs += [environment, tick.asked_force(), depth, touching, rest]
+            step = adaptation_step(tick.sample_time_s, self.settings)
+            outputs = insert(tick, "adaptation", step, inputs)
+        named = dict(zip(step.outputs, outputs, strict=True))
+        for name in ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m", "anchor_m"):
+            tick.trace(name, named[name])
+        return AdaptedGains(
+            damping_ns_per_m=named["damping_ns_per_m"],
+            stiffness_n_per_m=named["stiffness_n_per_m"],
+            contact_damping_ns_per_m=named["contact_damping_ns_per_m"],
+            anchor_m=named["anchor_m"],
+            touching=touching,
+        )
+
+
+@dataclass(frozen=True)
+class Estimator(SceneEffect):
+    """Estimates the frequency from the velocity between samples.
+
+    Attributes:
+        method: name of the estimator.
+        settings: what it takes for motion.
+    """
+
+    kind: ClassVar[str] = "estimator"
+    station: ClassVar[Station] = Station.COMPUTATION
+
+    method: str
+    settings: EstimatorSettings
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
+        """Take the method; the floor stands above the noise of the encoder, where the scene has one."""
+        encoders = [effect for effect in problem.scene.effects if effect.kind == "encoder"]
+        resolution = problem.device.encoder_resolution_m if encoders else 0.0
+        if encoders and encoders[0].resolution_m is not None:
+            resolution = encoders[0].resolution_m
+        device = problem.device
+        seen = EstimatorSettings.for_encoder(resolution or 0.0, device.sample_time_s, device.metres_per_unit)
+        return cls(table.method, seen)
+
+    def sample(self, tick: Tick) -> None:
+        """Add the estimator's states and the estimate."""
+        before = tick.state("estimator_position_m", tick.start_m)
+        tick.follow("estimator_position_m", tick.position)
+        velocity = (tick.position - before) / tick.sample_time_s
+        step = estimator_step(self.method, tick.sample_time_s, self.settings)
+        tick.frequency_hz, tick.frequency_valid = insert(tick, "estimator", step, [velocity])[:2]
+        tick.trace("interaction_hz", tick.frequency_hz)

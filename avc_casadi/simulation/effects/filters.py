@@ -1,0 +1,141 @@
+"""A low pass on the velocities that the computer takes from positions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.model.problem import Problem
+from avc_casadi.simulation.effects.base import SceneEffect, Station
+from avc_casadi.simulation.tick import Tick
+
+
+def dc_gain(section: Sequence[float]) -> float:
+    """Return the gain of a section at rest."""
+    b0, b1, b2, a1, a2 = section
+    return (b0 + b1 + b2) / (1 + a1 + a2)
+
+
+def filter_position(tick: Tick, name: str, section: Sequence[float]) -> None:
+    """Pass the position through y(k) = b0 u(k) + b1 u(k-1) + b2 u(k-2) - a1 y(k-1) - a2 y(k-2), at rest at first.
+
+    Args:
+        tick: the sample; where the filter's gain is not 1, what follows begins elsewhere.
+        name: of its two states.
+        section: b0, b1, b2, a1, a2.
+    """
+    b0, b1, b2, a1, a2 = section
+    begin, end = tick.start_m, tick.start_m * dc_gain(section)
+    first = tick.state(f"{name}_first_m", end - b0 * begin)
+    second = tick.state(f"{name}_second_m", b2 * begin - a2 * end)
+    coming = tick.position
+    tick.position = b0 * coming + first
+    tick.follow(f"{name}_first_m", b1 * coming - a1 * tick.position + second)
+    tick.follow(f"{name}_second_m", b2 * coming - a2 * tick.position)
+    tick.start_m = end
+
+
+@dataclass(frozen=True)
+class Compensator(SceneEffect):
+    """Second-order sections, one after the other.
+
+    Attributes:
+        sections: b0, b1, b2, a1, a2 of each.
+    """
+
+    kind: ClassVar[str] = "compensator"
+    station: ClassVar[Station] = Station.COMPUTATION
+
+    sections: tuple[tuple[float, float, float, float, float], ...]
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take the table; every section must be stable."""
+        faults = []
+        for index, (*_, a1, a2) in enumerate(table.sections):
+            if not (abs(a2) < 1 and abs(a1) < 1 + a2):
+                message = f"has a1 = {a1:g}, a2 = {a2:g}: not stable; allowed: |a2| < 1 and |a1| < 1 + a2"
+                faults.append(Fault(problem.name, None, f"{place}.sections[{index}]", message))
+        if faults:
+            raise InputError(faults)
+        return cls(table.sections)
+
+    def sample(self, tick: Tick) -> None:
+        """Replace the position."""
+        for index, section in enumerate(self.sections):
+            filter_position(tick, f"compensator_{index + 1}", section)
+
+
+@dataclass(frozen=True)
+class Notch(SceneEffect):
+    """(s^2 + d w omega s + omega^2)/(s^2 + w omega s + omega^2) by Tustin's rule, exact at its frequency; 1 at rest.
+
+    Attributes:
+        frequency_hz: omega / 2 pi.
+        depth: gain d at the frequency.
+        width: w, the band as a share of the frequency.
+    """
+
+    kind: ClassVar[str] = "notch"
+    station: ClassVar[Station] = Station.COMPUTATION
+
+    frequency_hz: float
+    depth: float
+    width: float
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take the table; the frequency lies below that of Nyquist."""
+        nyquist = 0.5 / problem.device.sample_time_s
+        if table.frequency_hz >= nyquist:
+            message = f"is {table.frequency_hz:g}; allowed: below the Nyquist frequency {nyquist:g} Hz"
+            raise InputError([Fault(problem.name, None, f"{place}.frequency_hz", message)])
+        return cls(table.frequency_hz, table.depth, table.width)
+
+    def section(self, sample_time_s: float) -> tuple[float, float, float, float, float]:
+        """Return b0, b1, b2, a1, a2 of the discrete filter.
+
+        Args:
+            sample_time_s: T.
+        """
+        turned = math.tan(math.pi * self.frequency_hz * sample_time_s)
+        wide, square = self.width * turned, turned * turned
+        whole = 1 + wide + square
+        middle = 2 * (square - 1) / whole
+        return (
+            (1 + self.depth * wide + square) / whole,
+            middle,
+            (1 - self.depth * wide + square) / whole,
+            middle,
+            (1 - wide + square) / whole,
+        )
+
+    def sample(self, tick: Tick) -> None:
+        """Replace the position."""
+        filter_position(tick, "notch", self.section(tick.sample_time_s))
+
+
+@dataclass(frozen=True)
+class VelocityFilter(SceneEffect):
+    """First-order low pass on every backward difference: of the coupling, the environment and the contact damper.
+
+    Attributes:
+        cutoff_hz: its corner frequency.
+    """
+
+    kind: ClassVar[str] = "velocity-filter"
+    station: ClassVar[Station] = Station.COMPUTATION
+
+    cutoff_hz: float
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
+        """Take the table."""
+        return cls(table.cutoff_hz)
+
+    def sample(self, tick: Tick) -> None:
+        """Set the share of the old velocity, that of a first-order lag over one sample."""
+        tick.filter_share = math.exp(-2 * math.pi * self.cutoff_hz * tick.sample_time_s)

@@ -1,0 +1,50 @@
+"""A hand in a scene: it holds the device and follows its moving target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Self
+
+from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.plant import Plant
+from avc_casadi.model.problem import Problem
+from avc_casadi.simulation.effects.base import SceneEffect, Station, required_number
+
+
+@dataclass(frozen=True)
+class Grip(SceneEffect):
+    """Whoever holds the device; a hand of many stands for as many scenes.
+
+    Attributes:
+        hand: the hand, or many.
+    """
+
+    kind: ClassVar[str] = "hand"
+    station: ClassVar[Station] = Station.HAND
+
+    hand: Hand | StylusHand
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
+        """Take what is left out from the middle of the problem's set of hands."""
+        given = {item.name: getattr(table, item.name) for item in fields(Hand)}
+        return cls(
+            Hand(**{key: sum(getattr(problem.hands, key)) / 2 if one is None else one for key, one in given.items()})
+        )
+
+    def mechanics(self, plant: Plant) -> None:
+        """Add the hand to what it holds."""
+        self.hand.mechanics(plant)
+
+
+@dataclass(frozen=True)
+class StylusGrip(Grip):
+    """The same with a hand on a stylus."""
+
+    kind: ClassVar[str] = "stylus-hand"
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take the table as it stands; the hand needs a mass."""
+        required_number(table.mass_kg, None, key="mass_kg", place=place, problem=problem, source="")
+        return cls(StylusHand(**{item.name: getattr(table, item.name) for item in fields(StylusHand)}))

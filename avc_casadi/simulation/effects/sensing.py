@@ -1,0 +1,178 @@
+"""An encoder: the position in whole steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.declared import scene_effects
+from avc_casadi.model.plant import DEVICE, HANDLE
+from avc_casadi.model.problem import Problem
+from avc_casadi.simulation.effects.base import SceneEffect, Station, required_number
+from avc_casadi.simulation.tick import Tick
+
+
+@dataclass(frozen=True)
+class Jitter(SceneEffect):
+    """The position is sampled in time; the new force comes |e| late, e Gaussian, at most one sample.
+
+    In a dropped sample the computer does nothing: the force stays, and the next velocity is taken over two samples.
+
+    Attributes:
+        rms_s: standard deviation of e; 0 for forces in time.
+        seed: seed of the generator.
+        dropped_share: share of the samples that are dropped.
+    """
+
+    kind: ClassVar[str] = "jitter"
+    station: ClassVar[Station] = Station.ACTUATION
+
+    rms_s: float
+    seed: int
+    dropped_share: float
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take the table; one of lateness and drops must be there."""
+        if table.rms_s == 0 and table.dropped_share == 0:
+            message = "rms_s and dropped_share are both 0; allowed: one above 0, or leave the effect out"
+            raise InputError([Fault(problem.name, None, place, message)])
+        return cls(table.rms_s, table.seed, table.dropped_share)
+
+    def sample(self, tick: Tick) -> None:
+        """Draw lateness and drops, and keep the last force."""
+        import casadi as ca  # noqa: PLC0415
+
+        if tick.command is None:
+            return
+        before = tick.state("force_before_n", computed=False)
+        if self.dropped_share > 0:
+            tick.dropped = tick.input("dropped", self._drops)
+            tick.command = ca.if_else(tick.dropped, before, tick.command)
+        if self.rms_s > 0:
+            tick.command_before = before
+            sample_time_s = tick.sample_time_s
+            tick.late = tick.input("late_share", lambda samples, run: self._lateness(samples, run, sample_time_s))
+        tick.follow("force_before_n", tick.command)
+
+    def _drops(self, samples: int, run: int) -> FloatArray:
+        draws = np.random.default_rng((self.seed, run, 1)).random(samples)
+        return (draws < self.dropped_share).astype(np.float64)
+
+    def _lateness(self, samples: int, run: int, sample_time_s: float) -> FloatArray:
+        draws = np.random.default_rng((self.seed, run, 2)).standard_normal(samples)
+        return np.minimum(np.abs(draws) * self.rms_s / sample_time_s, 1.0)
+
+
+@dataclass(frozen=True)
+class Delay(SceneEffect):
+    """A line of past commands; after whole samples a share of one, in which the command before still acts.
+
+    Attributes:
+        samples: its length.
+    """
+
+    kind: ClassVar[str] = "delay"
+    station: ClassVar[Station] = Station.ACTUATION
+
+    samples: float
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take what is left out from the device."""
+        source, default = "device.delay_samples", problem.device.delay_samples
+        return cls(required_number(table.samples, default, key="samples", place=place, problem=problem, source=source))
+
+    def sample(self, tick: Tick) -> None:
+        """Put the command into the line and take out the oldest, or the last two."""
+        if tick.command is None:
+            return
+        whole = int(self.samples)
+        late = float(self.samples - whole)
+        line = [tick.command]
+        tick.asked = tick.command
+        for place in range(whole + (late > 0)):
+            name = f"delayed_{place + 1}_n"
+            held = tick.state(name)
+            tick.follow(name, line[-1])
+            line.append(held)
+        tick.command = line[whole]
+        if late > 0:
+            tick.late, tick.command_before = late, line[whole + 1]
+
+
+@dataclass(frozen=True)
+class Noise(SceneEffect):
+    """White Gaussian noise on each sampled position, before an encoder.
+
+    Attributes:
+        rms_m: its standard deviation.
+        seed: seed of its generator.
+    """
+
+    kind: ClassVar[str] = "noise"
+    station: ClassVar[Station] = Station.SENSING
+
+    rms_m: float
+    seed: int
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take what is left out from the device."""
+        source, default = "device.position_noise_rms_m", problem.device.position_noise_rms_m
+        rms = required_number(table.rms_m, default, key="rms_m", place=place, problem=problem, source=source)
+        return cls(rms, table.seed)
+
+    def sample(self, tick: Tick) -> None:
+        """Add a drawn number to the position."""
+        rms, seed = self.rms_m, self.seed
+        tick.position += tick.input("noise_m", lambda samples, run: rms * _draw(seed, run, samples))
+
+
+def _draw(seed: int, run: int, samples: int) -> np.ndarray:
+    return np.random.default_rng((seed, run)).standard_normal(samples)
+
+
+@dataclass(frozen=True)
+class Encoder(SceneEffect):
+    """Rounds the position to the nearest step, of the motor or of the handle.
+
+    Attributes:
+        resolution_m: length of a step; 0 only at the handle, for a position without steps.
+        body: the body whose position is measured.
+    """
+
+    kind: ClassVar[str] = "encoder"
+    station: ClassVar[Station] = Station.SENSING
+
+    resolution_m: float
+    body: str = DEVICE
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take what is left out from the device."""
+        source, default = "device.encoder_resolution_m", problem.device.encoder_resolution_m
+        resonant = any(effect.kind == "resonance" for effect in scene_effects(problem))
+        if (table.at or problem.device.encoder_at) == "handle" and (table.at is not None or resonant):
+            if not resonant:
+                message = 'is "handle", where there is none; allowed: beside the effect resonance, or "motor"'
+                raise InputError([Fault(problem.name, None, f"{place}.at", message)])
+            return cls(default if table.resolution_m is None else table.resolution_m, HANDLE)
+        key = "resolution_m"
+        return cls(required_number(table.resolution_m, default, key=key, place=place, problem=problem, source=source))
+
+    @property
+    def sensed_body(self) -> str | None:
+        """The body whose position is measured."""
+        return self.body
+
+    def sample(self, tick: Tick) -> None:
+        """Quantise."""
+        import casadi as ca  # noqa: PLC0415
+
+        if self.resolution_m > 0:
+            tick.position = self.resolution_m * ca.floor(tick.position / self.resolution_m + 0.5)

@@ -1,0 +1,214 @@
+"""What a run says about the loop: at rest or not, buzzing, how stiff the wall feels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avc_casadi._util.arrays import BoolArray, Comparable, FloatArray
+from avc_casadi._util.text import Columns, Tabular
+from avc_casadi.simulation.contact import Environment
+
+
+@dataclass(frozen=True, eq=False)
+class Ledger(Comparable):
+    """Energies at the samples, each of shape (..., samples), J.
+
+    Attributes:
+        absorbed_j: energy that the virtual side has taken in since the beginning; below 0 it has given out energy that
+            it never had, and is not passive.
+        stored_j: energy in the springs of coupling and environment, as far as it can reach the hand.
+    """
+
+    absorbed_j: FloatArray
+    stored_j: FloatArray
+
+    @property
+    def dissipated_j(self) -> FloatArray:
+        """What was taken in and is not stored; where it falls, sampling, delay or quantisation create energy."""
+        return self.absorbed_j - (self.stored_j - self.stored_j[..., :1])
+
+    @property
+    def generated_j(self) -> FloatArray:
+        """Largest energy given out beyond all that was taken in, shape (...)."""
+        generated: FloatArray = 0.0 - np.minimum(0.0, self.absorbed_j.min(axis=-1))
+        return generated
+
+
+def energy_ledger(
+    position_m: FloatArray,
+    force_n: FloatArray,
+    tool_m: FloatArray,
+    stiffness_n_per_m: ArrayLike,
+    environment: Environment | None,
+    anchor_m: ArrayLike = 0.0,
+    potential_j: ArrayLike = 0.0,
+) -> Ledger:
+    """Draw up the ledger from the traces.
+
+    Args:
+        position_m: true position of the device, shape (..., samples).
+        force_n: held force, positive against +x.
+        tool_m: position of the virtual tool.
+        stiffness_n_per_m: k, one number or one a sample; infinite for a rigid coupling, which stores nothing.
+        environment: the environment, or None in free space.
+        anchor_m: deflection at which the spring of the coupling is slack.
+        potential_j: energy that detents hold, one a sample; what they hold at the beginning counts as taken in.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        work = force_n[..., :-1] * np.diff(position_m, axis=-1)
+        absorbed = np.concatenate([np.zeros((*work.shape[:-1], 1)), np.cumsum(work, axis=-1)], axis=-1)
+        stored = np.zeros_like(absorbed)
+        if environment is not None:
+            one_sided = environment.one_sided
+            depth = np.maximum(tool_m, 0.0) if one_sided else tool_m
+            stored += environment.stiffness_n_per_m * depth**2 / 2
+            stiffness = np.asarray(stiffness_n_per_m, np.float64)
+            deflection = position_m - tool_m
+            # Out of contact the clip-last law stretches its coupling without a force: nobody gets that energy.
+            deflection = environment.by_law(np.maximum(deflection, 0.0), deflection) if one_sided else deflection
+            stretch = np.where(np.isinf(stiffness), 0.0, deflection - np.asarray(anchor_m, np.float64))
+            stored += np.where(np.isinf(stiffness), 0.0, stiffness) * stretch**2 / 2
+        held = np.broadcast_to(np.asarray(potential_j, np.float64), absorbed.shape)
+    return Ledger(absorbed + held[..., :1], stored + held)
+
+
+JUDGED_S = 0.5
+AT_REST_M_PER_S = 5e-3
+"""Speed of device and handle below which they are at rest."""
+RIPPLE_HZ = (20.0, 500.0)
+BUZZ_SHARE = 0.07
+IMPACT_S = 0.01
+# Less than what a finger feels of a fly.
+TOUCH_N = 1e-6
+# Nothing on a desk moves this far: the run has diverged.
+LOST_M = 10.0
+
+
+def criterion(metres_per_unit: float = 1.0) -> str:
+    """Say what is judged, of a device whose handle moves so far for a unit of its position."""
+    slow = AT_REST_M_PER_S * 1e3 / metres_per_unit
+    return (
+        f"largest true velocity of device and handle in the last {JUDGED_S:g} s below {slow:g} mm/s; "
+        f"buzzing: force between {RIPPLE_HZ[0]:g} and {RIPPLE_HZ[1]:g} Hz (rms) above {BUZZ_SHARE:.0%} of the mean "
+        "force"
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Judgement(Tabular):
+    """Figures of one or many runs; every array has the shape of the runs.
+
+    Attributes:
+        stable: at rest at the end, as `criterion` says.
+        diverged: the device left the workspace, or its numbers are no longer finite.
+        buzzing: as `criterion` says.
+        peak_velocity_m_per_s: largest true velocity at the end, of device or handle.
+        position_peak_to_peak_m: travel of the true position at the end, of a limit cycle for one.
+        mean_force_n: mean force at the end.
+        mean_penetration_m: mean true position at the end, of the body that is measured.
+        force_ripple_n: rms of the force between 20 and 500 Hz at the end.
+        apparent_stiffness_n_per_m: mean force over mean penetration; not a number without contact.
+        rate_hardness_n_per_m: largest rate of the force within 10 ms of the first contact, over the velocity at contact
+            (Lawrence et al. 1996); not a number without contact.
+    """
+
+    stable: BoolArray
+    diverged: BoolArray
+    buzzing: BoolArray
+    peak_velocity_m_per_s: FloatArray
+    position_peak_to_peak_m: FloatArray
+    mean_force_n: FloatArray
+    mean_penetration_m: FloatArray
+    force_ripple_n: FloatArray
+    apparent_stiffness_n_per_m: FloatArray
+    rate_hardness_n_per_m: FloatArray
+
+    def to_dict(self) -> Columns:
+        """Return the figures as columns, a row for each run."""
+        figures = {name: np.atleast_1d(value).ravel() for name, value in vars(self).items()}
+        return {"run": np.arange(len(figures["stable"])), **figures}
+
+    def _summary(self) -> str:
+        stable = np.atleast_1d(self.stable)
+        return f"{int(stable.sum())} of {stable.size} runs at rest, {int(np.sum(self.buzzing))} buzzing"
+
+
+def judge(
+    position_m: FloatArray,
+    velocity_m_per_s: FloatArray,
+    force_n: FloatArray,
+    sample_time_s: float,
+    metres_per_unit: float = 1.0,
+    measured_m: FloatArray | None = None,
+    held_m_per_s: FloatArray | None = None,
+) -> Judgement:
+    """Judge runs by the last half second (or the whole run, where it is shorter).
+
+    Args:
+        position_m: true position at the samples, shape (..., samples).
+        velocity_m_per_s: true velocity.
+        force_n: force of the actuator, positive against +x.
+        sample_time_s: T.
+        metres_per_unit: how far the hand moves for a unit of the position.
+        measured_m: true position of the body that is measured, where that is another; as position_m.
+        held_m_per_s: true velocity of the handle, where that is another body.
+    """
+    last = slice(-judged_samples(position_m.shape[-1], sample_time_s), None)
+    here = np.all(np.abs(position_m) < LOST_M / metres_per_unit, axis=-1)
+    diverged = ~here
+    measured = position_m if measured_m is None else measured_m
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        peak = np.abs(velocity_m_per_s[..., last]).max(axis=-1)
+        if held_m_per_s is not None:
+            peak = np.maximum(peak, np.abs(held_m_per_s[..., last]).max(axis=-1))
+        travel = np.ptp(position_m[..., last], axis=-1)
+        force, depth = force_n[..., last].mean(axis=-1), measured[..., last].mean(axis=-1)
+        ripple = _ripple(force_n[..., last], sample_time_s)
+        touching = (force > TOUCH_N * metres_per_unit) & (depth > 0) & ~diverged
+        apparent = np.where(touching, force / depth, np.nan)
+        buzzing = diverged | (ripple > BUZZ_SHARE * np.abs(force))
+    return Judgement(
+        stable=here & (peak < AT_REST_M_PER_S / metres_per_unit),
+        diverged=diverged,
+        buzzing=buzzing,
+        peak_velocity_m_per_s=peak,
+        position_peak_to_peak_m=travel,
+        mean_force_n=force,
+        mean_penetration_m=depth,
+        force_ripple_n=ripple,
+        apparent_stiffness_n_per_m=apparent,
+        rate_hardness_n_per_m=_rate_hardness(velocity_m_per_s, force_n, sample_time_s),
+    )
+
+
+def judged_samples(samples: int, sample_time_s: float) -> int:
+    """Return how many samples at the end of a run are judged."""
+    return min(samples, max(1, round(JUDGED_S / sample_time_s)))
+
+
+def _ripple(force: FloatArray, sample_time_s: float) -> FloatArray:
+    """Return the rms of a signal's spectrum between 20 and 500 Hz (or the Nyquist frequency)."""
+    n = force.shape[-1]
+    frequency = np.fft.rfftfreq(n, sample_time_s)
+    spectrum = np.fft.rfft(force, axis=-1)[..., (frequency >= RIPPLE_HZ[0]) & (frequency <= RIPPLE_HZ[1])]
+    # Every frequency but that of Nyquist stands for itself and its mirror image.
+    weight = np.where(np.isclose(frequency * sample_time_s, 0.5), 1.0, 2.0)
+    weight = weight[(frequency >= RIPPLE_HZ[0]) & (frequency <= RIPPLE_HZ[1])]
+    rms: FloatArray = np.sqrt((weight * np.abs(spectrum) ** 2).sum(axis=-1)) / n
+    return rms
+
+
+def _rate_hardness(velocity: FloatArray, force: FloatArray, sample_time_s: float) -> FloatArray:
+    if force.shape[-1] < 2:
+        return np.full(force.shape[:-1], np.nan)
+    pushing = force > 0
+    first = pushing.argmax(axis=-1)[..., None]
+    speed = np.abs(np.take_along_axis(velocity, first, axis=-1)[..., 0])
+    window = np.minimum(first + np.arange(1 + round(IMPACT_S / sample_time_s)), force.shape[-1] - 1)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        before = np.where(window > 0, np.take_along_axis(force, np.maximum(window - 1, 0), axis=-1), 0.0)
+        rate = (np.take_along_axis(force, window, axis=-1) - before) / sample_time_s
+        return np.where(pushing.any(axis=-1) & (speed > 0), rate.max(axis=-1) / speed, np.nan)

@@ -1,0 +1,266 @@
+"""Several runs side by side in the lanes of vectors: C for a sample, written from CasADi's instructions.
+
+No lane knows of another, no instruction is reordered or fused, and a choice is made bit by bit instead of by a jump: a
+run in a lane has the bits of the same run alone.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.simulation.native import KEPT, in_threads, library
+
+LANES = 16
+"""Runs side by side."""
+# The machine's own vectors, nothing fused; no errno, for which a root would leave its lanes. -O2 compiles half as long
+# again, and nothing is faster.
+_FLAGS = ("-O1", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
+
+# What an instruction does in C; those of one name in capitals are the macros below.
+_OPERATIONS = {
+    "ASSIGN": "{0}",
+    "ADD": "{0} + {1}",
+    "SUB": "{0} - {1}",
+    "MUL": "{0} * {1}",
+    "DIV": "{0} / {1}",
+    "NEG": "-{0}",
+    "SQ": "{0} * {0}",
+    "TWICE": "SPREAD(2.) * {0}",
+    "INV": "SPREAD(1.) / {0}",
+    "LT": "ONE({0} < {1})",
+    "LE": "ONE({0} <= {1})",
+    "EQ": "ONE({0} == {1})",
+    "NE": "ONE({0} != {1})",
+    "NOT": "ONE({0} == 0.)",
+    "AND": "ONE(({0} != 0.) & ({1} != 0.))",
+    "OR": "ONE(({0} != 0.) | ({1} != 0.))",
+    "IF_ELSE_ZERO": "(Lanes)((Bits){1} & ({0} != 0.))",
+    "SIGN": "PICK({0} < 0., SPREAD(-1.), PICK({0} > 0., SPREAD(1.), {0}))",
+    "FABS": "(Lanes)((Bits){0} & 0x7fffffffffffffffLL)",
+    "FMAX": "LARGER({0}, {1})",
+    "FMIN": "SMALLER({0}, {1})",
+    "CONSTPOW": "each_pow({0}, {1})",
+}
+_OF_ONE = ("floor", "ceil", "sqrt", "log", "exp", "sin", "cos", "tan", "atan", "tanh")
+_OF_TWO = ("fmax", "fmin", "pow", "fmod", "atan2", "copysign")
+_OPERATIONS |= {name.upper(): f"each_{name}({{0}})" for name in _OF_ONE}
+_OPERATIONS |= {name.upper(): f"each_{name}({{0}}, {{1}})" for name in _OF_TWO if name.upper() not in _OPERATIONS}
+
+_HEAD = """
+#include <math.h>
+#if defined(__AVX512F__)
+#define WIDTH 8
+#elif defined(__AVX__)
+#define WIDTH 4
+#else
+#define WIDTH 2
+#endif
+typedef double Lanes __attribute__((vector_size(8 * WIDTH)));
+typedef long long Bits __attribute__((vector_size(8 * WIDTH)));
+/* Takes 0 away, which changes no number, not even -0. */
+#define SPREAD(number) ((number) - (Lanes){0})
+#define ONE(yes) ((Lanes)((yes) & (Bits)SPREAD(1.)))
+#define PICK(yes, this, that) ((Lanes)(((yes) & (Bits)(this)) | (~(yes) & (Bits)(that))))
+#define EACH(name) static inline Lanes each_##name(Lanes a) { \\
+  Lanes r; for (int i = 0; i < WIDTH; ++i) r[i] = name(a[i]); return r; }
+#define EACH_PAIR(name) static inline Lanes each_##name(Lanes a, Lanes b) { \\
+  Lanes r; for (int i = 0; i < WIDTH; ++i) r[i] = name(a[i], b[i]); return r; }
+"""
+# Of two zeros, that of this library is the second one; others may choose by sign.
+_PAIRS = """
+#if defined(__x86_64__) && defined(__GLIBC__)
+#define LARGER(a, b) PICK(((a) > (b)) | ((b) != (b)), a, b)
+#define SMALLER(a, b) PICK(((a) < (b)) | ((b) != (b)), a, b)
+#else
+#define LARGER(a, b) each_fmax(a, b)
+#define SMALLER(a, b) each_fmin(a, b)
+#endif
+"""
+
+LANES_HEAD = "\n".join(
+    [_HEAD, *(f"EACH({name})" for name in _OF_ONE), *(f"EACH_PAIR({name})" for name in _OF_TWO), _PAIRS]
+)
+"""What the C of a function in lanes needs before it: `Lanes` of `WIDTH` numbers, and what is done with them."""
+
+_SAMPLE = """
+static inline void sample(const Lanes* restrict now, const double* restrict u, const Lanes* restrict p,
+                          Lanes* restrict next, Lanes* restrict traces) {{
+  {body}
+}}
+"""
+
+_LOOP = """
+#define VECTORS (LANES / WIDTH)
+/* The largest so far; once not a number, always not a number. */
+static inline Lanes peak(Lanes value, Lanes before) {{
+  const Lanes size = (Lanes)((Bits)value & 0x7fffffffffffffffLL);
+  return PICK((size > before) | (size != size), size, before);
+}}
+
+int avc_lanes(long long runs, long long samples, long long judged, const double* initial, const double* inputs,
+              const double* parameters, double* traces, double* peaks) {{
+  for (long long first = 0; first < runs; first += LANES) {{
+    Lanes now[2][VECTORS][{states}], p[VECTORS][{parameters}], seen[VECTORS][{traces}], far[VECTORS], fast[VECTORS];
+    for (int v = 0; v < VECTORS; ++v) {{
+      for (int lane = 0; lane < WIDTH; ++lane) {{
+        /* Lanes without a run of their own go through the last one. */
+        const long long mine = first + v * WIDTH + lane, run = mine < runs ? mine : runs - 1;
+        for (int i = 0; i < {n_parameters}; ++i) p[v][i][lane] = parameters[run * {n_parameters} + i];
+      }}
+      for (int i = 0; i < {n_states}; ++i) now[0][v][i] = SPREAD(initial[i]);
+      far[v] = fast[v] = SPREAD(0.);
+    }}
+    for (long long tick = 0; tick < samples; ++tick) {{
+      for (int v = 0; v < VECTORS; ++v) {{
+        sample(now[tick & 1][v], inputs + tick * {n_inputs}, p[v], now[~tick & 1][v], seen[v]);
+        far[v] = peak(seen[v][0], far[v]);
+        if (tick >= judged)
+          for (int i = 1; i <= {speeds}; ++i) fast[v] = peak(seen[v][i], fast[v]);
+      }}
+      if (traces)
+        for (int lane = 0; lane < LANES && first + lane < runs; ++lane)
+          for (int i = 0; i < {n_traces}; ++i)
+            traces[((first + lane) * samples + tick) * {n_traces} + i] = seen[lane / WIDTH][i][lane % WIDTH];
+    }}
+    if (peaks)
+      for (int lane = 0; lane < LANES && first + lane < runs; ++lane) {{
+        peaks[2 * (first + lane)] = far[lane / WIDTH][lane % WIDTH];
+        peaks[2 * (first + lane) + 1] = fast[lane / WIDTH][lane % WIDTH];
+      }}
+  }}
+  return 0;
+}}
+"""
+
+
+class SideBySide:
+    """The compiled loop over samples of several runs at once.
+
+    Args:
+        function: the sample of a compiled scene.
+        speeds: of its traces, those after the first that are speeds.
+
+    Raises:
+        LookupError: an instruction that has no form in lanes.
+        OSError, CalledProcessError: there is no compiler, or none that knows vectors.
+    """
+
+    def __init__(self, function: Any, speeds: int) -> None:
+        self._traces = int(function.numel_out(1))
+        self._run = library(_code(function, speeds), _FLAGS).avc_lanes
+        self._run.restype = ctypes.c_int
+        self._run.argtypes = [ctypes.c_longlong] * 3 + [ctypes.c_void_p] * 5
+
+    def __call__(self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int) -> FloatArray:
+        """Run every row of the parameters from the same initial state; as `NativeScene`, the same bits."""
+        traces = np.empty((len(parameters), len(inputs), self._traces))
+        self._go(initial, inputs, parameters, workers, 0, traces, None)
+        return traces
+
+    def peaks(
+        self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, judged: int
+    ) -> FloatArray:
+        """Return only the largest size of the first trace, and of the speeds from a sample on, shape (runs, 2).
+
+        Args:
+            initial: shape (states,).
+            inputs: shape (samples, inputs).
+            parameters: shape (runs, parameters).
+            workers: number of threads.
+            judged: the sample from which on speeds count.
+        """
+        peaks = np.empty((len(parameters), 2))
+        self._go(initial, inputs, parameters, workers, judged, None, peaks)
+        return peaks
+
+    def _go(
+        self,
+        initial: FloatArray,
+        inputs: FloatArray,
+        parameters: FloatArray,
+        workers: int,
+        judged: int,
+        traces: FloatArray | None,
+        peaks: FloatArray | None,
+    ) -> None:
+        initial, inputs, parameters = (np.ascontiguousarray(one, np.float64) for one in (initial, inputs, parameters))
+
+        def work(rows: slice) -> None:
+            self._run(
+                len(parameters[rows]),
+                len(inputs),
+                judged,
+                initial.ctypes.data,
+                inputs.ctypes.data,
+                parameters[rows].ctypes.data,
+                None if traces is None else traces[rows].ctypes.data,
+                None if peaks is None else peaks[rows].ctypes.data,
+            )
+
+        in_threads(work, len(parameters), workers, LANES)
+
+
+@lru_cache(maxsize=KEPT)
+def side_by_side(function: Any, speeds: int) -> SideBySide:
+    """Return the loop of a sample, once for each: the text of its C takes as long as some runs."""
+    return SideBySide(function, speeds)
+
+
+@lru_cache(maxsize=1)
+def _names() -> dict[int, str]:
+    import casadi as ca  # noqa: PLC0415
+
+    return {getattr(ca, name): name.removeprefix("OP_") for name in dir(ca) if name.startswith("OP_")}
+
+
+def in_lanes(function: Any, given: Sequence[str], results: Sequence[str]) -> str:
+    """Return the C of a function in lanes, to follow `LANES_HEAD`.
+
+    Args:
+        function: of SX.
+        given: how an element of each argument is read, with {} for its index: ``SPREAD(u[{}])`` is one for all lanes.
+        results: how an element of each result is named.
+
+    Raises:
+        LookupError: an instruction that has no form in lanes.
+    """
+    lines, names = [], _names()
+    for index in range(function.n_instructions()):
+        name, taken, to = (
+            names[function.instruction_id(index)],
+            function.instruction_input(index),
+            function.instruction_output(index),
+        )
+        if name == "INPUT":
+            which, element = taken
+            value = given[which].format(element)
+        elif name == "CONST":
+            value = f"SPREAD({float(function.instruction_constant(index)).hex()})"
+        elif name == "OUTPUT":
+            lines.append(f"{results[to[0]].format(to[1])} = w{taken[0]};")
+            continue
+        else:
+            value = _OPERATIONS[name].format(*(f"w{one}" for one in taken))
+        lines.append(f"w{to[0]} = {value};")
+    work = ", ".join(f"w{index}" for index in range(max(1, function.sz_w())))
+    return "\n  ".join([f"Lanes {work};", *lines])
+
+
+def _code(function: Any, speeds: int) -> str:
+    """Return the C of a sample and its loop."""
+    body = in_lanes(function, ("now[{}]", "SPREAD(u[{}])", "p[{}]"), ("next[{}]", "traces[{}]"))
+    sizes = {
+        "states": function.numel_in(0),
+        "inputs": function.numel_in(1),
+        "parameters": function.numel_in(2),
+        "traces": function.numel_out(1),
+    }
+    least = {name: max(1, size) for name, size in sizes.items()}
+    loop = _LOOP.format(**least, **{f"n_{name}": size for name, size in sizes.items()}, speeds=speeds)
+    return "\n".join([LANES_HEAD, f"#define LANES {LANES}", _SAMPLE.format(body=body), loop])

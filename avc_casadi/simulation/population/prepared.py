@@ -1,0 +1,154 @@
+"""The compiled scene of a trial, which couplings that differ in numbers alone share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.scene import Scene
+from avc_casadi.simulation.compile import CompiledScene
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.scene import compile_for, held_by, settled
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import FloatArray
+    from avc_casadi.model.gains import GainTable
+    from avc_casadi.model.hands import Hand, StylusHand
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.runtime import StateFeedback
+    from avc_casadi.model.scene import Motion
+    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.simulation.effects.base import SceneEffect
+    from avc_casadi.simulation.population.trial import Conditions
+
+# Dry friction is projected this many times a sample: several times quicker for a stylus hand than its exact events,
+# with the same share of stable hands (58.8 against 59.8 % of 500 where it is most divided).
+_FRICTION_SUBSTEPS = 4
+# Scenes that are kept: all motions, watched usually and for long, with and without friction, on some two dozen devices
+# of the ranges.
+_KEPT = 512
+
+Prepared: TypeAlias = tuple[CompiledScene, "FloatArray", "FloatArray"]
+"""A scene, everybody's parameters, and what all share."""
+
+
+def prepared(
+    problem: Problem,
+    gains: Gains | GainTable | GainSchedule,
+    subjects: Hand | StylusHand,
+    motion: Motion,
+    conditions: Conditions,
+    duration_s: float,
+) -> Prepared:
+    """Return the scene with everybody's parameters, and what all share; arguments as for `simulations`."""
+    if isinstance(gains, Gains):
+        law = conditions.state_feedback
+        stage = _Stage(problem, subjects)
+        compiled, inputs = _alike(stage, motion, _Structure.of(conditions, gains), duration_s)
+        compiled = replace(compiled, effects=with_law(compiled.effects, law))
+        return compiled, compiled.parameter_values(gains), inputs
+    effects, run = _staged(problem, subjects, motion, conditions, conditions.runtime, duration_s)
+    effects, chosen, _ = settled(run, effects, gains)
+    compiled = compile_for(run, effects, chosen)
+    return compiled, compiled.parameter_values(chosen), compiled.input_values()
+
+
+def with_law(effects: tuple[SceneEffect, ...], law: StateFeedback | None) -> tuple[SceneEffect, ...]:
+    """Put the numbers of another state feedback in place of the one there is."""
+    settings = {} if law is None else {"settings": law}
+    return tuple(replace(one, **settings) if one.kind == "state-feedback" else one for one in effects)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """Problem and people, compared by value: of a device in ranges, the same ones come as new objects."""
+
+    problem: Problem
+    subjects: Hand | StylusHand
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Stage) and self._people() == other._people() and self.problem == other.problem
+
+    def __hash__(self) -> int:
+        return hash(self._people())
+
+    def _people(self) -> tuple[bytes, ...]:
+        return type(self.subjects).__name__.encode(), *(
+            np.asarray(one).tobytes() for one in vars(self.subjects).values()
+        )
+
+
+@dataclass(frozen=True)
+class _Structure:
+    """What scenes with constant gains differ in but for numbers.
+
+    Attributes:
+        conditions: without state feedback.
+        law: shape of the state feedback: its states, which are positions, and which is measured.
+        coupled: there is a coupling.
+        sprung: it has a spring.
+        damped: there is a contact damper.
+        example: conditions and gains of this kind; no part of the comparison.
+    """
+
+    conditions: Conditions
+    law: tuple[Any, ...] | None
+    coupled: bool
+    sprung: bool
+    damped: bool
+    example: _Example
+
+    @classmethod
+    def of(cls, conditions: Conditions, gains: Gains) -> _Structure:
+        """Return the structure of a scene."""
+        law = conditions.state_feedback
+        return cls(
+            replace(conditions, state_feedback=None),
+            None if law is None else (law.states, law.positions, law.measures),
+            not gains.rigid,
+            gains.stiffness_n_per_m > 0,
+            gains.contact_damping_ns_per_m > 0,
+            _Example(conditions, gains),
+        )
+
+
+class _Example:
+    """Conditions and gains; all are equal, so that they are no part of a comparison."""
+
+    def __init__(self, conditions: Conditions, gains: Gains) -> None:
+        self.conditions, self.gains = conditions, gains
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Example)
+
+    def __hash__(self) -> int:
+        return 0
+
+
+@lru_cache(_KEPT)
+def _alike(stage: _Stage, motion: Motion, structure: _Structure, duration_s: float) -> tuple[CompiledScene, FloatArray]:
+    example = structure.example
+    effects, run = _staged(stage.problem, stage.subjects, motion, example.conditions, (), duration_s)
+    compiled = compile_for(run, effects, example.gains)
+    return compiled, compiled.input_values()
+
+
+def _staged(
+    problem: Problem,
+    subjects: Hand | StylusHand,
+    motion: Motion,
+    conditions: Conditions,
+    runtime: tuple[Any, ...],
+    duration_s: float,
+) -> tuple[tuple[SceneEffect, ...], Problem]:
+    """Return the effects with everybody in place of the hand, and the problem with the scene."""
+    how: dict[str, Any] = (
+        {"integrator": "projected", "substeps": _FRICTION_SUBSTEPS} if conditions.friction_n > 0 else {}
+    )
+    scene = Scene(duration_s=duration_s, motion=motion, effects=conditions.effects() + runtime, **how)
+    run = problem.changed(scene=scene)
+    return held_by(run, build_effects(run), subjects), run

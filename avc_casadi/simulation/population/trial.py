@@ -1,0 +1,370 @@
+"""One coupling before one wall, tried by many simulated people: do their hands come to rest?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.parallel import processors
+from avc_casadi.model.declared import declared_effects
+from avc_casadi.model.effects import (
+    AdaptationEffect,
+    CoulombFrictionEffect,
+    DelayEffect,
+    Effect,
+    EncoderEffect,
+    EstimatorEffect,
+    GuardEffect,
+    HandEffect,
+    JitterEffect,
+    ObserverEffect,
+    SaturationEffect,
+    StateFeedbackEffect,
+    WallEffect,
+)
+from avc_casadi.model.gains import Gains
+from avc_casadi.simulation.execute import Engine, execute, execute_to_speed
+from avc_casadi.simulation.judge import Judgement, judge
+from avc_casadi.simulation.native import compiler
+from avc_casadi.simulation.population.motions import Watched, felt_vibration, motions_at
+from avc_casadi.simulation.population.prepared import Prepared, prepared, with_law
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.gains import GainTable
+    from avc_casadi.model.hands import Hand, StylusHand
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.runtime import StateFeedback
+    from avc_casadi.model.scene import Motion
+    from avc_casadi.model.schedule import GainSchedule
+
+
+DURATION_S = 3.0
+# Up to so many people, the scene's own choice of what runs it is left alone.
+_FEW = 3
+# People whose traces are held at a time, and samples of them all.
+PEOPLE_AT_ONCE = 250
+_SAMPLES_AT_ONCE = 4_000_000
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What of the device is simulated.
+
+    Attributes:
+        friction_n: dry friction.
+        encoder_m: resolution of the encoder; 0 is none.
+        delay_samples: delay.
+        max_force_n: largest force of the actuator; None is no limit.
+        dropped_share: share of the samples that the computer misses.
+        observer: behind the encoder, with what it reckons with; None is no observer.
+        state_feedback: observer and feedback behind the encoder; None is none.
+        guarded: with the passivity controller in the time domain.
+        runtime: what follows a gain table.
+        others: what else the device declares, its values left to the problem.
+    """
+
+    friction_n: float = 0.0
+    encoder_m: float = 0.0
+    delay_samples: float = 0
+    max_force_n: float | None = None
+    dropped_share: float = 0.0
+    observer: ObserverEffect | None = None
+    state_feedback: StateFeedback | None = None
+    guarded: bool = False
+    runtime: tuple[Effect, ...] = (EstimatorEffect(), AdaptationEffect())
+    others: tuple[Effect, ...] = ()
+
+    @classmethod
+    def declared(cls, problem: Problem) -> Conditions:
+        """Take what the problem declares of its device."""
+        device = problem.device
+        return cls(device.coulomb_friction_n, device.encoder_resolution_m, device.delay_samples)
+
+    @classmethod
+    def of(cls, coupling: Coupling) -> Conditions:
+        """Take all that the problem of a coupling declares of its device, and what runs beside the gains."""
+        device, runtime = coupling.problem.device, coupling.runtime
+        return cls(
+            device.coulomb_friction_n,
+            device.encoder_resolution_m,
+            device.delay_samples,
+            device.max_force_n,
+            observer=None if runtime.observer_mass_kg is None else ObserverEffect(mass_kg=runtime.observer_mass_kg),
+            state_feedback=runtime.state_feedback,
+            guarded=runtime.guard is not None,
+            runtime=tuple(
+                effect for effect in runtime.effects(constant=False) if effect.kind in {"estimator", "adaptation"}
+            ),
+            others=_others(coupling.problem),
+        )
+
+    def without_friction(self) -> Conditions:
+        """Leave dry friction out."""
+        return replace(self, friction_n=0.0)
+
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the effects of a scene with a hand and a one-sided wall; what is 0 is not listed."""
+        listed: list[Effect] = [HandEffect(), WallEffect(), *self.others]
+        if self.friction_n > 0:
+            listed.append(CoulombFrictionEffect(force_n=self.friction_n))
+        if self.encoder_m > 0:
+            # Of motor or handle, as the problem says.
+            listed.append(EncoderEffect(resolution_m=self.encoder_m))
+            if self.observer is not None:
+                listed.append(self.observer)
+        if self.state_feedback is not None:
+            listed.append(StateFeedbackEffect(**vars(self.state_feedback)))
+        if self.guarded:
+            listed.append(GuardEffect())
+        if self.delay_samples > 0:
+            listed.append(DelayEffect(samples=self.delay_samples))
+        if self.max_force_n is not None:
+            listed.append(SaturationEffect(force_n=self.max_force_n))
+        if self.dropped_share > 0:
+            listed.append(JitterEffect(rms_s=0.0, dropped_share=self.dropped_share))
+        return tuple(listed)
+
+
+def on_device(coupling: Coupling, device: Device | None) -> tuple[Coupling, Conditions]:
+    """Return a coupling that was made for one device on another one, and what is simulated; None is its own."""
+    conditions = Conditions.of(coupling)
+    if device is None:
+        return coupling, conditions
+    met = replace(coupling, problem=coupling.problem.changed(device=device))
+    observer, made_for = conditions.observer, coupling.problem.device
+    if observer is not None:
+        # What runs reckons with the device as declared, whichever it meets.
+        observer = ObserverEffect(
+            mass_kg=observer.mass_kg,
+            resolution_m=made_for.encoder_resolution_m or None,
+            ahead_samples=made_for.delay_samples,
+        )
+    return met, replace(Conditions.of(met), observer=observer)
+
+
+def _others(problem: Problem) -> tuple[Effect, ...]:
+    """Return the declared effects that conditions have no number for; of encoders that without steps, at the handle."""
+    numbered = {"hand", "wall", "detent", "coulomb-friction", "delay", "saturation"}
+    if problem.device.encoder_resolution_m > 0:
+        numbered.add("encoder")
+    return tuple(effect for effect in declared_effects(problem) if effect.kind not in numbered)
+
+
+@dataclass(frozen=True)
+class Traces:
+    """Traces of some people, each of shape (people, samples).
+
+    Attributes:
+        position_m: true position of the device.
+        velocity_m_per_s: its true velocity.
+        force_n: force of the actuator, positive against +x.
+        sample_time_s: T.
+        metres_per_unit: how far the hand moves for a unit of the position.
+        measured_m: true position of the body that is measured; None where that is the device itself.
+        held_m: true position of the handle; None where that is the device itself.
+        held_m_per_s: its velocity.
+    """
+
+    position_m: FloatArray
+    velocity_m_per_s: FloatArray
+    force_n: FloatArray
+    sample_time_s: float
+    metres_per_unit: float = 1.0
+    measured_m: FloatArray | None = None
+    held_m: FloatArray | None = None
+    held_m_per_s: FloatArray | None = None
+
+    @property
+    def depth_m(self) -> FloatArray:
+        """How deep the body is that is measured, shape (people, samples)."""
+        return self.position_m if self.measured_m is None else self.measured_m
+
+    @property
+    def vibration(self) -> FloatArray:
+        """What the hand feels at the end, in detection thresholds, shape (people,)."""
+        held = self.position_m if self.held_m is None else self.held_m
+        return felt_vibration(held * self.metres_per_unit, self.sample_time_s)
+
+    def judged(self) -> Judgement:
+        """Judge every run."""
+        return judge(
+            self.position_m,
+            self.velocity_m_per_s,
+            self.force_n,
+            self.sample_time_s,
+            self.metres_per_unit,
+            self.measured_m,
+            self.held_m_per_s,
+        )
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Some people, simulated when it is called.
+
+    Attributes:
+        people: their places.
+        run: simulates them.
+    """
+
+    people: NDArray[np.intp]
+    run: Callable[[], Traces]
+
+    def __call__(self) -> Traces:
+        """Simulate them."""
+        return self.run()
+
+
+def traces(
+    problem: Problem,
+    gains: Gains | GainTable | GainSchedule,
+    subjects: Hand | StylusHand,
+    motion: Motion,
+    conditions: Conditions,
+    duration_s: float = DURATION_S,
+) -> Iterator[Traces]:
+    """Simulate everybody, some at a time; arguments as for `simulations`."""
+    for simulation in simulations(problem, gains, subjects, motion, conditions, duration_s):
+        yield simulation()
+
+
+def simulations(
+    problem: Problem,
+    gains: Gains | GainTable | GainSchedule,
+    subjects: Hand | StylusHand,
+    motion: Motion,
+    conditions: Conditions,
+    duration_s: float = DURATION_S,
+    some: NDArray[np.intp] | None = None,
+) -> Iterator[Simulation]:
+    """Prepare to simulate everybody, some at a time; each is simulated when it is called.
+
+    Args:
+        problem: device and environment.
+        gains: constant gains; or a gain table, which is then followed by estimator and adaptation.
+        subjects: the people.
+        motion: motion of their hands' target.
+        conditions: what of the device is simulated.
+        duration_s: how long.
+        some: places of those of the subjects who are simulated; None are all.
+    """
+    compiled, parameters, inputs = prepared(problem, gains, subjects, motion, conditions, duration_s)
+    engine = _engine(len(parameters))
+    places = np.arange(len(parameters)) if some is None else some
+
+    def of(people: NDArray[np.intp]) -> Traces:
+        found = execute(compiled, parameters[people], inputs, engine=engine)
+        position, device = found["position_m"], problem.device
+        return Traces(
+            position,
+            found["velocity_m_per_s"],
+            found.get("force_n", np.zeros_like(position)),
+            device.sample_time_s,
+            device.metres_per_unit,
+            found.get("measured_m"),
+            found.get("held_m"),
+            found.get("held_m_per_s"),
+        )
+
+    at_once = min(PEOPLE_AT_ONCE, max(1, _SAMPLES_AT_ONCE // inputs.shape[-1]))
+    for first in range(0, len(places), at_once):
+        people = places[first : first + at_once]
+        yield Simulation(people, partial(of, people))
+
+
+def resting(
+    problem: Problem,
+    gains: Gains | GainTable | GainSchedule,
+    subjects: Hand | StylusHand,
+    motion: Watched,
+    conditions: Conditions,
+) -> BoolArray:
+    """Whether each of many comes to rest, on one thread and without traces; arguments as for `simulations`."""
+    scenes = [prepared(problem, gains, subjects, one, conditions, duration_s) for one, duration_s in motion]
+    return _last_speed(scenes, scenes[0][1], _engine(len(subjects))) < 1
+
+
+def _last_speed(scenes: Sequence[Prepared], parameters: FloatArray, engine: Engine, *, workers: int = 1) -> FloatArray:
+    """Return the speed of `execute_to_speed`; in each scene after the first that of those who moved in the last one."""
+    speed = np.full(len(parameters), np.nan)
+    left = np.arange(len(parameters))
+    for compiled, _, inputs in scenes:
+        speed[left] = execute_to_speed(compiled, parameters[left], inputs, engine=engine, workers=workers)
+        left = np.flatnonzero((speed >= 1) & np.isfinite(speed))
+    return speed
+
+
+class Ends:
+    """How fast each of many ends the motion that ends fastest, with any state feedback of one structure.
+
+    Args:
+        problem: as for `simulations`.
+        gains: constant gains.
+        subjects: as for `simulations`.
+        motions: of their hands' target, and what of the device is simulated in each, with some state feedback of the
+            structure, or none.
+        racing: whether a law with which somebody moves is out, and not asked about in the motions that follow. With
+            it nobody is taken to end more slowly than at what is no longer rest: so it is worth less than one with
+            which all rest so far.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        gains: Gains,
+        subjects: Hand | StylusHand,
+        motions: Iterable[tuple[Watched, Conditions]],
+        *,
+        racing: bool = False,
+    ) -> None:
+        self._gains, self.people, self._racing = gains, len(subjects), racing
+        self._scenes = [
+            [prepared(problem, gains, subjects, one, conditions, duration_s) for one, duration_s in motion]
+            for motion, conditions in motions
+        ]
+
+    def __call__(self, laws: Sequence[StateFeedback | None]) -> FloatArray:
+        """Return the largest speed as of `execute_to_speed` in the motions asked about, shape (laws, people)."""
+        found, left = np.zeros((len(laws), self.people)), np.arange(len(laws))
+        for scenes in self._scenes:
+            compiled = scenes[0][0]
+            each = [replace(compiled, effects=with_law(compiled.effects, laws[row])) for row in left.tolist()]
+            parameters = np.concatenate([one.parameter_values(self._gains) for one in each])
+            speed = _last_speed(scenes, parameters, _engine(len(parameters)), workers=processors())
+            found[left] = np.maximum(found[left], np.reshape(speed, (len(left), self.people)))
+            if self._racing and scenes is not self._scenes[-1]:
+                rest = (found < 1).all(axis=1)
+                found[~rest] = np.maximum(found[~rest], 1.0)
+                left = np.flatnonzero(rest)
+            if len(left) == 0:
+                break
+        return found
+
+
+def _engine(runs: int) -> Engine:
+    return "native" if compiler() is not None and runs > _FEW else "auto"
+
+
+def judged(
+    problem: Problem, gains: Gains | GainSchedule, subjects: Hand | StylusHand, motion: Motion, conditions: Conditions
+) -> Judgement:
+    """Judge everybody's run; every array has shape (people,)."""
+    parts = [part.judged() for part in traces(problem, gains, subjects, motion, conditions)]
+    return Judgement(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
+
+
+def all_motions(
+    problem: Problem, gains: Gains | GainSchedule, subjects: Hand | StylusHand, conditions: Conditions
+) -> BoolArray:
+    """Whether each person comes to rest in every motion."""
+    motions = motions_at(problem.device).values()
+    runs = [judged(problem, gains, subjects, motion, conditions).stable for motion in motions]
+    return np.asarray(np.all(runs, axis=0))

@@ -1,0 +1,206 @@
+"""The estimators of the interaction frequency by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.simulation.runtime.signal import EstimatorSettings, band_passed, envelope
+from avc_casadi.simulation.runtime.spectral_peak import spectral_peak_step
+from avc_casadi.simulation.runtime.step import Step, StepBuilder
+
+# Three half periods from rest on: the first began at rest and does not count.
+_HALVES = 3
+# Half periods that differ by less than this share are regular.
+_REGULAR = 0.12
+# Share of the lowest frequency at which the device is at rest.
+_SLOWEST = 0.8
+
+
+def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
+    """Frequency from the last two half periods, timed between samples by linear interpolation.
+
+    While no crossing comes, the frequency cannot be more than half the inverse of the time that has passed: the
+    estimate falls with it, and ends at the lowest frequency. A half period counts only if it exceeds the floor.
+
+    Args:
+        sample_time_s: T.
+        settings: what is taken for motion.
+
+    Returns:
+        velocity_m_per_s -> frequency_hz (0 where not valid), valid, even (1 where the last two half periods agree),
+        regular (where the last three do), longest_half_s (of the last half period and the one in progress).
+    """
+    import casadi as ca  # noqa: PLC0415
+
+    builder = StepBuilder()
+    now = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
+    before = builder.state("before_m_per_s")
+    side, counted = builder.state("side"), builder.state("halves")
+    age, crossing = builder.state("age_ticks"), builder.state("crossing_ticks")
+    last, earlier = builder.state("last_half_ticks"), builder.state("earlier_half_ticks")
+    longest = 0.5 / (_SLOWEST * settings.low_hz * sample_time_s)
+
+    older = age + 1
+    passes = (before < 0) != (now < 0)
+    # Where both are on one side the quotient is not used, and 1 keeps it finite.
+    at = ca.if_else(passes, older - now / ca.if_else(passes, now - before, 1), crossing)
+    here = ca.if_else(now > settings.floor_m_per_s, 1, ca.if_else(now < -settings.floor_m_per_s, -1, 0))
+    turned = ca.logic_and(here != 0, here != side)
+    rests = ca.logic_and(ca.logic_not(turned), older > longest)
+    started = side != 0
+    count = ca.if_else(turned, ca.fmin(counted + started, _HALVES), counted)
+    half = ca.if_else(turned, at, last)
+    half_before = ca.if_else(turned, last, earlier)
+    half_long_before = builder.state("earliest_half_ticks")
+    half_third = ca.if_else(turned, earlier, half_long_before)
+    passed = ca.if_else(turned, ca.if_else(started, older - at, 0), older)
+
+    valid = ca.logic_and(count >= _HALVES, ca.logic_not(rests))
+    halves = ca.fmax(half, passed) + ca.fmax(half_before, ca.fmin(passed, half))
+    frequency = ca.if_else(valid, 1 / (sample_time_s * ca.if_else(valid, halves, 1)), 0)
+    mean = 0.5 * (half + half_before)
+    in_time = ca.logic_and(valid, passed < (1 + _REGULAR) * mean)
+    even = ca.logic_and(in_time, ca.fabs(half - half_before) < _REGULAR * mean)
+    regular = ca.logic_and(even, ca.fabs(half_third - half_before) < _REGULAR * mean)
+
+    builder.follow("before_m_per_s", now)
+    builder.follow("side", ca.if_else(rests, 0, ca.if_else(turned, here, side)))
+    builder.follow("halves", ca.if_else(rests, 0, count))
+    builder.follow("age_ticks", ca.if_else(rests, 0, passed))
+    builder.follow("crossing_ticks", ca.if_else(ca.logic_or(rests, turned), 0, at))
+    builder.follow("last_half_ticks", half)
+    builder.follow("earlier_half_ticks", half_before)
+    builder.follow("earliest_half_ticks", half_third)
+    builder.output("frequency_hz", frequency)
+    builder.output("valid", valid)
+    builder.output("even", even)
+    builder.output("regular", regular)
+    moves = ca.logic_and(started, ca.logic_not(rests))
+    builder.output(
+        "longest_half_s", sample_time_s * ca.if_else(moves, ca.fmax(ca.if_else(count > 0, half, 0), passed), 0)
+    )
+    return builder.done("zero_crossing")
+
+
+# Estimates closer than this share agree.
+_AGREE = 0.05
+# No half period of the true frequency is longer than this many of its own.
+_LONGEST_HALVES = 1.5
+
+
+def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
+    """The spectral peak, unless regular zero crossings contradict it: then the resonators have not settled yet.
+
+    A harmonic that adds crossings makes the half periods irregular, so that the spectral peak decides; a step in
+    frequency leaves them regular after two or three, long before the resonators have settled.
+
+    Args:
+        sample_time_s: T.
+        settings: what is taken for motion.
+
+    Returns:
+        velocity_m_per_s -> frequency_hz (0 where not valid), valid.
+    """
+    import casadi as ca  # noqa: PLC0415
+
+    builder = StepBuilder()
+    velocity = builder.input("velocity_m_per_s")
+    fast = builder.insert("fast", zero_crossing_step(sample_time_s, settings), [velocity])
+    robust = builder.insert("robust", spectral_peak_step(sample_time_s, settings), [velocity])
+    quick, steady = fast["frequency_hz"], robust["frequency_hz"]
+    apart = ca.fabs(quick - steady) > _AGREE * steady
+    # Harmonics add crossings and never take any away: two equal half periods that are longer are enough.
+    slower = ca.logic_and(fast["even"], quick < steady)
+    trusted = ca.logic_and(apart, ca.logic_or(fast["regular"], slower))
+    take_fast = ca.logic_or(trusted, ca.logic_not(robust["valid"]))
+    bound = _LONGEST_HALVES * 0.5 / ca.fmax(fast["longest_half_s"], sample_time_s)
+    builder.output("frequency_hz", ca.if_else(take_fast, quick, ca.fmin(steady, bound)))
+    builder.output("valid", ca.logic_or(fast["valid"], robust["valid"]))
+    return builder.done("fused")
+
+
+# Damping of the oscillator, and gain of the frequency loop in units of the frequency.
+_DAMPING = 1.0
+_LOOP_GAIN = 0.6
+# Share of the signal's power that the notch may leave over and still count as locked.
+_LOCKED = 0.6
+
+
+def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
+    """Second-order generalised integrator with a frequency-locked loop, normalised by its own power.
+
+    Args:
+        sample_time_s: T.
+        settings: what is taken for motion.
+
+    Returns:
+        velocity_m_per_s -> frequency_hz (0 where not valid), valid.
+    """
+    import casadi as ca  # noqa: PLC0415
+
+    builder = StepBuilder()
+    signal = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
+    low, high = (math.tau * hz * sample_time_s for hz in (settings.low_hz, settings.top_hz(sample_time_s)))
+    start = math.sqrt(low * high)
+    turn = builder.state("turn_rad", start)
+    inphase, quadrature = builder.state("inphase_m_per_s"), builder.state("quadrature_m_per_s")
+    left_over, whole = builder.state("left_over_power"), builder.state("power")
+
+    rest = signal - inphase
+    inphase_next = inphase + turn * (_DAMPING * rest - quadrature)
+    quadrature_next = quadrature + turn * inphase_next
+    power = inphase_next * inphase_next + quadrature_next * quadrature_next
+    floor = settings.floor_m_per_s**2
+    # The floor in the denominator keeps noise at rest from turning the frequency.
+    gain = _LOOP_GAIN * _DAMPING * turn / (power + rest * rest + 0.25 * floor)
+    change = ca.fmin(ca.fmax(-gain * rest * quadrature_next, -0.05), 0.05)
+    turn_next = ca.fmin(ca.fmax(turn * (1 + change), low), high)
+
+    share = turn / math.tau
+    left_over_next = left_over + share * (rest * rest - left_over)
+    whole_next = whole + share * (0.5 * (power + signal * signal) - whole)
+    moving = whole_next > 0.5 * floor
+    # The oscillator, stepped once a sample, runs at 2 asin(turn/2) a sample.
+    frequency = turn_next * (1 + turn_next * turn_next / 24) / (math.tau * sample_time_s)
+    lasting = envelope(builder, signal, frequency, settings, sample_time_s)
+    moving = ca.logic_and(moving, lasting > 0.5 * settings.floor_m_per_s)
+    valid = ca.logic_and(moving, left_over_next < _LOCKED * whole_next)
+    builder.follow("turn_rad", ca.if_else(moving, turn_next, turn + share * (start - turn)))
+    builder.follow("inphase_m_per_s", inphase_next)
+    builder.follow("quadrature_m_per_s", quadrature_next)
+    builder.follow("left_over_power", left_over_next)
+    builder.follow("power", whole_next)
+    builder.output("frequency_hz", ca.if_else(valid, frequency, 0))
+    builder.output("valid", valid)
+    return builder.done("adaptive_notch")
+
+
+EstimatorMethod = Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"]
+
+ESTIMATORS: Mapping[str, Callable[[float, EstimatorSettings], Step]] = {
+    "zero-crossing": zero_crossing_step,
+    "spectral-peak": spectral_peak_step,
+    "adaptive-notch": adaptive_notch_step,
+    "fused": fused_step,
+}
+
+
+def estimator_step(method: str, sample_time_s: float, settings: EstimatorSettings | None = None) -> Step:
+    """Return one tick of an estimator: velocity_m_per_s -> frequency_hz, valid.
+
+    At rest the frequency is undefined: `valid` is 0 and the frequency is 0, never the last one.
+
+    Args:
+        method: a key of `ESTIMATORS`.
+        sample_time_s: T.
+        settings: what is taken for motion; None for the usual.
+
+    Raises:
+        UnsupportedError: an unknown method.
+    """
+    if method not in ESTIMATORS:
+        raise UnsupportedError(f'estimator "{method}" is unknown; allowed: {", ".join(ESTIMATORS)}')
+    return ESTIMATORS[method](sample_time_s, settings or EstimatorSettings())

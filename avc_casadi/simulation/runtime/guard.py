@@ -1,0 +1,95 @@
+"""Guards: what takes out the energy that a sampled loop generates.
+
+Both watch the energy that passes through the held force, f(k) (x(k+1) - x(k)), less the energy that the virtual side
+stores: its reserve. In a passive loop the reserve never falls; what exceeds a ceiling is forgotten, so that old losses
+do not pay for new activity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
+
+GUARDS = ("passivity-controller", "energy-tank")
+
+
+@dataclass(frozen=True)
+class GuardSettings:
+    """How far a guard may go.
+
+    Attributes:
+        damping_limit_ns_per_m: largest damping of the passivity controller, near the device's own b_d: a damper on a
+            backward difference generates energy itself beyond that.
+        ceiling_j: largest reserve.
+        debt_j: most that is remembered to be missing.
+    """
+
+    damping_limit_ns_per_m: float
+    ceiling_j: float = 0.0
+    debt_j: float = 0.01
+
+
+def guard_step(method: str, sample_time_s: float, settings: GuardSettings) -> Step:
+    """Return the step from the wanted to the allowed force.
+
+    ``passivity-controller`` adds the damper that takes out what is missing within one tick, at most the limit
+    (Hannaford and Ryu 2002, with the held force in the observer). ``energy-tank`` cuts a force that would give out more
+    in the coming tick than reserve and stored energy together.
+
+    Args:
+        method: one of `GUARDS`.
+        sample_time_s: T.
+        settings: limits.
+
+    Returns:
+        force_n (wanted, positive against +x), position_m, stored_j (of the virtual side, with that force), held_force_n
+        (until now) -> force_n, reserve_j.
+
+    Raises:
+        UnsupportedError: an unknown method.
+    """
+    import casadi as ca  # noqa: PLC0415
+
+    if method not in GUARDS:
+        raise UnsupportedError(f'guard "{method}" is unknown; allowed: {", ".join(GUARDS)}')
+    builder = StepBuilder()
+    wanted, position, stored, held = (
+        builder.input(name) for name in ("force_n", "position_m", "stored_j", "held_force_n")
+    )
+    started, last_position, last_stored = (builder.state(name) for name in ("started", "position_m", "stored_j"))
+    reserve = builder.state("reserve_j")
+    moved = ca.if_else(started, position - last_position, 0)
+    change = held * moved - ca.if_else(started, stored - last_stored, 0)
+    now = ca.fmax(ca.fmin(reserve + change, settings.ceiling_j), -settings.debt_j)
+    if method == "passivity-controller":
+        force = wanted + _damping(now, moved, settings, sample_time_s) * moved
+    else:
+        force = _within(wanted, moved, ca.fmax(now + stored, 0))
+    builder.follow("started", 1)
+    builder.follow("position_m", position)
+    builder.follow("stored_j", stored)
+    builder.follow("reserve_j", now)
+    builder.output("force_n", force)
+    builder.output("reserve_j", now)
+    return builder.done("guard")
+
+
+def _damping(reserve: Expr, moved: Expr, settings: GuardSettings, sample_time_s: float) -> Expr:
+    """Damping over T: with it the next displacement, taken to be the last, dissipates what is missing."""
+    import casadi as ca  # noqa: PLC0415
+
+    most = settings.damping_limit_ns_per_m / sample_time_s
+    square = moved * moved
+    acts = ca.logic_and(reserve < 0, square > 0)
+    return ca.if_else(acts, ca.fmin(-reserve / ca.if_else(acts, square, 1), most), 0)
+
+
+def _within(wanted: Expr, moved: Expr, available: Expr) -> Expr:
+    """Limit the energy given out over the next displacement, taken to be the last."""
+    import casadi as ca  # noqa: PLC0415
+
+    gives = -wanted * moved
+    over = gives > available
+    return ca.if_else(over, wanted * available / ca.if_else(over, gives, 1), wanted)

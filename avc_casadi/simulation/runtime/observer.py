@@ -1,0 +1,92 @@
+"""The position between two encoder steps, and ahead of a delay: an observer that knows the force it commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
+
+
+@dataclass(frozen=True)
+class ObserverSettings:
+    """What the observer knows.
+
+    Attributes:
+        resolution_m: length of an encoder step.
+        mass_kg: mass of device and hand together, about.
+        ahead: samples between a command and the force, whole or not; the position is predicted over them.
+        velocity_gain: share of a position error per sample that corrects the velocity.
+        load_gain: share of a position error per sample squared, times the mass, that corrects the unknown force.
+    """
+
+    resolution_m: float
+    mass_kg: float
+    ahead: float = 0.0
+    velocity_gain: float = 0.1
+    load_gain: float = 0.0025
+
+
+def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
+    """Predict the motion from the commands and an unknown load; correct it only by what the encoder contradicts.
+
+    An encoder says that the position lies within half a step of its count. Inside, the prediction stands, so that the
+    force does not jump by stiffness times step; outside, position, velocity and load are corrected by the excess. Over
+    a delay the forces that are still to act are known, so that the position is predicted to when the next one acts.
+
+    Args:
+        sample_time_s: T.
+        settings: what is known.
+
+    Returns:
+        position_m (in whole steps), force_n (asked for in the tick before, positive against +x)
+        -> position_m, `ahead` samples from now.
+    """
+    import casadi as ca  # noqa: PLC0415
+
+    builder = StepBuilder()
+    measured, asked = builder.input("position_m"), builder.input("force_n")
+    started, position = builder.state("started"), builder.state("position_m")
+    # Velocity and acceleration in metres a sample, so that all states are of one size.
+    velocity, load = builder.state("step_m"), builder.state("load_step_m")
+    push = sample_time_s * sample_time_s / settings.mass_kg
+    whole = int(settings.ahead)
+    late = settings.ahead - whole
+    line = _in_flight(builder, asked, whole + (late > 0))
+
+    def moved(place: Expr, speed: Expr, gain: Expr, acting: list[tuple[float, Expr]]) -> tuple[Expr, Expr]:
+        """Motion under an unknown load and forces, each for a share of a sample."""
+        for share, force in acting:
+            gained = gain - push * force
+            place += share * speed + 0.5 * share * share * gained
+            speed += share * gained
+        return place, speed
+
+    # A force that is late by a share of a sample lets the one before act for that long.
+    acted = [(1.0, line[whole])] if late == 0 else [(late, line[whole + 1]), (1 - late, line[whole])]
+    coming = [(1.0, force) for force in line[:whole][::-1]]
+    if late > 0:
+        coming.insert(0, (late, line[whole]))
+    predicted, faster = moved(position, velocity, load, acted)
+    half = 0.5 * settings.resolution_m
+    error = measured - predicted
+    excess = error - ca.fmin(ca.fmax(error, -half), half)
+    now = ca.if_else(started, predicted + excess, measured)
+    speed = ca.if_else(started, faster + settings.velocity_gain * excess, 0)
+    unknown = ca.if_else(started, load + settings.load_gain * excess, 0)
+    builder.follow("started", 1)
+    builder.follow("position_m", now)
+    builder.follow("step_m", speed)
+    builder.follow("load_step_m", unknown)
+    builder.output("position_m", moved(now, speed, unknown, coming)[0])
+    return builder.done("observer")
+
+
+def _in_flight(builder: StepBuilder, asked: Expr, older: int) -> list[Expr]:
+    """Return the forces of the last ticks, the newest first."""
+    newest_first = [asked]
+    for place in range(older):
+        name = f"in_flight_{place + 1}_n"
+        before = builder.state(name)
+        builder.follow(name, newest_first[-1])
+        newest_first.append(before)
+    return newest_first

@@ -1,0 +1,79 @@
+"""The signal that all estimators see: the velocity between two corner frequencies."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from avc_casadi.simulation.runtime.step import Expr, StepBuilder
+
+# Of the hand; where the device turns they are told at its handle.
+_FLOOR_M_PER_S = 3e-3
+_FASTEST_M_PER_S = 5.0
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """What an estimator takes for motion, in the unit of the position: metres, or rad where the device turns.
+
+    Attributes:
+        low_hz: lowest interaction frequency; what is slower is drift, or rest.
+        high_hz: highest interaction frequency; at most a fifth of the sampling rate is used.
+        floor_m_per_s: amplitude of velocity below which the device is at rest, above the noise of the encoder.
+        fastest_m_per_s: no hand is faster; what is comes from a fault, and must not leave single precision's range.
+    """
+
+    low_hz: float = 1.0
+    high_hz: float = 60.0
+    floor_m_per_s: float = _FLOOR_M_PER_S
+    fastest_m_per_s: float = _FASTEST_M_PER_S
+
+    def __post_init__(self) -> None:
+        if not 0 < self.low_hz < self.high_hz or not 0 < self.floor_m_per_s < self.fastest_m_per_s:
+            raise ValueError(f"0 < low_hz < high_hz and 0 < floor_m_per_s < fastest_m_per_s are needed, got {self}")
+
+    def top_hz(self, sample_time_s: float) -> float:
+        """Highest frequency at a sampling rate."""
+        return max(min(self.high_hz, 0.2 / sample_time_s), 1.5 * self.low_hz)
+
+    @classmethod
+    def for_encoder(cls, resolution_m: float, sample_time_s: float, metres_per_unit: float = 1.0) -> EstimatorSettings:
+        """Raise the floor above what one step of the encoder looks like behind the low pass of the estimators.
+
+        Args:
+            resolution_m: step of the encoder; 0 for none.
+            sample_time_s: T.
+            metres_per_unit: how far the hand moves for a unit of the position: 1, or the radius of a handle that turns.
+        """
+        corner = min(1.0, math.tau * cls().top_hz(sample_time_s) * sample_time_s)
+        floor, fastest = _FLOOR_M_PER_S / metres_per_unit, _FASTEST_M_PER_S / metres_per_unit
+        return cls(floor_m_per_s=max(floor, 0.5 * corner * resolution_m / sample_time_s), fastest_m_per_s=fastest)
+
+
+def band_passed(builder: StepBuilder, velocity: Expr, settings: EstimatorSettings, sample_time_s: float) -> Expr:
+    """Take out drift by a first-order high pass at half the lowest frequency, noise by two low passes."""
+    import casadi as ca  # noqa: PLC0415
+
+    mean = builder.state("mean_m_per_s")
+    slow = 1.0 - math.exp(-math.tau * 0.5 * settings.low_hz * sample_time_s)
+    seen = ca.fmin(ca.fmax(velocity, -settings.fastest_m_per_s), settings.fastest_m_per_s)
+    builder.follow("mean_m_per_s", mean + slow * (seen - mean))
+    signal = seen - mean
+    fast = 1.0 - math.exp(-math.tau * settings.top_hz(sample_time_s) * sample_time_s)
+    for name in ("smoothed_m_per_s", "twice_smoothed_m_per_s"):
+        before = builder.state(name)
+        signal = before + fast * (signal - before)
+        builder.follow(name, signal)
+    return signal
+
+
+def envelope(
+    builder: StepBuilder, signal: Expr, frequency_hz: Expr, settings: EstimatorSettings, sample_time_s: float
+) -> Expr:
+    """Size of the signal, forgotten over half a period: it tells a hand that stopped from a filter that rings on."""
+    import casadi as ca  # noqa: PLC0415
+
+    before = builder.state("envelope_m_per_s")
+    held = ca.fmax(ca.fabs(signal), before * (1 - 2 * sample_time_s * ca.fmax(frequency_hz, settings.low_hz)))
+    builder.follow("envelope_m_per_s", held)
+    return held

@@ -1,0 +1,154 @@
+"""Step: one algorithm of the control computer as one CasADi function of fixed size, for scenes and firmware."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avc_casadi._util.arrays import FloatArray
+
+# A CasADi SX expression; CasADi ships no types.
+Expr = Any
+_BLOCK = 200
+
+
+@dataclass(frozen=True)
+class Step:
+    """One tick of an algorithm: (state, input, parameter) -> (next state, output), all columns.
+
+    The function uses only arithmetic, comparisons, minimum and maximum: no library call, no NaN, no loop. Every state
+    is bounded, so that single precision holds for as long as the device runs.
+
+    Attributes:
+        name: name of the function.
+        states: names of the states with units.
+        initial: states before the first tick.
+        inputs: names of the inputs with units.
+        parameters: names of the parameters with units.
+        outputs: names of the outputs with units.
+        function: the CasADi function.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    initial: tuple[float, ...]
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    outputs: tuple[str, ...]
+    function: Any
+
+    @property
+    def instructions(self) -> int:
+        """Number of instructions of one tick."""
+        return int(self.function.n_instructions())
+
+    def apply(self, state: list[Expr], inputs: list[Expr], parameters: list[Expr]) -> tuple[list[Expr], list[Expr]]:
+        """Write the tick out on expressions; returns the next states and the outputs."""
+        import casadi as ca  # noqa: PLC0415
+
+        columns = (ca.SX(ca.vertcat(*part)) if part else ca.SX(0, 1) for part in (state, inputs, parameters))
+        following, outputs = self.function(*columns)
+        return list(ca.vertsplit(following)), list(ca.vertsplit(outputs))
+
+    def run(self, inputs: ArrayLike, parameters: ArrayLike = ()) -> dict[str, FloatArray]:
+        """Run from the initial state.
+
+        Args:
+            inputs: shape (inputs, ticks).
+            parameters: shape (parameters,), the same at every tick.
+
+        Returns:
+            Every output, shape (ticks,).
+        """
+        columns = np.atleast_2d(np.asarray(inputs, dtype=np.float64))
+        ticks = columns.shape[1]
+        held = np.tile(np.asarray(parameters, dtype=np.float64).reshape(-1, 1), _BLOCK)
+        results = np.empty((len(self.outputs), ticks))
+        state = np.array(self.initial)
+        for first in range(0, ticks, _BLOCK):
+            block = columns[:, first : first + _BLOCK]
+            whole = np.pad(block, ((0, 0), (0, _BLOCK - block.shape[1])))
+            states, outputs = self._block(state, whole, held)
+            state = states.full()[:, -1]
+            results[:, first : first + _BLOCK] = outputs.full()[:, : block.shape[1]]
+        return dict(zip(self.outputs, results, strict=True))
+
+    @cached_property
+    def _block(self) -> Any:
+        """`_BLOCK` ticks in one call: building it for all ticks of a run would take longer than the run."""
+        return self.function.mapaccum("block", _BLOCK)
+
+
+@dataclass
+class StepBuilder:
+    """Collects what a step consists of."""
+
+    _states: dict[str, tuple[Expr, float]] = field(default_factory=dict)
+    _inputs: dict[str, Expr] = field(default_factory=dict)
+    _parameters: dict[str, Expr] = field(default_factory=dict)
+    _outputs: dict[str, Expr] = field(default_factory=dict)
+    _next: dict[str, Expr] = field(default_factory=dict)
+
+    def state(self, name: str, initial: float = 0.0) -> Expr:
+        """Add a state."""
+        return self._states.setdefault(name, (_symbol(name), initial))[0]
+
+    def input(self, name: str) -> Expr:
+        """Add an input."""
+        return self._inputs.setdefault(name, _symbol(name))
+
+    def parameter(self, name: str) -> Expr:
+        """Add a parameter."""
+        return self._parameters.setdefault(name, _symbol(name))
+
+    def follow(self, name: str, value: Expr) -> None:
+        """Set what a state becomes."""
+        self._next[name] = value
+
+    def output(self, name: str, value: Expr) -> None:
+        """Add an output."""
+        self._outputs[name] = value
+
+    def insert(self, prefix: str, step: Step, inputs: list[Expr]) -> dict[str, Expr]:
+        """Make another step, which has no parameters, a part of this one; returns its outputs."""
+        names = [f"{prefix}_{name}" for name in step.states]
+        state = [self.state(name, initial) for name, initial in zip(names, step.initial, strict=True)]
+        following, outputs = step.apply(state, inputs, [])
+        for name, value in zip(names, following, strict=True):
+            self.follow(name, value)
+        return dict(zip(step.outputs, outputs, strict=True))
+
+    def done(self, name: str) -> Step:
+        """Return the step."""
+        import casadi as ca  # noqa: PLC0415
+
+        def column(values: list[Expr]) -> Expr:
+            return ca.vertcat(*values) if values else ca.SX(0, 1)
+
+        symbols = [symbol for symbol, _ in self._states.values()]
+        function = ca.Function(
+            name,
+            [column(symbols), column(list(self._inputs.values())), column(list(self._parameters.values()))],
+            [ca.SX(column([self._next[key] for key in self._states])), ca.SX(column(list(self._outputs.values())))],
+            ["state", "input", "parameter"],
+            ["next", "output"],
+        )
+        return Step(
+            name=name,
+            states=tuple(self._states),
+            initial=tuple(initial for _, initial in self._states.values()),
+            inputs=tuple(self._inputs),
+            parameters=tuple(self._parameters),
+            outputs=tuple(self._outputs),
+            function=function,
+        )
+
+
+def _symbol(name: str) -> Expr:
+    import casadi as ca  # noqa: PLC0415
+
+    return ca.SX.sym(name)

@@ -1,0 +1,270 @@
+"""Simulating a scene, for one hand or for many."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import InputError
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
+from avc_casadi.model.declared import scene_effects
+from avc_casadi.model.gains import NO_COUPLING, Gains, GainTable, gains_at
+from avc_casadi.model.runtime import RUNTIME_KINDS
+from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.simulation.compile import CompiledScene, bind, compile_scene
+from avc_casadi.simulation.effects.base import SceneEffect
+from avc_casadi.simulation.effects.hand import Grip
+from avc_casadi.simulation.effects.mechanics import CoulombFriction
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.effects.wall import Detents
+from avc_casadi.simulation.execute import Engine, execute
+from avc_casadi.simulation.judge import Judgement, energy_ledger, judge
+from avc_casadi.simulation.run import Claim, Run
+
+if TYPE_CHECKING:
+    from avc_casadi.model.hands import Hand, StylusHand
+    from avc_casadi.model.problem import Problem
+
+AnyGains = Coupling | Gains | GainTable | GainSchedule
+"""What a scene runs with: a coupling, gains that do not vary, a gain table, or a schedule as a method left it."""
+
+
+def simulate(
+    problem: Problem,
+    gains: AnyGains,
+    *,
+    hand: Hand | StylusHand | None = None,
+    interaction_hz: float | None = None,
+    seed: int = 0,
+    engine: Engine = "auto",
+) -> Run:
+    """Simulate the scene of a problem.
+
+    Args:
+        problem: a validated problem.
+        gains: a coupling, with what runs beside its gains in place of what of that the scene lists; gains, or a gain
+            table.
+        hand: a hand in place of the scene's.
+        interaction_hz: frequency at which a gain table is read; None is the scene's, or the table's lowest.
+        seed: added to the seeds of all noises, so that one scene can be repeated with other draws.
+        engine: what runs the samples; all give the same bits.
+
+    Returns:
+        The run, with its claim: a stable run with dry friction is repeated without it.
+
+    Raises:
+        InputError: an impossible scene, or gains that are not there or were made for another sample time.
+        UnsupportedError: an effect that scenes do not simulate.
+    """
+    problem = staged(problem, gains)
+    effects = build_effects(problem)
+    effects = effects if hand is None else held_by(problem, effects, hand)
+    return simulate_effects(problem, *settled(problem, effects, gains, interaction_hz), seed=seed, engine=engine)
+
+
+def simulate_effects(
+    problem: Problem,
+    effects: tuple[SceneEffect, ...],
+    chosen: Gains,
+    coupling: str,
+    *,
+    seed: int = 0,
+    engine: Engine = "auto",
+) -> Run:
+    """Simulate settled effects and gains, of `settled`, in place of those of the problem file."""
+    scene = compile_for(problem, effects, chosen)
+    started = time.perf_counter()
+    traces = _traces(scene, chosen, seed, engine)
+    seconds = time.perf_counter() - started
+    found = _judged(problem, scene, traces)
+    claim: Claim = "asymptotic" if found.stable else "unstable"
+    if found.stable and any(effect.friction_n > 0 for effect in effects):
+        frictionless = compile_for(problem, without(effects, CoulombFriction.kind), chosen)
+        free = _traces(frictionless, chosen, seed, engine)
+        again = _judged(problem, scene, free)
+        claim = "asymptotic" if again.stable else "held-by-friction"
+    whole = np.ones(scene.samples)
+    b, k, b_p = (traces.get(gain, whole * value) for gain, value in vars(chosen).items())
+    stiffness = np.full(scene.samples, np.inf) if chosen.rigid else k
+    anchor = traces.get("anchor_m", 0.0)
+    return Run(
+        problem=problem.name,
+        coupling=coupling,
+        effects=tuple(effect.kind for effect in effects),
+        sample_time_s=scene.sample_time_s,
+        position_m=traces["position_m"],
+        velocity_m_per_s=traces["velocity_m_per_s"],
+        force_n=traces["force_n"],
+        tool_m=traces["tool_m"],
+        target_m=scene.target.position_m,
+        damping_ns_per_m=b,
+        stiffness_n_per_m=k,
+        contact_damping_ns_per_m=b_p,
+        interaction_hz=_estimate(traces),
+        ledger=energy_ledger(
+            traces["position_m"],
+            traces["force_n"],
+            traces["tool_m"],
+            stiffness,
+            scene.environment,
+            anchor,
+            sum(one.potential_j(traces["position_m"]) for one in effects if isinstance(one, Detents)),
+        ),
+        judgement=found,
+        claim=claim,
+        states=len(scene.states),
+        instructions=scene.instructions,
+        build_seconds=scene.build_seconds,
+        seconds=seconds,
+        metres_per_unit=problem.device.metres_per_unit,
+        units=problem.units,
+    )
+
+
+def simulate_batch(
+    problem: Problem,
+    hands: Hand | StylusHand,
+    gains: AnyGains,
+    *,
+    friction: bool = True,
+    interaction_hz: float | None = None,
+    seed: int = 0,
+    engine: Engine = "auto",
+) -> Judgement:
+    """Simulate a scene for many hands at once and judge every run; all share the motion and the noises.
+
+    Args:
+        problem: a validated problem whose scene has the effect ``hand`` (or lists none).
+        hands: who holds the device, in place of the scene's hand.
+        gains: as in `simulate`.
+        friction: False leaves dry friction out, to tell asymptotic stability from being held by friction.
+        interaction_hz: as in `simulate`.
+        seed: as in `simulate`.
+        engine: as in `simulate`.
+
+    Returns:
+        The judgement, with arrays of shape (n,).
+
+    Example:
+        >>> from avc_casadi.loop import hand_set
+        >>> problem = avc.load_problem("scenes/stiff-wall-pressed")
+        >>> hands = hand_set(problem.hands, draws=2)
+        >>> avc.simulate_batch(problem, hands, avc.solve(problem, "static")).stable.shape == (len(hands),)
+        True
+    """
+    problem = staged(problem, gains)
+    effects = held_by(problem, build_effects(problem), hands)
+    if not friction:
+        effects = without(effects, CoulombFriction.kind)
+    effects, chosen, _ = settled(problem, effects, gains, interaction_hz)
+    scene = compile_for(problem, effects, chosen)
+    parameters, inputs = scene.parameter_values(chosen), scene.input_values(seed)
+    parts = []
+    for first in range(0, len(parameters), _CHUNK):
+        traces = _completed(scene, execute(scene, parameters[first : first + _CHUNK], inputs, engine=engine))
+        parts.append(_judged(problem, scene, traces))
+    return Judgement(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
+
+
+def _judged(problem: Problem, scene: CompiledScene, traces: Mapping[str, FloatArray]) -> Judgement:
+    return judge(
+        traces["position_m"],
+        traces["velocity_m_per_s"],
+        traces["force_n"],
+        scene.sample_time_s,
+        problem.device.metres_per_unit,
+        traces.get("measured_m"),
+        traces.get("held_m_per_s"),
+    )
+
+
+# Hands whose traces are held at a time.
+_CHUNK = 256
+
+
+def staged(problem: Problem, gains: AnyGains) -> Problem:
+    """Return the problem with the scene that gains run in: a coupling brings its own part of the control computer.
+
+    Raises:
+        InputError: the gains were made for another sample time, or are neither gains nor a coupling.
+    """
+    if isinstance(gains, GainSchedule):
+        check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
+    if isinstance(gains, Gains | GainTable | GainSchedule):
+        return problem
+    require_coupling(gains)
+    check_sample_time(gains.sample_time_s, problem, f"coupling by {gains.method} for {gains.problem.name}")
+    kept = tuple(effect for effect in scene_effects(problem) if effect.kind not in RUNTIME_KINDS)
+    return problem.changed(scene={"effects": (*kept, *gains.runtime.effects(constant=gains.table.constant))})
+
+
+def settled(
+    problem: Problem, effects: tuple[SceneEffect, ...], gains: AnyGains, interaction_hz: float | None = None
+) -> tuple[tuple[SceneEffect, ...], Gains, str]:
+    """Return the effects with the table that they follow, the gains otherwise, and how these were chosen."""
+    if isinstance(gains, Gains):
+        return effects, gains, "none" if gains == NO_COUPLING else "given"
+    if isinstance(gains, GainTable):
+        frequency = problem.scene.interaction_hz if interaction_hz is None else interaction_hz
+        at = gains.at_rest if frequency is None else Gains(*gains(frequency).tolist())
+        return bind(effects, gains), at, "given"
+    if isinstance(gains, Coupling):
+        found, at, _ = settled(problem, effects, gains.table, interaction_hz)
+        return found, at, gains.method
+    frequency = problem.scene.interaction_hz if interaction_hz is None else interaction_hz
+    return bind(effects, gains), gains_at(gains, frequency), gains.method
+
+
+def compile_for(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
+    """Compile with what the gains need and nothing more."""
+    # CasADi asks Python for shapes while it builds an expression, and passes over what is raised then.
+    with HeldInterrupt():
+        return compile_scene(
+            problem,
+            effects,
+            coupled=not gains.rigid,
+            damped=gains.contact_damping_ns_per_m > 0,
+            stiffness_n_per_m=gains.stiffness_n_per_m,
+        )
+
+
+def without(effects: tuple[SceneEffect, ...], kind: str) -> tuple[SceneEffect, ...]:
+    """Leave one kind out."""
+    return tuple(effect for effect in effects if effect.kind != kind)
+
+
+def held_by(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | StylusHand) -> tuple[SceneEffect, ...]:
+    """Let a hand, or many, hold the device in place of the effect ``hand``.
+
+    Raises:
+        InputError: the scene does not have this effect.
+    """
+    if not any(effect.kind == Grip.kind for effect in effects):
+        raise InputError.of(
+            "lists no hand that another one could replace; allowed: the effect hand, or no effects at all",
+            file=problem.name,
+            key="scene.effects",
+        )
+    return tuple(Grip(hand) if effect.kind == Grip.kind else effect for effect in effects)
+
+
+def _estimate(traces: dict[str, FloatArray]) -> FloatArray | None:
+    """Return the estimated frequency, not a number where there is none."""
+    found = traces.get("interaction_hz")
+    return None if found is None else np.where(found > 0, found, np.nan)
+
+
+def _traces(scene: CompiledScene, gains: Gains, seed: int, engine: Engine) -> dict[str, FloatArray]:
+    results = execute(scene, scene.parameter_values(gains), scene.input_values(seed), engine=engine)
+    return {name: values[0] for name, values in _completed(scene, results).items()}
+
+
+def _completed(scene: CompiledScene, traces: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Add what free space leaves out: no force, and a tool that is the device."""
+    free = {"force_n": np.zeros_like(traces["position_m"]), "tool_m": traces["position_m"]}
+    return (free if scene.environment is None else {}) | traces

@@ -1,0 +1,200 @@
+"""Which effects a scene needs: each is left out in turn, and what that changes is set against what it costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import InputError
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import Columns, Tabular
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.explain import EffectCost, explain_effects
+from avc_casadi.simulation.run import Run
+from avc_casadi.simulation.scene import AnyGains, settled, simulate_effects, staged
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+
+DEFAULT_TOLERANCE = 0.01
+_CHANGES = ("position_change", "force_change", "stiffness_change", "outcome", "outcome_changed", "needed")
+
+
+@dataclass(frozen=True)
+class Screened:
+    """What a scene loses without some of its effects.
+
+    Attributes:
+        kinds: the effects left out together.
+        position_change: rms change of the position over the run, as a share of the rms of its travel.
+        force_change: the same for the force.
+        stiffness_change: relative change of the apparent stiffness; None where one of the two runs has none.
+        outcome: claim of the run without them.
+        outcome_changed: whether that, or buzzing, is another.
+        needed: whether any change is above the tolerance, or the outcome is another.
+    """
+
+    kinds: tuple[str, ...]
+    position_change: float
+    force_change: float
+    stiffness_change: float | None
+    outcome: str
+    outcome_changed: bool
+    needed: bool
+
+    @property
+    def change(self) -> float:
+        """The largest of the changes."""
+        return max(self.position_change, self.force_change, self.stiffness_change or 0.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Screening(Tabular):
+    """Effects in the order of what they change; together those that the scene does not need.
+
+    Attributes:
+        tolerance: largest change that does not count.
+        whole: the run with all effects.
+        effects: each effect that can be left out, with its cost; largest change first.
+        essential: effects without which there is no scene.
+        together: the scene without all effects that it does not need; None where it needs all.
+        scatter_ns: by how much the clock scatters: a cost below it is not told from none.
+    """
+
+    tolerance: float
+    whole: Run
+    effects: tuple[tuple[Screened, EffectCost], ...]
+    essential: tuple[str, ...]
+    together: Screened | None
+    scatter_ns: float
+
+    def to_dict(self) -> Columns:
+        """Return the effects as columns, a row for each that can be left out."""
+        found = [{"effect": one.kinds[0]} | _changes(one) for one, _ in self.effects]
+        columns = {
+            name: np.array([np.nan if row[name] is None else row[name] for row in found])
+            for name in ("effect", *_CHANGES)
+        }
+        return columns | {"instructions": np.array([cost.instructions for _, cost in self.effects], dtype=float)}
+
+    def _summary(self) -> str:
+        whole = self.whole
+        what = f"not needed: {', '.join(self.unneeded)}" if self.unneeded else "all effects are needed"
+        return f"{whole.problem!r}, coupling {whole.coupling}, tolerance {100 * self.tolerance:g} %: {what}"
+
+    @property
+    def unneeded(self) -> tuple[str, ...]:
+        """Effects that the scene does not need at this tolerance."""
+        return tuple(found.kinds[0] for found, _ in self.effects if not found.needed)
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document."""
+        return {
+            "schema": "avc-screen/1",
+            "problem": self.whole.problem,
+            "coupling": self.whole.coupling,
+            "tolerance": self.tolerance,
+            "outcome": self.whole.claim,
+            "effects": [
+                {"kind": found.kinds[0]}
+                | _changes(found)
+                | {
+                    "states": cost.states,
+                    "instructions": cost.instructions,
+                    "ns_per_step": cost.ns_per_step,
+                }
+                for found, cost in self.effects
+            ],
+            "essential": list(self.essential),
+            "unneeded": list(self.unneeded),
+            "scatter_ns": self.scatter_ns,
+            "together": None if self.together is None else {"kinds": self.together.kinds} | _changes(self.together),
+        }
+
+
+def _changes(found: Screened) -> dict[str, Any]:
+    changes: dict[str, Any] = plain({name: getattr(found, name) for name in _CHANGES})
+    return changes
+
+
+def screen(
+    problem: Problem,
+    gains: AnyGains,
+    *,
+    interaction_hz: float | None = None,
+    seed: int = 0,
+    tolerance: float = DEFAULT_TOLERANCE,
+    progress: Progress = SILENT,
+) -> Screening:
+    """Leave out each effect of a scene in turn, then all that it does not need together.
+
+    Args:
+        problem: a validated problem.
+        gains: as in `simulate`.
+        interaction_hz: as in `simulate`.
+        seed: as in `simulate`.
+        tolerance: largest relative change of position, force and apparent stiffness that does not count, 0 to below 1.
+        progress: is told of each effect.
+
+    Raises:
+        InputError: as `simulate`; or the tolerance is outside its range.
+    """
+    if not 0 <= tolerance < 1:
+        raise InputError.of(f"is {tolerance:g}; allowed: 0 or more and below 1", key="tolerance")
+    problem = staged(problem, gains)
+    effects, chosen, coupling = settled(problem, build_effects(problem), gains, interaction_hz)
+    whole = simulate_effects(problem, effects, chosen, coupling, seed=seed)
+    explained = explain_effects(problem, effects, chosen)
+    costs = {cost.kind: cost for cost in explained.effects}
+
+    def dropped(kinds: tuple[str, ...]) -> Screened:
+        rest = tuple(effect for effect in effects if effect.kind not in kinds)
+        return _compare(whole, simulate_effects(problem, rest, chosen, coupling, seed=seed), kinds, tolerance)
+
+    found, essential = [], []
+    for done, kind in enumerate(costs):
+        progress.advance(done, len(costs), f"effects, without {kind}")
+        try:
+            found.append(dropped((kind,)))
+        except InputError:  # the only mass
+            essential.append(kind)
+    found.sort(key=lambda one: (not one.outcome_changed, -one.change))
+    unneeded = tuple(one.kinds[0] for one in found if not one.needed)
+    return Screening(
+        tolerance=tolerance,
+        whole=whole,
+        effects=tuple((one, costs[one.kinds[0]]) for one in found),
+        essential=tuple(essential),
+        together=dropped(unneeded) if unneeded else None,
+        scatter_ns=explained.scatter_ns,
+    )
+
+
+def _compare(whole: Run, rest: Run, kinds: tuple[str, ...], tolerance: float) -> Screened:
+    position = _relative(whole.position_m - whole.position_m[0], rest.position_m - rest.position_m[0])
+    force = _relative(whole.force_n, rest.force_n)
+    one, other = whole.apparent_stiffness_n_per_m, rest.apparent_stiffness_n_per_m
+    stiffness = abs(other / one - 1) if np.isfinite(one) and np.isfinite(other) else None
+    changed = bool((rest.claim, rest.buzzing) != (whole.claim, whole.buzzing) or np.isfinite(one) != np.isfinite(other))
+    largest = max(position, force, stiffness or 0.0)
+    return Screened(
+        kinds=kinds,
+        position_change=position,
+        force_change=force,
+        stiffness_change=stiffness,
+        outcome=rest.claim,
+        outcome_changed=changed,
+        needed=changed or not largest <= tolerance,
+    )
+
+
+def _relative(whole: FloatArray, rest: FloatArray) -> float:
+    """Return the rms of the difference as a share of the rms of the whole; infinite where that is 0."""
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        difference, size = np.sqrt(np.mean((rest - whole) ** 2)), np.sqrt(np.mean(whole**2))
+        return 0.0 if difference == 0 else float(np.divide(difference, size))

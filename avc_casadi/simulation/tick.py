@@ -1,0 +1,228 @@
+"""What one sample of the loop consists of: states, inputs, parameters and traces, each owned by an effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from avc_casadi._util.arrays import FloatArray
+
+# A CasADi SX expression; CasADi ships no types.
+Expr = Any
+
+# (samples, seed of the run) -> one number a sample.
+InputValues = Callable[[int, int], FloatArray]
+
+
+@dataclass
+class Slot:
+    """One named vector of the step function.
+
+    Attributes:
+        name: name with unit.
+        owner: kind of the effect that added it.
+        symbol: its CasADi symbol.
+        initial: value at the first sample (states).
+        values: what makes the signal of an input.
+    """
+
+    name: str
+    owner: str
+    symbol: Expr
+    initial: float = 0.0
+    values: InputValues | None = None
+
+
+@dataclass(frozen=True)
+class AdaptedGains:
+    """Gains of the coupling that change from sample to sample, as expressions.
+
+    Attributes:
+        damping_ns_per_m: b.
+        stiffness_n_per_m: k.
+        contact_damping_ns_per_m: b_p.
+        anchor_m: deflection at which the spring of the coupling is slack.
+        touching: 0 where the coupling forgets its deflection.
+    """
+
+    damping_ns_per_m: Expr
+    stiffness_n_per_m: Expr
+    contact_damping_ns_per_m: Expr
+    anchor_m: Expr
+    touching: Expr
+
+
+@dataclass
+class Tick:
+    """The loop at one sample, built up station by station.
+
+    Signals that stations hand on are attributes; None where no effect has made them.
+
+    Attributes:
+        sample_time_s: T.
+        start_m: position at which everything rests at the beginning.
+        position: true position of the device, then what the sensing makes of it, m.
+        command: force that the computer asks for, N, positive against +x; None in free space.
+        command_before: the force that still acts while the new one is late; None where forces are never late.
+        filter_share: share of the old velocity in the filtered one (0: no filter).
+        late: share of the sample during which the old force still acts; None where forces are never late.
+        asked: force that the computer asks for before any delay; None without a delay.
+        dropped: 1 where the computer misses the sample; None where it never does.
+        frequency_hz: estimated interaction frequency, and
+        frequency_valid: 1 where there is one; None without an estimator.
+        adapt: gives the gains of this sample from the coupling's deflection so far; None where they are parameters.
+        adapted: what it gave.
+        environment_energy_j: energy in the environment's spring at this sample.
+        coupling_energy_j: energy in the coupling's spring.
+        at_end: what is to be done when the force is settled.
+        split: makes the sample in pieces that compiled code can skip; None where there is nothing to skip.
+    """
+
+    sample_time_s: float
+    start_m: float
+    position: Expr = None
+    command: Expr = None
+    command_before: Expr = None
+    filter_share: float = 0.0
+    late: Expr = None
+    asked: Expr = None
+    dropped: Expr = None
+    frequency_hz: Expr = None
+    frequency_valid: Expr = None
+    adapt: Callable[[Expr, bool], AdaptedGains] | None = None
+    adapted: AdaptedGains | None = None
+    environment_energy_j: Expr = 0.0
+    coupling_energy_j: Expr = 0.0
+    at_end: list[Callable[[], None]] = field(default_factory=list)
+    split: Callable[[], Any] | None = None
+    states: list[Slot] = field(default_factory=list)
+    inputs: list[Slot] = field(default_factory=list)
+    parameters: list[Slot] = field(default_factory=list)
+    traces: dict[str, Expr] = field(default_factory=dict)
+    _next: dict[str, Expr] = field(default_factory=dict)
+    _computed: set[str] = field(default_factory=set)
+    _owner: str = "loop"
+
+    @contextmanager
+    def owned_by(self, owner: str) -> Iterator[None]:
+        """Everything added inside belongs to `owner`."""
+        before, self._owner = self._owner, owner
+        try:
+            yield
+        finally:
+            self._owner = before
+
+    def state(self, name: str, initial: float = 0.0, *, computed: bool = True) -> Expr:
+        """Add a state; a `computed` one lives in the computer and stands still in a dropped sample."""
+        if computed:
+            self._computed.add(name)
+        return self._add(self.states, name, initial=initial)
+
+    def input(self, name: str, values: InputValues) -> Expr:
+        """Add a signal that is known beforehand at every sample."""
+        return self._add(self.inputs, name, values=values)
+
+    def parameter(self, name: str, sparsity: Any = None) -> Expr:
+        """Add a number (or a matrix of the given sparsity) that a run sets, for example for each hand."""
+        return self._add(self.parameters, name, sparsity=sparsity)
+
+    def follow(self, name: str, value: Expr) -> None:
+        """Set what a state becomes at the next sample."""
+        self._next[name] = value
+
+    def held_force(self) -> Expr:
+        """Return the force that the computer has held until now, a state that is added once."""
+        name = "held_force_n"
+        known = self._known(name)
+        if known is not None:
+            return known
+        self.at_end.append(lambda: self.follow(name, 0.0 if self.command is None else self.command))
+        return self.state(name, computed=False)
+
+    def asked_force(self) -> Expr:
+        """Return the force that the computer asked for in the sample before, a state that is added once."""
+        name = "asked_force_n"
+        known = self._known(name)
+        if known is not None:
+            return known
+
+        def settle() -> None:
+            before_delay = self.command if self.asked is None else self.asked
+            self.follow(name, 0.0 if before_delay is None else before_delay)
+
+        self.at_end.append(settle)
+        return self.state(name)
+
+    def _known(self, name: str) -> Expr:
+        """Return the symbol of a state that is there, or None."""
+        return next((slot.symbol for slot in self.states if slot.name == name), None)
+
+    def trace(self, name: str, value: Expr) -> None:
+        """Record a signal."""
+        self.traces[name] = value
+
+    def successors(self) -> list[Expr]:
+        """Return the next value of every state, in order."""
+        import casadi as ca  # noqa: PLC0415
+
+        if self.dropped is None:
+            return [self._next[slot.name] for slot in self.states]
+        return [
+            ca.if_else(self.dropped, slot.symbol, self._next[slot.name])
+            if slot.name in self._computed
+            else self._next[slot.name]
+            for slot in self.states
+        ]
+
+    def _add(self, slots: list[Slot], name: str, *, sparsity: Any = None, **content: Any) -> Expr:
+        import casadi as ca  # noqa: PLC0415
+
+        symbol = ca.SX.sym(name) if sparsity is None else ca.SX.sym(name, sparsity)
+        slots.append(Slot(name, self._owner, symbol, **content))
+        return symbol
+
+
+class Rate:
+    """Velocity as the computer takes it: backward difference, low-passed where the scene has a velocity filter.
+
+    The value may be unknown when the rate is needed (an implicit force law): rate = gain * value - offset.
+
+    Attributes:
+        gain: 1/s.
+        offset: value unit per second, from the past alone.
+    """
+
+    def __init__(
+        self, tick: Tick, name: str, initial: float = 0.0, *, seen: Callable[[Expr], Expr] = lambda before: before
+    ) -> None:
+        """Add the states.
+
+        Args:
+            tick: the loop so far.
+            name: of the value.
+            initial: value at the beginning.
+            seen: what is made of the value kept before it is used.
+        """
+        self._tick = tick
+        self._name = name
+        before = seen(tick.state(f"{name}_before_m", initial))
+        self.before = before
+        self.gain = (1.0 - tick.filter_share) / tick.sample_time_s
+        self.offset: Expr = self.gain * before
+        self._filtered = tick.filter_share > 0
+        if self._filtered:
+            self.offset -= tick.filter_share * tick.state(f"{name}_rate_m_per_s")
+
+    def forget(self, keeps: Expr) -> None:
+        """Forget the past where `keeps` is 0."""
+        self.offset *= keeps
+
+    def settle(self, value: Expr) -> Expr:
+        """Set the value of this sample and return its rate."""
+        rate = self.gain * value - self.offset
+        self._tick.follow(f"{self._name}_before_m", value)
+        if self._filtered:
+            self._tick.follow(f"{self._name}_rate_m_per_s", rate)
+        return rate
