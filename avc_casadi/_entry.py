@@ -31,7 +31,7 @@ def run() -> int:
 
     if find_spec("avc_hardware") is None:  # a plain checkout
         sys.path.append(str(Path(__file__).resolve().parent.parent / "hardware"))
-    from avc_casadi.cli._main import main  # noqa: PLC0415
+    from avc_casadi.cli import main  # noqa: PLC0415
 
     try:
         if handled:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import BLOCK, draw_hands, draw_subjects

@@ -9,7 +9,7 @@ from exported import Exported
 from hardware_bench import coupling, host_library, push, require, scratch
 
 from avc_casadi import InputError, load_device
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.model.runtime import Runtime

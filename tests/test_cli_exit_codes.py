@@ -13,7 +13,7 @@ import pytest
 from avc_process import AVC, ENVIRONMENT, avc, strict_json
 
 from avc_casadi import dump_problem, load_problem, solve
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 
 FIVE_FAULTS = """\
 title = "five faults"

@@ -7,7 +7,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi._util.text import ROWS_SHOWN, sample_rows
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.cli._simulate_text import simulation_text
 from avc_casadi.paper.errata import PAPER_ERRORS
 from avc_casadi.recommendation import stiffest as _stiffest

@@ -9,7 +9,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi._util.text import Table, number
 from avc_casadi.claims.certificate import levels_table
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.design.comparison.document import comparison_document, comparison_tables
 from avc_casadi.present.report.page import ReportContents, report_html
 from avc_casadi.present.report.summary import summarise

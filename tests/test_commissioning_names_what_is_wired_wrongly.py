@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import InputError, LinkError, load_problem
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.model.device import Device
 from avc_hardware import (
     BenchDevice,

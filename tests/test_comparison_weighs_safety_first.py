@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.document import comparison_document, comparison_tables
 from avc_casadi.design.comparison.judged import Safety, safer, safety_reason

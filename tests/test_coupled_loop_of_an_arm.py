@@ -19,7 +19,7 @@ from avc_casadi.arm.mechanisms import arm
 from avc_casadi.arm.tip_device import tip_device
 from avc_casadi.arm.walls import workspace_map
 from avc_casadi.claims.stability.stiffest_wall import loop_radius, stiffest_wall
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, with_let_go
 from avc_hardware import arm_gains_c

@@ -9,7 +9,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi import InputError
 from avc_casadi._util.json_values import json_text
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import THINNING, Coupling
 from avc_casadi.files.coupling_file import COUPLING_KEYS, coupling_document, read_file
 from avc_casadi.files.gain_file import gain_csv, gain_document

@@ -7,7 +7,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi._util.json_values import json_text
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.gain_file import gain_document
 from avc_casadi.model.gains import Gains

@@ -5,7 +5,7 @@ import json
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.model.declared import declared
 from avc_casadi.model.device import DeviceRange

@@ -5,7 +5,7 @@ import json
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.files.catalogue import catalogue_names, device_names
 from avc_casadi.files.device_file import device_catalogue, parse_device
 from avc_casadi.files.plausibility import plausibility

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.signal import find_peaks
 
 import avc_casadi as avc
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.identification.diagnosis.answer import Answer
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.diagnose import diagnose

@@ -9,7 +9,7 @@ from excited import Bench, device, planned
 from hardware_bench import require, scratch
 
 import avc_casadi as avc
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.identification.excitation.signal import FULL
 from avc_hardware import BenchDevice, excite
 from avc_hardware._qemu import LockStepBoard

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import avc_hardware
 from avc_casadi import load_problem
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import BoardLimits, Connection, DeviceFault, DeviceStatus, EmulatedBoard, TableImage, clear_faults

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 
 LEVER = """
 title = "a lever"

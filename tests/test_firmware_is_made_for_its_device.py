@@ -8,7 +8,7 @@ import pytest
 from hardware_bench import coupling, export_c, push, require, run, scratch
 
 from avc_casadi import LinkError, UnsupportedError, load_problem
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import BoardLimits, EmulatedBoard, RuntimeFigures, build_firmware
 from avc_hardware._elf import read_elf

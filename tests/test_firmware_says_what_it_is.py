@@ -10,7 +10,7 @@ from hardware_bench import coupling, require
 
 import avc_casadi as avc
 from avc_casadi import InputError, UnsupportedError
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.model.gains import Gains

@@ -13,7 +13,7 @@ from avc_casadi.claims.passivity.sampled_loop import SampledLoop, passive_limit_
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.claims.stability.frozen_loop import frozen_parts, frozen_transition, joint_rendering, linear_stability
 from avc_casadi.claims.zwidth import llewellyn_table
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.scene_coupling import scene_coupling
 from avc_casadi.model.hands import Hand

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avc_casadi import GainSchedule, InputError, load_problem, solve
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.files.coupling_file import read_file
 from avc_casadi.files.gain_file import gain_csv, gain_document
 

@@ -7,7 +7,7 @@ import pytest
 from measured_device import Truth, measured, multisine
 
 import avc_casadi as avc
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.files.device_file import load_device
 from avc_casadi.identification.device import device_text
 from avc_casadi.identification.identify import identify

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import LinkError
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime

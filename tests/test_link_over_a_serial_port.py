@@ -17,7 +17,7 @@ from excited import planned
 from hardware_bench import coupling, host_core, push, stream
 
 from avc_casadi import LinkError, PortError
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.identification.excitation.plan import Plan
 from avc_hardware import TableImage, excite, find_port, list_ports, monitor
 from avc_hardware import _ports as ports_module

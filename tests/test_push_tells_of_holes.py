@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 
 
 @pytest.mark.one_of(2)

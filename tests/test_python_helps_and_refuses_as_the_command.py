@@ -11,7 +11,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi._util.json_values import json_text
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.design.methods import METHODS, MethodName
 from avc_casadi.files.gain_file import gain_document
 from avc_casadi.files.problem_file import as_problem

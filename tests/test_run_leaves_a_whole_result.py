@@ -8,7 +8,7 @@ import pytest
 from avc_process import avc, strict_json
 
 from avc_casadi import deployable, dump_problem, load_problem, solve
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.files.coupling_file import read_coupling, read_file
 
 FILES = {

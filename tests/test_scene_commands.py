@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from avc_casadi import load_problem, simulate
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.model.gains import NO_COUPLING
 
 KEYS = {

@@ -8,7 +8,7 @@ from scene_reference import Reference, scene_problem
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.model.declared import declared_effects, left_out, scene_effects
 from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.scene import Scene

@@ -7,7 +7,7 @@ import pytest
 from schedule_problems import changed, figure5
 
 from avc_casadi.claims.stability.scope import scope_slack
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.cli._pareto import _text
 from avc_casadi.design.schedule.solver import solve_schedule
 from avc_casadi.files.problem_document import dump_problem

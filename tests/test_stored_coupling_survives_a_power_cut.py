@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import InputError, LinkError, load_problem
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_hardware import Connection, DeviceStatus, TableImage, set_limits, store
 from avc_hardware import _messages as m
 from avc_hardware._frames import Frame, encode

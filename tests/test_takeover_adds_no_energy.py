@@ -13,7 +13,7 @@ from test_firmware_tick_equals_reference import queue
 
 import avc_hardware
 from avc_casadi import load_problem
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime

@@ -13,7 +13,7 @@ from test_turning_device_is_told_in_its_own_units import linear_words
 
 import avc_casadi as avc
 from avc_casadi._util.units import ROTARY
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.files.device_file import parse_device
 from avc_casadi.identification.device import device_text
 from avc_casadi.identification.diagnosis.diagnose import diagnose

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi._util.units import LINEAR, ROTARY
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.recommendation.assumptions import assumed

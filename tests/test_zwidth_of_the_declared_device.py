@@ -11,7 +11,7 @@ import avc_casadi as avc
 from avc_casadi import UnsupportedError
 from avc_casadi.claims.wall_claims import largest_in_every_case
 from avc_casadi.claims.zwidth import llewellyn_table, zwidth
-from avc_casadi.cli._main import main
+from avc_casadi.cli import main
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.present.figures.zwidth import draw_zwidth

@@ -199,7 +199,7 @@ class Console:
 
 def _worded(text: str) -> str:
     """Return a text in the words that are spoken; before a problem is loaded there is but one kind of them."""
-    loaded = sys.modules.get("avc_casadi.support")
+    loaded = sys.modules.get("avc_casadi._util.units")
     return text if loaded is None else str(loaded.spoken().text(text))
 
 

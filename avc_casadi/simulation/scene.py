@@ -151,7 +151,7 @@ def simulate_batch(
         The judgement, with arrays of shape (n,).
 
     Example:
-        >>> from avc_casadi.loop import hand_set
+        >>> from avc_casadi.model.hands import hand_set
         >>> problem = avc.load_problem("scenes/stiff-wall-pressed")
         >>> hands = hand_set(problem.hands, draws=2)
         >>> avc.simulate_batch(problem, hands, avc.solve(problem, "static")).stable.shape == (len(hands),)

@@ -29,7 +29,7 @@ from studied import about, computed, made_by, table
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from whole_device import WholeDevice, rests_as_tried
 
-from avc_casadi.cli._main import main as avc_command
+from avc_casadi.cli import main as avc_command
 from avc_casadi.files.coupling_file import read_coupling
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of

@@ -160,7 +160,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 def _page() -> dict[str, bytes]:
     """Return the files of the page by name."""
-    folder = files("avc_casadi.explore").joinpath("page")
+    folder = files("avc_casadi.present.explore").joinpath("page")
     return {item.name: item.read_bytes() for item in folder.iterdir() if item.name[item.name.rfind(".") :] in _TYPES}
 
 

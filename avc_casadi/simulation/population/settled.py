@@ -163,7 +163,7 @@ def hands_at_rest(
 
     Example:
         >>> coupling = avc.recommend("soft", 20).coupling
-        >>> from avc_casadi.trial import hands_at_rest
+        >>> from avc_casadi.simulation.population.settled import hands_at_rest
         >>> hands_at_rest(coupling, 50, seed=1).run().at_rest
         50
     """
