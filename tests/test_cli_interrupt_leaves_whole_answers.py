@@ -12,8 +12,8 @@ from hardware_bench import host_core
 
 import avc_hardware
 from avc_casadi import InputError, fault_document
-from avc_casadi.cli._files import output_folder
 from avc_casadi.cli import main
+from avc_casadi.cli._files import output_folder
 from avc_hardware._host import HostLink
 
 LARGE = """

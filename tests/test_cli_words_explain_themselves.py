@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from avc_casadi.cli._certify import _beside_hands
 from avc_casadi.cli import main
+from avc_casadi.cli._certify import _beside_hands
 from avc_casadi.cli._text import number
 
 TABLE = "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n"

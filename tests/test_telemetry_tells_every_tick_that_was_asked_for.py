@@ -29,8 +29,7 @@ from mcap.stream_reader import StreamReader
 
 import avc_hardware
 from avc_casadi import InputError, MissingExtraError, UnsupportedError, load_problem
-from avc_casadi.cli import _monitor
-from avc_casadi.cli import main
+from avc_casadi.cli import _monitor, main
 from avc_casadi.identification.read import read_columns
 from avc_hardware import (
     Connection,

@@ -85,8 +85,8 @@ def certify(
         prove: ask for proofs, seconds a row: L5 over every hand and device of the ranges, where a search alone has
             looked; and of the table that runs, with what runs beside it, rest (L7), gains that change (L8) and ripple
             (L9). Each says proved, refuted or open, with the reason. Proofs and witnesses stand in the detail of the
-            level as ``proofs`` and can be read again (`avc_casadi.claims.prove`: `HandsProof`, `Rest`, `Changing`). On which
-            devices and laws each level can be proved stands in ``avc certify --help``.
+            level as ``proofs`` and can be read again (`avc_casadi.claims.prove`: `HandsProof`, `Rest`, `Changing`). On
+            which devices and laws each level can be proved stands in ``avc certify --help``.
         progress: told of the rows that are judged.
 
     Raises:

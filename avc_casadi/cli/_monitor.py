@@ -54,10 +54,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
 
 
+def _sample_document(sample: TelemetrySample, words: str) -> Any:
+    """Return a record with its faults in words as JSON values."""
+    from avc_casadi._util.json_values import plain
+
+    return plain(vars(sample) | {"fault_words": words.split(", ") if words else []})
+
+
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Watch the device; Ctrl-C ends it with all samples so far."""
     from avc_casadi._util.interrupt import HeldInterrupt
-    from avc_casadi._util.json_values import plain
     from avc_casadi._util.units import speak, spoken, units_for
     from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, LOG_ENDINGS, DeviceFault, LivePlot, monitor, open_log
 
@@ -106,7 +112,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
                     if log is not None:
                         log.write(sample)
                     if console.as_json:
-                        samples.append(plain(vars(sample) | {"fault_words": words.split(", ") if words else []}))
+                        samples.append(_sample_document(sample, words))
                 if plot is not None:
                     plot.take(sample)
                     if plot.closed:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 from importlib import import_module
@@ -9,12 +10,15 @@ from pathlib import Path
 from typing import Any
 
 _PACKAGE = Path(__file__).parents[1]
-# No calls of theirs are meant for users; studies are listed by name.
-_INSIDE = {"cli", "report", "study", "support"}
+# No calls of theirs are meant for users.
+_INSIDE = {"_problems", "_util", "cli", "docs", "report"}
 ROOMS = (
     "avc_casadi",
-    *(f"avc_casadi.{name}" for name in sorted({path.parent.name for path in _PACKAGE.glob("*/__init__.py")} - _INSIDE)),
-    "avc_casadi.study.table1",
+    *sorted(
+        ".".join(("avc_casadi", *path.parent.relative_to(_PACKAGE).parts))
+        for path in _PACKAGE.glob("*/**/__init__.py")
+        if not _INSIDE & set(path.parent.relative_to(_PACKAGE).parts)
+    ),
     "avc_hardware",
 )
 _SECTIONS = ("Args", "Attributes", "Returns", "Raises", "Yields", "Example")
@@ -31,16 +35,27 @@ def page_of(room: str) -> str:
     """The page of one room in Markdown."""
     module = import_module(room)
     parts = [f"# {room}", prose(inspect.getdoc(module) or "")]
-    parts += [entry(name, getattr(module, name)) for name in public_names(module)]
+    parts += [entry(name, thing) for name, thing in public_names(module)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def public_names(module: Any) -> list[str]:
-    """What a room offers: its `__all__`, or the names that it gives out."""
-    if hasattr(module, "__all__"):
-        return sorted(module.__all__, key=str.lower)
-    source = inspect.getsource(module)
-    return sorted(set(re.findall(r"^\s*from \S+ import \w+ as (\w+)$", source, re.MULTILINE)), key=str.lower)
+def public_names(room: Any) -> list[tuple[str, Any]]:
+    """What a room offers: its `__all__`, what it gives out, or the classes and functions of its modules."""
+    if hasattr(room, "__all__"):
+        return [(name, getattr(room, name)) for name in sorted(room.__all__, key=str.lower)]
+    source = inspect.getsource(room)
+    given = re.findall(r"^\s*from \S+ import \w+ as (\w+)$", source, re.MULTILINE)
+    if given:
+        return [(name, getattr(room, name)) for name in sorted(set(given), key=str.lower)]
+    found = []
+    for path in sorted(Path(inspect.getfile(room)).parent.glob("[!_]*.py")):
+        module = import_module(f"{room.__name__}.{path.stem}")
+        found += [
+            (f"{path.stem}.{node.name}", getattr(module, node.name))
+            for node in ast.parse(path.read_text(encoding="utf-8")).body
+            if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_")
+        ]
+    return found
 
 
 def entry(name: str, thing: Any) -> str:

@@ -37,7 +37,11 @@ def write_guide(folder: Path, root: Path) -> None:
 
 def every_page(root: Path) -> dict[str, str]:
     """Every page by its path, with its name on the site: the guide and the pages of results."""
-    rooms = {path.relative_to(root).as_posix(): path.parent.name for path in (root / "avc_casadi").glob("*/README.md")}
+    package = root / "avc_casadi"
+    rooms = {
+        path.relative_to(root).as_posix(): "-".join(path.parent.relative_to(package).parts)
+        for path in package.glob("*/**/README.md")
+    }
     results = sorted((root / "tests" / "benchmarks").glob("RESULTS_*.md"))
     named = {path.relative_to(root).as_posix(): path.stem.lower().replace("_", "-") for path in results}
     whole = {place: name for place, name in PAGES.items() if (root / place).is_file()}

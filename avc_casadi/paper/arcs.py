@@ -112,6 +112,7 @@ class Edges:
 
     @classmethod
     def of(cls, problem: Problem, loop: Loop, contacts: tuple[float, ...]) -> Edges:
+        """Take the edges of a problem's gain box at each contact damping, N.s/m."""
         (b0, b1), (k0, k1) = problem.coupling.damping_ns_per_m, problem.coupling.stiffness_n_per_m
         corners = [(b0, k0, True), (b1, k0, True), (b0, k0, False), (b0, k1, False)] * len(contacts)
         b, k, moves = (np.array(column)[:, None] for column in zip(*corners, strict=True))

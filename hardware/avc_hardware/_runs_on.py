@@ -123,7 +123,8 @@ def check_limits(coupling: Coupling, table: TableImage, device: Device, port: st
     if len(table.rows) > device.capacity_rows:
         faults.append(
             f"the coupling has {len(table.rows)} rows, the device holds {device.capacity_rows}; make a coupling for "
-            "this capacity (avc_casadi.claims.thinning.reduce_rows) and certify that one: what runs is what was certified"
+            "this capacity (avc_casadi.claims.thinning.reduce_rows) and certify that one: what runs is what was "
+            "certified"
         )
     limits = (
         ("damping b", "N.s/m", device.max_damping_ns_per_m, "coupling.damping_ns_per_m"),

@@ -36,7 +36,7 @@ from avc_casadi._util.arrays import BoolArray, FloatArray  # noqa: E402
 from avc_casadi.identification.identify import identify  # noqa: E402
 from avc_casadi.identification.record import (  # noqa: E402
     Columns,
-    Record,  # noqa: E402
+    Record,
     records_of,
 )
 
