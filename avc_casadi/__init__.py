@@ -141,10 +141,16 @@ else:
         "pareto": "study.pareto.study",
     }
 
+    import sys
+
+    from avc_casadi._moved import OldRooms
+
+    sys.meta_path.append(OldRooms())
+
     def __getattr__(name):
         from importlib import import_module  # noqa: PLC0415 - paid at first use only
 
-        if name == "figures":
+        if name == "figures":  # a package, not a name in one
             return import_module(f"{__name__}.present.{name}")
         if name not in _LAZY:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,82 @@
+"""Names of release 0.2: its rooms still answer in 0.3, with a warning that says where each name stands now."""
+
+from __future__ import annotations
+
+import warnings
+from importlib import import_module, util
+from importlib.abc import Loader, MetaPathFinder
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from importlib.machinery import ModuleSpec
+    from types import ModuleType
+
+HOMES = {
+    "certificate": ("claims",),
+    "coupling": ("model", "paper", "files", "claims"),
+    "design": ("design", "paper"),
+    "design.joint": ("design.schedule",),
+    "design.pointwise": ("paper",),
+    "diagnosis": ("identification.diagnosis",),
+    "excitation": ("identification.excitation",),
+    "explore": ("present.explore",),
+    "figures": ("present.figures",),
+    "identification": ("identification",),
+    "loop": ("paper", "model"),
+    "passivity": ("claims.passivity",),
+    "problem": ("model", "files"),
+    "proof": ("claims.prove",),
+    "recommendation": ("recommendation",),
+    "report": ("present.report",),
+    "runtime": ("simulation.runtime", "model"),
+    "scene": ("simulation", "simulation.effects"),
+    "stability": ("claims.stability",),
+    "study.comparison": ("design.comparison",),
+    "support": ("_util",),
+    "trial": ("simulation.population",),
+}
+"""The rooms of 0.2, each with the packages whose modules hold its names now."""
+
+
+def lookup(room: str) -> Callable[[str], Any]:
+    """Return the ``__getattr__`` of a room of 0.2."""
+
+    def find(name: str) -> Any:
+        if not name.startswith("_"):
+            for package in HOMES[room]:
+                folder = import_module(f"{__package__}.{package}")
+                for found in iter_modules(folder.__path__):
+                    if found.name.startswith("_") or found.ispkg:
+                        continue
+                    module = import_module(f"{folder.__name__}.{found.name}")
+                    value = vars(module).get(name)
+                    if value is not None and getattr(value, "__module__", module.__name__) == module.__name__:
+                        warnings.warn(
+                            f"{__package__}.{room}.{name} stands in {module.__name__} since 0.3; the old name goes "
+                            "with 0.4",
+                            DeprecationWarning,
+                            stacklevel=3,
+                        )
+                        return value
+        raise AttributeError(f"module '{__package__}.{room}' has no attribute {name!r}")
+
+    return find
+
+
+class OldRooms(MetaPathFinder, Loader):
+    """Makes a module of a room of 0.2 that is no folder any more."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return the spec of an old room; None for everything else."""
+        del path, target
+        room = fullname.removeprefix(f"{__package__}.")
+        return util.spec_from_loader(fullname, self) if room != fullname and room in HOMES else None
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Let the module look its names up where they stand now."""
+        module.__path__ = []
+        vars(module)["__getattr__"] = lookup(module.__name__.removeprefix(f"{__package__}."))

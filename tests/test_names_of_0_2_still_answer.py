@@ -1,0 +1,47 @@
+"""Rooms of release 0.2 still give their names, with a warning that says where they stand now."""
+
+from importlib import import_module
+
+import pytest
+
+NAMES = {
+    "avc_casadi.problem": ("load_problem", "Device", "Hands", "Scene"),
+    "avc_casadi.coupling": ("Gains", "NO_COUPLING", "Runtime", "reduce_rows"),
+    "avc_casadi.loop": ("loop_at", "hand_set", "series"),
+    "avc_casadi.certificate": ("certify", "deployable", "zwidth"),
+    "avc_casadi.scene": ("simulate", "Run"),
+    "avc_casadi.trial": ("hands_at_rest", "exact_interval"),
+    "avc_casadi.design": ("solve", "METHODS"),
+    "avc_casadi.design.pointwise": ("solve_exact",),
+    "avc_casadi.identification": ("read_logs",),
+    "avc_casadi.diagnosis": ("diagnose",),
+    "avc_casadi.excitation": ("plan_excitation",),
+    "avc_casadi.recommendation": ("recommend",),
+    "avc_casadi.study.comparison": ("compare",),
+    "avc_casadi.proof": ("HandsProof",),
+}
+
+
+@pytest.mark.parametrize("room", NAMES)
+def test_room_gives_its_names_and_says_where_they_stand(room):
+    module = import_module(room)
+    for name in NAMES[room]:
+        with pytest.warns(DeprecationWarning, match=rf"{room}\.{name} stands in avc_casadi\.") as told:
+            found = getattr(module, name)
+        home = str(told[0].message).split(" stands in ")[1].split(" since")[0]
+        assert getattr(import_module(home), name) is found
+
+
+def test_old_figures_are_the_package_of_today():
+    with pytest.warns(DeprecationWarning, match=r"present\.figures"):
+        from avc_casadi.figures import save_figure
+    from avc_casadi.present.figures import save_figure as now
+
+    assert save_figure is now
+
+
+def test_what_never_was_is_an_error_without_a_warning():
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        import_module("avc_casadi.problem").nothing  # noqa: B018
+    with pytest.raises(ModuleNotFoundError):
+        import_module("avc_casadi.nothing")
