@@ -57,8 +57,8 @@ def test_recorded_findings_say_what_made_them():
 def test_code_of_a_study_is_followed_through_late_imports():
     names = {path.name for path in code_of(ROOT / "tests" / "benchmarks" / "guide_figures.py")}
     # solve names its methods in strings; certify is taken from the package's top.
-    assert {"_exact.py", "_static.py", "_levels.py", "_equations.py"} <= names
-    assert "_report.py" not in names
+    assert {"exact.py", "static.py", "levels.py", "equations.py"} <= names
+    assert "page.py" not in names
 
 
 def test_every_study_is_a_script_that_explains_itself():

@@ -10,8 +10,8 @@ import pytest
 from documentation import PAGES, Block, blocks
 
 import avc_casadi
-import avc_casadi.recommendation
 from avc_casadi.cli._main import build_parser, main
+from avc_casadi.recommendation import recommend as answering
 
 # The README first: what it writes, others read.
 ORDER = sorted((page for page in PAGES if not page.name.startswith("RESULTS")), key=lambda page: len(page.parts))
@@ -33,7 +33,7 @@ def commands(text):
 @pytest.fixture
 def once(monkeypatch):
     """One recommendation serves all blocks that ask for the same."""
-    whole = avc_casadi.recommendation.recommend.recommend
+    whole = answering.recommend
 
     answers = {}
 
@@ -45,7 +45,7 @@ def once(monkeypatch):
             answers[asked] = whole(settled, **options, **told)
         return answers[asked]
 
-    monkeypatch.setattr(avc_casadi.recommendation, "recommend", recommend)
+    monkeypatch.setattr(answering, "recommend", recommend)
     monkeypatch.setitem(avc_casadi.__dict__, "recommend", recommend)
 
 
