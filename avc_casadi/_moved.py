@@ -44,7 +44,8 @@ def lookup(room: str) -> Callable[[str], Any]:
     """Return the ``__getattr__`` of a room of 0.2."""
 
     def find(name: str) -> Any:
-        if not name.startswith("_"):
+        # A module of the room goes first: Python asks here before it imports one.
+        if not name.startswith("_") and util.find_spec(f"{__package__}.{room}.{name}") is None:
             for package in HOMES[room]:
                 folder = import_module(f"{__package__}.{package}")
                 for found in iter_modules(folder.__path__):

@@ -32,8 +32,9 @@ def main() -> None:
     lines = [
         "# Weight of the project",
         "",
-        f"Made by `python tests/benchmarks/house.py --before {before}` at {commit}. Python only, without the site's scripts; a",
-        "constant is a module-level name in capitals that is a number, or numbers; loaded modules are those of the project.",
+        f"Made by `python tests/benchmarks/house.py --before {before}` at {commit}. Python only, without the site's",
+        "scripts; a constant is a module-level name in capitals that is a number, or numbers; loaded modules are the",
+        "project's own.",
         "",
         f"| | {before} | {commit} |",
         "|---|--:|--:|",
