@@ -14,7 +14,7 @@ import avc_hardware
 from avc_casadi import InputError, fault_document
 from avc_casadi.cli import main
 from avc_casadi.cli._files import output_folder
-from avc_hardware._host import HostLink
+from avc_hardware.emulator.host import HostLink
 
 LARGE = """
 import sys

@@ -44,6 +44,10 @@ ROOMS = (
     "present.figures",
     "present.report",
     "present.explore",
+    "avc_hardware.codegen",
+    "avc_hardware.emulator",
+    "avc_hardware.link",
+    "avc_hardware.in_the_loop",
     "avc_hardware",
     "cli",
     "_entry",
@@ -96,8 +100,6 @@ def imported(name, path):
 
 
 def room(name):
-    if name.startswith("avc_hardware"):
-        return "avc_hardware"
     inner = name.removeprefix("avc_casadi").lstrip(".")
     for part, where in SHARED.items():
         if inner == part or inner.startswith(f"{part}."):
