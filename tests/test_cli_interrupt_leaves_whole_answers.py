@@ -59,7 +59,7 @@ def interrupted_at(module, *arguments):
 # numpy cannot be loaded a second time after an interrupt: what is said then needs none.
 @pytest.mark.parametrize(
     "module",
-    ["avc_casadi.cli", "avc_casadi.cli._main", "avc_casadi.cli._list", "avc_casadi.problem", "numpy.exceptions"],
+    ["avc_casadi.cli", "avc_casadi.cli._main", "avc_casadi.cli._list", "avc_casadi.files", "numpy.exceptions"],
 )
 def test_an_interrupt_of_the_imports_is_answered_like_any_other(module):
     done = interrupted_at(module)

@@ -13,6 +13,7 @@ ROOMS = (
     "_interrupted",
     "_errors",
     "_resources",
+    "_moved",
     "_util",
     "model",
     "paper",
@@ -182,4 +183,4 @@ def test_modules_of_one_room_do_not_go_round():
 def test_late_imports_and_strings_are_seen(text, tmp_path):
     path = tmp_path / "probe.py"
     path.write_text(text)
-    assert "avc_casadi.cli" in {target for target, _ in imported("avc_casadi.loop._probe", path)}
+    assert "avc_casadi.cli" in {target for target, _ in imported("avc_casadi.model.probe", path)}

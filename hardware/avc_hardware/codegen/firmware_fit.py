@@ -13,10 +13,9 @@ from avc_casadi.coupling import require_coupling
 from avc_hardware.codegen.figures import RuntimeFigures, board_limits
 
 if TYPE_CHECKING:
-    from avc_casadi.runtime import StateFeedback
-
     from avc_casadi._util.arrays import Float32Array
     from avc_casadi.coupling import Coupling
+    from avc_casadi.model.runtime import StateFeedback
 
 FEEDBACK_STATES = 8
 """Most states that the packaged firmware feeds back."""
