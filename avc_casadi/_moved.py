@@ -33,11 +33,16 @@ HOMES = {
     "runtime": ("simulation.runtime", "model"),
     "scene": ("simulation", "simulation.effects"),
     "stability": ("claims.stability",),
+    "study": (),
     "study.comparison": ("design.comparison",),
+    "study.pareto": ("design.comparison",),
     "support": ("_util",),
     "trial": ("simulation.population",),
 }
 """The rooms of 0.2, each with the packages whose modules hold its names now."""
+
+STUDIES = ("study.accuracy", "study.estimators", "study.reference", "study.table1")
+"""The rooms of 0.2 that are no part of the package any more."""
 
 
 def lookup(room: str) -> Callable[[str], Any]:
@@ -71,9 +76,19 @@ class OldRooms(MetaPathFinder, Loader):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the spec of an old room; None for everything else."""
+        """Return the spec of an old room; None for everything else.
+
+        Raises:
+            ModuleNotFoundError: a study.
+        """
         del path, target
         room = fullname.removeprefix(f"{__package__}.")
+        if room in STUDIES:
+            raise ModuleNotFoundError(
+                f"{fullname} is no part of the package since 0.3: studies stand in tests/benchmarks/studies of the "
+                "source distribution",
+                name=fullname,
+            )
         return util.spec_from_loader(fullname, self) if room != fullname and room in HOMES else None
 
     def exec_module(self, module: ModuleType) -> None:

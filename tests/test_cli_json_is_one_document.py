@@ -85,7 +85,9 @@ def test_certify(tmp_path):
     assert solved["deployable"] == document["deployable"]
 
 
-@pytest.mark.parametrize("verb", [("list",), ("check", "soft"), ("ports",), ("doctor",)], ids=" ".join)
+@pytest.mark.parametrize(
+    "verb", [("list",), ("check", "soft"), ("doctor", "--ports"), ("doctor",), ("study",)], ids=" ".join
+)
 def test_other_verbs(verb):
     done = avc(*verb, "--json")
     assert strict_json(done.stdout)["schema"] == f"avc-{verb[0]}/1"

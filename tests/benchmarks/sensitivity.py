@@ -13,7 +13,8 @@ from functools import partial
 from pathlib import Path
 
 from script_arguments import PRINTED, script_arguments
-from studied import about
+from studied import about, run_campaign
+from studies.table1.adversary import WIDER_BOUNDS, worst_case
 
 import avc_casadi as avc
 from avc_casadi.model.effects import ObserverEffect
@@ -21,8 +22,6 @@ from avc_casadi.recommendation.designs import design
 from avc_casadi.simulation.population.operators import draw_subjects
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions, all_motions
-from avc_casadi.study.table1.adversary import WIDER_BOUNDS, worst_case
-from avc_casadi.study.table1.campaign import run_campaign
 
 SEED = 2026
 WALL = "ve7"
