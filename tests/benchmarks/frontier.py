@@ -132,7 +132,7 @@ def _cell(problem, make, people, conditions):
     wall = avc.load_problem(WALL).environment
     found = reach(problem, gains, people, conditions, wall)
     curve = error_curve(problem, gains, FREQUENCIES_HZ, wall)
-    return found | {"physical_error": list(curve.physical), "sampled_error": list(curve.sampled)}
+    return found | {"physical_error": list(curve.physical)}
 
 
 def _number(value):

@@ -17,7 +17,6 @@ import numpy as np
 from script_arguments import PRINTED
 
 import avc_casadi as avc
-from avc_casadi._util.json_values import json_text
 from avc_casadi._util.progress import SILENT, Progress
 
 HERE = Path(__file__).parent
@@ -97,12 +96,22 @@ def run_campaign(
         if name in document["cells"]:
             continue
         document["cells"][name] = compute()
-        text = json_text(document)
         partial = path.with_suffix(".partial")
-        partial.write_text(text, encoding="utf-8")
+        partial.write_text(campaign_text(document), encoding="utf-8")
         partial.replace(path)
         progress.advance(len(document["cells"]), len(cells), name)
     return document
+
+
+def campaign_text(document: Mapping[str, Any]) -> str:
+    """Return the JSON of a campaign, a line for each cell: a cell that changes is one line that changes.
+
+    Raises:
+        ValueError: a number that JSON does not have.
+    """
+    cells = (f"{json.dumps(name)}: {json.dumps(cell, allow_nan=False)}" for name, cell in document["cells"].items())
+    lines = ",\n".join(cells)
+    return f'{{"about": {json.dumps(document["about"])},\n"cells": {{\n{lines}\n}}}}\n'
 
 
 def computed(
