@@ -49,7 +49,7 @@ def lookup(room: str) -> Callable[[str], Any]:
     """Return the ``__getattr__`` of a room of 0.2."""
 
     def find(name: str) -> Any:
-        if not name.startswith("_"):
+        if not name.startswith("_") and not _is_module(f"{__package__}.{room}", name):
             for package in HOMES[room]:
                 folder = import_module(f"{__package__}.{package}")
                 for found in iter_modules(folder.__path__):
@@ -68,6 +68,11 @@ def lookup(room: str) -> Callable[[str], Any]:
         raise AttributeError(f"module '{__package__}.{room}' has no attribute {name!r}")
 
     return find
+
+
+def _is_module(room: str, name: str) -> bool:
+    """Whether a room has a module of that name, which goes first: Python asks the room before it imports one."""
+    return hasattr(import_module(room), "__path__") and util.find_spec(f"{room}.{name}") is not None
 
 
 class OldRooms(MetaPathFinder, Loader):

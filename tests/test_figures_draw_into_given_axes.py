@@ -74,7 +74,7 @@ def _accuracy():
         SolverCost(method, solver, tolerance, 9, 1.0, seconds, error, error, share, 1.0, default)
         for method, solver, tolerance, seconds, error, share, default in (
             ("exact", None, None, 1e-5, 1e-15, 1.0, False),
-            ("direct", "edges", None, 1e-4, 1e-16, 1.0, True),
+            ("direct", "sqpmethod-qrqp", 1e-12, 1e-4, 1e-16, 1.0, True),
             ("direct", "ipopt", 1e-4, 1e-3, 1e-5, 0.5, False),
             ("direct", "ipopt", 1e-8, 2e-3, 1e-9, 1.0, False),
         )

@@ -9,7 +9,7 @@ from avc_casadi.design.comparison.pareto import study_pareto
 
 NAMES = {
     "avc_casadi.problem": ("load_problem", "Device", "Hands", "Scene"),
-    "avc_casadi.coupling": ("Gains", "NO_COUPLING", "Runtime", "reduce_rows"),
+    "avc_casadi.coupling": ("Gains", "NO_COUPLING", "reduce_rows"),
     "avc_casadi.loop": ("loop_at", "hand_set", "series"),
     "avc_casadi.certificate": ("certify", "deployable", "zwidth"),
     "avc_casadi.scene": ("simulate", "Run"),
@@ -19,7 +19,7 @@ NAMES = {
     "avc_casadi.identification": ("read_logs",),
     "avc_casadi.diagnosis": ("diagnose",),
     "avc_casadi.excitation": ("plan_excitation",),
-    "avc_casadi.recommendation": ("recommend",),
+    "avc_casadi.recommendation": ("Recommendation",),
     "avc_casadi.study.comparison": ("compare",),
     "avc_casadi.study.pareto": ("pareto", "Pareto"),
     "avc_casadi.proof": ("HandsProof",),

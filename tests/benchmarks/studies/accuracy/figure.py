@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from studies.accuracy.study import Accuracy
 
 _OWN = {"closed-form": ("closed form", "#d1600a", "^"), "exact": ("exact", "#5a5a00", "s")}
-_DEFAULT = ("direct, edge search (default)", "#08306b", "*")
+_DEFAULT = ("direct, default", "#08306b", "*")
 _BACKENDS: dict[str, tuple[str, str, Any]] = {
     "ipopt": ("#08519c", "o", "-"),
     "sqpmethod": ("#a50f15", "v", "-"),

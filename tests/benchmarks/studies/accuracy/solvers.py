@@ -14,15 +14,15 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.paper.backends import BACKENDS, EDGES
+from avc_casadi.paper.backends import BACKENDS, DEFAULT_SOLVER, DEFAULT_TOLERANCE
 from avc_casadi.paper.closed_form import project
-from avc_casadi.paper.direct import EXCESS_TOLERANCE
-from avc_casadi.paper.edge_search import edge_search_gains
+from avc_casadi.paper.cross_check import EXCESS_TOLERANCE
 from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.loop import Loop, loop_at
 from avc_casadi.paper.nlp import optimality
-from avc_casadi.paper.nlp_solver import nlp_gains, nlp_solvers
+from avc_casadi.paper.nlp_gains import nlp_gains
+from avc_casadi.paper.nlp_solver import nlp_solvers
 from avc_casadi.paper.rows import GainArrays, admissible
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ OPTIMAL = 1e-8
 _STEADY_RUNS = 5
 _STEADY_SECONDS = 0.5
 _BACKEND_FREQUENCIES = 25
-"""Frequencies on which the CasADi backends are timed; the package's own methods run on all."""
+"""Frequencies on which the CasADi backends are timed; `exact` and the closed form run on all."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +116,9 @@ def entries(
         tolerances: asked of each CasADi solver.
         solvers: CasADi backends.
     """
-    own = (Entry("closed-form"), Entry("exact"), Entry("direct", EDGES))
-    return (*own, *(Entry("direct", name, tolerance) for name in solvers for tolerance in tolerances))
+    default = Entry("direct", DEFAULT_SOLVER, DEFAULT_TOLERANCE)
+    others = [Entry("direct", name, tolerance) for name in solvers for tolerance in tolerances]
+    return (Entry("closed-form"), Entry("exact"), default, *(entry for entry in others if entry != default))
 
 
 def solver_cost(problem: Problem, reference: Reference, entry: Entry) -> SolverCost:
@@ -135,15 +136,16 @@ def solver_cost(problem: Problem, reference: Reference, entry: Entry) -> SolverC
         loop, error = loop.rows(some), error[some]
         nlp_solvers.cache_clear()
     cost = _cost(problem, loop, error, partial(_solved, problem, loop, entry))
-    return SolverCost(**vars(entry), **cost, frequencies=len(error), default=entry.solver == EDGES)
+    default = (entry.solver, entry.tolerance) == (DEFAULT_SOLVER, DEFAULT_TOLERANCE)
+    return SolverCost(**vars(entry), **cost, frequencies=len(error), default=default)
 
 
 def _solved(problem: Problem, loop: Loop, entry: Entry) -> GainArrays:
     if entry.tolerance is not None and entry.solver is not None:
-        return nlp_gains(problem, loop, entry.solver, entry.tolerance).gains
+        return nlp_gains(problem, loop, entry.solver, entry.tolerance)
     if entry.method == "closed-form":
         return _closed_form(problem, loop)
-    return exact_gains(problem, loop) if entry.method == "exact" else edge_search_gains(problem, loop)
+    return exact_gains(problem, loop)
 
 
 def _closed_form(problem: Problem, loop: Loop) -> GainArrays:

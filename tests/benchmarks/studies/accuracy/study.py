@@ -26,9 +26,8 @@ if TYPE_CHECKING:
 
 SCHEMA = "avc-accuracy/1"
 WHY_DEFAULT = (
-    "direct with the edge search: at rounding from the optimum at every frequency, with feasibility and optimality"
-    " recomputed from the CasADi NLP; exact is faster and the cross-check; no CasADi solver that is optimal everywhere"
-    " is nearly as fast"
+    "direct by sqpmethod with qrqp: of CasADi's solvers that are optimal everywhere the fastest, with feasibility and"
+    " optimality recomputed; exact, the geometry of arcs, is faster and the cross-check"
 )
 
 
