@@ -81,6 +81,7 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling as Coupling
     from avc_casadi.design.comparison.comparison import Comparison as Comparison
     from avc_casadi.design.comparison.comparison import compare as compare
+    from avc_casadi.design.comparison.pareto import pareto as pareto
     from avc_casadi.design.methods import solve as solve
     from avc_casadi.design.scene_coupling import screen as screen
     from avc_casadi.design.scene_coupling import simulate as simulate
@@ -99,7 +100,6 @@ if TYPE_CHECKING:
     from avc_casadi.recommendation.recommend import recommend as recommend
     from avc_casadi.simulation.run import Run as Run
     from avc_casadi.simulation.scene import simulate_batch as simulate_batch
-    from avc_casadi.study.pareto.study import pareto as pareto
 else:
     # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
     _LAZY = {
@@ -138,7 +138,7 @@ else:
         "simulate_batch": "simulation.scene",
         "Comparison": "design.comparison.comparison",
         "compare": "design.comparison.comparison",
-        "pareto": "study.pareto.study",
+        "pareto": "design.comparison.pareto",
     }
 
     class _OldRooms:

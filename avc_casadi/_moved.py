@@ -33,11 +33,16 @@ HOMES = {
     "runtime": ("simulation.runtime", "model"),
     "scene": ("simulation", "simulation.effects"),
     "stability": ("claims.stability",),
+    "study": (),
     "study.comparison": ("design.comparison",),
+    "study.pareto": ("design.comparison",),
     "support": ("_util",),
     "trial": ("simulation.population",),
 }
 """The rooms of 0.2, each with the packages whose modules hold its names now."""
+
+STUDIES = ("study.accuracy", "study.estimators", "study.reference", "study.table1")
+"""The rooms of 0.2 that are no part of the package any more."""
 
 
 def lookup(room: str) -> Callable[[str], Any]:
@@ -71,8 +76,18 @@ def _is_module(room: str, name: str) -> bool:
 
 
 def spec_of_old_room(fullname: str) -> ModuleSpec | None:
-    """Return the spec of a room of 0.2 that is no folder any more; None for everything else."""
+    """Return the spec of a room of 0.2 that is no folder any more; None for everything else.
+
+    Raises:
+        ModuleNotFoundError: a study.
+    """
     room = fullname.removeprefix(f"{__package__}.")
+    if room in STUDIES:
+        raise ModuleNotFoundError(
+            f"{fullname} is no part of the package since 0.3: studies stand in tests/benchmarks/studies of the source "
+            "distribution",
+            name=fullname,
+        )
     return util.spec_from_loader(fullname, _OldRoom()) if room in HOMES else None
 
 

@@ -4,17 +4,17 @@ import json
 
 import numpy as np
 import pytest
+from studies.accuracy.figure import draw_accuracy
+from studies.accuracy.grids import grid_misses
+from studies.accuracy.interpolations import linear, nearest, pchip
+from studies.accuracy.solvers import reference_errors
+from studies.accuracy.study import study_accuracy
+from studies.accuracy.tables import table_errors
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
 from avc_casadi.paper.backends import DEFAULT_SOLVER
-from avc_casadi.present.figures.accuracy import draw_accuracy
 from avc_casadi.present.figures.layout import save_figure
-from avc_casadi.study.accuracy.grids import grid_misses
-from avc_casadi.study.accuracy.interpolations import linear, nearest, pchip
-from avc_casadi.study.accuracy.solvers import reference_errors
-from avc_casadi.study.accuracy.study import study_accuracy
-from avc_casadi.study.accuracy.tables import table_errors
 
 
 def fewer(name, points):

@@ -74,7 +74,7 @@ def test_each_wiring_is_named_and_latched(wiring: Wiring, declared: Device) -> N
         assert 1e-4 < found.pulse_m < 1e-2
     elif wiring is not Wiring.ENCODER_STUCK:
         connection = Connection(link)
-        with pytest.raises(RefusedError, match=f"{FOUND[wiring].word}.*avc clear") as caught:
+        with pytest.raises(RefusedError, match=f"{FOUND[wiring].word}.*avc device --clear") as caught:
             connection.run(connection.session.push(image(), connection.device))
         assert caught.value.refusal.reason is Reason.FAULT
         assert clear_faults(link).left == 0
@@ -230,7 +230,7 @@ def test_a_higher_force_waits_for_the_device_to_be_let_go(capsys: pytest.Capture
     core.tick(way[::-1].copy())
     assert core.tick(way)[0].max() > 5.0
     require("unicorn")
-    assert main(["limits", "--port", "emulator", "--force-n", "3"]) == 0
+    assert main(["device", "--port", "emulator", "--force-n", "3"]) == 0
     assert "force, N" in capsys.readouterr().out
 
 

@@ -204,7 +204,7 @@ def test_missing_emulator_names_the_command_that_installs_it(monkeypatch: pytest
 
 
 def test_missing_port_says_what_to_do() -> None:
-    with pytest.raises(LinkError, match="avc ports"):
+    with pytest.raises(LinkError, match="avc doctor --ports"):
         push(coupling(5), "/dev/does-not-exist")
 
 

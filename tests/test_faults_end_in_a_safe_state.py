@@ -222,7 +222,7 @@ def test_a_start_after_a_failure_says_so(fault: DeviceFault) -> None:
     core = HostCore(host_library())
     core.started_after(fault)
     result = push(WALL, HostLink(core))
-    assert any("until its faults are cleared (avc clear)" in note for note in result.notes)
+    assert any("until its faults are cleared (avc device --clear)" in note for note in result.notes)
     assert (go(core, OUT, PRESS) == 0).all()
     go(core, OUT)
     clear_faults(HostLink(core))
@@ -333,11 +333,11 @@ def test_monitor_and_clear_tell_the_fault(monkeypatch: pytest.MonkeyPatch, capsy
         )
     assert main(["monitor", "--port", "x", "--seconds", "0.1"]) == 0
     assert "fault (encoder jumped, enable line open)" in capsys.readouterr().out
-    assert main(["clear", "--port", "x", "--json"]) == 1
+    assert main(["device", "--clear", "--port", "x", "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     assert (document["were"], document["left"]) == (["encoder jumped", "enable line open"], ["enable line open"])
     core.disable(False)
-    assert main(["clear", "--port", "x"]) == 0
+    assert main(["device", "--clear", "--port", "x"]) == 0
     told = capsys.readouterr().out
     assert "emergency stop" in told
     assert "cleared; the device is in mode safe" in told

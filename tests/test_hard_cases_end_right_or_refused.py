@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from reference_optimum import MP, NUMBERS, series_error
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
@@ -11,7 +12,6 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.loop import loop_at
-from avc_casadi.study.reference.optimum import MP, NUMBERS, series_error
 
 WITHIN = 1e-10
 

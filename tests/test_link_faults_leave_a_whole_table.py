@@ -125,7 +125,7 @@ def test_a_silent_port_says_once_what_is_waited_for_and_how_long(
         return FaultyLink(HostLink(host_core()), [LinkFault(True, 0, FaultKind.STALL, 100_000)])
 
     monkeypatch.setattr(_clear, "open_link", silent)
-    assert main(["clear", "--port", "/dev/absent"]) == 1
+    assert main(["device", "--clear", "--port", "/dev/absent"]) == 1
     told = capsys.readouterr().err.splitlines()
     assert [line.split(": ", 1)[1].split(" for ")[0] for line in told[:1]] == ["no answer at 115200 baud"]
     assert "asking again for at most 2.6 s" in told[0]

@@ -128,7 +128,7 @@ def test_port_in_use_is_reported(bench: Bench) -> None:
 
 
 def test_port_that_is_not_there_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(PortError, match="avc ports"):
+    with pytest.raises(PortError, match="avc doctor --ports"):
         push(coupling(5), "/dev/none")
     assert main(["monitor", "--port", "/dev/none"]) == 2
     assert "/dev/none: cannot be opened" in capsys.readouterr().err

@@ -155,7 +155,7 @@ def test_a_device_in_contact_is_not_stored_and_gives_its_force_on() -> None:
 
 
 def test_the_command_stores_on_the_packaged_board_and_says_what_is_lacking(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["store", "--port", "emulator", "--json"]) != 0
+    assert main(["device", "--store", "--port", "emulator", "--json"]) != 0
     assert "no table yet" in json.loads(capsys.readouterr().out)["errors"][0]["message"]
-    assert main(["store", "--port", "emulator", "--no-coupling", "--name", "bench", "--json"]) == 0
+    assert main(["device", "--store", "--port", "emulator", "--no-coupling", "--name", "bench", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["name"] == "bench"

@@ -116,4 +116,4 @@ def _advice(error: Exception) -> str:
         return "add yourself to the group that owns it (on Debian: sudo usermod -aG dialout $USER, then log in again)"
     if number in {11, 16} or "exclusive" in text or "busy" in text:
         return "another program has it open; close that first"
-    return "`avc ports` lists the ports of this computer; 'emulator' needs no hardware"
+    return "`avc doctor --ports` lists the ports of this computer; 'emulator' needs no hardware"

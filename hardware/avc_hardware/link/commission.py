@@ -228,7 +228,7 @@ def _begin(connection: Connection, limits: Limits) -> None:
     status = connection.run(ask(Kind.STATUS, b"", DeviceStatus))
     others = DeviceFault(status.faults) & ~(WIRED_WRONGLY | DeviceFault.STUCK)
     if others:
-        raise LinkError(f"{name}: the device has latched faults ({others.word}); clear them first: avc clear")
+        raise LinkError(f"{name}: the device has latched faults ({others.word}); clear them first: avc device --clear")
     if status.faults:
         connection.run(ask(Kind.CLEAR, m.clear(status.faults), m.ClearAsked))
     connection.run(ask(Kind.ZERO, b"", m.Zeroed))

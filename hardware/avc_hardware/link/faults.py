@@ -133,7 +133,7 @@ _SENTENCES = {
     Reason.COUPLING: "the table does not name its coupling",
     Reason.IN_CONTACT: "the device is in contact; the table takes over when it is let go",
     Reason.MODE: "the device does not run its table now (mode {detail}); nothing is kept for later",
-    Reason.FAULT: "the device has latched faults ({fault}); clear them first: avc clear",
+    Reason.FAULT: "the device has latched faults ({fault}); clear them first: avc device --clear",
     Reason.NO_FLASH: "this board has no memory that lasts",
     Reason.FLASH: "the memory did not take it (a slot has {detail} bytes); what was kept before still is",
     Reason.BUILT_IN: "coupling {detail:08x} is built into the firmware, which takes no other; flash another",

@@ -165,10 +165,10 @@ def _require_device(connection: Connection, device_id: str) -> None:
     name, number = connection.device.name, connection.device.unique_id
     where = f"{connection.link.name}: not sent"
     if not name and not number:
-        raise LinkError(f"{where}: the device has no number of its own and no name (avc store --name)")
+        raise LinkError(f"{where}: the device has no number of its own and no name (avc device --store --name)")
     if device_id != name and device_id.lower() != number:
         found = " ".join(filter(None, (name, number)))
-        raise LinkError(f"{where}: this is device {found}, not {device_id}; see avc ports --ask")
+        raise LinkError(f"{where}: this is device {found}, not {device_id}; see avc doctor --ports --ask")
 
 
 def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
@@ -176,7 +176,7 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     notes = []
     if device.faults:
         word = DeviceFault(device.faults).word
-        notes.append(f"the device gives no force until its faults are cleared (avc clear): {word}")
+        notes.append(f"the device gives no force until its faults are cleared (avc device --clear): {word}")
     force, step = coupling.max_force_n, coupling.problem.device.encoder_resolution_m
     tapped = float((coupling.trial or {}).get("tap_force_n") or 0.0)
     if force is None and tapped > device.max_force_n:
@@ -192,7 +192,7 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     if device.lowered_force_n < min(device.max_force_n, force or device.max_force_n) * (1 - 1e-6):
         notes.append(
             f"the device's force is limited to {device.lowered_force_n:g} N at run time; raise it when the first touch "
-            "was good: avc limits --force-n F"
+            "was good: avc device --force-n F"
         )
     if step and step < device.metres_per_count * (1 - 1e-6):
         notes.append(

@@ -14,12 +14,12 @@ from avc_casadi._util.parallel import processors
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.constant.static_tuned import TUNED_MARGIN_SHARE
 from avc_casadi.recommendation.designs import COUPLINGS, CandidateName
-from avc_casadi.simulation.population.matching import WEBER, WEBER_SWEEP
 from avc_casadi.simulation.population.operators import Population, draw_subjects
 from avc_casadi.simulation.population.settled import CONFIDENCE
 from avc_casadi.simulation.population.trial import PEOPLE_AT_ONCE
-from avc_casadi.study.table1.paper import PAPER, PEOPLE
-from avc_casadi.study.table1.wall import Outcome, all_designs, design_documents, rows, try_wall
+from studies.table1.matching import WEBER, WEBER_SWEEP
+from studies.table1.paper import PAPER, PEOPLE
+from studies.table1.wall import Outcome, all_designs, design_documents, rows, try_wall
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -59,7 +59,7 @@ def table1(
         progress: told of the people.
 
     Returns:
-        The JSON document of `avc table1`: ``rows`` for set A, ``rows_set_b`` for the stylus hands and their arms.
+        The JSON document of `avc study table1`: ``rows`` for set A, ``rows_set_b`` for the stylus hands and their arms.
     """
     study = table1_study(hands, seed, walls=walls, couplings=couplings)
     return study.run(executor, workers=processors() if workers is None else workers, progress=progress)

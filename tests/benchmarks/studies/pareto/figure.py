@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from avc_casadi.study.pareto.study import Pareto, Point
-    from avc_casadi.study.pareto.variants import Study
+    from avc_casadi.design.comparison.pareto import Pareto, Point, Study
 
 _ADAPTIVE: dict[str, Any] = {"color": "#08306b", "linestyle": "-", "marker": "o", "label": "adaptive"}
 _CONSTANT: dict[str, Any] = {"color": "#d1600a", "linestyle": (0, (5, 1.6)), "marker": "s", "label": "constant"}

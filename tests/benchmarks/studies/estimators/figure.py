@@ -12,7 +12,7 @@ from avc_casadi.present.figures.style import Line, styled
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from avc_casadi.study.estimators.estimator_study import EstimatorTraces
+    from studies.estimators.study import EstimatorTraces
 
 _TRUTH = Line("true frequency", "0.72", "-", "", 4.5, 2, 0.0)
 _LINES = (

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from avc_casadi.study.accuracy.solvers import SolverCost
-    from avc_casadi.study.accuracy.study import Accuracy
+    from studies.accuracy.solvers import SolverCost
+    from studies.accuracy.study import Accuracy
 
 _OWN = {"closed-form": ("closed form", "#d1600a", "^"), "exact": ("exact", "#5a5a00", "s")}
 _DEFAULT = ("direct, default", "#08306b", "*")

@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.loop import loop_at
-from avc_casadi.study.accuracy.interpolations import INTERPOLATIONS
+from studies.accuracy.interpolations import INTERPOLATIONS
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem

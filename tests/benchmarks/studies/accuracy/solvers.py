@@ -80,7 +80,7 @@ class Reference:
 def reference_errors(problem: Problem, frequency_hz: FloatArray) -> Reference:
     """Return the optimum's magnitude errors, shape (n,): to 50 digits where that is possible, else those of `exact`."""
     if problem.coupling.structure == "series" and importlib.util.find_spec("mpmath"):
-        from avc_casadi.study.reference.optimum import series_error  # noqa: PLC0415 - needs the extra
+        from reference_optimum import series_error  # noqa: PLC0415 - needs the extra
 
         found = [series_error(problem, float(frequency)) for frequency in frequency_hz]
         return Reference(np.array([np.nan if e is None else float(e) for e in found]), "50 digits (mpmath)")

@@ -11,7 +11,7 @@ from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number, table
 
 if TYPE_CHECKING:
-    from avc_casadi.study.accuracy.study import Accuracy
+    from studies.accuracy.study import Accuracy
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,15 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Measure, draw and show."""
-    from avc_casadi.study.accuracy.study import study_accuracy
+    from studies.accuracy.study import study_accuracy
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = load_problem(args.problem)
     with console.step("accuracy of solvers, tables, grids and the scene"):
         study = study_accuracy(problem, console)
     if plot is not None:
-        from avc_casadi.present.figures.accuracy import draw_accuracy
         from avc_casadi.present.figures.layout import save_figure
+        from studies.accuracy.figure import draw_accuracy
 
         with console.step("figure"):
             save_figure(draw_accuracy(study), plot)

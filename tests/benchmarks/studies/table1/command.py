@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Try everybody and count."""
-    from avc_casadi.study.table1.table import table1_study
+    from studies.table1.table import table1_study
 
     found = done(table1_study(args.hands, args.seed), args, console)
     return found if isinstance(found, Answer) else Answer(found, table_text(found))

@@ -14,10 +14,10 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.scene_coupling import scene_coupling
 from avc_casadi.paper.backends import BACKENDS
-from avc_casadi.simulation.integrators import IntegratorAccuracy, integrator_accuracy
-from avc_casadi.study.accuracy.grids import GridMiss, grid_misses
-from avc_casadi.study.accuracy.solvers import TOLERANCES, Entry, SolverCost, entries, reference_errors, solver_cost
-from avc_casadi.study.accuracy.tables import TableError, table_errors
+from studies.accuracy.grids import GridMiss, grid_misses
+from studies.accuracy.integrators import IntegratorAccuracy, integrator_accuracy
+from studies.accuracy.solvers import TOLERANCES, Entry, SolverCost, entries, reference_errors, solver_cost
+from studies.accuracy.tables import TableError, table_errors
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor

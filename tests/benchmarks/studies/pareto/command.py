@@ -28,15 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Solve and certify every design, draw and show."""
-    from avc_casadi.study.pareto.study import pareto
+    from avc_casadi.design.comparison.pareto import study_pareto
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = load_problem(args.problem)
     with console.step("designs solved and certified"):
-        study = pareto(problem, console)
+        study = study_pareto(problem, console)
     if plot is not None:
         from avc_casadi.present.figures.layout import save_figure
-        from avc_casadi.present.figures.pareto import draw_pareto
+        from studies.pareto.figure import draw_pareto
 
         with console.step("figure"):
             save_figure(draw_pareto(study), plot)
