@@ -80,7 +80,10 @@ def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]
         if alike > 0.9:
             why += f"; the log changes with it as with {like} (correlation {number(alike, 3)})"
         key = one.name if one.name == "resonance.mass_ratio" else one.name.partition(".")[0]
-        found[key] = Refusal(key, why, EXCITATION[key])
+        q = float(fit.search[index])
+        value, *ends = (fit.structure.outward(one, at) for at in (q, q - half, q + half))
+        low, high = (min(max(end, one.lowest), one.highest) for end in ends)
+        found[key] = Refusal(key, why, EXCITATION[key], (value, low, high))
     return found
 
 

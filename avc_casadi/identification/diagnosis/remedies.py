@@ -8,12 +8,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from avc_casadi._util.text import number
-from avc_casadi.identification.diagnosis.answer import Answer
 from avc_casadi.identification.diagnosis.causes import meant_period, shorter
-from avc_casadi.identification.diagnosis.declared import Declared
-from avc_casadi.identification.diagnosis.law import Law
-from avc_casadi.identification.diagnosis.log import Log
-from avc_casadi.identification.diagnosis.loop import (
+from avc_casadi.identification.diagnosis.counterfactual import NOTHING, can_replay, replay
+from avc_casadi.identification.diagnosis.hypothesis import (
+    Hypothesis,
     at_period,
     growth_over,
     limit_of,
@@ -21,8 +19,10 @@ from avc_casadi.identification.diagnosis.loop import (
     notched_growth,
     worst_mode,
 )
+from avc_casadi.identification.diagnosis.intended import Declared
+from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.model import Cure
-from avc_casadi.identification.diagnosis.replay import NOTHING, can_replay, replay
 from avc_casadi.simulation.effects.filters import Notch
 
 # Of a limit, so much is left.
@@ -39,7 +39,7 @@ _BESIDE = 0.1
 _HIGHEST = 0.45
 
 
-def cures_of(cause: str, answer: Answer, law: Law, log: Log, declared: Declared) -> tuple[Cure, ...]:
+def cures_of(cause: str, answer: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[Cure, ...]:
     """Return the changes that cure a loop, that of its cause first.
 
     Args:
@@ -69,12 +69,12 @@ def cures_of(cause: str, answer: Answer, law: Law, log: Log, declared: Declared)
     return tuple(cure for cure in found if cure.rests)
 
 
-def _of(change: str, key: str, value: float, answer: Answer, law: Law, **factors: float) -> Cure:
+def _of(change: str, key: str, value: float, answer: Hypothesis, law: Law, **factors: float) -> Cure:
     mode = worst_mode(answer, law, **factors)
     return Cure(change, key, value, mode.growth_per_s, mode.stable)
 
 
-def _gain(gain: str, answer: Answer, law: Law) -> list[Cure]:
+def _gain(gain: str, answer: Hypothesis, law: Law) -> list[Cure]:
     limit = limit_of(answer, law, gain)
     if limit is None or limit == 1:
         return []
@@ -89,10 +89,10 @@ def _gain(gain: str, answer: Answer, law: Law) -> list[Cure]:
     return [_of(change, key, share * now, answer, law, **{gain: share})]
 
 
-def _delay(answer: Answer, law: Law, log: Log, declared: Declared) -> list[Cure]:
+def _delay(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[Cure]:
     meant = declared.longest_delay * declared.device.sample_time_s / log.ticks.period_s
     own = float(answer.device.delay_samples) + law.lag
-    longest = longest_delay(Answer(answer.delayed(own).device, answer.hand), shorter(law, 0.0))
+    longest = longest_delay(Hypothesis(answer.delayed(own).device, answer.hand), shorter(law, 0.0))
     if longest is None or longest >= own:
         return []
     most = meant if meant <= longest else _RESERVE * longest
@@ -100,7 +100,7 @@ def _delay(answer: Answer, law: Law, log: Log, declared: Declared) -> list[Cure]
     return [_of(change, "delay_samples", most, answer.delayed(most), shorter(law, 0.0))]
 
 
-def _quicker(answer: Answer, law: Law) -> list[Cure]:
+def _quicker(answer: Hypothesis, law: Law) -> list[Cure]:
     """Return the quicker filter of the velocity with which the loop decays fastest."""
     period = answer.device.sample_time_s
     now = law.filter_hz(period)
@@ -120,7 +120,7 @@ def _quicker(answer: Answer, law: Law) -> list[Cure]:
     return sorted(tried, key=lambda cure: cure.growth_per_s)[:1]
 
 
-def _notch(answer: Answer, law: Law) -> list[Cure]:
+def _notch(answer: Hypothesis, law: Law) -> list[Cure]:
     """Return the notch with which the loop decays fastest, be it set a little beside the frequency either way."""
     swings, period = worst_mode(answer, law).frequency_hz, answer.device.sample_time_s
     best: tuple[float, Notch] | None = None
@@ -142,7 +142,7 @@ def _notch(answer: Answer, law: Law) -> list[Cure]:
     return [Cure(change, "notch_hz", notch.frequency_hz, growth, growth < 0)]
 
 
-def _ticks(answer: Answer, law: Law, log: Log) -> list[Cure]:
+def _ticks(answer: Hypothesis, law: Law, log: Log) -> list[Cure]:
     found = [_of("every tick in time", "dropped_share", 0.0, answer, law)]
     for factor in _SOFTER:
         softer = replace(
@@ -161,12 +161,12 @@ def _ticks(answer: Answer, law: Law, log: Log) -> list[Cure]:
     return found
 
 
-def _rate(answer: Answer, law: Law, log: Log, declared: Declared) -> list[Cure]:
+def _rate(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[Cure]:
     period = meant_period(log, declared)
     return [_of(f"a rate of {number(1 / period)} Hz", "sample_time_s", period, *at_period(answer, law, period))]
 
 
-def _encoder(answer: Answer, law: Law, log: Log) -> list[Cure]:
+def _encoder(answer: Hypothesis, law: Law, log: Log) -> list[Cure]:
     """Play the scene with a finer encoder, a filter and softer gains; the first of each kind that rests is told."""
     if not can_replay(law):
         return []

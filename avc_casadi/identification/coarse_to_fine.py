@@ -1,4 +1,4 @@
-"""Fits from afar: roughly at first, then closely where that is worth it."""
+"""Fits from afar, from coarse to fine: roughly at first, then closely where that is worth it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.record import shortened
 from avc_casadi.identification.terms import Structure
 
+FIRST_RATE_PER_S = 60.0
+"""Of the observer of a search from afar."""
 # Of so many samples a close fit may start.
 _ROUGH_SAMPLES = 10_000
 
@@ -51,3 +53,23 @@ def closely(predictor: Predictor, found: Fit, window: Window) -> Fit:
 def rms_m_of(found: Fit) -> float:
     """Return the root mean square of the prediction error."""
     return found.rms_m
+
+
+def ringing_behind_a_lag(predictor: Predictor, simple: Fit, ringing: Fit, lagging: Fit, window: Window) -> Fit:
+    """Fit both at once, from where each alone came out.
+
+    Args:
+        predictor: of the records.
+        simple: the model with neither.
+        ringing: with the resonance alone.
+        lagging: with the amplifier alone.
+        window: of the fit.
+    """
+    late = {key: lagging.values[key] for key in ("delay_samples", "amplifier_bandwidth_hz")}
+    both = richer(simple.structure, "resonance", "amplifier")
+    structure = replace(
+        both, encoder_at=ringing.structure.encoder_at, amplifier_order=lagging.structure.amplifier_order
+    )
+    start = {**ringing.values, **late}
+    found = roughly(predictor, structure, start, min(simple.observer.rate_per_s, FIRST_RATE_PER_S))
+    return closely(predictor, found, window)

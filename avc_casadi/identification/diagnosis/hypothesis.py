@@ -1,8 +1,9 @@
-"""The sampled loop of an answer and a law: how fast it grows, and how far it is from rest."""
+"""A hypothesis (device and hand) in its sampled loop with a law: how fast it grows, and how far it is from rest."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,18 +11,47 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
 from avc_casadi.claims.stability.frozen_loop import Rendering
-from avc_casadi.identification.diagnosis.answer import Answer
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.model.corners import device_with
+from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, no_hand
 from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.simulation.effects.filters import Notch
 
+# Samples; what a device may have at least beside none.
+_SHORTEST_DELAY = 1e-3
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A device with the hand that holds it.
+
+    Attributes:
+        device: with its delay from the commanded force to the motion.
+        hand: None let go.
+    """
+
+    device: Device
+    hand: Hand | None
+
+    def without_mode(self) -> Hypothesis:
+        """Return the same with rigid mechanics."""
+        return Hypothesis(device_as(self.device, {"resonance": None}), self.hand)
+
+    def delayed(self, samples: float) -> Hypothesis:
+        """Return the same with another delay; none where it is too short for a device to have."""
+        taken = samples if samples >= _SHORTEST_DELAY else 0.0
+        return Hypothesis(device_as(self.device, {"delay_samples": taken}), self.hand)
+
+
+def device_as(device: Device, changed: Mapping[str, object]) -> Device:
+    """Return a device with some keys changed, known exactly."""
+    return Device.model_validate({**device.model_dump(exclude={"range"}), **changed})
+
+
 # Factors of a gain that are looked at, and how closely its limit is then found.
 _FACTORS = np.geomspace(1.0, 0.01, 41)
 _HALVINGS = 8
-# The same of a loop that rests.
-_MORE = np.exp(np.linspace(0.0, 0.4, 41))
 _MOST_TICKS = 3000
 
 
@@ -43,7 +73,7 @@ class Mode:
         return self.growth_per_s < 0
 
 
-def worst_mode(answer: Answer, law: Law, *, stiffness: float = 1.0, damping: float = 1.0) -> Mode:
+def worst_mode(answer: Hypothesis, law: Law, *, stiffness: float = 1.0, damping: float = 1.0) -> Mode:
     """Return the least damped mode of the loop in contact.
 
     Args:
@@ -59,7 +89,7 @@ def worst_mode(answer: Answer, law: Law, *, stiffness: float = 1.0, damping: flo
     return Mode(math.log(max(abs(value), 1e-300)) / period, abs(float(np.angle(value))) / (2 * math.pi * period))
 
 
-def notched_growth(answer: Answer, law: Law, notch: Notch) -> float:
+def notched_growth(answer: Hypothesis, law: Law, notch: Notch) -> float:
     """Return the growth of the loop in contact with a notch on the measured position, 1/s.
 
     Args:
@@ -81,21 +111,24 @@ def notched_growth(answer: Answer, law: Law, notch: Notch) -> float:
     return math.log(max(float(_radius(loop).max()), 1e-300)) / period
 
 
-def worst_growth_of_hands(answer: Answer, law: Law, hands: Hand) -> FloatArray:
+def worst_growth_of_hands(answer: Hypothesis, law: Law, hands: Hand) -> FloatArray:
     """Return the growth of the loop with each of some hands in place of its own, shape (hands,)."""
     return np.array(
-        [worst_mode(Answer(answer.device, hands.pick(slice(i, i + 1))), law).growth_per_s for i in range(len(hands))]
+        [
+            worst_mode(Hypothesis(answer.device, hands.pick(slice(i, i + 1))), law).growth_per_s
+            for i in range(len(hands))
+        ]
     )
 
 
-def at_period(answer: Answer, law: Law, sample_time_s: float) -> tuple[Answer, Law]:
+def at_period(answer: Hypothesis, law: Law, sample_time_s: float) -> tuple[Hypothesis, Law]:
     """Return the same loop at another sample time: the same gains, filter in seconds and delay in samples."""
     keep = law.keep ** (sample_time_s / answer.device.sample_time_s) if law.keep else 0.0
     device = device_with(answer.device, {"sample_time_s": sample_time_s})
-    return Answer(device, answer.hand), replace(law, keep=keep)
+    return Hypothesis(device, answer.hand), replace(law, keep=keep)
 
 
-def growth_over(answer: Answer, law: Law, ran: BoolArray) -> float:
+def growth_over(answer: Hypothesis, law: Law, ran: BoolArray) -> float:
     """Return the mean growth over ticks of which some are missed: there the force stays and nothing is computed.
 
     Args:
@@ -121,7 +154,7 @@ def growth_over(answer: Answer, law: Law, ran: BoolArray) -> float:
     return 2 * grown / (_MOST_TICKS * answer.device.sample_time_s)
 
 
-def limit_of(answer: Answer, law: Law, gain: str) -> float | None:
+def limit_of(answer: Hypothesis, law: Law, gain: str) -> float | None:
     """Return the largest factor, at most 1, of a gain at which the loop comes to rest; None where none does.
 
     Args:
@@ -147,27 +180,7 @@ def limit_of(answer: Answer, law: Law, gain: str) -> float | None:
     return low
 
 
-def reserve_of(answer: Answer, law: Law) -> tuple[float, str]:
-    """Return how far a loop that rests is from swinging, and the gain that is nearer to its limit.
-
-    Args:
-        answer: device and hand.
-        law: what the computer makes of the position.
-
-    Returns:
-        Logarithm of the factor of stiffness and damping together at which it swings, infinite beyond `_MORE`, and
-        "stiffness" or "damping".
-    """
-    more, ones = _MORE, np.ones_like(_MORE)
-    factors = ((more, more), (more, ones), (ones, more))
-    together, stiffness, damping = (
-        math.log(float(more[np.argmax(swings)])) if swings.any() else math.inf
-        for swings in (_radius(_loops(answer, law, *each)) >= 1 for each in factors)
-    )
-    return together, "stiffness" if stiffness <= damping else "damping"
-
-
-def longest_delay(answer: Answer, law: Law) -> float | None:
+def longest_delay(answer: Hypothesis, law: Law) -> float | None:
     """Return the longest delay, at most its own, at which the loop comes to rest; None where it does at none."""
     own = float(answer.device.delay_samples)
     some = np.linspace(own, 0.0, max(2, math.ceil(4 * own) + 1))
@@ -184,15 +197,15 @@ def longest_delay(answer: Answer, law: Law) -> float | None:
     return low
 
 
-def _loops(answer: Answer, law: Law, stiffness: FloatArray, damping: FloatArray) -> FloatArray:
+def _loops(answer: Hypothesis, law: Law, stiffness: FloatArray, damping: FloatArray) -> FloatArray:
     return _closed(answer, law.lag, law.rendering(answer.device.sample_time_s, stiffness, damping))
 
 
-def _closed(answer: Answer, lag: int, rendering: Rendering) -> FloatArray:
+def _closed(answer: Hypothesis, lag: int, rendering: Rendering) -> FloatArray:
     return closed_loop(*_plant(answer, lag), rendering)[:, 0]
 
 
-def _plant(answer: Answer, lag: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _plant(answer: Hypothesis, lag: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     device = answer.delayed(float(answer.device.delay_samples) + lag).device if lag else answer.device
     return plants_with_forces(sampled_plant(device, answer.hand or no_hand()))
 

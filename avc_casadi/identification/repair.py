@@ -1,11 +1,18 @@
-"""Samples of a log that are none: rows without a number, and positions that jump away for one sample."""
+"""What is mended in a log before it is a record: outliers, rows that were lost, a clock that scatters.
+
+A force is held from the tick that commands it to the next, so that what it does to a mass over an even sample is that
+of its mean there. Positions between ticks are those of a cubic spline; numbers are known to s^2/6 where steps scatter
+by a share s.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import itertools
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.text import number
@@ -13,6 +20,7 @@ from avc_casadi._util.units import units_for
 
 if TYPE_CHECKING:
     from avc_casadi.identification.record import Columns
+
 
 # Share of samples that may be lost; more of them are something else.
 _FEW = 0.01
@@ -136,3 +144,61 @@ def _alone(position: FloatArray) -> BoolArray:
         sides, beyond = bend[[row - 1, row + 1]] + bend[row] / 2, bend[[row - 2, row + 2]]
         found[row] = np.abs(np.concatenate([sides, beyond])).max() <= _STRAIGHT * abs(bend[row])
     return found
+
+
+# Steps that are longer are a gap: a host that is late by more has not run its loop.
+LONGEST_STEP = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Even:
+    """A log at even times.
+
+    Attributes:
+        columns: of the splines.
+        scatter: standard deviation of the steps, as a share of the usual one.
+        told: what was done.
+    """
+
+    columns: Columns
+    scatter: float
+    told: str
+
+
+def laid_evenly(columns: Columns, period_s: float) -> Even:
+    """Return a log whose ticks scatter as one of even samples, with its gaps as they are.
+
+    Args:
+        columns: with times that increase.
+        period_s: of the even samples.
+    """
+    time = columns.time_s
+    steps = np.diff(time)
+    edges = [0, *(np.flatnonzero(steps > LONGEST_STEP * period_s) + 1), time.size]
+    pieces = [slice(a, b) for a, b in itertools.pairwise(edges) if b - a > 4]
+    even = [np.arange(time[one][0], time[one][-1] - 0.5 * period_s, period_s) for one in pieces]
+    smooth = [
+        make_interp_spline(time[one], columns.position_m[one], k=3)(at) for one, at in zip(pieces, even, strict=True)
+    ]
+    forces = [_mean_held(time[one], columns.force_n[one], at, period_s) for one, at in zip(pieces, even, strict=True)]
+    scatter = float(np.std(steps[steps <= LONGEST_STEP * period_s]))
+    told = (
+        f"{columns.file}: its steps of time scatter by {number(1e3 * scatter, 2)} ms about "
+        f"{number(1e3 * period_s, 3)} ms; the times are taken as they are, and the intervals hold what lies between "
+        "them. Where the ticks themselves are even and only their stamps scatter, --sample-time says so"
+    )
+    laid = replace(
+        columns,
+        time_s=np.concatenate(even),
+        position_m=np.concatenate(smooth),
+        force_n=np.concatenate(forces),
+        line=None,
+    )
+    return Even(laid, scatter / period_s, told)
+
+
+def _mean_held(time_s: FloatArray, force_n: FloatArray, at_s: FloatArray, period_s: float) -> FloatArray:
+    """Return the mean over each even sample of a force that is held from tick to tick."""
+    impulse = np.concatenate([[0.0], np.cumsum(force_n[:-1] * np.diff(time_s))])
+    until = np.interp(np.append(at_s, at_s[-1] + period_s), time_s, impulse)
+    return np.asarray(np.diff(until) / period_s)

@@ -13,7 +13,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.units import MotionKind, units_for
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.rotary_keys import power_at_handle
-from avc_casadi.identification.model import Estimate, Identification, Shown
+from avc_casadi.identification.model import Estimate, Identification, Refusal, Shown
 from avc_casadi.identification.record import Record
 
 _ALLOWED = "0.002 to 10 m"
@@ -74,6 +74,7 @@ def of_the_turn(found: Identification, radius_m: float) -> Identification:
         motion="rotary",
         handle_radius_m=radius_m,
         estimates={key: _estimate(one, radius_m) for key, one in found.estimates.items()},
+        refused=tuple(_refusal(one, radius_m) for one in found.refused),
         error_rms_m=found.error_rms_m / radius_m,
         error_m=found.error_m / radius_m,
         notes=tuple(map(units.text, found.notes)),
@@ -87,6 +88,13 @@ def _estimate(one: Estimate, radius_m: float) -> Estimate:
     by = radius_m ** -power_at_handle(one.key)
     unit = units_for("rotary").unit(one.unit)
     return replace(one, unit=unit, value=one.value * by, low=one.low * by, high=one.high * by)
+
+
+def _refusal(one: Refusal, radius_m: float) -> Refusal:
+    if one.bounds is None:
+        return one
+    value, low, high = (each * radius_m ** -power_at_handle(one.key) for each in one.bounds)
+    return replace(one, bounds=(value, low, high))
 
 
 def _shown(one: Shown, radius_m: float) -> Shown:
