@@ -52,7 +52,9 @@ FOUND = {
 
 
 @pytest.mark.parametrize("wiring", Wiring)
-@pytest.mark.parametrize("declared", [DECLARED, pytest.param(SLOW, marks=pytest.mark.thorough)], ids=["light", "slow"])
+@pytest.mark.parametrize(
+    "declared", [DECLARED, pytest.param(SLOW, marks=pytest.mark.exhaustive)], ids=["light", "slow"]
+)
 def test_each_wiring_is_named_and_latched(wiring: Wiring, declared: Device) -> None:
     link = bench(wiring, declared)
     steps: list[str] = []

@@ -175,7 +175,7 @@ def library(board: str, estimator: str = "fused", cc: str = "gcc") -> Path:
         ("0.25 ms", "fused", "gcc"),
         ("2 ms", "zero-crossing", "gcc"),
         *(
-            pytest.param("1 ms", estimator, compiler, marks=pytest.mark.thorough)
+            pytest.param("1 ms", estimator, compiler, marks=pytest.mark.exhaustive)
             for estimator in ("zero-crossing", "adaptive-notch", "spectral-peak")
             for compiler in ("gcc", "clang")
         ),

@@ -10,7 +10,7 @@ import pytest
 from goldens.compared import differences
 from goldens.make import PARTS, changes, committed
 
-# By default what together takes below 25 s; the others with `pytest -m thorough`.
+# By default what together takes below 25 s; the others with `pytest -m exhaustive`.
 QUICK = {
     "gains": {
         f"{name} {method}"
@@ -23,7 +23,7 @@ QUICK = {
     "errors": {"unknown verb", "unknown key", "gain file with a hole"},
 }
 CASES = [
-    pytest.param(part, case, marks=() if case in QUICK[part] else pytest.mark.thorough)
+    pytest.param(part, case, marks=() if case in QUICK[part] else pytest.mark.exhaustive)
     for part in PARTS
     for case in committed(part)
 ]

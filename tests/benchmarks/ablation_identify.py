@@ -196,8 +196,15 @@ IDENTIFY = (
     Rule("identification.record._worth", lambda *_: 0.0, "short pieces left out", _zero),
 )
 DIAGNOSE = (
-    Rule("identification.diagnosis.saturation.outgrows", lambda *_: False, "a loop that would outgrow few counts", _nothing),
-    Rule("identification.diagnosis.saturation.unlimited", lambda *_: False, "an even swing that nothing limits", _nothing),
+    Rule(
+        "identification.diagnosis.saturation.outgrows",
+        lambda *_: False,
+        "a loop that would outgrow few counts",
+        _nothing,
+    ),
+    Rule(
+        "identification.diagnosis.saturation.unlimited", lambda *_: False, "an even swing that nothing limits", _nothing
+    ),
     Rule("identification.diagnosis.relay.find_jump", lambda *_: None, "a force that jumps", _none),
     Rule("identification.diagnosis.intended.other_unit", lambda *_: "", "another unit", _nothing),
     Rule(
@@ -224,19 +231,39 @@ DIAGNOSE = (
         "played as it was meant",
         lambda given, result: [one.causes for one in given[0]] == [one.causes for one in result],
     ),
-    Rule("identification.diagnosis.counterfactual.doubts_of_encoder", lambda *_: [], "played without the encoder", _nothing),
+    Rule(
+        "identification.diagnosis.counterfactual.doubts_of_encoder",
+        lambda *_: [],
+        "played without the encoder",
+        _nothing,
+    ),
     Rule("identification.diagnosis.causes._changed", lambda *_: False, "let go long after contact", _nothing),
     Rule("identification.diagnosis.causes._share_of_way", lambda *_: 0.0, "shares of the way to rest", _nothing),
-    Rule("identification.diagnosis.causes._share_of_ticks", lambda *_: 1.0, "share of missing ticks", lambda _, result: result == 1),
+    Rule(
+        "identification.diagnosis.causes._share_of_ticks",
+        lambda *_: 1.0,
+        "share of missing ticks",
+        lambda _, result: result == 1,
+    ),
     Rule("identification.diagnosis.causes._STEPS", math.inf, "steps beyond which no encoder swings"),
     Rule("identification.diagnosis.causes._HELD", 0.8, "share of hands that must rest"),
     Rule("identification.diagnosis.causes._DELAY", 0.0, "delay that is no finding"),
     Rule("identification.diagnosis.verdict._together", lambda *_: None, "delay together with another", _none),
-    Rule("identification.diagnosis.verdict._TREMOR_M", 0.0, "tremor of a hand", more=(("identification.diagnosis.verdict._STRONG_TREMOR_M", 0.0),)),
+    Rule(
+        "identification.diagnosis.verdict._TREMOR_M",
+        0.0,
+        "tremor of a hand",
+        more=(("identification.diagnosis.verdict._STRONG_TREMOR_M", 0.0),),
+    ),
     Rule("identification.diagnosis.verdict._UNEXPLAINED", math.inf, "what the model leaves"),
     Rule("identification.diagnosis.verdict._FREQUENCY", math.inf, "frequency of model and log"),
     Rule("identification.diagnosis.verdict.toggles", lambda *_: False, "toggles that no hand feels", _nothing),
-    Rule("identification.diagnosis.verdict._SURE", 0.5, "share that is sure", more=(("identification.diagnosis.verdict._RIVAL", 1.0),)),
+    Rule(
+        "identification.diagnosis.verdict._SURE",
+        0.5,
+        "share that is sure",
+        more=(("identification.diagnosis.verdict._RIVAL", 1.0),),
+    ),
     Rule(
         "identification.diagnosis.law._also_cut",
         lambda law, *_: law,
@@ -376,7 +403,10 @@ KEPT = {
         "identification.fit.best_observer": _observer_key,
         "identification.frequency.likely_resonances": _resonances_key,
     },
-    "diagnose": {"identification.diagnosis.plant.fit_plants": _plants_key, "identification.diagnosis.counterfactual.replay": _replay_key},
+    "diagnose": {
+        "identification.diagnosis.plant.fit_plants": _plants_key,
+        "identification.diagnosis.counterfactual.replay": _replay_key,
+    },
 }
 # These are inside of a fit, which costs most: they are left out on every third log only.
 IN_FITS = {
@@ -387,7 +417,11 @@ IN_FITS = {
     "identification.diagnosis.noise_floor._TAKEN",
 }
 # These are inside of a scene that is played.
-IN_SCENES = ("identification.diagnosis.limit_cycle.", "identification.diagnosis.transient.", "identification.diagnosis.oscillation.")
+IN_SCENES = (
+    "identification.diagnosis.limit_cycle.",
+    "identification.diagnosis.transient.",
+    "identification.diagnosis.oscillation.",
+)
 
 
 # --- logs of devices
