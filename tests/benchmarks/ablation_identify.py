@@ -30,10 +30,10 @@ from studied import about, kept_rows, made_by, write_rows
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent / "hardware")]
 
-import avc_casadi.identification.diagnosis  # noqa: E402, F401 - its modules are looked up by name
 from buzzing_cases import CAUSES, case_of, healthy_case  # noqa: E402 - found beside the tests
 from measured_device import Truth, measured, multisine  # noqa: E402
 
+import avc_casadi.identification.diagnosis  # noqa: E402, F401 - its modules are looked up by name
 from avc_casadi._errors import AvcError  # noqa: E402
 from avc_casadi.identification.diagnosis.diagnose import diagnose  # noqa: E402
 from avc_casadi.identification.identify import identify  # noqa: E402
