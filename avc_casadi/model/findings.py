@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ValidationError
 
-from avc_casadi.model.quantity import Quantity, Whole, shown
+from avc_casadi.model.quantity import Quantity, Whole, one_of, shown
 from avc_casadi.model.rules import BELONGS_IN, RULES, UNKNOWN, Finding, Path, Rule, Values, broken_rules
 
 _M = TypeVar("_M", bound=BaseModel)
@@ -99,11 +99,6 @@ def _table(models: list[type[BaseModel]]) -> str:
     return f"a table with {', '.join(_keys(models))}"
 
 
-def _one_of(choices: list[Any], value: object) -> str:
-    near = difflib.get_close_matches(str(value)[:60], [str(choice) for choice in choices], n=1)
-    return f"{', '.join(map(shown, choices))}{f'; did you mean {shown(near[0])}?' if near else ''}"
-
-
 def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item: Any) -> Finding:
     fault, value = item["type"], item["input"]
     message: str = item["msg"]
@@ -117,10 +112,10 @@ def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item
     elif fault in {"union_tag_invalid", "union_tag_not_found"}:
         kinds = [_kind(model) for model in _models_at(whole, tables, path)]
         what = f"is {shown(value['kind'])}" if "kind" in value else "is missing"
-        path, message = (*path, "kind"), f"{what}; allowed: {_one_of(kinds, value.get('kind'))}"
+        path, message = (*path, "kind"), f"{what}; allowed: {one_of(kinds, value.get('kind'))}"
     elif fault == "literal_error":
         annotation = _models_at(whole, tables, path[:-1])[0].model_fields[str(path[-1])].annotation
-        message = f"is {shown(value)}; allowed: {_one_of(list(typing.get_args(annotation)), value)}"
+        message = f"is {shown(value)}; allowed: {one_of(list(typing.get_args(annotation)), value)}"
     elif fault == "bool_type":
         message = f"is {shown(value)}; allowed: true or false"
     return path, message

@@ -5,7 +5,19 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from avc_casadi.model.effects import Effect
-from avc_casadi.model.quantity import Amplitude, Hertz, Position, Span, Speed, Substeps, Table, refusal, shown
+from avc_casadi.model.quantity import (
+    Amplitude,
+    Hertz,
+    Position,
+    Span,
+    Speed,
+    Substeps,
+    Table,
+    one_of,
+    refusal,
+    shown,
+)
+from avc_casadi.model.registries import METHODS
 
 
 class _Motion(Table):
@@ -80,7 +92,22 @@ class Free(_Motion):
 Motion = Annotated[Press | Tap | Hold | Stroke | Free, Field(discriminator="kind")]
 
 
-CouplingChoice = Literal["none", "static", "static-tuned", "closed-form", "direct", "schedule"]
+class _Couplings:
+    """Validator of the coupling of a scene: none, or a method of the registry."""
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """What is allowed."""
+        return ("none", *METHODS)
+
+    def __call__(self, value: Any) -> str:
+        """Return the name, or refuse it."""
+        if not isinstance(value, str) or value not in self.choices:
+            raise refusal(f"is {shown(value)}; allowed: {one_of(self.choices, value)}")
+        return value
+
+
+CouplingChoice = Annotated[str, BeforeValidator(_Couplings())]
 Integrator = Literal["exact", "projected", "rk4"]
 
 

@@ -56,6 +56,9 @@ def allowed(annotation: Any) -> tuple[str, str]:
     """Unit of a key and what it allows."""
     if named := literals(annotation):
         return "", ", ".join(toml(value) for value in named)
+    for part in validators(annotation):
+        if hasattr(part, "choices"):
+            return "", ", ".join(toml(value) for value in part.choices)
     found = [part for part in validators(annotation) if hasattr(part, "allowed") or part.__name__ == "_delay"]
     if not found:
         return "", "true, false" if annotation is bool else "text" if annotation is str else ""

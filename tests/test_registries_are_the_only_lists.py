@@ -1,0 +1,109 @@
+"""A method, an effect and a claim are one file each, and no other file lists their names."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from avc_casadi.design.registry import METHODS
+
+ROOT = Path(__file__).parent.parent
+
+METHOD = '''
+"""A toy method: the same pair of gains at every frequency."""
+
+from avc_casadi.design.registry import METHODS, Candidate, Method
+
+METHODS.add(
+    "toy",
+    Method(
+        f"{__name__}:solve_toy",
+        "1 N.s/m and 100 N/m",
+        live=True,
+        candidates=(Candidate("toy", "1 N.s/m and 100 N/m", rank=35, constant=True),),
+    ),
+    rank=35,
+)
+
+
+def solve_toy(problem):
+    import numpy as np
+
+    from avc_casadi.model.schedule import Status
+    from avc_casadi.paper.rendered import gain_schedule
+
+    rows = len(problem.frequencies_hz())
+    pair = (np.full(rows, 1.0), np.full(rows, 100.0), np.zeros(rows))
+    return gain_schedule(problem, "toy", pair, (Status.SOLVED,) * rows)
+'''
+
+
+def with_file(folder, package, text, code):
+    """Run code in a process in which one more file stands in a folder that is scanned."""
+    (folder / "toy.py").write_text(text, encoding="utf-8")
+    program = f"import {package} as scanned\nscanned.__path__.append({str(folder)!r})\n{code}"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)  # noqa: S603
+    assert not done.stderr, done.stderr
+    return done.stdout
+
+
+COMMAND = "from avc_casadi.cli import main\nmain({})\n"
+
+
+def test_a_method_is_one_file(tmp_path):
+    package = "avc_casadi.design.method"
+    told = with_file(tmp_path, package, METHOD, COMMAND.format(["solve", "soft", "--method", "toy", "--json"]))
+    document = json.loads(told)
+    assert document["method"] == "toy"
+    assert set(document["stiffness_n_per_m"]) == {100.0}
+    assert document["certificate"]["levels"]["L5"]["pass"] is not None
+    lists = """
+from avc_casadi.cli import main
+from avc_casadi.model.scene import Scene
+from avc_casadi.present.explore.settings import LIVE
+from avc_casadi.recommendation.designs import COUPLINGS, design
+from avc_casadi.files.problem_file import load_problem
+assert "toy" in LIVE and list(COUPLINGS)[2:5] == ["static-sampled", "direct", "toy"], list(COUPLINGS)
+assert Scene(coupling="toy").coupling == "toy"
+assert design(load_problem("soft"), "toy").gains.stiffness_n_per_m == 100.0
+try:
+    main(["solve", "--help"])
+except SystemExit:
+    pass
+"""
+    assert "exact, toy, schedule" in " ".join(with_file(tmp_path, package, METHOD, lists).split())
+
+
+# What these files list is not what there is: it is what a published table, a stored study or one solver holds.
+OWN_CHOICE = {
+    "methods": {
+        "avc_casadi/study/table1/wall.py": "the two couplings of the paper's Table 1",
+        "avc_casadi/present/figures/frontier.py": "labels of the cells of one stored study",
+    },
+}
+
+
+def listed(names):
+    """Every place that holds two or more of the names as literals of one list, tuple, set, dict or Literal."""
+    for folder in (ROOT / "avc_casadi", ROOT / "hardware" / "avc_hardware"):
+        for path in sorted(folder.rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.List | ast.Tuple | ast.Set):
+                    parts = node.elts
+                elif isinstance(node, ast.Dict):
+                    parts = [*node.keys, *node.values]
+                else:
+                    continue
+                held = {part.value for part in parts if isinstance(part, ast.Constant)} & set(names)
+                if len(held) > 1:
+                    yield path.relative_to(ROOT).as_posix(), node.lineno, sorted(held)
+
+
+@pytest.mark.parametrize(("sort", "names"), [("methods", METHODS)])
+def test_no_other_file_lists_the_names(sort, names):
+    found = list(listed(names))
+    assert not [one for one in found if one[0] not in OWN_CHOICE[sort]]
+    assert OWN_CHOICE[sort].keys() == {one[0] for one in found}, "an exception that nothing needs any more"
