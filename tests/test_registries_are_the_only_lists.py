@@ -6,8 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from avc_casadi.claims.registry import CLAIMS
 from avc_casadi.design.registry import METHODS
 
 ROOT = Path(__file__).parent.parent
@@ -38,6 +40,33 @@ def solve_toy(problem):
     rows = len(problem.frequencies_hz())
     pair = (np.full(rows, 1.0), np.full(rows, 100.0), np.zeros(rows))
     return gain_schedule(problem, "toy", pair, (Status.SOLVED,) * rows)
+'''
+
+
+CLAIM = '''
+"""A toy claim: no row is stiffer than 1 kN/m."""
+
+from avc_casadi.claims.registry import Claim
+
+
+class Soft(Claim):
+    name = "T1"
+    title = "softer than 1 kN/m"
+    rank = 45
+    claims = "each row is softer than 1 kN/m"
+    leaves = "everything else"
+    provable = "nothing is left to prove"
+
+    def judge(self, judged):
+        import numpy as np
+
+        from avc_casadi.claims.levels import level_result
+
+        rows = judged.rows
+        none = np.zeros(len(rows.k))
+        return level_result(
+            rows, self.name, "sampled-data", "softer than 1 kN/m", rows.k < 1e3, 1e3 - rows.k, none, none
+        )
 '''
 
 
@@ -77,12 +106,24 @@ except SystemExit:
     assert "exact, toy, schedule" in " ".join(with_file(tmp_path, package, METHOD, lists).split())
 
 
+def test_a_claim_is_one_file(tmp_path):
+    package = "avc_casadi.claims.level"
+    told = with_file(tmp_path, package, CLAIM, COMMAND.format(["solve", "soft", "--method", "closed-form", "--json"]))
+    levels = json.loads(told)["certificate"]["levels"]
+    assert list(levels) == ["L0", "L1", "L2", "L3", "L4", "T1", "L5"]
+    k = np.array(json.loads(told)["stiffness_n_per_m"], dtype=float)
+    assert levels["T1"]["title"] == "softer than 1 kN/m"
+    assert levels["T1"]["row_pass"] == [bool(one < 1e3) for one in k]
+    assert "T1  nothing is left to prove" in with_file(tmp_path, package, CLAIM, COMMAND.format(["certify", "--help"]))
+
+
 # What these files list is not what there is: it is what a published table, a stored study or one solver holds.
 OWN_CHOICE = {
     "methods": {
         "avc_casadi/study/table1/wall.py": "the two couplings of the paper's Table 1",
         "avc_casadi/present/figures/frontier.py": "labels of the cells of one stored study",
     },
+    "claims": {},
 }
 
 
@@ -102,7 +143,7 @@ def listed(names):
                     yield path.relative_to(ROOT).as_posix(), node.lineno, sorted(held)
 
 
-@pytest.mark.parametrize(("sort", "names"), [("methods", METHODS)])
+@pytest.mark.parametrize(("sort", "names"), [("methods", METHODS), ("claims", CLAIMS)])
 def test_no_other_file_lists_the_names(sort, names):
     found = list(listed(names))
     assert not [one for one in found if one[0] not in OWN_CHOICE[sort]]
