@@ -55,7 +55,10 @@ SHARED = {
     "simulation.advance": "simulation",
 }
 # What a problem file names and rooms above declare: folders that are scanned when they are asked for.
-PLUGGED = {("avc_casadi.model.registries", "avc_casadi.design.method")}
+PLUGGED = {
+    ("avc_casadi.model.registries", "avc_casadi.design.method"),
+    ("avc_casadi.model.registries", "avc_casadi.simulation.effects"),
+}
 NAMED = re.compile(r"^(avc_casadi|avc_hardware)(\.[a-z_0-9]+)*(:[a-z_0-9]+)?$")
 
 

@@ -7,3 +7,4 @@ from typing import Any
 from avc_casadi._util.registry import Registry
 
 METHODS: Registry[Any] = Registry("method", "avc_casadi.design.method")
+EFFECTS: Registry[Any] = Registry("effect", "avc_casadi.simulation.effects")

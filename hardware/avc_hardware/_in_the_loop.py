@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 
 PLANT_KINDS = frozenset({"hand", "stylus-hand", "viscous-friction", "resonance", "amplifier", "delay"})
 """Effects of a scene that the bench has, beside what the firmware does itself."""
-_FIRMWARE_KINDS = frozenset({"wall", "encoder", "state-feedback", "estimator", "adaptation", "guard", "saturation"})
+FIRMWARE_KINDS = frozenset({"wall", "encoder", "state-feedback", "estimator", "adaptation", "guard", "saturation"})
+"""What the firmware does itself."""
 
 
 @dataclass
@@ -170,11 +171,11 @@ class FirmwareInTheLoop:
 
 
 def _check(problem: Problem, effects: tuple[SceneEffect, ...], limits: BoardLimits) -> None:
-    foreign = [effect.kind for effect in effects if effect.kind not in PLANT_KINDS | _FIRMWARE_KINDS]
+    foreign = [effect.kind for effect in effects if effect.kind not in PLANT_KINDS | FIRMWARE_KINDS]
     if foreign:
         raise UnsupportedError(
             f"{problem.name}: the bench has no {', '.join(foreign)}; allowed: "
-            f"{', '.join(sorted(PLANT_KINDS | _FIRMWARE_KINDS))}"
+            f"{', '.join(sorted(PLANT_KINDS | FIRMWARE_KINDS))}"
         )
     for effect in effects:
         if isinstance(effect, Saturation) and effect.force_n != limits.max_force_n:

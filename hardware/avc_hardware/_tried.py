@@ -12,10 +12,11 @@ from avc_casadi import InputError
 from avc_casadi.coupling import require_coupling
 from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import HandEffect, WallEffect
+from avc_casadi.model.registries import EFFECTS
 from avc_casadi.simulation.judge import judge
 from avc_casadi.simulation.population.motions import TRIAL_S, course_of
 from avc_hardware._device_fault import DeviceFault
-from avc_hardware._in_the_loop import PLANT_KINDS, FirmwareInTheLoop
+from avc_hardware._in_the_loop import FIRMWARE_KINDS, PLANT_KINDS, FirmwareInTheLoop
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from avc_casadi.simulation.judge import Judgement
     from avc_hardware._device import DeviceStatus
     from avc_hardware._push import PushResult
-
-_HANDS = frozenset({"hand", "stylus-hand"})
 
 
 @dataclass(frozen=True)
@@ -111,9 +110,9 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, devic
         raise InputError.of(f"{lasts:g} s; allowed: a finite time above 0", key="seconds")
     true = coupling.problem if device is None else coupling.problem.changed(device=device)
     there = scene_effects(true)
-    kept = tuple(effect for effect in there if effect.kind in PLANT_KINDS - _HANDS)
-    own = {"wall", "environment", "encoder", "saturation", "state-feedback", "estimator", "adaptation", "guard"}
-    left_out = tuple(effect.kind for effect in there if effect.kind not in PLANT_KINDS | own)
+    kept = tuple(effect for effect in there if effect.kind in PLANT_KINDS and EFFECTS[effect.kind].role != "hand")
+    own = PLANT_KINDS | FIRMWARE_KINDS | {"environment"}
+    left_out = tuple(effect.kind for effect in there if effect.kind not in own)
     bench = true.changed(
         scene={"effects": (HandEffect(), WallEffect(), *kept), "duration_s": lasts, "integrator": "exact"}
     )

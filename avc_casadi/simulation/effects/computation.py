@@ -7,6 +7,14 @@ from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.effects import (
+    AdaptationEffect,
+    EffectTable,
+    EstimatorEffect,
+    GuardEffect,
+    ObserverEffect,
+    StateFeedbackEffect,
+)
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import STATE_FEEDBACK_KEYS
@@ -31,6 +39,9 @@ class Guard(SceneEffect):
     """
 
     kind: ClassVar[str] = "guard"
+    keys: ClassVar[type[EffectTable]] = GuardEffect
+    rank: ClassVar[float] = 190
+    of_coupling: ClassVar[bool] = True
     station: ClassVar[Station] = Station.GUARD
 
     method: str
@@ -62,6 +73,10 @@ class StateFeedback(SceneEffect):
     """
 
     kind: ClassVar[str] = "state-feedback"
+    keys: ClassVar[type[EffectTable]] = StateFeedbackEffect
+    rank: ClassVar[float] = 120
+    role: ClassVar[str] = "observer"
+    of_coupling: ClassVar[bool] = True
     station: ClassVar[Station] = Station.COMPUTATION
 
     settings: Settings
@@ -101,6 +116,10 @@ class Observer(SceneEffect):
     """
 
     kind: ClassVar[str] = "observer"
+    keys: ClassVar[type[EffectTable]] = ObserverEffect
+    rank: ClassVar[float] = 90
+    role: ClassVar[str] = "observer"
+    of_coupling: ClassVar[bool] = True
     station: ClassVar[Station] = Station.SENSING
 
     settings: ObserverSettings
@@ -144,6 +163,9 @@ class Adaptation(SceneEffect):
     """
 
     kind: ClassVar[str] = "adaptation"
+    keys: ClassVar[type[EffectTable]] = AdaptationEffect
+    rank: ClassVar[float] = 150
+    of_coupling: ClassVar[bool] = True
     station: ClassVar[Station] = Station.COMPUTATION
 
     hold: HoldSettings
@@ -212,6 +234,9 @@ class Estimator(SceneEffect):
     """
 
     kind: ClassVar[str] = "estimator"
+    keys: ClassVar[type[EffectTable]] = EstimatorEffect
+    rank: ClassVar[float] = 140
+    of_coupling: ClassVar[bool] = True
     station: ClassVar[Station] = Station.COMPUTATION
 
     method: str
