@@ -6,6 +6,7 @@ import warnings
 from importlib import import_module, util
 from importlib.abc import Loader
 from pkgutil import iter_modules
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -57,7 +58,8 @@ def lookup(room: str) -> Callable[[str], Any]:
                         continue
                     module = import_module(f"{folder.__name__}.{found.name}")
                     value = vars(module).get(name)
-                    if value is not None and getattr(value, "__module__", module.__name__) == module.__name__:
+                    own = isinstance(value, type | FunctionType)
+                    if value is not None and (not own or value.__module__ == module.__name__):
                         warnings.warn(
                             f"{__package__}.{room}.{name} stands in {module.__name__} since 0.3; the old name goes "
                             "with 0.4",

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import load_problem, parse_problem
-from avc_casadi.claims.certificate import TITLES
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.claims.registry import CLAIMS
 from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
 from avc_casadi.claims.stability.scope import deciding_frequencies_hz, scope_slack
 from avc_casadi.design.methods import solve
@@ -83,7 +83,7 @@ def test_document_is_plain_json_with_the_fixed_keys():
     document = certify(case, solve(case, "closed-form")).document()
     again = json.loads(json.dumps(document, allow_nan=False))
     assert list(again["levels"]) == ["L0", "L1", "L2", "L3", "L4", "L5"]
-    assert list(TITLES) == [*again["levels"], "L7", "L8", "L9"]
+    assert list(CLAIMS) == [*again["levels"], "L7", "L8", "L9"]
     for level in again["levels"].values():
         assert {"pass", "margin_ns_per_m", "frequency_hz", "model", "claim", "tolerance_ns_per_m"} <= set(level)
         assert isinstance(level["pass"], bool)

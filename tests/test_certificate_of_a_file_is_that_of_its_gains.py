@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from avc_casadi import catalogue, certify, load_problem, solve
 from avc_casadi._util.json_values import json_text
-from avc_casadi.design.methods import METHODS
+from avc_casadi.design.registry import METHODS
 from avc_casadi.files.coupling_file import read_file
 from avc_casadi.files.gain_file import gain_document
 

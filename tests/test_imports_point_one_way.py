@@ -54,6 +54,11 @@ SHARED = {
     "simulation.contact": "simulation.runtime",
     "simulation.advance": "simulation",
 }
+# What a problem file names and rooms above declare: folders that are scanned when they are asked for.
+PLUGGED = {
+    ("avc_casadi.model.registries", "avc_casadi.design.method"),
+    ("avc_casadi.model.registries", "avc_casadi.simulation.effects"),
+}
 NAMED = re.compile(r"^(avc_casadi|avc_hardware)(\.[a-z_0-9]+)*(:[a-z_0-9]+)?$")
 
 
@@ -91,7 +96,7 @@ def imported(name, path):
                 yield alias.name, node.lineno
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documents:
             target = node.value.partition(":")[0]
-            if NAMED.match(node.value) and target in MODULES and target != package:
+            if NAMED.match(node.value) and target in MODULES and target != package and (name, target) not in PLUGGED:
                 yield target, node.lineno
 
 

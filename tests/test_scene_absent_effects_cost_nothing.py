@@ -7,8 +7,8 @@ from scene_reference import MASSLESS, scene_problem
 
 from avc_casadi.cli._text import nanoseconds
 from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.model.registries import EFFECTS
 from avc_casadi.simulation.compile import compile_scene
-from avc_casadi.simulation.effects.registry import KINDS
 from avc_casadi.simulation.explain import explain
 
 BASE = ('kind = "hand"', 'kind = "wall"')
@@ -123,7 +123,7 @@ def test_explain_counts_what_each_effect_adds():
     assert costs["delay"].states == 2
     assert costs["wall"].states >= 2
     assert found.states == len(found.state_names) == 6
-    assert set(found.absent) | set(costs) == set(KINDS)
+    assert set(found.absent) | set(costs) == set(EFFECTS)
     assert found.ns_per_step > 0
     assert found.scatter_ns >= 0
     assert not set(found.absent) & set(costs)

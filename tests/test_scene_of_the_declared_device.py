@@ -11,9 +11,10 @@ from avc_casadi import InputError
 from avc_casadi.cli import main
 from avc_casadi.model.declared import declared_effects, left_out, scene_effects
 from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.scene import Scene
 from avc_casadi.simulation.compile import compile_scene
-from avc_casadi.simulation.effects.registry import KINDS, build_effects
+from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.scene import compile_for, simulate
 
@@ -219,5 +220,5 @@ def test_play_holds_the_measured_position_until_it_is_taken_up():
 
 
 def test_every_declared_effect_is_one_that_scenes_simulate():
-    assert set(KINDS) >= ALL
+    assert set(EFFECTS) >= ALL
     assert Scene(effects=[{"kind": kind} for kind in sorted(ALL)]).effects

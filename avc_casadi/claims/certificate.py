@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, Comparable, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import Columns, Table, Tabular
+from avc_casadi.claims.registry import CLAIMS
 from avc_casadi.claims.stability.declared_device import rigid
 from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE
 
@@ -66,19 +67,8 @@ def radius_limit(device: Device, parts: Fractions, hands: Hand) -> FloatArray:
     return np.where(called_back, 1 - RADIUS_TOLERANCE, free)
 
 
-Level = Literal["L0", "L1", "L2", "L3", "L4", "L5", "L7", "L8", "L9"]
-
-TITLES: dict[str, str] = {
-    "L0": "passive at its own frequency",
-    "L1": "passive in a band about its own frequency",
-    "L2": "passive at all frequencies, paper's hold",
-    "L3": "passive at all frequencies, sampled-data hold",
-    "L4": "Llewellyn, any passive environment",
-    "L5": "linearly stable with a set of hands",
-    "L7": "comes to rest with every hand, making and breaking contact",
-    "L8": "gains may change from row to row in kept contact",
-    "L9": "ripple of encoder, noise and friction bounded in contact",
-}
+Level = str
+"""A name that `CLAIMS` knows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +76,7 @@ class LevelResult(Comparable):
     """One level of a certificate; row arrays have shape (n,) in the order of the gains.
 
     Attributes:
-        level: L0 to L5; L7 to L9 where proofs were asked for.
+        level: a name of the registry; those on demand stand only where proofs were asked for.
         passed: whether every row meets it.
         margin_ns_per_m: the worst margin, N.s/m; not a number where there is none to give.
         frequency_hz: where it stands; 0 is the limit of zero frequency.
@@ -99,7 +89,7 @@ class LevelResult(Comparable):
         row_frequency_hz: where it stands.
         detail: more numbers of this level.
         refused: why the level is not judged on this device; empty where it is.
-        outcome: proved, refuted or open, where a proof was asked for (L5, L7 to L9); empty of others.
+        outcome: proved, refuted or open, where a proof was asked for; empty of others.
     """
 
     level: Level
@@ -136,7 +126,7 @@ class LevelResult(Comparable):
             "pass": self.passed,
             "refused": self.refused or None,
             "outcome": self.outcome or None,
-            "title": TITLES[self.level],
+            "title": CLAIMS[self.level].title,
             "margin_ns_per_m": plain(self.margin_ns_per_m),
             "frequency_hz": plain(self.frequency_hz),
             "model": self.model,
@@ -184,7 +174,7 @@ class Certificate(Tabular):
         levels = list(self.levels.values())
         return {
             "level": np.array([found.level for found in levels]),
-            "title": np.array([TITLES[found.level] for found in levels]),
+            "title": np.array([CLAIMS[found.level].title for found in levels]),
             "passed": np.array([found.passed for found in levels]),
             "margin_ns_per_m": np.array([found.margin_ns_per_m for found in levels]),
             "frequency_hz": np.array([found.frequency_hz for found in levels]),

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.claims.certificate import Certificate, Level, LevelResult
-from avc_casadi.claims.levels import Rows, level_result, not_judged
-from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
+from avc_casadi.claims.certificate import LevelResult
+from avc_casadi.claims.levels import Rows, level_result
 from avc_casadi.claims.stability.declared_device import plants_with_forces
 from avc_casadi.claims.stability.eigenvalues import leading_radii
-from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_parts, frozen_rendering
+from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_rendering
 from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
 from avc_casadi.model.corners import LINEAR_KEYS, device_set
 from avc_casadi.model.hands import Hand, hand_ranges, hand_set, no_hand
@@ -176,32 +175,8 @@ class _Loop:
         return Worst(best, share, device, Hand(*values).values(0))
 
 
-def certify_feedback(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Certificate:
-    """Certify a coupling with state feedback: L5 on its own loop; L0 to L4 know gains alone and are not judged."""
-    gains, problem = coupling.schedule, coupling.problem
-    b, k, contact = gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
-    present = np.isfinite(b) & np.isfinite(k) & np.isfinite(contact)
-    rows = Rows(problem, gains.frequency_hz, present, b[present], k[present], contact[present])
-    model = problem.stability.model
-    why = "the level knows gains alone, and these run behind an observer with state feedback"
-    first: tuple[Level, ...] = ("L0", "L1", "L2", "L3", "L4")
-    levels: dict[Level, LevelResult] = {level: not_judged(rows, level, model, why) for level in first}
-    levels["L5"] = _hands(feedback_radius(coupling, draws, seed), rows)
-    device = problem.device
-    stiffness = frozen_parts(problem, rows.b, rows.k).integral / device.sample_time_s
-    missing = int(np.count_nonzero(~present))
-    return Certificate(
-        problem=problem.name,
-        requested=False,
-        frequency_hz=gains.frequency_hz,
-        rows_without_gains=missing,
-        levels=levels,
-        passive_limit_n_per_m=passive_limit_n_per_m(device),
-        dc_stiffness_n_per_m=rows.spread(stiffness),
-    )
-
-
-def _hands(found: FeedbackRadius, rows: Rows) -> LevelResult:
+def feedback_level(found: FeedbackRadius, rows: Rows) -> LevelResult:
+    """Judge L5 on the loop of a coupling with state feedback."""
     worst, one = found.any_share, np.ones(len(rows.b))
     held = worst.hand
     who = f"{held['mass_kg']:.4g} kg, {held['damping_ns_per_m']:.4g} N.s/m, {held['stiffness_n_per_m']:.4g} N/m"

@@ -1,4 +1,4 @@
-"""Levels L0 to L4: passivity of frozen gains, each level on the rows that have gains."""
+"""Passivity of frozen gains, each level on the rows that have gains."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
-from avc_casadi.claims.certificate import Level, LevelResult
+from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.claims.passivity.sampled_loop import Fractions, SampledLoop, fractions
 from avc_casadi.claims.passivity.worst_frequency import RELATIVE_TOLERANCE, WorstMargin, worst_margin
 from avc_casadi.claims.passivity.worst_port import CouplingSlack, PortWorst, RenderingSlack, perceived_worst, port_worst
 from avc_casadi.claims.stability.declared_device import rigid, whole_stability
 from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners, least_damped
 from avc_casadi.model.hands import Hand
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.certificate import Level, LevelResult
+    from avc_casadi.claims.certificate import Level
+    from avc_casadi.claims.passivity_claim import PassivityClaim, Where
+    from avc_casadi.claims.registry import Judged
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Model, Problem
 
@@ -57,10 +59,48 @@ class Rows:
         return whole
 
 
-def passivity_level(rows: Rows, level: Level, model: Model, progress: Progress = SILENT) -> LevelResult:
-    """Judge L0 (own frequency), L1 (band), L2 or L3 (all frequencies) in the model named."""
-    if level in {"L0", "L1"}:
-        low, high, where = own_frequencies(rows, level)
+def judge_passivity(judged: Judged, claim: PassivityClaim) -> LevelResult:
+    """Judge a claim of passivity on the rows; a device for which it is not offered does not meet it."""
+    rows, stated = judged.rows, judged.problem.stability.model
+    if judged.behind_feedback:
+        why = "the level knows gains alone, and these run behind an observer with state feedback"
+        return not_judged(rows, claim.name, stated, why)
+    model = claim.hold or stated
+    try:
+        if not ideal(rows.problem.device):
+            return _with_device(rows, claim, model, judged.progress)
+        # Re Z_h grows with the device's damping, so that the lower end of its range stands for the others.
+        lean = replace(rows, problem=least_damped(rows.problem))
+        if claim.any_environment:
+            return llewellyn_level(lean, claim.name, model, judged.progress)
+        return passivity_level(lean, claim.name, model, claim.where, judged.progress)
+    except UnsupportedError as refusal:
+        return not_judged(rows, claim.name, model, str(refusal))
+
+
+def _with_device(rows: Rows, claim: PassivityClaim, model: Model, progress: Progress) -> LevelResult:
+    """Judge on a device that is not `ideal`.
+
+    Raises:
+        UnsupportedError: the claim has no proof on such a device.
+    """
+    if claim.where != "all":
+        return _own_frequency(rows, claim.name, model, claim.where)
+    if model == "paper":
+        what = what_is_declared(rows.problem.device)
+        raise UnsupportedError(
+            f"{claim.name} with the paper's hold has no proof on a device with {what}: that hold "
+            "gives no loop from sample to sample; L3 judges the device as declared, and L4 with stability.model = "
+            '"sampled-data"'
+        )
+    return _all_frequencies(rows, claim.name, progress, any_environment=claim.any_environment)
+
+
+def passivity_level(rows: Rows, level: Level, model: Model, where_: Where, progress: Progress = SILENT) -> LevelResult:
+    """Judge Re Z_h >= 0 at frequencies in the model named; at all of them the poles too."""
+    whole = where_ == "all"
+    if where_ != "all":
+        low, high, where = own_frequencies(rows, where_)
     else:
         low, high = np.zeros(len(rows.b)), np.full(len(rows.b), np.inf)
         where = "at every frequency up to Nyquist"
@@ -68,8 +108,7 @@ def passivity_level(rows: Rows, level: Level, model: Model, progress: Progress =
         [worst_margin(loop, rows.b, rows.k, rows.contact, low, high, progress=progress) for loop in _loops(rows, model)]
     )
     hold = "the paper's hold" if model == "paper" else "the sampled-data hold"
-    # Poles and residue belong to claims on a rendering as a whole; L0 and L1 are claims on Re Z_h alone.
-    whole = level in {"L2", "L3"}
+    # Poles and residue belong to claims on a rendering as a whole; the others are claims on Re Z_h alone.
     passed = worst.passive if whole else worst.margin_ns_per_m >= -worst.tolerance_ns_per_m
     claim = f"Re Z_h >= 0 {where}, under {hold}"
     if whole:
@@ -87,15 +126,17 @@ def passivity_level(rows: Rows, level: Level, model: Model, progress: Progress =
     )
 
 
-def own_frequencies(rows: Rows, level: Level) -> tuple[FloatArray, FloatArray, str]:
-    """Return between which frequencies L0 or L1 judges each present row, and how that is said.
+def own_frequencies(rows: Rows, where_: Where) -> tuple[FloatArray, FloatArray, str]:
+    """Return between which frequencies each present row is judged, its own or a band, and how that is said.
 
     A table of one row runs at every frequency of the problem: each of them is its own.
     """
-    factor = rows.problem.stability.band_factor if level == "L1" else 1.0
+    factor = rows.problem.stability.band_factor if where_ == "band" else 1.0
     own = rows.frequency_hz[rows.present]
     if len(rows.present) > 1:
-        where = f"from 1/{factor:g} to {factor:g} times its own frequency" if level == "L1" else "at its own frequency"
+        where = "at its own frequency"
+        if where_ == "band":
+            where = f"from 1/{factor:g} to {factor:g} times its own frequency"
         return own / factor, own * factor, f"{where} for each frozen row"
     every = rows.problem.frequencies_hz()
     low, high = every.min() / factor, every.max() * factor
@@ -103,8 +144,8 @@ def own_frequencies(rows: Rows, level: Level) -> tuple[FloatArray, FloatArray, s
     return np.full(len(own), low), np.full(len(own), high), where
 
 
-def llewellyn_level(rows: Rows, model: Model, progress: Progress = SILENT) -> LevelResult:
-    """Judge L4: the coupling alone protects any passive environment from any passive hand."""
+def llewellyn_level(rows: Rows, level: Level, model: Model, progress: Progress = SILENT) -> LevelResult:
+    """Judge whether the coupling alone protects any passive environment from any passive hand."""
     margin, frequency = np.full(len(rows.b), np.inf), np.zeros(len(rows.b))
     for loop in _loops(rows, model):
         found = [
@@ -117,7 +158,7 @@ def llewellyn_level(rows: Rows, model: Model, progress: Progress = SILENT) -> Le
     tolerance = np.where(np.isfinite(margin), tolerance, 0.0)
     hold = "the paper's hold" if model == "paper" else "the sampled-data hold"
     claim = f"each frozen row meets Llewellyn's condition (6) for any passive environment, under {hold}"
-    return level_result(rows, "L4", model, claim, margin >= -tolerance, margin, frequency, tolerance)
+    return level_result(rows, level, model, claim, margin >= -tolerance, margin, frequency, tolerance)
 
 
 def _loops(rows: Rows, model: Model) -> list[SampledLoop]:
@@ -206,22 +247,6 @@ def ideal(device: Device) -> bool:
     return rigid(device) and all(delay == int(delay) for delay in delays)
 
 
-def device_level(rows: Rows, level: Level, model: Model, progress: Progress = SILENT) -> LevelResult:
-    """Judge L0 to L4 on a device that is not `ideal`.
-
-    Raises:
-        UnsupportedError: a level that has no proof on such a device.
-    """
-    if level == "L2" or (level == "L4" and model == "paper"):
-        what = what_is_declared(rows.problem.device)
-        raise UnsupportedError(
-            f"{level} with the paper's hold has no proof on a device with {what}: that hold "
-            "gives no loop from sample to sample; L3 judges the device as declared, and L4 with stability.model = "
-            '"sampled-data"'
-        )
-    return _own_frequency(rows, level, model) if level in {"L0", "L1"} else _all_frequencies(rows, level, progress)
-
-
 def what_is_declared(device: Device) -> str:
     """Name what makes the device more than ideal."""
     found = {
@@ -234,8 +259,8 @@ def what_is_declared(device: Device) -> str:
     return " and ".join(named)
 
 
-def _own_frequency(rows: Rows, level: Level, model: Model) -> LevelResult:
-    low, high, where = own_frequencies(rows, level)
+def _own_frequency(rows: Rows, level: Level, model: Model, where_: Where) -> LevelResult:
+    low, high, where = own_frequencies(rows, where_)
     parts = fractions(SampledLoop.of(rows.problem, model), rows.b, rows.k)
     corners = device_corners(rows.problem.device, LINEAR_KEYS)
     worst = perceived_worst(corners, parts, rows.contact, low, high, model)
@@ -244,22 +269,25 @@ def _own_frequency(rows: Rows, level: Level, model: Model) -> LevelResult:
     return _result(rows, level, model, claim, worst, worst.passed, None)
 
 
-def _all_frequencies(rows: Rows, level: Level, progress: Progress) -> LevelResult:
+def _all_frequencies(rows: Rows, level: Level, progress: Progress, *, any_environment: bool) -> LevelResult:
     # A constant coupling has the same row many times.
     (b, k, contact), back = np.unique(np.stack([rows.b, rows.k, rows.contact]), axis=1, return_inverse=True)
     back = back.ravel()
     parts = fractions(SampledLoop.of(rows.problem, "sampled-data"), b, k)
     corners = device_corners(rows.problem.device, LINEAR_KEYS)
     time = rows.problem.device.sample_time_s
-    slack = RenderingSlack(parts, contact) if level == "L3" else CouplingSlack(b, k, contact, time)
+    slack = CouplingSlack(b, k, contact, time) if any_environment else RenderingSlack(parts, contact)
     worst = port_worst(corners, slack, len(b), progress).pick(back)
     stiffness = (parts.integral / time)[back]
     sound = stable_with_one_hand(corners, parts, contact)[back]
     # Before any passive wall the DC stiffness of this one is no condition.
-    sound &= (stiffness >= 0) | (level == "L4")
-    faults = [_fault(level, bool(lacks), float(dc)) for lacks, dc in zip(~worst.passed, stiffness, strict=True)]
+    sound &= (stiffness >= 0) | any_environment
+    faults = [
+        _fault(bool(lacks), 0.0 if any_environment else float(dc))
+        for lacks, dc in zip(~worst.passed, stiffness, strict=True)
+    ]
     claim = "each frozen row meets Llewellyn's condition (6) for any passive environment"
-    if level == "L3":
+    if not any_environment:
         claim = "each frozen row is passive with this environment at every frequency up to Nyquist"
     claim += f", under the sampled-data hold, with the device as declared{_at_corners(corners)}"
     return _result(rows, level, "sampled-data", claim, worst, worst.passed & sound, faults)
@@ -276,11 +304,11 @@ def _at_corners(corners: list[Device]) -> str:
     return "" if len(corners) == 1 else f" at {len(corners)} corners of [device.range]"
 
 
-def _fault(level: Level, lacks_damping: bool, dc_n_per_m: float) -> str:
+def _fault(lacks_damping: bool, dc_n_per_m: float) -> str:
     """Say what is wrong beside a lack of damping at the handle."""
     if lacks_damping:
         return ""
-    if level == "L3" and dc_n_per_m < 0:
+    if dc_n_per_m < 0:
         return f"a negative DC stiffness of {dc_n_per_m:.4g} N/m"
     return "a pole outside the unit circle"
 

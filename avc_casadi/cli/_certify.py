@@ -39,23 +39,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--proof-out",
         metavar="DIR",
-        help="with --prove: write the proofs and witnesses of L5, L7 and L8, a file a level",
+        help="with --prove: write proofs and witnesses, a file a level",
     )
-    parser.epilog = _PROVABLE
+    parser.epilog = _provable()
 
 
-_PROVABLE = """\
-what --prove can prove, each of the device as declared in its ranges:
-  L5  linearly stable with every hand: delay whole or not; amplifier and resonance where L7's multiplier is found;
-      gains, each row held; not with state feedback, whose innovation may pass in part
-  L7  rest with every hand, making and breaking contact: delay, amplifier and resonance too, without friction;
-      gains, each row held, with or without state feedback, contact = "clip-last"; not with its dead zone, with an
-      observer between encoder steps, or a guard
-  L8  rows of a gain table that follow one another in kept contact: rigid device, ideal amplifier, whole delay known
-      exactly, a wall with a spring; nothing beside the gains; needs pip install 'avc-casadi[proof]'
-  L9  ripple of encoder, noise and friction in kept contact: constant gains, a device whose linear values are known
-      exactly, whole delay
-"""
+def _provable() -> str:
+    """Say what proofs there are, a level a paragraph."""
+    from textwrap import indent
+
+    from avc_casadi.claims.registry import CLAIMS
+
+    lines = "".join(
+        f"  {name}  {indent(one.provable, ' ' * 6).strip()}\n" for name, one in CLAIMS.items() if one.provable
+    )
+    return f"what --prove can prove, each of the device as declared in its ranges:\n{lines}"
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -72,6 +70,7 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
     from avc_casadi._util.json_values import json_text
     from avc_casadi.claims.certificate import levels_table
     from avc_casadi.claims.proof_levels import proof_files
+    from avc_casadi.claims.registry import asked_for
     from avc_casadi.coupling import Coupling
 
     problem, gains, coupling, notes = _judged(args)
@@ -89,7 +88,7 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
             written.append(name)
     with console.step("table that runs"):
         verdict = None if coupling is None else avc.deployable(coupling, console)
-    claimed = claimed_level(problem)
+    claimed = asked_for(problem)
     deployment = (
         {"pass": False, "sentence": "not deployable: no row has gains"} if verdict is None else verdict.document()
     )
@@ -181,12 +180,6 @@ def _beside_hands(level: Mapping[str, Any]) -> str:
             f"neighbouring rows, with each of {switching['hands']} hands; the others are open or unstable themselves"
         )
     return "".join(f"{line}\n" for line in lines)
-
-
-def claimed_level(problem: avc.Problem) -> str:
-    """Return the level that the problem file asks the gains to meet."""
-    whole = "L2" if problem.stability.model == "paper" else "L3"
-    return {"pointwise": "L0", "band": "L1", "all": whole, "hands": "L5"}[problem.stability.scope]
 
 
 def levels_text(certificate: Mapping[str, Any]) -> str:

@@ -14,7 +14,6 @@ from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison
-    from avc_casadi.design.methods import MethodName
     from avc_casadi.model.schedule import GainSchedule
 
 
@@ -62,7 +61,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 def compared(problem: avc.Problem, mine: tuple[float, float] | None, console: Console) -> Comparison:
     """Compare with progress."""
 
-    def solve(problem: avc.Problem, method: MethodName) -> GainSchedule:
+    def solve(problem: avc.Problem, method: str) -> GainSchedule:
         with console.step(f"{method}: {len(problem.frequencies_hz())} frequencies"):
             return avc.solve(problem, method, progress=console)
 

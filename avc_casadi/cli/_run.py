@@ -20,12 +20,12 @@ from avc_casadi.cli._solve import without_gains
 from avc_casadi.cli._subject import add_unsafe, load_problem
 from avc_casadi.cli._text import titled
 from avc_casadi.cli._versions import package_versions
+from avc_casadi.design.registry import methods_help
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.comparison.comparison import Comparison
-    from avc_casadi.design.methods import MethodName
     from avc_casadi.present.report.frame import Picture
 
 _CAPTIONS = {
@@ -40,7 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
     parser.add_argument("--out", metavar="DIR", help="folder for the results; default avc-<name>")
     parser.add_argument(
-        "--method", metavar="NAME", help="deploy the gains of this method, not the recommended coupling"
+        "--method",
+        metavar="NAME",
+        help=f"deploy the gains of this method, not the recommended coupling: {methods_help()}",
     )
     add_unsafe(parser)
 
@@ -125,7 +127,7 @@ def _recommended(problem: avc.Problem, console: Console) -> dict[str, Any]:
     return recommend_document(found) | {"of": found.coupling}
 
 
-def _by_method(problem: avc.Problem, method: MethodName, console: Console) -> dict[str, Any]:
+def _by_method(problem: avc.Problem, method: str, console: Console) -> dict[str, Any]:
     """Return what is known of the coupling of a method, in the keys of the `recommend` document."""
     from avc_casadi.recommendation.recommend import judged_as_recommended
 

@@ -139,7 +139,7 @@ def _subject(
 
 def _others(text: str | None) -> list[str]:
     """Split the couplings of --against and check them."""
-    from avc_casadi.design.methods import METHODS
+    from avc_casadi.design.registry import METHODS
 
     names = [] if text is None else [name.strip() for name in text.split(",")]
     wrong = [name for name in names if name not in ("none", *METHODS)]
@@ -183,10 +183,9 @@ def _read_at(problem: avc.Problem, gains: Coupling | GainSchedule | None) -> flo
 
 
 def _gains_by(name: str, problem: avc.Problem) -> Gains | GainSchedule:
-    from avc_casadi.design.methods import method_named
     from avc_casadi.model.gains import NO_COUPLING
 
-    return NO_COUPLING if name == "none" else avc.solve(problem, method_named(name))
+    return NO_COUPLING if name == "none" else avc.solve(problem, name)
 
 
 def gains_of(

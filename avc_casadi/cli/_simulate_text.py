@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from avc_casadi.cli._text import nanoseconds, number, table
+from avc_casadi.model.registries import EFFECTS
 
-_HANDS = {"hand", "stylus-hand"}
 # In mm, mm/s, N and mJ: a millionth of what any device could show.
 _ROUND_OFF = 1e-12
 
@@ -61,7 +61,7 @@ def simulation_text(document: dict[str, Any], *, plot: str | None, explained: bo
 
 def outcome(document: dict[str, Any]) -> str:
     """Say what came of it, of the one hand that was simulated."""
-    held = any(effect["kind"] in _HANDS for effect in document["effects"])
+    held = any(EFFECTS[effect["kind"]].role == "hand" for effect in document["effects"])
     who = "with this hand the device" if held else "the device"
     outcomes = {
         "asymptotic": f"{who} comes to rest, and does not need dry friction for it",

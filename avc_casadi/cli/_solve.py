@@ -11,12 +11,12 @@ from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import counts, number, passive_limit, sample_rows, table
 from avc_casadi.cli._versions import package_versions
+from avc_casadi.design.registry import methods_help
 
 if TYPE_CHECKING:
     import argparse
 
     from avc_casadi.coupling import Coupling
-    from avc_casadi.design.methods import MethodName
     from avc_casadi.model.schedule import GainSchedule
 
 
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.gain_file import gain_csv
 
-    method: MethodName = args.method or ("closed-form" if args.as_printed else "direct")
+    method = args.method or ("closed-form" if args.as_printed else "direct")
     out = None if args.out is None else output_file(args.out, "--out", (".json", ".csv"))
     problem = load_problem(args.problem)
     with console.step(f"{method}: {len(problem.frequencies_hz())} frequencies"):
@@ -74,11 +74,6 @@ def _file_text(document: dict[str, Any], coupling: Coupling | None) -> str:
         return json_text(document)
     certificate = document["certificate"] | {"deployable": document["deployable"]}
     return json_text(document | coupling_document(coupling.with_certificate(certificate)))
-
-
-def methods_help() -> str:
-    """Return the names of the methods for a help text."""
-    return "closed-form, direct, exact, schedule, static, static-tuned or robust"
 
 
 def solve_document(problem: avc.Problem, gains: GainSchedule, console: Console) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number, passive_limit, sample_rows, table
+from avc_casadi.design.registry import methods_help
 
 if TYPE_CHECKING:
     import argparse
@@ -31,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--method",
         default="direct",
-        help="whose gains are placed in the region: direct (default), exact, closed-form, ...",
+        help=f"whose gains are placed in the region: {methods_help()}; default direct",
     )
     parser.add_argument("--plot", metavar="FILE", help="draw the region: .png, .svg or .pdf")
 

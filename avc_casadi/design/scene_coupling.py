@@ -14,7 +14,7 @@ from avc_casadi.simulation.scene import simulate as simulate_with
 from avc_casadi.simulation.screen import screen as screen_with
 
 if TYPE_CHECKING:
-    from avc_casadi.design.methods import MethodName
+    from avc_casadi.design.registry import MethodName
     from avc_casadi.model.gains import Gains
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.schedule import GainSchedule

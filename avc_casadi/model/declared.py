@@ -18,6 +18,7 @@ from avc_casadi.model.effects import (
     SaturationEffect,
     WallEffect,
 )
+from avc_casadi.model.registries import EFFECTS
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -87,6 +88,9 @@ def scene_effects(problem: Problem) -> tuple[Effect, ...]:
 def left_out(problem: Problem) -> tuple[str, ...]:
     """Return the kinds of declared effects that a scene with a list of effects does not simulate."""
     listed = {effect.kind for effect in scene_effects(problem)}
-    listed |= {"hand"} if "stylus-hand" in listed else set()
-    listed |= {"wall"} if "environment" in listed else set()
-    return tuple(effect.kind for effect in declared_effects(problem) if effect.kind not in listed)
+    roles = {EFFECTS[kind].role for kind in listed} - {""}
+    return tuple(
+        effect.kind
+        for effect in declared_effects(problem)
+        if effect.kind not in listed and EFFECTS[effect.kind].role not in roles
+    )

@@ -1,11 +1,10 @@
-"""The effects of a scene in a problem file.
+"""Keys of effects that the model or several rooms speak of; each belongs to an effect of `EFFECTS`.
 
-A value that is None is taken from the device, the environment or the hands when the scene is built.
+A new effect has its keys in its own file. A value that is None is taken from the device, the environment or the hands
+when the scene is built.
 """
 
-from typing import Annotated, Literal
-
-from pydantic import Field
+from typing import Any, Literal
 
 from avc_casadi.model.quantity import (
     Damping,
@@ -33,7 +32,17 @@ from avc_casadi.model.quantity import (
 )
 
 
-class HandEffect(Table):
+class EffectTable(Table):
+    """An effect of a scene: the keys of one [[scene.effects]].
+
+    Attributes:
+        kind: which; a name that `avc_casadi.model.registries.EFFECTS` knows.
+    """
+
+    kind: Any
+
+
+class HandEffect(EffectTable):
     """A hand between its moving target and the device: mass, damper and spring.
 
     Attributes:
@@ -48,7 +57,7 @@ class HandEffect(Table):
     stiffness_n_per_m: Stiffness | None = None
 
 
-class StylusHandEffect(Table):
+class StylusHandEffect(EffectTable):
     """A hand on a stylus: tip, grip (k1, b1), mass, arm (k2, b2), ground.
 
     The defaults are the means of 15 subjects (Fu & Cavusoglu 2012).
@@ -69,7 +78,7 @@ class StylusHandEffect(Table):
     arm_stiffness_n_per_m: Stiffness = 170.0
 
 
-class WallEffect(Table):
+class WallEffect(EffectTable):
     """The environment on one side only: no force at x < 0.
 
     Attributes:
@@ -82,7 +91,7 @@ class WallEffect(Table):
     stiffness_n_per_m: Stiffness | None = None
 
 
-class EnvironmentEffect(Table):
+class EnvironmentEffect(EffectTable):
     """The environment on both sides.
 
     Attributes:
@@ -95,13 +104,13 @@ class EnvironmentEffect(Table):
     stiffness_n_per_m: Stiffness | None = None
 
 
-class DetentEffect(Table):
+class DetentEffect(EffectTable):
     """The detents of [detent], beside the wall."""
 
     kind: Literal["detent"] = "detent"
 
 
-class CoulombFrictionEffect(Table):
+class CoulombFrictionEffect(EffectTable):
     """Dry friction of the device, with true sticking.
 
     Attributes:
@@ -112,7 +121,7 @@ class CoulombFrictionEffect(Table):
     force_n: Force | None = None
 
 
-class ViscousFrictionEffect(Table):
+class ViscousFrictionEffect(EffectTable):
     """Viscous friction of the device.
 
     Attributes:
@@ -123,7 +132,7 @@ class ViscousFrictionEffect(Table):
     damping_ns_per_m: Damping | None = None
 
 
-class ResonanceEffect(Table):
+class ResonanceEffect(EffectTable):
     """A structural resonance of the device.
 
     Attributes:
@@ -138,7 +147,7 @@ class ResonanceEffect(Table):
     mass_ratio: MassRatio | None = None
 
 
-class BacklashEffect(Table):
+class BacklashEffect(EffectTable):
     """Play between the handle and the motor, on which the encoder sits.
 
     Attributes:
@@ -149,7 +158,7 @@ class BacklashEffect(Table):
     gap_m: Length | None = None
 
 
-class EncoderEffect(Table):
+class EncoderEffect(EffectTable):
     """Quantised position, at the motor or at the handle beyond the resonance.
 
     Attributes:
@@ -162,7 +171,7 @@ class EncoderEffect(Table):
     at: Literal["motor", "handle"] | None = None
 
 
-class NoiseEffect(Table):
+class NoiseEffect(EffectTable):
     """White noise on the sampled position.
 
     Attributes:
@@ -175,7 +184,7 @@ class NoiseEffect(Table):
     seed: Seed = 0
 
 
-class VelocityFilterEffect(Table):
+class VelocityFilterEffect(EffectTable):
     """First-order low pass on the velocity.
 
     Attributes:
@@ -186,7 +195,7 @@ class VelocityFilterEffect(Table):
     cutoff_hz: Hertz
 
 
-class NotchEffect(Table):
+class NotchEffect(EffectTable):
     """A notch on the measured position: gain `depth` at its frequency, `width` its band as a share of that.
 
     Attributes:
@@ -201,7 +210,7 @@ class NotchEffect(Table):
     width: Threshold = 0.5
 
 
-class CompensatorEffect(Table):
+class CompensatorEffect(EffectTable):
     """A linear discrete filter on the measured position, in second-order sections [b0, b1, b2, a1, a2].
 
     Attributes:
@@ -212,7 +221,7 @@ class CompensatorEffect(Table):
     sections: Sections
 
 
-class ObserverEffect(Table):
+class ObserverEffect(EffectTable):
     """An observer of the position between encoder steps; the mass is that of device and hand together.
 
     The steps that it looks between and the samples that it looks ahead are those of encoder and delay, if left out.
@@ -229,7 +238,7 @@ class ObserverEffect(Table):
     ahead_samples: DelaySamples | None = None
 
 
-class StateFeedbackEffect(Table):
+class StateFeedbackEffect(EffectTable):
     """An observer with a dead zone and state feedback, as a robust design makes it; its states are lengths.
 
     Attributes:
@@ -254,7 +263,7 @@ class StateFeedbackEffect(Table):
     face_m: Length = 0.0
 
 
-class DelayEffect(Table):
+class DelayEffect(EffectTable):
     """Samples between measurement and force, whole or not.
 
     Attributes:
@@ -265,7 +274,7 @@ class DelayEffect(Table):
     samples: DelaySamples | None = None
 
 
-class JitterEffect(Table):
+class JitterEffect(EffectTable):
     """Irregular sampling and lost samples.
 
     Attributes:
@@ -280,7 +289,7 @@ class JitterEffect(Table):
     dropped_share: Share = 0.0
 
 
-class AmplifierEffect(Table):
+class AmplifierEffect(EffectTable):
     """Bandwidth of the actuator: a lag of order 1, or a current loop of order 2.
 
     Attributes:
@@ -295,7 +304,7 @@ class AmplifierEffect(Table):
     damping_ratio: LoopDampingRatio | None = None
 
 
-class SaturationEffect(Table):
+class SaturationEffect(EffectTable):
     """Largest force of the actuator.
 
     Attributes:
@@ -306,7 +315,7 @@ class SaturationEffect(Table):
     force_n: ForceLimit | None = None
 
 
-class EstimatorEffect(Table):
+class EstimatorEffect(EffectTable):
     """Estimate of the interaction frequency that selects the gains.
 
     Attributes:
@@ -317,7 +326,7 @@ class EstimatorEffect(Table):
     method: Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"] = "fused"
 
 
-class AdaptationEffect(Table):
+class AdaptationEffect(EffectTable):
     """How the gains follow the estimate: wait, limited slew (None: no limit), without creating energy.
 
     Attributes:
@@ -332,7 +341,7 @@ class AdaptationEffect(Table):
     passive: bool = True
 
 
-class GuardEffect(Table):
+class GuardEffect(EffectTable):
     """A guard in the time domain that dissipates what the loop generates.
 
     Attributes:
@@ -343,29 +352,4 @@ class GuardEffect(Table):
     method: Literal["passivity-controller", "energy-tank"] = "passivity-controller"
 
 
-Effect = Annotated[
-    HandEffect
-    | StylusHandEffect
-    | WallEffect
-    | EnvironmentEffect
-    | DetentEffect
-    | CoulombFrictionEffect
-    | ViscousFrictionEffect
-    | ResonanceEffect
-    | BacklashEffect
-    | EncoderEffect
-    | NoiseEffect
-    | VelocityFilterEffect
-    | ObserverEffect
-    | StateFeedbackEffect
-    | NotchEffect
-    | CompensatorEffect
-    | DelayEffect
-    | JitterEffect
-    | AmplifierEffect
-    | SaturationEffect
-    | EstimatorEffect
-    | AdaptationEffect
-    | GuardEffect,
-    Field(discriminator="kind"),
-]
+Effect = EffectTable

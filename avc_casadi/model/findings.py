@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import difflib
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ValidationError
 
-from avc_casadi.model.quantity import Quantity, Whole, shown
+from avc_casadi.model.effects import EffectTable
+from avc_casadi.model.quantity import Quantity, Whole, one_of, shown
+from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rules import BELONGS_IN, RULES, UNKNOWN, Finding, Path, Rule, Values, broken_rules
 
 _M = TypeVar("_M", bound=BaseModel)
@@ -37,7 +39,7 @@ def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequen
     try:
         found = model.model_validate({**keys, _NOT_A_KEY: name} if _NOT_A_KEY in model.model_fields else keys)
     except ValidationError as error:
-        items = [item for item in error.errors(include_url=False) if item["loc"]]
+        items = [item for item in _whole(error.errors(include_url=False)) if item["loc"]]
         items = [item for item in items if item["type"] not in _CONSEQUENCES]
         paths = [_path(item["loc"]) for item in items]
         findings += [_finding(model, keys, path, item) for path, item in zip(paths[:_MOST], items, strict=False)]
@@ -50,12 +52,20 @@ def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequen
     return findings
 
 
+def _whole(items: Sequence[Any]) -> Iterator[Any]:
+    """Yield the errors of tables inside, read by a validator of their own, each where it stands."""
+    for item in items:
+        if item["type"] == "inner":
+            yield from ({**fault, "loc": (*item["loc"], *fault["loc"])} for fault in item["ctx"]["faults"])
+        else:
+            yield item
+
+
 def _path(location: Sequence[str | int]) -> Path:
-    """Return pydantic's location without the kind that it names beside each motion and effect."""
-    length = 3 if location[:2] == ("scene", "effects") else 2 if location[:2] == ("scene", "motion") else None
-    if length is None or len(location) <= length:
-        return tuple(location)
-    return (*location[:length], *location[length + 1 :])
+    """Return pydantic's location without the kind that it names beside a motion."""
+    if location[:2] == ("scene", "motion"):
+        return (*location[:2], *location[3:])
+    return tuple(location)
 
 
 def _item(node: Any, part: str | int) -> Any:
@@ -66,6 +76,8 @@ def _item(node: Any, part: str | int) -> Any:
 
 def _models(annotation: Any) -> list[type[BaseModel]]:
     """Return the tables that an annotation allows."""
+    if annotation is EffectTable:
+        return [one.keys for one in EFFECTS.values()]
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for inner in typing.get_args(annotation) for model in _models(inner)]
@@ -99,11 +111,6 @@ def _table(models: list[type[BaseModel]]) -> str:
     return f"a table with {', '.join(_keys(models))}"
 
 
-def _one_of(choices: list[Any], value: object) -> str:
-    near = difflib.get_close_matches(str(value)[:60], [str(choice) for choice in choices], n=1)
-    return f"{', '.join(map(shown, choices))}{f'; did you mean {shown(near[0])}?' if near else ''}"
-
-
 def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item: Any) -> Finding:
     fault, value = item["type"], item["input"]
     message: str = item["msg"]
@@ -117,10 +124,10 @@ def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item
     elif fault in {"union_tag_invalid", "union_tag_not_found"}:
         kinds = [_kind(model) for model in _models_at(whole, tables, path)]
         what = f"is {shown(value['kind'])}" if "kind" in value else "is missing"
-        path, message = (*path, "kind"), f"{what}; allowed: {_one_of(kinds, value.get('kind'))}"
+        path, message = (*path, "kind"), f"{what}; allowed: {one_of(kinds, value.get('kind'))}"
     elif fault == "literal_error":
         annotation = _models_at(whole, tables, path[:-1])[0].model_fields[str(path[-1])].annotation
-        message = f"is {shown(value)}; allowed: {_one_of(list(typing.get_args(annotation)), value)}"
+        message = f"is {shown(value)}; allowed: {one_of(list(typing.get_args(annotation)), value)}"
     elif fault == "bool_type":
         message = f"is {shown(value)}; allowed: true or false"
     return path, message

@@ -4,9 +4,10 @@ Every quantity has a stated range, so that a slip of the unit is refused and no 
 stands apart: 0 means "absent", and a subnormal number means a mistake.
 """
 
+import difflib
 import numbers
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -47,6 +48,13 @@ def shown(value: object) -> str:
     if isinstance(value, list | tuple):
         return visible(f"[{', '.join(shown(item) for item in value[:_SHOWN])}]")
     return visible(str(value))
+
+
+def one_of(choices: Iterable[object], value: object) -> str:
+    """List choices as they stand in a file, and say which is near to a value."""
+    known = list(choices)
+    near = difflib.get_close_matches(str(value)[:60], [str(choice) for choice in known], n=1)
+    return f"{', '.join(map(shown, known))}{f'; did you mean {shown(near[0])}?' if near else ''}"
 
 
 def plain(number: float) -> str:

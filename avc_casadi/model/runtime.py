@@ -103,8 +103,6 @@ STATE_FEEDBACK_KEYS: tuple[str, ...] = tuple(item.name for item in fields(StateF
 
 ESTIMATOR_METHODS: tuple[str, ...] = get_args(EstimatorEffect.model_fields["method"].annotation)
 GUARD_METHODS: tuple[str, ...] = get_args(GuardEffect.model_fields["method"].annotation)
-RUNTIME_KINDS = ("observer", "state-feedback", "estimator", "adaptation", "guard")
-"""Effects of a scene that belong to the control computer: a coupling brings its own."""
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,25 @@
 """The scene of a problem file: motion of the hand's target, coupling and the effects to simulate."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError
+from pydantic_core import PydanticCustomError
 
-from avc_casadi.model.effects import Effect
-from avc_casadi.model.quantity import Amplitude, Hertz, Position, Span, Speed, Substeps, Table, refusal, shown
+from avc_casadi.model.effects import EffectTable
+from avc_casadi.model.quantity import (
+    Amplitude,
+    Hertz,
+    Position,
+    Span,
+    Speed,
+    Substeps,
+    Table,
+    one_of,
+    refusal,
+    shown,
+)
+from avc_casadi.model.registries import EFFECTS, METHODS
 
 
 class _Motion(Table):
@@ -80,14 +94,47 @@ class Free(_Motion):
 Motion = Annotated[Press | Tap | Hold | Stroke | Free, Field(discriminator="kind")]
 
 
-CouplingChoice = Literal["none", "static", "static-tuned", "closed-form", "direct", "schedule"]
+class _Couplings:
+    """Validator of the coupling of a scene: none, or a method of the registry."""
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """What is allowed."""
+        return ("none", *METHODS)
+
+    def __call__(self, value: Any) -> str:
+        """Return the name, or refuse it."""
+        if not isinstance(value, str) or value not in self.choices:
+            raise refusal(f"is {shown(value)}; allowed: {one_of(self.choices, value)}")
+        return value
+
+
+CouplingChoice = Annotated[str, BeforeValidator(_Couplings())]
 Integrator = Literal["exact", "projected", "rk4"]
 
 
-def _tables(value: Any) -> Any:
+def _effects(value: Any) -> tuple[Any, ...]:
+    """Return the effects of a scene, each read by the keys of its kind; all faults are told at once."""
     if not isinstance(value, list | tuple):
         raise refusal(f"is {shown(value)}; allowed: one [[scene.effects]] for each effect")
-    return tuple(value)
+    found: list[Any] = []
+    faults: list[Any] = []
+    for index, one in enumerate(value):
+        if isinstance(one, EffectTable):
+            found.append(one)
+        elif not isinstance(one, Mapping):
+            faults.append({"type": "model_type", "loc": (index,), "input": one, "msg": "is no table"})
+        elif not isinstance(one.get("kind"), str) or one["kind"] not in EFFECTS:
+            faults.append({"type": "union_tag_invalid", "loc": (index,), "input": one, "msg": "is of no known kind"})
+        else:
+            try:
+                found.append(EFFECTS[one["kind"]].keys.model_validate(one))
+            except ValidationError as error:
+                faults += [{**item, "loc": (index, *item["loc"])} for item in error.errors(include_url=False)]
+    if faults:
+        text = "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in faults)
+        raise PydanticCustomError("inner", "{text}", {"text": text, "faults": faults})
+    return tuple(found)
 
 
 class Scene(Table):
@@ -109,4 +156,4 @@ class Scene(Table):
     integrator: Integrator = "exact"
     substeps: Substeps = 1
     motion: Motion = Press()
-    effects: Annotated[tuple[Effect, ...], BeforeValidator(_tables)] = ()
+    effects: Annotated[tuple[SerializeAsAny[EffectTable], ...], BeforeValidator(_effects)] = ()

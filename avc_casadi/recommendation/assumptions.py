@@ -9,6 +9,7 @@ import numpy as np
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.model.corners import LINEAR_KEYS
 from avc_casadi.model.declared import declared, declared_effects
+from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rotary_defaults import turned_gains
 
 if TYPE_CHECKING:
@@ -18,17 +19,6 @@ if TYPE_CHECKING:
 
 _RANGE = "device.range."
 _BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"), (-np.inf, np.inf)
-_SCENE_ALONE = {
-    "noise",
-    "jitter",
-    "amplifier",
-    "resonance",
-    "backlash",
-    "viscous-friction",
-    "velocity-filter",
-    "notch",
-    "compensator",
-}
 
 
 def assumed(
@@ -123,5 +113,9 @@ def not_used(problem: Problem) -> tuple[str, ...]:
     unused = [f"{key} (not seen by an encoder at the handle)" for key in declared(problem)]
     unused = [line for line in unused if line.partition(" ")[0] in _not_simulated(problem)]
     simulated = {effect.kind for effect in declared_effects(problem)}
-    listed = [effect.kind for effect in problem.scene.effects if effect.kind in _SCENE_ALONE - simulated]
+    listed = [
+        effect.kind
+        for effect in problem.scene.effects
+        if EFFECTS[effect.kind].scene_alone and effect.kind not in simulated
+    ]
     return (*unused, *(f"scene.effects: {kind} (simulated by avc simulate alone)" for kind in listed))

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi.design.constant.static_tuned import tuned_margin
-from avc_casadi.design.methods import method_named, solve
+from avc_casadi.design.methods import solve
+from avc_casadi.design.registry import METHODS, Candidate, MethodName
 from avc_casadi.model.effects import HandEffect, WallEffect
 from avc_casadi.model.gains import NO_COUPLING, Gains, gains_at
 from avc_casadi.model.problem import Boundaries, Frequency, Impedance
@@ -22,28 +23,24 @@ from avc_casadi.paper.closed_form import project
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem, Structure
 
-CandidateName = Literal[
-    "none",
-    "static",
-    "static-sampled",
-    "direct",
-    "closed-form",
-    "static-tuned-series",
-    "schedule-series",
-    "static-tuned",
-    "schedule",
-]
+CandidateName = str
+"""A name that `COUPLINGS` knows."""
+
+_CANDIDATES: dict[CandidateName, tuple[MethodName, Candidate]] = {
+    one.name: (method, one)
+    for method, one in sorted(
+        ((name, one) for name, method in METHODS.items() for one in method.candidates), key=lambda pair: pair[1].rank
+    )
+}
 COUPLINGS: dict[CandidateName, str] = {
     "none": "device and wall joined directly",
-    "static": "best constant series coupling under Llewellyn's condition (6) with the printed hold",
-    "static-sampled": "best constant series coupling under condition (6) with the hold of a sampled loop, z^-1",
-    "direct": "the paper's pointwise optimum (11)-(12), series",
-    "closed-form": "the paper's projection as what it is: the desired wall and a constant contact damper",
-    "static-tuned-series": "constant series gains tuned for the training hands",
-    "schedule-series": "series gains scheduled on frequency, tuned for the training hands",
-    "static-tuned": "constant gains with a contact damper, tuned for the training hands",
-    "schedule": "gains with a contact damper scheduled on frequency, tuned for the training hands",
+    **{name: one.help for name, (_, one) in _CANDIDATES.items()},
 }
+MEET_OTHERS: tuple[CandidateName, ...] = (
+    "none",
+    *(name for name, (_, one) in _CANDIDATES.items() if one.meets_others),
+)
+"""Those that are tried with hands outside the design set too."""
 
 # From a press that is held for long, in which a damper without a spring would creep, to contact transients.
 TUNED_HZ = (0.01, 100.0)
@@ -103,7 +100,8 @@ class Design:
         """What a device would run: a table that changes is followed by estimator and adaptation."""
         if self.gains is None:
             raise ValueError(f"{self.coupling} has no gains: {self.reason}")
-        return self.gains if self.schedule is None or self.coupling.startswith("static") else self.schedule
+        constant = self.schedule is None or _CANDIDATES[self.coupling][1].constant
+        return self.gains if constant or self.schedule is None else self.schedule
 
     def document(self) -> dict[str, float | None] | None:
         """Return the gains of a hand at rest as JSON values; an infinite gain is a rigid coupling, null."""
@@ -160,7 +158,7 @@ def design(problem: Problem, coupling: CandidateName) -> Design:
         return _injection(problem)
     method, stated = _stated(problem, coupling)
     try:
-        table = solve(stated, method_named(method))
+        table = solve(stated, method)
     except UnsupportedError as refusal:
         return Design(coupling, stated, None, reason=str(refusal))
     rows = np.flatnonzero(table.usable)
@@ -169,13 +167,11 @@ def design(problem: Problem, coupling: CandidateName) -> Design:
     return Design(coupling, stated, gains_at(table, float(table.frequency_hz[rows[0]])), table)
 
 
-def _stated(problem: Problem, coupling: CandidateName) -> tuple[str, Problem]:
-    if coupling.startswith(("static-tuned", "schedule")):
-        structure: Structure = "series" if coupling.endswith("-series") else "damped"
-        return coupling.removesuffix("-series"), tuning_problem(problem, structure)
-    if coupling == "static-sampled":
-        return "static", problem.changed(stability={"model": "sampled-data"})
-    return coupling, problem
+def _stated(problem: Problem, coupling: CandidateName) -> tuple[MethodName, Problem]:
+    method, one = _CANDIDATES[coupling]
+    if one.tuned is not None:
+        return method, tuning_problem(problem, one.tuned)
+    return method, problem if one.model is None else problem.changed(stability={"model": one.model})
 
 
 def _injection(problem: Problem) -> Design:

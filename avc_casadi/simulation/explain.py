@@ -10,9 +10,10 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi.model.gains import Gains
+from avc_casadi.model.registries import EFFECTS
 from avc_casadi.simulation.compile import CompiledScene
 from avc_casadi.simulation.effects.base import SceneEffect
-from avc_casadi.simulation.effects.registry import KINDS, build_effects
+from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.scene import AnyGains, compile_for, settled, staged, without
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ def explain_effects(problem: Problem, effects: tuple[SceneEffect, ...], gains: G
     listed = {effect.kind for effect in effects}
     return Explanation(
         effects=costs,
-        absent=tuple(kind for kind in KINDS if kind not in listed),
+        absent=tuple(kind for kind in EFFECTS if kind not in listed),
         states=len(scene.states),
         state_names=scene.states,
         instructions=scene.instructions,

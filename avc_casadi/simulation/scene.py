@@ -14,7 +14,7 @@ from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
 from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainTable, gains_at
-from avc_casadi.model.runtime import RUNTIME_KINDS
+from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.simulation.compile import CompiledScene, bind, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
@@ -199,7 +199,7 @@ def staged(problem: Problem, gains: AnyGains) -> Problem:
         return problem
     require_coupling(gains)
     check_sample_time(gains.sample_time_s, problem, f"coupling by {gains.method} for {gains.problem.name}")
-    kept = tuple(effect for effect in scene_effects(problem) if effect.kind not in RUNTIME_KINDS)
+    kept = tuple(effect for effect in scene_effects(problem) if not EFFECTS[effect.kind].of_coupling)
     return problem.changed(scene={"effects": (*kept, *gains.runtime.effects(constant=gains.table.constant))})
 
 

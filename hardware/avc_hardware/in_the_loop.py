@@ -20,6 +20,7 @@ from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import HandEffect, WallEffect
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, Plant
+from avc_casadi.model.registries import EFFECTS
 from avc_casadi.simulation.effects.actuation import Saturation
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.registry import build_effects
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 PLANT_KINDS = frozenset({"hand", "stylus-hand", "viscous-friction", "resonance", "amplifier", "delay"})
 """Effects of a scene that the bench has, beside what the firmware does itself."""
 _FIRMWARE_KINDS = frozenset({"wall", "encoder", "state-feedback", "estimator", "adaptation", "guard", "saturation"})
+"""What the firmware does itself."""
 
 
 @dataclass
@@ -165,9 +167,6 @@ def _check(problem: Problem, effects: tuple[SceneEffect, ...], limits: BoardLimi
             )
 
 
-_HANDS = frozenset({"hand", "stylus-hand"})
-
-
 @dataclass(frozen=True)
 class LoopResult:
     """How the firmware held the wall.
@@ -252,9 +251,9 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, devic
         raise InputError.of(f"{lasts:g} s; allowed: a finite time above 0", key="seconds")
     true = coupling.problem if device is None else coupling.problem.changed(device=device)
     there = scene_effects(true)
-    kept = tuple(effect for effect in there if effect.kind in PLANT_KINDS - _HANDS)
-    own = {"wall", "environment", "encoder", "saturation", "state-feedback", "estimator", "adaptation", "guard"}
-    left_out = tuple(effect.kind for effect in there if effect.kind not in PLANT_KINDS | own)
+    kept = tuple(effect for effect in there if effect.kind in PLANT_KINDS and EFFECTS[effect.kind].role != "hand")
+    own = PLANT_KINDS | _FIRMWARE_KINDS | {"environment"}
+    left_out = tuple(effect.kind for effect in there if effect.kind not in own)
     bench = true.changed(
         scene={"effects": (HandEffect(), WallEffect(), *kept), "duration_s": lasts, "integrator": "exact"}
     )

@@ -12,7 +12,9 @@ from pydantic import BaseModel, BeforeValidator
 from pydantic_core import PydanticUndefined
 from studied import table
 
+from avc_casadi.model.effects import EffectTable
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.registries import EFFECTS
 
 _HEAD = ("key", "unit", "default", "allowed", "meaning")
 
@@ -38,6 +40,8 @@ def validators(annotation: Any) -> Iterator[Any]:
 
 def models(annotation: Any) -> list[type[BaseModel]]:
     """The tables that a type names."""
+    if annotation is EffectTable:
+        return [one.keys for one in EFFECTS.values()]
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     inner = (annotation.__origin__,) if get_origin(annotation) is Annotated else get_args(annotation)
@@ -56,6 +60,9 @@ def allowed(annotation: Any) -> tuple[str, str]:
     """Unit of a key and what it allows."""
     if named := literals(annotation):
         return "", ", ".join(toml(value) for value in named)
+    for part in validators(annotation):
+        if hasattr(part, "choices"):
+            return "", ", ".join(toml(value) for value in part.choices)
     found = [part for part in validators(annotation) if hasattr(part, "allowed") or part.__name__ == "_delay"]
     if not found:
         return "", "true, false" if annotation is bool else "text" if annotation is str else ""

@@ -8,13 +8,24 @@ from pathlib import Path
 
 from documented_keys import key_tables
 from documented_results import BLOCKS
+from studied import table
+
+from avc_casadi.claims.registry import CLAIMS
 
 ROOT = Path(__file__).parents[2]
 _BLOCK = re.compile(r"(<!-- (results|keys): ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 _ROOMS = ("avc_casadi", "hardware", "problems", "tests/benchmarks")
 
+
+def levels_table() -> str:
+    """The levels of a certificate, as their registry says."""
+    rows = [(name, claim.claims, claim.leaves) for name, claim in CLAIMS.items()]
+    return table(("level", "claim, if it passes", "what it does not say"), rows)
+
+
 WRITERS: Mapping[tuple[str, str], Callable[[], str]] = {
     ("keys", "problem"): key_tables,
+    ("keys", "levels"): levels_table,
     **{("results", name): block.text for name, block in BLOCKS.items()},
 }
 

@@ -16,7 +16,8 @@ from avc_casadi.design.comparison.cross_check import CrossCheck, cross_check
 from avc_casadi.design.comparison.injection import DampingInjection, damping_injection
 from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair, judge_gains, judge_hand_tuned
 from avc_casadi.design.comparison.verdict import AGREEMENT, Verdict, judge
-from avc_casadi.design.methods import MethodName, method_named, solve
+from avc_casadi.design.methods import solve
+from avc_casadi.design.registry import METHODS, MethodName
 from avc_casadi.files.problem_file import as_problem
 from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.paper.loop import loop_at
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
 
     from avc_casadi.model.problem import Problem
 
-OPTIMISERS = ("direct", "exact")
+POINTWISE: tuple[MethodName, ...] = tuple(name for name, one in METHODS.items() if one.pointwise)
+"""The methods that answer the paper's question at each frequency alone, and are compared."""
+OPTIMISERS: tuple[MethodName, ...] = tuple(name for name, one in METHODS.items() if one.optimises)
 _SHARED = {"frequency_hz", "target_ns_per_m"}
 
 
@@ -116,7 +119,7 @@ class Comparison(Tabular):
 
 def compare(
     problem: Problem | str | Path,
-    methods: Sequence[MethodName] = ("closed-form", "direct", "exact"),
+    methods: Sequence[MethodName] = POINTWISE,
     mine: tuple[float, float] | None = None,
     *,
     solver: Callable[[Problem, MethodName], GainSchedule] = solve,
@@ -127,8 +130,8 @@ def compare(
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
-        methods: must hold "closed-form" and at least one of "direct" and "exact"; the first of these two is what the
-            closed form is compared with.
+        methods: must hold "closed-form" and at least one of `OPTIMISERS`; the first of these is what the closed form is
+            compared with.
         mine: a hand-tuned constant pair (k in N/m, b in N.s/m).
         solver: called as ``solver(problem, method)``; replace it to show progress or to reuse gains.
 
@@ -141,12 +144,12 @@ def compare(
         'mine'
     """
     for method in methods:
-        method_named(method)
+        METHODS.named(method)
     optimum = next((method for method in methods if method in OPTIMISERS), None)
     if "closed-form" not in methods or optimum is None:
         raise InputError.of(
             f"{', '.join(methods) or 'nothing'} cannot be compared; "
-            "allowed: closed-form and at least one of direct, exact",
+            f"allowed: closed-form and at least one of {', '.join(OPTIMISERS)}",
             key="methods",
         )
     if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from avc_casadi._util.arrays import ComplexArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import Cell, Table, counts_text, number, sample_rows
-from avc_casadi.claims.certificate import TITLES
+from avc_casadi.claims.registry import CLAIMS
 from avc_casadi.files.gain_file import gain_document
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def _safety(document: Mapping[str, Any]) -> Table:
         left=(0,),
         title="what each is safe for",
         notes=(
-            *(f"{level}: {TITLES[level]} ({model} model)" for level, model in models.items()),
+            *(f"{level}: {CLAIMS[level].title} ({model} model)" for level, model in models.items()),
             "deployable: linearly stable with every hand (L5) and with the device let go",
         ),
     )

@@ -21,6 +21,7 @@ from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.claims.zwidth import zwidth
+from avc_casadi.design.registry import METHODS
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.device_file import device_catalogue, load_device, parse_device
 from avc_casadi.files.gain_file import gain_csv
@@ -75,6 +76,7 @@ def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
         ],
         "live": list(LIVE),
         "slow": list(SLOW),
+        "papers": [name for name, one in METHODS.items() if one.answers_paper],
     }
 
 

@@ -24,7 +24,6 @@ from avc_casadi.recommendation.recommend import Recommendation, recommend
 from avc_casadi.recommendation.told import conclusion_lines
 
 if TYPE_CHECKING:
-    from avc_casadi.design.methods import MethodName
     from avc_casadi.model.problem import Problem
 
 T = TypeVar("T")
@@ -176,8 +175,7 @@ def _state(work: Background) -> dict[str, Any]:
 
 def _live(problem: Problem, settings: Settings) -> GainSchedule:
     if settings.method != "constant":
-        method: MethodName = settings.method  # type: ignore[assignment]
-        return solve(problem, method)
+        return solve(problem, settings.method)
     rows, gains = len(problem.frequencies_hz()), constant_gains(settings)
     every = tuple(np.full(rows, value) for value in vars(gains).values())
     return gain_schedule(problem, "constant", (every[0], every[1], every[2]), (Status.SOLVED,) * rows)
@@ -212,8 +210,7 @@ def _worked(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | N
         found: Recommendation = recommend(problem, progress=progress)
         document = found.document()
         return found.coupling, [*conclusion_lines(document), *_helpful(document)]
-    name: MethodName = method  # type: ignore[assignment]
-    gains = solve(problem, name, progress=progress)
+    gains = solve(problem, method, progress=progress)
     if not gains.usable.any():
         return None, list(dict.fromkeys(gains.reason))
     return Coupling.of(problem, gains), list(gains.notes)

@@ -9,10 +9,11 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, TypeGuard
+from typing import Any, TypeGuard
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.units import Units
+from avc_casadi.design.registry import METHODS
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.files.rotary_keys import power_at_handle
@@ -22,10 +23,9 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.present.explore.fields import HANDLE, KEYS, RANGES, fields_for, on_page
 from avc_casadi.present.explore.requests import RequestError
 
-LiveMethod = Literal["direct", "closed-form", "exact", "constant"]
-LIVE: tuple[str, ...] = ("direct", "closed-form", "exact", "constant")
+LIVE: tuple[str, ...] = (*(name for name, one in METHODS.items() if one.live), "constant")
 """Methods that are quick enough to follow a slider."""
-SLOW: tuple[str, ...] = ("recommend", "robust", "static", "static-tuned", "schedule")
+SLOW: tuple[str, ...] = ("recommend", *(name for name, one in METHODS.items() if not one.live))
 """Methods that run beside the page, and can be cancelled."""
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 _SCENES = ("press", "tap", "hold")

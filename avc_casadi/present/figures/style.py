@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import wraps
+from itertools import cycle
 from typing import TYPE_CHECKING, Any, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
+from avc_casadi.design import registry
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -135,11 +138,20 @@ DESIRED = Line("desired", "0.78", "-", "", 4.5, 2, 0.0)
 NO_COUPLING = Line("no coupling", "0.35", (0, (1, 1.4)), "", 1.4, 3, 0.0)
 UPPER = Line("upper bound U", "#7a3b00", (0, (6, 2)), "^", 1.2, 4, 0.0)
 LOWER = Line("lower bound L", "#00517a", (0, (6, 2)), "v", 1.2, 4, 0.5)
-METHODS: Mapping[str, Line] = {
-    "closed-form": Line("closed form", "#d1600a", (0, (5, 1.6)), "^", 1.3, 5, 0.0),
-    "direct": Line("direct", "#08306b", "-", "o", 1.1, 6, 0.5),
-    "exact": Line("exact", "#5a5a00", (0, (4, 1.5, 1, 1.5)), "s", 1.1, 5, 0.25),
+_LINES = (
+    Line("", "#d1600a", (0, (5, 1.6)), "^", 1.3, 5, 0.0),
+    Line("", "#08306b", "-", "o", 1.1, 6, 0.5),
+    Line("", "#5a5a00", (0, (4, 1.5, 1, 1.5)), "s", 1.1, 5, 0.25),
+    Line("", "#2f7d32", (0, (2, 1.2)), "P", 1.1, 5, 0.75),
+    Line("", "#6a51a3", (0, (6, 1.5, 1, 1.5)), "v", 1.1, 5, 0.4),
+)
+METHODS: dict[str, Line] = {
+    name: replace(line, label=name.replace("-", " "))
+    for name, line in zip(
+        (name for name, one in registry.METHODS.items() if one.pointwise), cycle(_LINES), strict=False
+    )
 }
+"""The lines of the methods that are compared."""
 # The pointwise gains, where the device gets those of another scope.
 POINTWISE = Line("direct, pointwise, for reference", "#6f94c4", (0, (2, 1.2)), "x", 1.1, 5, 0.5)
 MINE = Line("mine", "#8a0f5c", (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
@@ -150,8 +162,12 @@ def method_lines(comparison: Comparison) -> dict[str, Line]:
     if comparison.delivered == comparison.optimum:
         return dict(METHODS)
     delivered = replace(METHODS["direct"], label=comparison.delivered)
-    exact = replace(METHODS["exact"], label="exact, pointwise, for reference")
-    return {**METHODS, "direct": POINTWISE, "exact": exact, comparison.delivered: delivered}
+    beside = {
+        name: replace(METHODS[name], label=f"{name}, pointwise, for reference")
+        for name, one in registry.METHODS.items()
+        if one.optimises
+    }
+    return METHODS | beside | {"direct": POINTWISE, comparison.delivered: delivered}
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:

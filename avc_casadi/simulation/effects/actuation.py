@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
+from avc_casadi.model.effects import AmplifierEffect, EffectTable, SaturationEffect
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.effects.base import SceneEffect, Station, required_number
@@ -22,6 +23,8 @@ class Saturation(SceneEffect):
     """
 
     kind: ClassVar[str] = "saturation"
+    keys: ClassVar[type[EffectTable]] = SaturationEffect
+    rank: ClassVar[float] = 200
     station: ClassVar[Station] = Station.ACTUATION
 
     force_n: float
@@ -51,6 +54,9 @@ class Amplifier(SceneEffect):
     """
 
     kind: ClassVar[str] = "amplifier"
+    keys: ClassVar[type[EffectTable]] = AmplifierEffect
+    rank: ClassVar[float] = 230
+    scene_alone: ClassVar[bool] = True
     station: ClassVar[Station] = Station.ACTUATION
 
     bandwidth_hz: float

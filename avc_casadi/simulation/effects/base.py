@@ -11,9 +11,11 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.effects import EffectTable
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.registries import EFFECTS
 from avc_casadi.simulation.contact import Environment
 from avc_casadi.simulation.runtime.step import Step
 from avc_casadi.simulation.tick import Expr, Tick
@@ -43,15 +45,30 @@ class Station(IntEnum):
 
 @dataclass(frozen=True)
 class SceneEffect(ABC):
-    """One effect with its numbers settled; each kind is a file that overrides what it needs.
+    """One effect with its numbers settled. A subclass that gives its kind is in the registry `EFFECTS`.
 
     Attributes:
         kind: its name in a problem file.
+        keys: its table there.
+        rank: its place in the loop and in every list.
         station: where it acts.
+        role: effects of one role exclude each other; empty where none does.
+        of_coupling: whether it belongs to the control computer, so that a coupling brings its own.
+        scene_alone: whether scenes alone simulate it where the device does not declare it.
     """
 
     kind: ClassVar[str]
+    keys: ClassVar[type[EffectTable]]
+    rank: ClassVar[float]
     station: ClassVar[Station]
+    role: ClassVar[str] = ""
+    of_coupling: ClassVar[bool] = False
+    scene_alone: ClassVar[bool] = False
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "kind" in vars(cls):
+            EFFECTS.add(cls.kind, cls, cls.rank)
 
     @classmethod
     @abstractmethod

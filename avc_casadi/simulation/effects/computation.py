@@ -7,6 +7,16 @@ from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.effects import (
+    AdaptationEffect,
+    DelayEffect,
+    EffectTable,
+    EncoderEffect,
+    EstimatorEffect,
+    GuardEffect,
+    ObserverEffect,
+    StateFeedbackEffect,
+)
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import STATE_FEEDBACK_KEYS
@@ -31,6 +41,9 @@ class Guard(SceneEffect):
     """
 
     kind: ClassVar[str] = "guard"
+    keys: ClassVar[type[EffectTable]] = GuardEffect
+    rank: ClassVar[float] = 190
+    of_coupling: ClassVar[bool] = True
     station: ClassVar[Station] = Station.GUARD
 
     method: str
@@ -62,6 +75,10 @@ class StateFeedback(SceneEffect):
     """
 
     kind: ClassVar[str] = "state-feedback"
+    keys: ClassVar[type[EffectTable]] = StateFeedbackEffect
+    rank: ClassVar[float] = 120
+    role: ClassVar[str] = "observer"
+    of_coupling: ClassVar[bool] = True
     station: ClassVar[Station] = Station.COMPUTATION
 
     settings: Settings
@@ -101,6 +118,10 @@ class Observer(SceneEffect):
     """
 
     kind: ClassVar[str] = "observer"
+    keys: ClassVar[type[EffectTable]] = ObserverEffect
+    rank: ClassVar[float] = 90
+    role: ClassVar[str] = "observer"
+    of_coupling: ClassVar[bool] = True
     station: ClassVar[Station] = Station.SENSING
 
     settings: ObserverSettings
@@ -109,7 +130,7 @@ class Observer(SceneEffect):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Take step and delay from the loop, and the mass from the device and the lightest hand, if left out."""
-        encoder = next((effect for effect in problem.scene.effects if effect.kind == "encoder"), None)
+        encoder = next((effect for effect in problem.scene.effects if isinstance(effect, EncoderEffect)), None)
         if encoder is None:
             message = "has no steps to look between; allowed: beside the effect encoder"
             raise InputError([Fault(problem.name, None, place, message)])
@@ -121,7 +142,7 @@ class Observer(SceneEffect):
         mass = required_number(
             table.mass_kg, _ABOVE * lightest, key="mass_kg", place=place, problem=problem, source=source
         )
-        delay = next((effect for effect in problem.scene.effects if effect.kind == "delay"), None)
+        delay = next((effect for effect in problem.scene.effects if isinstance(effect, DelayEffect)), None)
         late = 0 if delay is None else delay.samples or problem.device.delay_samples
         ahead = late if table.ahead_samples is None else table.ahead_samples
         return cls(ObserverSettings(resolution, mass, float(ahead)), bool(late))
@@ -144,6 +165,9 @@ class Adaptation(SceneEffect):
     """
 
     kind: ClassVar[str] = "adaptation"
+    keys: ClassVar[type[EffectTable]] = AdaptationEffect
+    rank: ClassVar[float] = 150
+    of_coupling: ClassVar[bool] = True
     station: ClassVar[Station] = Station.COMPUTATION
 
     hold: HoldSettings
@@ -212,6 +236,9 @@ class Estimator(SceneEffect):
     """
 
     kind: ClassVar[str] = "estimator"
+    keys: ClassVar[type[EffectTable]] = EstimatorEffect
+    rank: ClassVar[float] = 140
+    of_coupling: ClassVar[bool] = True
     station: ClassVar[Station] = Station.COMPUTATION
 
     method: str
@@ -220,7 +247,7 @@ class Estimator(SceneEffect):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
         """Take the method; the floor stands above the noise of the encoder, where the scene has one."""
-        encoders = [effect for effect in problem.scene.effects if effect.kind == "encoder"]
+        encoders = [effect for effect in problem.scene.effects if isinstance(effect, EncoderEffect)]
         resolution = problem.device.encoder_resolution_m if encoders else 0.0
         if encoders and encoders[0].resolution_m is not None:
             resolution = encoders[0].resolution_m

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi.model.effects import CompensatorEffect, EffectTable, NotchEffect, VelocityFilterEffect
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.effects.base import SceneEffect, Station
 from avc_casadi.simulation.tick import Tick
@@ -47,6 +48,9 @@ class Compensator(SceneEffect):
     """
 
     kind: ClassVar[str] = "compensator"
+    keys: ClassVar[type[EffectTable]] = CompensatorEffect
+    rank: ClassVar[float] = 110
+    scene_alone: ClassVar[bool] = True
     station: ClassVar[Station] = Station.COMPUTATION
 
     sections: tuple[tuple[float, float, float, float, float], ...]
@@ -80,6 +84,9 @@ class Notch(SceneEffect):
     """
 
     kind: ClassVar[str] = "notch"
+    keys: ClassVar[type[EffectTable]] = NotchEffect
+    rank: ClassVar[float] = 100
+    scene_alone: ClassVar[bool] = True
     station: ClassVar[Station] = Station.COMPUTATION
 
     frequency_hz: float
@@ -127,6 +134,9 @@ class VelocityFilter(SceneEffect):
     """
 
     kind: ClassVar[str] = "velocity-filter"
+    keys: ClassVar[type[EffectTable]] = VelocityFilterEffect
+    rank: ClassVar[float] = 130
+    scene_alone: ClassVar[bool] = True
     station: ClassVar[Station] = Station.COMPUTATION
 
     cutoff_hz: float

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Self
 
+from avc_casadi.model.effects import EffectTable, HandEffect, StylusHandEffect
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
@@ -20,6 +21,9 @@ class Grip(SceneEffect):
     """
 
     kind: ClassVar[str] = "hand"
+    keys: ClassVar[type[EffectTable]] = HandEffect
+    rank: ClassVar[float] = 40
+    role: ClassVar[str] = "hand"
     station: ClassVar[Station] = Station.HAND
 
     hand: Hand | StylusHand
@@ -42,6 +46,9 @@ class StylusGrip(Grip):
     """The same with a hand on a stylus."""
 
     kind: ClassVar[str] = "stylus-hand"
+    keys: ClassVar[type[EffectTable]] = StylusHandEffect
+    rank: ClassVar[float] = 50
+    role: ClassVar[str] = "hand"
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:

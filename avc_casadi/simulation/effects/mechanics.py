@@ -6,6 +6,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi.model.effects import (
+    BacklashEffect,
+    CoulombFrictionEffect,
+    EffectTable,
+    ResonanceEffect,
+    ViscousFrictionEffect,
+)
 from avc_casadi.model.plant import DEVICE, GROUND, Plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.effects.base import SceneEffect, Station, required_number
@@ -24,6 +31,9 @@ class Backlash(SceneEffect):
     """
 
     kind: ClassVar[str] = "backlash"
+    keys: ClassVar[type[EffectTable]] = BacklashEffect
+    rank: ClassVar[float] = 60
+    scene_alone: ClassVar[bool] = True
     station: ClassVar[Station] = Station.SENSING
 
     gap_m: float
@@ -56,6 +66,9 @@ class Resonance(SceneEffect):
     """
 
     kind: ClassVar[str] = "resonance"
+    keys: ClassVar[type[EffectTable]] = ResonanceEffect
+    rank: ClassVar[float] = 10
+    scene_alone: ClassVar[bool] = True
     station: ClassVar[Station] = Station.MECHANICS
 
     frequency_hz: float
@@ -104,6 +117,9 @@ class ViscousFriction(SceneEffect):
     """
 
     kind: ClassVar[str] = "viscous-friction"
+    keys: ClassVar[type[EffectTable]] = ViscousFrictionEffect
+    rank: ClassVar[float] = 20
+    scene_alone: ClassVar[bool] = True
     station: ClassVar[Station] = Station.MECHANICS
 
     damping_ns_per_m: float
@@ -128,6 +144,8 @@ class CoulombFriction(SceneEffect):
     """
 
     kind: ClassVar[str] = "coulomb-friction"
+    keys: ClassVar[type[EffectTable]] = CoulombFrictionEffect
+    rank: ClassVar[float] = 30
     station: ClassVar[Station] = Station.MECHANICS
 
     force_n: float

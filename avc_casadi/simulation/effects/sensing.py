@@ -10,6 +10,7 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.declared import scene_effects
+from avc_casadi.model.effects import DelayEffect, EffectTable, EncoderEffect, JitterEffect, NoiseEffect
 from avc_casadi.model.plant import DEVICE, HANDLE
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.effects.base import SceneEffect, Station, required_number
@@ -29,6 +30,9 @@ class Jitter(SceneEffect):
     """
 
     kind: ClassVar[str] = "jitter"
+    keys: ClassVar[type[EffectTable]] = JitterEffect
+    rank: ClassVar[float] = 220
+    scene_alone: ClassVar[bool] = True
     station: ClassVar[Station] = Station.ACTUATION
 
     rms_s: float
@@ -77,6 +81,8 @@ class Delay(SceneEffect):
     """
 
     kind: ClassVar[str] = "delay"
+    keys: ClassVar[type[EffectTable]] = DelayEffect
+    rank: ClassVar[float] = 210
     station: ClassVar[Station] = Station.ACTUATION
 
     samples: float
@@ -115,6 +121,9 @@ class Noise(SceneEffect):
     """
 
     kind: ClassVar[str] = "noise"
+    keys: ClassVar[type[EffectTable]] = NoiseEffect
+    rank: ClassVar[float] = 70
+    scene_alone: ClassVar[bool] = True
     station: ClassVar[Station] = Station.SENSING
 
     rms_m: float
@@ -147,6 +156,8 @@ class Encoder(SceneEffect):
     """
 
     kind: ClassVar[str] = "encoder"
+    keys: ClassVar[type[EffectTable]] = EncoderEffect
+    rank: ClassVar[float] = 80
     station: ClassVar[Station] = Station.SENSING
 
     resolution_m: float

@@ -11,6 +11,7 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.device import Detent
+from avc_casadi.model.effects import DetentEffect, EffectTable, EnvironmentEffect, WallEffect
 from avc_casadi.model.problem import Contact, Problem
 from avc_casadi.simulation.contact import Environment
 from avc_casadi.simulation.effects.base import SceneEffect, Station
@@ -26,6 +27,8 @@ class Detents(SceneEffect):
     """
 
     kind: ClassVar[str] = "detent"
+    keys: ClassVar[type[EffectTable]] = DetentEffect
+    rank: ClassVar[float] = 180
     station: ClassVar[Station] = Station.GUARD
 
     detent: Detent
@@ -80,6 +83,9 @@ class Wall(SceneEffect):
     """
 
     kind: ClassVar[str] = "wall"
+    keys: ClassVar[type[EffectTable]] = WallEffect
+    rank: ClassVar[float] = 160
+    role: ClassVar[str] = "environment"
     station: ClassVar[Station] = Station.ENVIRONMENT
 
     damping_ns_per_m: float
@@ -108,6 +114,9 @@ class TwoSidedEnvironment(Wall):
     """A spring towards x = 0 and a damper, always in contact."""
 
     kind: ClassVar[str] = "environment"
+    keys: ClassVar[type[EffectTable]] = EnvironmentEffect
+    rank: ClassVar[float] = 170
+    role: ClassVar[str] = "environment"
 
     @property
     def environment(self) -> Environment:

@@ -315,7 +315,7 @@ const follow = Object.fromEntries(["a", "b"].map((column) => [column, new Follow
     }
     if (part === "touch") drawTouch(shown, columns());
     if (part === "now" || part === "region") drawRegion(shown, columns(), state);
-    drawVerdict(shown, columns(), state);
+    drawVerdict(shown, columns(), state, about.papers);
     markStale();
     if (part === "judge" || part === "touch") painted(part, since);
   },
@@ -338,7 +338,7 @@ function drawAll() {
   drawImpedance(shown, columns());
   drawTouch(shown, columns());
   drawRegion(shown, columns(), state);
-  drawVerdict(shown, columns(), state);
+  drawVerdict(shown, columns(), state, about.papers);
 }
 
 // ---- files

@@ -8,9 +8,6 @@ const get = (id) => document.getElementById(id);
 const HZ = { label: "interaction frequency, Hz", kind: "log" };
 const CLAIMS = { asymptotic: "✓ comes to rest", "held-by-friction": "✗ rests by dry friction only", unstable: "✗ does not come to rest" };
 
-// What answers the question that the paper asks.
-const PAPERS = ["direct", "closed-form", "exact", "schedule"];
-
 const named = (column, name) => `${column.toUpperCase()}: ${name}`;
 
 function span(values) {
@@ -121,16 +118,16 @@ function rested(run) {
 }
 
 /** What to do about a coupling that may not go into a device. */
-function nextStep({ now, judge }, method) {
+function nextStep({ now, judge }, method, papers) {
   if (now && !now.gains && method === "recommend") return "Press Run: it looks for a coupling that may go into the device, and takes some seconds to a minute.";
   if (now && !now.gains) return "Press Run, under Method.";
   if (!judge || !judge.deployable || judge.deployable.pass) return "";
   if (method === "recommend") return "";
-  const what = PAPERS.includes(method) ? "These gains answer the paper's question." : "These gains may not go into a device.";
+  const what = papers.includes(method) ? "These gains answer the paper's question." : "These gains may not go into a device.";
   return `${what} For a coupling that may choose recommend, under Method.`;
 }
 
-export function drawVerdict(shown, columns, state) {
+export function drawVerdict(shown, columns, state, papers) {
   const rows = [
     ["gains by", (mine, column) => state[column].method],
     ["frequencies with gains", ({ now }) => now.gains ? Object.entries(now.gains.counts).map(([name, count]) => `${count} ${name}`).join(", ") : "not run"],
@@ -148,7 +145,7 @@ export function drawVerdict(shown, columns, state) {
   const body = made("tbody", {}, ...rows.map(([name, cell]) => made("tr", {}, made("th", { scope: "row" }, name),
     ...there.map((column) => made("td", {}, cell(shown[column], column))))));
   get("verdict").replaceChildren(head, body);
-  get("next").textContent = nextStep(shown[state.on], state[state.on].method);
+  get("next").textContent = nextStep(shown[state.on], state[state.on].method, papers);
   get("levels").replaceChildren(...there.filter((column) => shown[column].judge && shown[column].judge.certificate).map((column) => {
     const mine = shown[column].judge;
     const box = made("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `levels of ${column.toUpperCase()}` });

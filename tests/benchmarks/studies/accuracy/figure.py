@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import IMPEDANCE_UNIT, PERCEIVED, styled
+from avc_casadi.present.figures.style import IMPEDANCE_UNIT, METHODS, PERCEIVED, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from studies.accuracy.solvers import SolverCost
     from studies.accuracy.study import Accuracy
 
-_OWN = {"closed-form": ("closed form", "#d1600a", "^"), "exact": ("exact", "#5a5a00", "s")}
+_OWN = {name: (line.label, line.colour, line.marker) for name, line in METHODS.items() if name != "direct"}
 _DEFAULT = ("direct, default", "#08306b", "*")
 _BACKENDS: dict[str, tuple[str, str, Any]] = {
     "ipopt": ("#08519c", "o", "-"),

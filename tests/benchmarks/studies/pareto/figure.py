@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.ticker import FuncFormatter
 
+from avc_casadi.claims.registry import CLAIMS
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import styled
 
@@ -25,8 +26,6 @@ _UNNOTICED = 1e-2
 """Errors below this, in per cent, are drawn on this line."""
 _COMPLEX, _MAGNITUDE = "complex error", "magnitude error"
 _SHORT = {"own frequency": "own\nfreq.", "all frequencies": "all\nfreq.", "no limit": "none", "constant": "const."}
-# Levels that tell guarantees apart; L4 is about other walls.
-_LEVELS = ("L0", "L1", "L2", "L3", "L5")
 
 
 @styled
@@ -127,7 +126,8 @@ def _certificates(axes: Axes, points: list[Point]) -> None:
     """Write under each adaptive design which levels of the certificate it passes."""
     axes.margins(y=0.25)
     for position, point in enumerate(points):
-        passed = [level for level in _LEVELS if point.passed[level]]
+        # Levels that a scope asks for; the others are about other walls.
+        passed = [name for name, claim in CLAIMS.items() if claim.scope is not None and point.passed[name]]
         axes.annotate(
             "\n".join(passed) or "none",
             (position, 0.02),

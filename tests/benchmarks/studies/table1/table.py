@@ -13,7 +13,7 @@ from avc_casadi._util.checkpoint import Chunked
 from avc_casadi._util.parallel import processors
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.constant.static_tuned import TUNED_MARGIN_SHARE
-from avc_casadi.recommendation.designs import COUPLINGS, CandidateName
+from avc_casadi.recommendation.designs import COUPLINGS, MEET_OTHERS, CandidateName
 from avc_casadi.simulation.population.operators import Population, draw_subjects
 from avc_casadi.simulation.population.settled import CONFIDENCE
 from avc_casadi.simulation.population.trial import PEOPLE_AT_ONCE
@@ -33,8 +33,6 @@ _AT_ONCE = 4 * PEOPLE_AT_ONCE
 # Wall, population, how many people come before, how many there are.
 Cell = tuple[str, Population, int, int]
 POPULATIONS: tuple[Population, ...] = ("A", "B")
-# Set B is there to show what the designs do to hands that they were not made for.
-SET_B_COUPLINGS: tuple[CandidateName, ...] = ("none", "static", "static-tuned", "schedule")
 
 
 def table1(
@@ -103,7 +101,7 @@ def _told_by(wall: str) -> str:
 def _tried(couplings: tuple[CandidateName, ...], seed: int, cell: Cell) -> dict[str, Any]:
     wall, population, first, count = cell
     matching = population == "A"
-    names = couplings if matching else tuple(name for name in couplings if name in SET_B_COUPLINGS)
+    names = couplings if matching else tuple(name for name in couplings if name in MEET_OTHERS)
     problem, designs = _designed(wall, names)
     outcomes = try_wall(problem, draw_subjects(population, count, seed, first=first), designs, matching=matching)
     return {

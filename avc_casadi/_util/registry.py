@@ -1,0 +1,83 @@
+"""A registry: things of one sort by name, each declared in a file of its own in one folder, which is scanned."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from pkgutil import iter_modules
+from threading import RLock
+from typing import Generic, TypeVar
+
+from avc_casadi._errors import InputError
+
+Thing = TypeVar("Thing")
+
+
+class Registry(Mapping[str, Thing], Generic[Thing]):
+    """Things of one sort by name, in the order of their ranks.
+
+    At the first question every module of the folder is imported; each adds what it declares. A folder that is put on
+    the package's ``__path__`` before that is scanned too.
+
+    Args:
+        what: the sort, for messages, for example ``method``.
+        folder: the package whose modules declare them.
+    """
+
+    def __init__(self, what: str, folder: str) -> None:
+        self.what = what
+        self.folder = folder
+        self._things: dict[str, tuple[float, Thing]] = {}
+        self._scanned = False
+        self._lock = RLock()
+
+    def add(self, name: str, thing: Thing, rank: float) -> None:
+        """Declare one thing.
+
+        Args:
+            name: its name, where a user chooses.
+            thing: what it is.
+            rank: its place in every list; between those of two others stands whatever lies between them.
+
+        Raises:
+            ValueError: the name or the rank is taken.
+        """
+        for other, (taken, _) in self._things.items():
+            if other == name or taken == rank:
+                raise ValueError(f"{self.what} {name} of rank {rank:g}: taken by {other} of rank {taken:g}")
+        self._things[name] = rank, thing
+
+    def named(self, name: str, key: str | None = None) -> Thing:
+        """Return the thing of a name.
+
+        Raises:
+            InputError: there is none of that name; says which is near and lists all. Its key is ``key``, or the sort.
+        """
+        if name in self:
+            return self[name]
+        near = difflib.get_close_matches(name, self, n=1)
+        hint = f", did you mean {near[0]}?" if near else ""
+        raise InputError.of(
+            f"{name!r} is no {self.what}{hint}; allowed: {', '.join(self)}", key=self.what if key is None else key
+        )
+
+    def __getitem__(self, name: str) -> Thing:
+        self._scan()
+        return self._things[name][1]
+
+    def __iter__(self) -> Iterator[str]:
+        self._scan()
+        return iter(sorted(self._things, key=lambda name: self._things[name][0]))
+
+    def __len__(self) -> int:
+        self._scan()
+        return len(self._things)
+
+    def _scan(self) -> None:
+        with self._lock:
+            if self._scanned:
+                return
+            self._scanned = True
+            for found in iter_modules(import_module(self.folder).__path__, f"{self.folder}."):
+                import_module(found.name)

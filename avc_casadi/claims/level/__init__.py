@@ -1,0 +1,1 @@
+"""The levels of a certificate, one file each; a new file here is a new level."""

@@ -1,0 +1,18 @@
+"""Level L4: Llewellyn, any passive environment."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from avc_casadi.claims.passivity_claim import PassivityClaim
+
+
+class Llewellyn(PassivityClaim):
+    """Llewellyn's condition (6): the coupling alone protects any passive environment from any passive hand."""
+
+    name: ClassVar[str] = "L4"
+    title: ClassVar[str] = "Llewellyn, any passive environment"
+    rank: ClassVar[float] = 40
+    claims: ClassVar[str] = "Llewellyn's (6): passive for any passive wall"
+    leaves: ClassVar[str] = "as L2 or L3, in the problem's model"
+    any_environment: ClassVar[bool] = True

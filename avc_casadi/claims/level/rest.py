@@ -1,0 +1,36 @@
+"""Level L7: comes to rest with every hand, making and breaking contact."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from avc_casadi.claims.registry import Claim, Judged
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.certificate import LevelResult
+
+
+class RestWithEveryHand(Claim):
+    """Rest from any state with every hand of the box."""
+
+    name: ClassVar[str] = "L7"
+    title: ClassVar[str] = "comes to rest with every hand, making and breaking contact"
+    rank: ClassVar[float] = 70
+    claims: ClassVar[str] = (
+        "each frozen row comes to rest with every hand of the box, wherever it rests and from any state, making and"
+        " breaking contact, on the device that the claim names (with `--prove`)"
+    )
+    leaves: ClassVar[str] = "changing gains; friction, encoder; with play it is open"
+    on_demand: ClassVar[bool] = True
+    provable: ClassVar[str] = (
+        "rest with every hand, making and breaking contact: delay, amplifier and resonance too, without friction;\n"
+        'gains, each row held, with or without state feedback, contact = "clip-last"; not with its dead zone, with an\n'
+        "observer between encoder steps, or a guard"
+    )
+
+    def judge(self, judged: Judged) -> LevelResult:
+        """Sum up the proofs of the rows."""
+        from avc_casadi.claims.proof_levels import rest_level  # noqa: PLC0415 - loads the proofs
+
+        assert judged.coupling is not None  # noqa: S101 - a level on demand is judged of what runs
+        return rest_level(judged.coupling, judged.rests, judged.progress)

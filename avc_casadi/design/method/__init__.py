@@ -1,0 +1,1 @@
+"""The design methods, one file each; a new file here is a new method."""

@@ -1,0 +1,22 @@
+"""Method ``direct``."""
+
+from __future__ import annotations
+
+from avc_casadi.design.registry import METHODS, Candidate, Method
+
+METHODS.add(
+    "direct",
+    Method(
+        "avc_casadi.design.schedule.scoped:solve_direct_in_scope",
+        "the paper's NLP (11)-(12), solved directly at every frequency",
+        options=("solver", "tolerance"),
+        keeps_realism=True,
+        reports=True,
+        answers_paper=True,
+        pointwise=True,
+        optimises=True,
+        live=True,
+        candidates=(Candidate("direct", "the paper's pointwise optimum (11)-(12), series", rank=30),),
+    ),
+    rank=20,
+)
