@@ -88,6 +88,13 @@ def test_the_simulator_has_the_stated_physics():
     # m v' = -b v: after T the speed has fallen by e^(-b T/m), and the way is v m/b (1 - e^(-b T/m)).
     found = free.meets(thrown(0.1), seconds=0.1, tail_s=0.001, friction=0.0)
     assert found.motor == pytest.approx(-0.01 + 0.1 * 0.05 * (1 - math.exp(-20 * 0.0995)), rel=2e-3)
+    # The same without a resonance, as one body, which a hand of the device's own mass slows half as fast.
+    found = free.meets(thrown(0.1), seconds=0.1, tail_s=0.001, friction=0.0, resonance=0.0)
+    assert found.motor == found.handle == pytest.approx(-0.01 + 0.1 * 0.05 * (1 - math.exp(-20 * 0.0995)), rel=2e-3)
+    carried = thrown(0.1)
+    carried.mass = 0.1
+    found = free.meets(carried, seconds=0.1, tail_s=0.001, friction=0.0, resonance=0.0)
+    assert found.motor == pytest.approx(-0.01 + 0.1 * 0.1 * (1 - math.exp(-10 * 0.0995)), rel=2e-3)
     # m v' = -fc: at rest after v m/fc, on a way of m v^2/(2 fc).
     found = free.meets(thrown(0.1), damping=0.0)
     assert found.motor == pytest.approx(-0.01 + 0.1 * 0.1**2 / (2 * 0.2), rel=2e-3)

@@ -167,7 +167,7 @@ except SystemExit:
 
 def test_a_claim_is_one_file(tmp_path):
     package = "avc_casadi.claims.level"
-    told = with_file(tmp_path, package, CLAIM, COMMAND.format(["solve", "soft", "--method", "closed-form", "--json"]))
+    told = with_file(tmp_path, package, CLAIM, COMMAND.format(["solve", "soft", "--method", "exact", "--json"]))
     levels = json.loads(told)["certificate"]["levels"]
     assert list(levels) == ["L0", "L1", "L2", "L3", "L4", "T1", "L5"]
     k = np.array(json.loads(told)["stiffness_n_per_m"], dtype=float)
@@ -208,26 +208,23 @@ print(json.dumps([run.effects, run.position_m[-1], problem.scene.motion.end_m, t
 
 # What these files list is not what there is, but what a published table, a stored study or one program holds.
 OWN_CHOICE = {
-    "methods": {
-        "avc_casadi/study/table1/wall.py": "the two couplings of the paper's Table 1",
-        "avc_casadi/present/figures/frontier.py": "labels of the cells of one stored study",
-    },
+    "methods": {},
     "claims": {},
     "effects": {
         "avc_casadi/simulation/population/trial.py": "kinds for which the conditions of a trial have a number",
         "avc_casadi/files/coupling_file.py": "fields of `Runtime`, two of which are called as effects are",
         "avc_casadi/present/explore/toy.py": "keys of the page's touch, some of which are called as effects are",
-        "hardware/avc_hardware/_in_the_loop.py": "what the bench and the firmware have, whatever scenes have",
+        "hardware/avc_hardware/in_the_loop.py": "what the bench and the firmware have, whatever scenes have",
         **dict.fromkeys(
             (
                 f"avc_casadi/identification/{name}.py"
                 for name in (
                     "diagnosis/causes",
-                    "diagnosis/cures",
+                    "diagnosis/counterfactual",
                     "diagnosis/evidence",
-                    "diagnosis/played",
-                    "mimic",
-                    "refuse",
+                    "diagnosis/remedies",
+                    "identifiability",
+                    "lag_vs_resonance",
                     "select",
                 )
             ),

@@ -81,6 +81,8 @@ def _named(path: Path) -> Iterator[Path]:
             names = [used(node.attr)]
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             names = re.findall(r"\b(?:avc_casadi|avc_hardware)(?:\.\w+)+", node.value)
+            for name in names:
+                yield from scanned(name)
         for name in names:
             yield from files_of(name)
 
@@ -98,6 +100,12 @@ def files_of(module: str) -> Iterator[Path]:
         for path in (root / place.with_suffix(".py"), root / place / "__init__.py"):
             if path.is_file():
                 yield path
+
+
+def scanned(package: str) -> Iterator[Path]:
+    """The files of a folder that a registry scans, by the name of its package."""
+    for root in _ROOTS[:2]:
+        yield from sorted((root / Path(*package.split("."))).glob("*.py"))
 
 
 def start_of(command: str) -> Path:
