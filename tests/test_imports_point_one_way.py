@@ -13,6 +13,7 @@ ROOMS = (
     "_interrupted",
     "_errors",
     "_resources",
+    "_moved",
     "_util",
     "model",
     "paper",
