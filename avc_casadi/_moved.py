@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import warnings
 from importlib import import_module, util
-from importlib.abc import Loader, MetaPathFinder
+from importlib.abc import Loader
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
     from importlib.machinery import ModuleSpec
     from types import ModuleType
 
@@ -75,27 +75,23 @@ def _is_module(room: str, name: str) -> bool:
     return hasattr(import_module(room), "__path__") and util.find_spec(f"{room}.{name}") is not None
 
 
-class OldRooms(MetaPathFinder, Loader):
-    """Makes a module of a room of 0.2 that is no folder any more."""
+def spec_of_old_room(fullname: str) -> ModuleSpec | None:
+    """Return the spec of a room of 0.2 that is no folder any more; None for everything else.
 
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        """Return the spec of an old room; None for everything else.
+    Raises:
+        ModuleNotFoundError: a study.
+    """
+    room = fullname.removeprefix(f"{__package__}.")
+    if room in STUDIES:
+        raise ModuleNotFoundError(
+            f"{fullname} is no part of the package since 0.3: studies stand in tests/benchmarks/studies of the source "
+            "distribution",
+            name=fullname,
+        )
+    return util.spec_from_loader(fullname, _OldRoom()) if room in HOMES else None
 
-        Raises:
-            ModuleNotFoundError: a study.
-        """
-        del path, target
-        room = fullname.removeprefix(f"{__package__}.")
-        if room in STUDIES:
-            raise ModuleNotFoundError(
-                f"{fullname} is no part of the package since 0.3: studies stand in tests/benchmarks/studies of the "
-                "source distribution",
-                name=fullname,
-            )
-        return util.spec_from_loader(fullname, self) if room != fullname and room in HOMES else None
 
+class _OldRoom(Loader):
     def exec_module(self, module: ModuleType) -> None:
         """Let the module look its names up where they stand now."""
         module.__path__ = []

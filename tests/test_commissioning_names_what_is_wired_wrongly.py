@@ -24,12 +24,12 @@ from avc_hardware import (
     excite,
     set_limits,
 )
-from avc_hardware import _messages as m
-from avc_hardware._host import HostCore, HostLink
-from avc_hardware._messages import Kind
-from avc_hardware._refusal import Reason
-from avc_hardware._session import RefusedError
-from avc_hardware._wired_bench import WiredBench
+from avc_hardware.emulator.bench import WiredBench
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.link import messages as m
+from avc_hardware.link.faults import Reason
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.session import RefusedError
 
 WALL = with_gains(load_problem("damped"), 50.0, 2e4, 20.0)
 SLOW = Device(mass_kg=2.0, damping_ns_per_m=5.0, coulomb_friction_n=1.0, encoder_resolution_m=5e-5, max_force_n=12.0)
@@ -52,7 +52,9 @@ FOUND = {
 
 
 @pytest.mark.parametrize("wiring", Wiring)
-@pytest.mark.parametrize("declared", [DECLARED, pytest.param(SLOW, marks=pytest.mark.thorough)], ids=["light", "slow"])
+@pytest.mark.parametrize(
+    "declared", [DECLARED, pytest.param(SLOW, marks=pytest.mark.exhaustive)], ids=["light", "slow"]
+)
 def test_each_wiring_is_named_and_latched(wiring: Wiring, declared: Device) -> None:
     link = bench(wiring, declared)
     steps: list[str] = []

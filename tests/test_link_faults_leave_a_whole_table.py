@@ -6,6 +6,7 @@ Whole is every byte of it: of two tables with state feedback no matrix is ever f
 import os
 
 import pytest
+from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import coupling, dense_believer, host_core, push
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,9 +16,9 @@ from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
-from avc_hardware import TableImage, _clear
-from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
-from avc_hardware._host import HostCore, HostLink
+from avc_hardware import TableImage
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.link import settings as _clear
 
 GUARD = Runtime(guard="passivity-controller")
 OLD = coupling(12, seed=1, wall=(5.0, 2e4), runtime=GUARD)

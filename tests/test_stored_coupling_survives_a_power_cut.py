@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from avc_casadi import InputError, LinkError, load_problem
 from avc_casadi.cli import main
 from avc_hardware import Connection, DeviceStatus, TableImage, set_limits, store
-from avc_hardware import _messages as m
-from avc_hardware._frames import Frame, encode
-from avc_hardware._host import FLASH_SLOT, HostCore, HostFlash, HostLink
-from avc_hardware._messages import Kind
-from avc_hardware._refusal import Reason
-from avc_hardware._session import RefusedError
+from avc_hardware.emulator.host import FLASH_SLOT, HostCore, HostFlash, HostLink
+from avc_hardware.link import messages as m
+from avc_hardware.link.faults import Reason
+from avc_hardware.link.frames import Frame, encode
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.session import RefusedError
 
 WALL = with_gains(load_problem("damped"), 50.0, 2e4, 20.0)
 OTHER = coupling(5, seed=3, largest=(300.0, 1e4, 50.0))
