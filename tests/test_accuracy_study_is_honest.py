@@ -32,6 +32,7 @@ def entry(study, **wanted):
     return found
 
 
+@pytest.mark.thorough
 def test_own_methods_are_at_rounding_and_a_loose_solver_is_not(study):
     assert study.reference == "50 digits (mpmath)"
     for wanted in ({"method": "exact"}, {"solver": DEFAULT_SOLVER}):
@@ -46,11 +47,13 @@ def test_own_methods_are_at_rounding_and_a_loose_solver_is_not(study):
     assert tight.optimal_share == 1
 
 
+@pytest.mark.thorough
 def test_the_closed_form_is_never_called_optimal_where_it_violates_its_bounds(study):
     closed = entry(study, method="closed-form")
     assert closed.optimal_share <= closed.solved_share == 0
 
 
+@pytest.mark.thorough
 def test_pareto_front_and_default_are_marked(study):
     best = [cost for cost, front in zip(study.solvers, study.pareto(), strict=True) if front]
     assert entry(study, method="exact") in best
@@ -64,6 +67,7 @@ def test_pareto_front_and_default_are_marked(study):
     assert [cost.solver for cost in study.solvers if cost.default] == [DEFAULT_SOLVER]
 
 
+@pytest.mark.thorough
 def test_the_document_is_plain_json_with_the_promised_keys(study):
     document = json.loads(json.dumps(study.document(), allow_nan=False))
     assert set(document) >= {"solvers", "tables", "grids", "scenes"}
@@ -75,6 +79,7 @@ def test_the_document_is_plain_json_with_the_promised_keys(study):
     assert set(document["scenes"][0]) >= {"scene", "integrator", "substeps", "error", "seconds"}
 
 
+@pytest.mark.thorough
 def test_the_figure_draws_failures_with_open_markers(study, tmp_path):
     figure = draw_accuracy(study)
     markers = [line for line in figure.subfigs[0].axes[0].get_lines() if line.get_linestyle() == "None"]

@@ -23,6 +23,7 @@ def study():
     return study_pareto(figure5(points=12))
 
 
+@pytest.mark.thorough
 def test_every_design_is_certified_for_what_it_asks(study):
     levels = {"pointwise": "L0", "band": "L1", "all": "L2", "hands": "L5"}
     assert {point.study for point in study.points} == {"scope", "slope", "contact"}
@@ -31,6 +32,7 @@ def test_every_design_is_certified_for_what_it_asks(study):
         assert point.passed[levels[point.scope]], point
 
 
+@pytest.mark.thorough
 def test_more_freedom_never_costs():
     for variant in variants(figure5(points=12)):
         if variant.study == "scope" and not variant.constant:
@@ -71,6 +73,7 @@ def test_constant_gains_are_the_best_of_a_fine_grid(scope, model):
     assert scope_slack(problem, frequency, gains.damping_ns_per_m, gains.stiffness_n_per_m).met.all()
 
 
+@pytest.mark.thorough
 def test_document_is_json_and_figure_is_drawn(study, tmp_path):
     document = json.loads(json.dumps(study.document(), allow_nan=False))
     assert document["schema"] == "avc-pareto/1"
@@ -80,6 +83,7 @@ def test_document_is_json_and_figure_is_drawn(study, tmp_path):
     assert "<svg" in drawn
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("name", ["hard/infeasible-box", "hard/free-space"])
 def test_nothing_to_draw_or_nothing_to_gain(name, tmp_path):
@@ -102,6 +106,7 @@ def test_verb(tmp_path, capsys):
     assert (tmp_path / "p.png").stat().st_size > 10_000
 
 
+@pytest.mark.thorough
 def test_text_tells_every_design(study):
     text = _text(study.document(), "drawn.png")
     assert "levels met" in text

@@ -49,6 +49,7 @@ def test_reach(problem, executor):
     assert json_text(reach(*arguments, executor=executor)) == json_text(reach(*arguments))
 
 
+@pytest.mark.thorough
 def test_table1(executor, tmp_path):
     asked = {"walls": ("VE7",), "couplings": ("none", "closed-form")}
     whole = json_text(table1(10, 5, **asked, executor=executor))
@@ -58,6 +59,7 @@ def test_table1(executor, tmp_path):
     assert json_text(study.merged(tmp_path)) == whole
 
 
+@pytest.mark.thorough
 def test_accuracy(executor):
     problem = avc.load_problem("figure5").changed(frequency={"points": 5})
     found = study_accuracy(problem, tolerances=(1e-6,), solvers=("ipopt",), executor=executor)

@@ -36,6 +36,7 @@ def document():
     return table1(12, 5, walls=("VE7",), couplings=COUPLINGS, workers=1)
 
 
+@pytest.mark.thorough
 def test_every_cell_is_there(document):
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     assert (document["hands"], document["seed"]) == (12, 5)
@@ -47,6 +48,7 @@ def test_every_cell_is_there(document):
         assert row["stable"] <= min(row["stable_by_motion"].values())
 
 
+@pytest.mark.thorough
 def test_counts_are_those_of_the_runs(document):
     problem = avc.load_problem("ve7")
     people = draw_subjects("A", 12, 5)
@@ -56,6 +58,7 @@ def test_counts_are_those_of_the_runs(document):
     assert row["stable"] == np.all([run.stable for run in runs], axis=0).sum()
 
 
+@pytest.mark.thorough
 def test_prediction_at_the_stiff_wall(document):
     rows = {row["coupling"]: row for row in document["rows"]}
     assert rows["none"]["stable"] == 0
@@ -70,12 +73,14 @@ def test_prediction_at_the_stiff_wall(document):
     assert rows["static-tuned"]["unable"] == 12
 
 
+@pytest.mark.thorough
 def test_wider_weber_fractions_leave_more_people_unable(document):
     for row in document["rows"]:
         unable = [found["unable"] for found in row["matched_by_weber"].values()]
         assert unable == sorted(unable)
 
 
+@pytest.mark.thorough
 def test_another_seed_is_another_draw_and_the_same_seed_the_same(document):
     found = [table1(12, seed, walls=("VE3",), couplings=("none",), workers=1) for seed in (5, 5, 6)]
     first, again, other = (one["rows"][0]["apparent_stiffness_n_per_m"] for one in found)
@@ -83,6 +88,7 @@ def test_another_seed_is_another_draw_and_the_same_seed_the_same(document):
     assert document["method"] == found[0]["method"]
 
 
+@pytest.mark.thorough
 def test_text_holds_the_same_counts(document):
     text = table_text(document)
     for row in document["rows"]:
@@ -96,6 +102,7 @@ def test_paper_adds_up():
     assert all(row.matched_static + row.matched_adaptive + row.unable == 10 for row in PAPER.values())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wall", ["ve4", "ve5", "ve6"])
 def test_walls_are_calibrated_to_the_column_without_coupling(wall):
     problem = avc.load_problem(wall)
