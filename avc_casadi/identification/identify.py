@@ -229,11 +229,11 @@ def _guess(records: Sequence[Record], radius_m: float, *, pushed: bool) -> dict[
 
     A device that a hand pushes follows no force at all.
     """
-    found = first_guess(records)
+    found = first_guess(records, pushed=pushed)
     guess, explained = found.values, found.explained
     mass = guess["mass_kg"]
     size = radius_m**2
-    if mass < 0 or (found.against and explained > _FOLLOWS):
+    if mass < 0 or (found.against and explained > _FOLLOWS and not pushed):
         why, allowed = "force and position point against each other", "force along +position, or --flip-force"
         if explained < _FOLLOWS:
             why = f"the motion hardly follows the force ({number(100 * max(explained, 0.0), 2)} % of it explained)"

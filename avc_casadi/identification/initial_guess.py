@@ -48,7 +48,7 @@ class Guess:
     against: bool
 
 
-def first_guess(records: Sequence[Record]) -> Guess:
+def first_guess(records: Sequence[Record], *, pushed: bool = False) -> Guess:
     """Return the numbers of a rigid device, held by a spring where that leaves far less of the force.
 
     Velocity and acceleration come from every other sample; those of the samples between are the instruments. Their
@@ -56,19 +56,26 @@ def first_guess(records: Sequence[Record]) -> Guess:
 
     Args:
         records: of one device.
+        pushed: whether a hand moves it, and its force is that of a controller's spring.
     """
     motion = _Motion.of(records)
     rigid, held = (
         min(((delay, *motion.explains(delay, held=spring)) for delay in _DELAYS), key=lambda one: one[1])
         for spring in (False, True)
     )
-    spring = held[1] < _HELD_LEAVES * rigid[1]
+    spring = not pushed and held[1] < _HELD_LEAVES * rigid[1]
     delay, left, whole, found = held if spring else rigid
     names = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "stiffness_n_per_m")[: 3 + spring]
     values = dict(zip(names, map(float, found), strict=False))
     # What asks for the most force has the sign of the device.
     asks = {name: value * motion.rms_of(index) for index, (name, value) in enumerate(values.items())}
-    against = asks[max(asks, key=lambda name: abs(asks[name]))] < 0
+    # A controller is a spring against the position too, but its mass is none.
+    against = asks[max(asks, key=lambda name: abs(asks[name]))] < 0 and values["mass_kg"] < 0
+    if spring and not against and float(rigid[3][0]) > 0:
+        # Above its resonance a held device begins as a free one, and the evidence adds the spring.
+        delay, left, whole, found = rigid
+        names = names[:3]
+        values = dict(zip(names, map(float, found), strict=False))
     if values["mass_kg"] < 0 and not against:
         # Below a resonance, or in friction, inertia is a small share whose sign noise may turn: the fit finds it.
         values["mass_kg"] = _LITTLE * float(np.sqrt(whole / len(motion.added_n))) / motion.rms_of(0)

@@ -258,12 +258,7 @@ DIAGNOSE = (
     Rule("identification.diagnosis.verdict._UNEXPLAINED", math.inf, "what the model leaves"),
     Rule("identification.diagnosis.verdict._FREQUENCY", math.inf, "frequency of model and log"),
     Rule("identification.diagnosis.verdict.toggles", lambda *_: False, "toggles that no hand feels", _nothing),
-    Rule(
-        "identification.diagnosis.verdict._SURE",
-        0.5,
-        "share that is sure",
-        more=(("identification.diagnosis.verdict._RIVAL", 1.0),),
-    ),
+    Rule("identification.diagnosis.verdict._SURE", 0.5, "odds that are sure"),
     Rule(
         "identification.diagnosis.law._also_cut",
         lambda law, *_: law,
@@ -427,7 +422,7 @@ IN_SCENES = (
 # --- logs of devices
 
 
-def drawn(seed: int, index: int) -> tuple[Truth, dict[str, float], Columns]:
+def drawn(seed: int, index: int) -> tuple[Truth, dict[str, Any], Columns]:
     """Draw a device, its excitation and what becomes of the log."""
     random = np.random.default_rng([seed, index])
 
