@@ -81,6 +81,7 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling as Coupling
     from avc_casadi.design.comparison.comparison import Comparison as Comparison
     from avc_casadi.design.comparison.comparison import compare as compare
+    from avc_casadi.design.comparison.pareto import pareto as pareto
     from avc_casadi.design.methods import solve as solve
     from avc_casadi.design.scene_coupling import screen as screen
     from avc_casadi.design.scene_coupling import simulate as simulate
@@ -99,7 +100,6 @@ if TYPE_CHECKING:
     from avc_casadi.recommendation.recommend import recommend as recommend
     from avc_casadi.simulation.run import Run as Run
     from avc_casadi.simulation.scene import simulate_batch as simulate_batch
-    from avc_casadi.study.pareto.study import pareto as pareto
 else:
     # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
     _LAZY = {
@@ -138,14 +138,22 @@ else:
         "simulate_batch": "simulation.scene",
         "Comparison": "design.comparison.comparison",
         "compare": "design.comparison.comparison",
-        "pareto": "study.pareto.study",
+        "pareto": "design.comparison.pareto",
     }
 
-    import sys
+    class _OldRooms:
+        """Asked last, for modules that are not there: a room of 0.2 may be meant."""
 
-    from avc_casadi._moved import OldRooms
+        @staticmethod
+        def find_spec(fullname, path=None, target=None):
+            del path, target
+            if not fullname.startswith(f"{__name__}."):
+                return None
+            from avc_casadi._moved import spec_of_old_room  # noqa: PLC0415 - loads what Ctrl-C must not meet
 
-    sys.meta_path.append(OldRooms())
+            return spec_of_old_room(fullname)
+
+    __import__("sys").meta_path.append(_OldRooms)
 
     def __getattr__(name):
         from importlib import import_module  # noqa: PLC0415 - paid at first use only

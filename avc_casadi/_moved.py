@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import warnings
 from importlib import import_module, util
-from importlib.abc import Loader, MetaPathFinder
+from importlib.abc import Loader
 from pkgutil import iter_modules
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
     from importlib.machinery import ModuleSpec
     from types import ModuleType
 
@@ -34,18 +34,23 @@ HOMES = {
     "runtime": ("simulation.runtime", "model"),
     "scene": ("simulation", "simulation.effects"),
     "stability": ("claims.stability",),
+    "study": (),
     "study.comparison": ("design.comparison",),
+    "study.pareto": ("design.comparison",),
     "support": ("_util",),
     "trial": ("simulation.population",),
 }
 """The rooms of 0.2, each with the packages whose modules hold its names now."""
+
+STUDIES = ("study.accuracy", "study.estimators", "study.reference", "study.table1")
+"""The rooms of 0.2 that are no part of the package any more."""
 
 
 def lookup(room: str) -> Callable[[str], Any]:
     """Return the ``__getattr__`` of a room of 0.2."""
 
     def find(name: str) -> Any:
-        if not name.startswith("_"):
+        if not name.startswith("_") and not _is_module(f"{__package__}.{room}", name):
             for package in HOMES[room]:
                 folder = import_module(f"{__package__}.{package}")
                 for found in iter_modules(folder.__path__):
@@ -67,17 +72,28 @@ def lookup(room: str) -> Callable[[str], Any]:
     return find
 
 
-class OldRooms(MetaPathFinder, Loader):
-    """Makes a module of a room of 0.2 that is no folder any more."""
+def _is_module(room: str, name: str) -> bool:
+    """Whether a room has a module of that name, which goes first: Python asks the room before it imports one."""
+    return hasattr(import_module(room), "__path__") and util.find_spec(f"{room}.{name}") is not None
 
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        """Return the spec of an old room; None for everything else."""
-        del path, target
-        room = fullname.removeprefix(f"{__package__}.")
-        return util.spec_from_loader(fullname, self) if room != fullname and room in HOMES else None
 
+def spec_of_old_room(fullname: str) -> ModuleSpec | None:
+    """Return the spec of a room of 0.2 that is no folder any more; None for everything else.
+
+    Raises:
+        ModuleNotFoundError: a study.
+    """
+    room = fullname.removeprefix(f"{__package__}.")
+    if room in STUDIES:
+        raise ModuleNotFoundError(
+            f"{fullname} is no part of the package since 0.3: studies stand in tests/benchmarks/studies of the source "
+            "distribution",
+            name=fullname,
+        )
+    return util.spec_from_loader(fullname, _OldRoom()) if room in HOMES else None
+
+
+class _OldRoom(Loader):
     def exec_module(self, module: ModuleType) -> None:
         """Let the module look its names up where they stand now."""
         module.__path__ = []

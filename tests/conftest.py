@@ -24,7 +24,7 @@ def pytest_xdist_make_scheduler(config, log):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Leave some cases of what says the same of many for `pytest -m thorough`."""
+    """Leave some cases of what says the same of many for `pytest -m exhaustive`."""
     seen = {}
     for item in items:
         marker = item.get_closest_marker("one_of")
@@ -32,4 +32,4 @@ def pytest_collection_modifyitems(items):
             place = seen[item.parent, item.function] = seen.get((item.parent, item.function), -1) + 1
             # Spread by the golden ratio, as cases may repeat with any period; the first always runs.
             if place * 0.6180339887 % 1 * marker.args[0] >= 1:
-                item.add_marker("thorough")
+                item.add_marker("exhaustive")

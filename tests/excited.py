@@ -10,9 +10,9 @@ from hardware_bench import host_library
 from avc_casadi.identification.excitation.design import plan_excitation
 from avc_casadi.model.device import Device
 from avc_hardware import BenchDevice, excite
-from avc_hardware._excite import plan_bytes
-from avc_hardware._host import HostCore, HostLink
-from avc_hardware._messages import Kind
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.link.excite import plan_bytes
+from avc_hardware.link.messages import Kind
 
 DECLARED = Device(
     mass_kg=0.1,

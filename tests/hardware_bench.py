@@ -23,11 +23,11 @@ from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_hardware import BoardLimits, Connection, TableImage
-from avc_hardware._firmware import ARM_INSTALL
-from avc_hardware._host import HostCore, HostLink
-from avc_hardware._refusal import Refusal
-from avc_hardware._session import RefusedError
-from avc_hardware.firmware_build import HOST_INSTALL, build_host
+from avc_hardware.codegen.build import HOST_INSTALL, build_host
+from avc_hardware.codegen.firmware import ARM_INSTALL
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.link.faults import Refusal
+from avc_hardware.link.session import RefusedError
 
 # The bench's gains are drawn at random: no hand could hold them, and none is there.
 push = functools.partial(avc_hardware.push, unsafe=True)

@@ -9,8 +9,8 @@ from measured_device import Truth, measured, multisine
 
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification import estimates as _estimates
+from avc_casadi.identification.closed_loop import only_feedback
 from avc_casadi.identification.identify import identify
-from avc_casadi.identification.only_feedback import only_feedback
 from avc_casadi.identification.record import Record
 from avc_casadi.identification.uncertainty import spread_of
 

@@ -9,8 +9,8 @@ from measured_device import Truth, measured, multisine
 
 import avc_casadi as avc
 from avc_casadi.identification.identify import identify
+from avc_casadi.identification.initial_guess import first_guess, saturated_force_n
 from avc_casadi.identification.record import Record
-from avc_casadi.identification.start import cut_force_n, first_guess
 
 USUAL = Truth(mass=0.12, damping=0.8, coulomb=0.1, delay=1.0, encoder=2e-5)
 
@@ -25,7 +25,7 @@ def excited(truth, limit=np.inf, seconds=8.0, seed=0, rms=1.5):
 
 
 def cut(record):
-    return cut_force_n([record], first_guess([record])[0]["delay_samples"])
+    return saturated_force_n([record], first_guess([record]).values["delay_samples"])
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -12,8 +12,8 @@ from test_commissioning_names_what_is_wired_wrongly import bench
 from avc_casadi import InputError
 from avc_casadi.model.device import Device
 from avc_hardware import DeviceFault, Wiring, commission
-from avc_hardware._commission import _pulse
-from avc_hardware._pulse import LEAST_COUNTS, Moved
+from avc_hardware.link.commission import pulse_plan
+from avc_hardware.link.pulse import LEAST_COUNTS, Moved
 
 # By the formula without viscous damping its pulse of 0.8 N would last 27 ms and be seen as two counts.
 DAMPED = Device(mass_kg=0.1, damping_ns_per_m=60.0, coulomb_friction_n=0.05, encoder_resolution_m=5e-5, max_force_n=8.0)
@@ -81,7 +81,7 @@ def test_no_sound_motor_is_called_dead_for_a_pulse_that_was_accepted(
     most = Moved(mass, damping, friction)
     force = over * most.least_n(step_m)
     told = SimpleNamespace(metres_per_count=step_m, sample_time_s=data.draw(st.sampled_from([0.25e-3, 1e-3, 3e-3])))
-    plan = _pulse(most, cast("Any", told), force)
+    plan = pulse_plan(most, cast("Any", told), force)
     share = st.floats(0.3, 1.0)
     own = Moved(mass * data.draw(share), damping * data.draw(share), friction * data.draw(share))
     assert furthest_m(own, force, plan.ticks, plan.sample_time_s) > LEAST_COUNTS * step_m

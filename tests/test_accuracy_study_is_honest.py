@@ -4,16 +4,17 @@ import json
 
 import numpy as np
 import pytest
+from studies.accuracy.figure import draw_accuracy
+from studies.accuracy.grids import grid_misses
+from studies.accuracy.interpolations import linear, nearest, pchip
+from studies.accuracy.solvers import reference_errors
+from studies.accuracy.study import study_accuracy
+from studies.accuracy.tables import table_errors
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
-from avc_casadi.present.figures.accuracy import draw_accuracy
+from avc_casadi.paper.backends import DEFAULT_SOLVER
 from avc_casadi.present.figures.layout import save_figure
-from avc_casadi.study.accuracy.grids import grid_misses
-from avc_casadi.study.accuracy.interpolations import linear, nearest, pchip
-from avc_casadi.study.accuracy.solvers import reference_errors
-from avc_casadi.study.accuracy.study import study_accuracy
-from avc_casadi.study.accuracy.tables import table_errors
 
 
 def fewer(name, points):
@@ -33,7 +34,7 @@ def entry(study, **wanted):
 
 def test_own_methods_are_at_rounding_and_a_loose_solver_is_not(study):
     assert study.reference == "50 digits (mpmath)"
-    for wanted in ({"method": "exact"}, {"solver": "edges"}):
+    for wanted in ({"method": "exact"}, {"solver": DEFAULT_SOLVER}):
         cost = entry(study, **wanted)
         assert cost.largest_excess_error < 1e-12
         assert cost.optimal_share == cost.solved_share == 1
@@ -60,7 +61,7 @@ def test_pareto_front_and_default_are_marked(study):
                 other.seconds_per_frequency < one.seconds_per_frequency
                 and (other.largest_excess_error or np.inf) < one.largest_excess_error
             )
-    assert [cost.solver for cost in study.solvers if cost.default] == ["edges"]
+    assert [cost.solver for cost in study.solvers if cost.default] == [DEFAULT_SOLVER]
 
 
 def test_the_document_is_plain_json_with_the_promised_keys(study):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hardware_bench import coupling, require, scratch, unwatched
+from lock_step_board import LockStepBoard, Machine
 from test_firmware_tick_equals_reference import queue
 
 import avc_casadi
@@ -16,15 +17,14 @@ import avc_hardware
 from avc_casadi import InputError, LinkError, load_device
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, DeviceStatus, TableImage, build_firmware
-from avc_hardware._build_faults import build_faults
-from avc_hardware._host import HostCore
-from avc_hardware._manifest import flashing, read_board
-from avc_hardware._messages import Kind
-from avc_hardware._monitor import pause
-from avc_hardware._push import push_over
-from avc_hardware._qemu import LockStepBoard, Machine
-from avc_hardware._runtime_c import MADE_FOR, made_for
-from avc_hardware.firmware_build import build_host, build_image
+from avc_hardware.codegen.boards import flashing, read_board
+from avc_hardware.codegen.build import build_host, build_image
+from avc_hardware.codegen.build_faults import build_faults
+from avc_hardware.codegen.tick_c import MADE_FOR, made_for
+from avc_hardware.emulator.host import HostCore
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.monitor import pause
+from avc_hardware.link.push import push_over
 
 FOLDER = Path(__file__).parent / "boards"
 GUARD = "passivity-controller"

@@ -14,14 +14,14 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableImage, build_firmware
-from avc_hardware import _messages as m
-from avc_hardware._host import State
-from avc_hardware._machine import CLOCK_HZ
-from avc_hardware._messages import Acknowledged, Kind
-from avc_hardware._monitor import pause
-from avc_hardware._refusal import Reason
-from avc_hardware._runs_on import FirmwareLacksError
-from avc_hardware._session import RefusedError
+from avc_hardware.codegen.firmware_fit import FirmwareLacksError
+from avc_hardware.emulator.host import State
+from avc_hardware.emulator.machine import CLOCK_HZ
+from avc_hardware.link import messages as m
+from avc_hardware.link.faults import Reason
+from avc_hardware.link.messages import Acknowledged, Kind
+from avc_hardware.link.monitor import pause
+from avc_hardware.link.session import RefusedError
 
 STEP_M, TICKS = 2e-5, 400
 DEVICE = {"encoder_resolution_m": STEP_M, "max_force_n": 2.0}

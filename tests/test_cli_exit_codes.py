@@ -204,7 +204,7 @@ points = 100000
 """
 
 
-@pytest.mark.parametrize("solver", ["edges", "ipopt", "sqpmethod"])
+@pytest.mark.parametrize("solver", ["sqpmethod-qrqp", "ipopt", "sqpmethod"])
 @pytest.mark.parametrize("as_json", [False, True], ids=["text", "json"])
 def test_interrupted(solver, as_json, tmp_path):
     """The progress line on a terminal tells when the solve has begun."""

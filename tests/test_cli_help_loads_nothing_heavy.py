@@ -42,7 +42,7 @@ def test_plain_checkout_finds_the_hardware_module(tmp_path):
     """With the package's folder alone on the path, `python -m avc_casadi` finds avc_hardware beside it or installed."""
     root = Path(avc_casadi.__file__).resolve().parent.parent
     done = subprocess.run(
-        [sys.executable, "-m", "avc_casadi", "ports", "--json"],
+        [sys.executable, "-m", "avc_casadi", "doctor", "--ports", "--json"],
         capture_output=True,
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(root)},

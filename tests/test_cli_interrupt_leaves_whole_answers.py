@@ -14,7 +14,7 @@ import avc_hardware
 from avc_casadi import InputError, fault_document
 from avc_casadi.cli import main
 from avc_casadi.cli._files import output_folder
-from avc_hardware._host import HostLink
+from avc_hardware.emulator.host import HostLink
 
 LARGE = """
 import sys
@@ -59,7 +59,7 @@ def interrupted_at(module, *arguments):
 # numpy cannot be loaded a second time after an interrupt: what is said then needs none.
 @pytest.mark.parametrize(
     "module",
-    ["avc_casadi.cli", "avc_casadi.cli._main", "avc_casadi.cli._list", "avc_casadi.problem", "numpy.exceptions"],
+    ["avc_casadi.cli", "avc_casadi.cli._main", "avc_casadi.cli._list", "avc_casadi.files", "numpy.exceptions"],
 )
 def test_an_interrupt_of_the_imports_is_answered_like_any_other(module):
     done = interrupted_at(module)

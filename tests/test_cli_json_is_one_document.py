@@ -85,10 +85,13 @@ def test_certify(tmp_path):
     assert solved["deployable"] == document["deployable"]
 
 
-@pytest.mark.parametrize("verb", [("list",), ("check", "soft"), ("ports",), ("doctor",)], ids=" ".join)
-def test_other_verbs(verb):
-    done = avc(*verb, "--json")
-    assert strict_json(done.stdout)["schema"] == f"avc-{verb[0]}/1"
+OTHERS = {"list": "list", "check soft": "check", "doctor --ports": "ports", "doctor": "doctor", "study": "studies"}
+
+
+@pytest.mark.parametrize(("verb", "schema"), OTHERS.items(), ids=OTHERS)
+def test_other_verbs(verb, schema):
+    done = avc(*verb.split(), "--json")
+    assert strict_json(done.stdout)["schema"] == f"avc-{schema}/1"
     assert done.returncode == 0
     assert done.stderr == b""
 

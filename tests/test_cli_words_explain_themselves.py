@@ -64,4 +64,4 @@ def test_the_dash_of_zwidth_is_explained(capsys):
 
 def test_the_default_solver_is_named(capsys):
     assert main(["solve", "--help"]) == 0
-    assert "edges (default)" in " ".join(capsys.readouterr().out.split())
+    assert "sqpmethod-qrqp (default)" in " ".join(capsys.readouterr().out.split())

@@ -24,12 +24,12 @@ from avc_hardware import (
     excite,
     set_limits,
 )
-from avc_hardware import _messages as m
-from avc_hardware._host import HostCore, HostLink
-from avc_hardware._messages import Kind
-from avc_hardware._refusal import Reason
-from avc_hardware._session import RefusedError
-from avc_hardware._wired_bench import WiredBench
+from avc_hardware.emulator.bench import WiredBench
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.link import messages as m
+from avc_hardware.link.faults import Reason
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.session import RefusedError
 
 WALL = with_gains(load_problem("damped"), 50.0, 2e4, 20.0)
 SLOW = Device(mass_kg=2.0, damping_ns_per_m=5.0, coulomb_friction_n=1.0, encoder_resolution_m=5e-5, max_force_n=12.0)
@@ -52,7 +52,9 @@ FOUND = {
 
 
 @pytest.mark.parametrize("wiring", Wiring)
-@pytest.mark.parametrize("declared", [DECLARED, pytest.param(SLOW, marks=pytest.mark.thorough)], ids=["light", "slow"])
+@pytest.mark.parametrize(
+    "declared", [DECLARED, pytest.param(SLOW, marks=pytest.mark.exhaustive)], ids=["light", "slow"]
+)
 def test_each_wiring_is_named_and_latched(wiring: Wiring, declared: Device) -> None:
     link = bench(wiring, declared)
     steps: list[str] = []
@@ -74,7 +76,7 @@ def test_each_wiring_is_named_and_latched(wiring: Wiring, declared: Device) -> N
         assert 1e-4 < found.pulse_m < 1e-2
     elif wiring is not Wiring.ENCODER_STUCK:
         connection = Connection(link)
-        with pytest.raises(RefusedError, match=f"{FOUND[wiring].word}.*avc clear") as caught:
+        with pytest.raises(RefusedError, match=f"{FOUND[wiring].word}.*avc device --clear") as caught:
             connection.run(connection.session.push(image(), connection.device))
         assert caught.value.refusal.reason is Reason.FAULT
         assert clear_faults(link).left == 0
@@ -230,7 +232,7 @@ def test_a_higher_force_waits_for_the_device_to_be_let_go(capsys: pytest.Capture
     core.tick(way[::-1].copy())
     assert core.tick(way)[0].max() > 5.0
     require("unicorn")
-    assert main(["limits", "--port", "emulator", "--force-n", "3"]) == 0
+    assert main(["device", "--port", "emulator", "--force-n", "3"]) == 0
     assert "force, N" in capsys.readouterr().out
 
 

@@ -9,8 +9,8 @@ import pytest
 from drawn_problems import drawn_problem
 
 import avc_casadi as avc
-from avc_casadi.design.comparison.comparison import Verdict, judge
 from avc_casadi.design.comparison.document import comparison_document
+from avc_casadi.design.comparison.verdict import Verdict, judge
 from avc_casadi.model.problem import Frequency
 from avc_casadi.model.schedule import Status
 

@@ -19,7 +19,7 @@ EVERY_VERB = (
     ("certify", "soft", "c.json"),
     ("simulate", "c.json"),
     ("simulate", "soft", "--gains", "c.json"),
-    ("screen", "soft", "--gains", "c.json"),
+    ("simulate", "soft", "--gains", "c.json", "--screen"),
     ("push", "c.json", "--port", "emulator"),
     ("stream", "c.json", "--port", "emulator"),
     ("export", "c.json", "--c", "firmware"),
@@ -121,7 +121,7 @@ def test_a_problem_in_place_of_a_coupling_is_answered_with_the_command_that_make
         assert error["message"] == f"is a problem; {verb[0]} takes a coupling: avc recommend soft --out c.json"
 
 
-PROBLEM_VERBS = ("run", "recommend", "check", "solve", "compare", "screen", "zwidth", "pareto", "accuracy")
+PROBLEM_VERBS = ("run", "recommend", "check", "solve", "compare", "zwidth", "study pareto", "study accuracy")
 
 
 @pytest.mark.parametrize("verb", PROBLEM_VERBS)
@@ -129,7 +129,7 @@ PROBLEM_VERBS = ("run", "recommend", "check", "solve", "compare", "screen", "zwi
 def test_a_coupling_in_place_of_a_problem_is_answered_with_the_verbs_that_take_it(verb, name, folder, capsys):
     (folder / "c.json").write_text('\ufeff {"schema": "avc-coupling/1"}', encoding="utf-8")
     (folder / "g.csv").write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n1,1,100\n")
-    code, (error,) = errors(capsys, verb, name)
+    code, (error,) = errors(capsys, *verb.split(), name)
     assert code == 2
     assert "is a coupling or gain file" in error["message"]
     assert f"avc simulate P --gains {name}" in error["message"]

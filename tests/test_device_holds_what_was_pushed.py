@@ -7,18 +7,20 @@ import sys
 
 import numpy as np
 import pytest
+from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import believer, coupling, push, require, stream
 
 import avc_hardware
 from avc_casadi import InputError, LinkError, MissingExtraError, UnsupportedError
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import EMULATOR_IS_FRESH, Connection, DeviceStatus, EmulatedBoard, RuntimeFigures, TableImage, monitor
-from avc_hardware import _messages as m
-from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
-from avc_hardware._firmware import IMAGE, image_sha256
-from avc_hardware._messages import Kind
-from avc_hardware._reference import lookup
-from avc_hardware._runs_on import FirmwareLacksError, emulated_board, limits_of
+from avc_hardware.codegen.figures import board_limits
+from avc_hardware.codegen.firmware import IMAGE, image_sha256
+from avc_hardware.codegen.firmware_fit import FirmwareLacksError
+from avc_hardware.emulator.board import emulated_board
+from avc_hardware.link import messages as m
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.table import lookup
 
 
 @pytest.fixture(autouse=True)
@@ -112,7 +114,7 @@ def test_the_emulated_board_knows_how_far_a_handle_is_that_turns() -> None:
     *_, status = monitor(board, seconds=2.0, rate_hz=20)
     assert status.frequency_hz == pytest.approx(6.0, rel=0.02)
     with pytest.raises(FirmwareLacksError, match=r"its hand_m_per_unit is 1\.0, the coupling's 0\.02"):
-        push(made, EmulatedBoard(limits=limits_of(made.problem)))
+        push(made, EmulatedBoard(limits=board_limits(made.problem.device)))
 
 
 def test_a_problem_without_encoder_or_force_limit_gets_those_of_the_board() -> None:
@@ -202,14 +204,13 @@ def test_missing_emulator_names_the_command_that_installs_it(monkeypatch: pytest
 
 
 def test_missing_port_says_what_to_do() -> None:
-    with pytest.raises(LinkError, match="avc ports"):
+    with pytest.raises(LinkError, match="avc doctor --ports"):
         push(coupling(5), "/dev/does-not-exist")
 
 
 def test_diagnosis_knows_the_image() -> None:
     facts = avc_hardware.diagnose()
     assert facts.image_sha256 == image_sha256() == hashlib.sha256(IMAGE.read_bytes()).hexdigest()
-    assert facts.image_current
     assert facts.emulator
 
 

@@ -6,7 +6,7 @@ import functools
 import numpy as np
 import pytest
 import scipy.linalg
-from hardware_bench import require, scratch, with_gains
+from hardware_bench import require, with_gains
 
 import avc_casadi as avc
 from avc_casadi import InputError, Problem, UnsupportedError
@@ -26,12 +26,11 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.simulation.population.motions import LONGEST_S
 from avc_hardware import FirmwareInTheLoop, LoopResult, tried_in_the_loop
-from avc_hardware import _messages as m
-from avc_hardware._device_fault import DeviceFault
-from avc_hardware._messages import Kind
-from avc_hardware._reference import lookup
-from avc_hardware._session import InContactError
-from avc_hardware.firmware_build import build_image
+from avc_hardware.link import messages as m
+from avc_hardware.link.faults import DeviceFault
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.session import InContactError
+from avc_hardware.link.table import lookup
 
 # Stable as the scenes say it: no faster than this in the last half second.
 REST_M_PER_S = 5e-3
@@ -149,28 +148,6 @@ def test_loop_is_the_same_in_every_run() -> None:
     assert traces[0] == traces[1]
 
 
-def test_loop_in_qemu_is_stable_and_the_same_in_every_run() -> None:
-    """Another emulator and no steps of the output: the hand feels the same, and QEMU repeats itself to the last bit."""
-    require("qemu-system-arm", "arm-none-eabi-gcc")
-    image = build_image("bench-m4f", scratch())
-    traces = []
-    for _ in range(2):
-        loop = FirmwareInTheLoop(wall(), qemu=(image, "bench-m4f"))
-        try:
-            loop.push(scheduled())
-            loop.run(2.0)
-            assert loop.status().overruns == 0
-        finally:
-            loop.stop()
-        traces.append(loop.trace)
-        assert rest_speed(loop) < REST_M_PER_S
-    assert traces[0] == traces[1]
-    other = FirmwareInTheLoop(wall())
-    other.push(scheduled())
-    difference = np.array(other.run(2.0).position_m[:1990]) - np.array(traces[0].position_m[:1990])
-    assert np.sqrt(np.mean(difference**2)) < 5e-6
-
-
 def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:
     loop = FirmwareInTheLoop(wall())
     loop.push(scheduled())
@@ -199,13 +176,6 @@ def test_bench_refuses_what_it_does_not_have() -> None:
         FirmwareInTheLoop(wall().changed(scene={"effects": (HandEffect(), SaturationEffect(force_n=5.0))}))
     with pytest.raises(InputError, match="seconds"):
         tried_in_the_loop(scheduled(), seconds=float("nan"))
-
-
-def test_qemu_refuses_another_sample_time_than_its_image_s() -> None:
-    require("qemu-system-arm", "arm-none-eabi-gcc")
-    image = build_image("bench-m4f", scratch())
-    with pytest.raises(InputError, match=r"T = 0\.0005 s .* allowed in QEMU: 0\.001 s"):
-        FirmwareInTheLoop(wall().changed(device={"sample_time_s": 5e-4}), qemu=(image, "bench-m4f"))
 
 
 @functools.cache

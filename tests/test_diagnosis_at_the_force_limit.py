@@ -84,3 +84,11 @@ def test_a_device_that_nobody_declared_is_not_taken_for_the_assumed_one(mass):
     moved = found.measured.device["mass_kg"] + found.measured.hand["mass_kg"]
     assert abs(moved - mass) < 0.1 * mass
     assert any("device and hand, which the log does not tell apart" in line for line in found.evidence)
+
+
+def test_a_declared_limit_that_the_log_exceeds_is_told_and_is_no_limit_of_it(device):
+    found = diagnose(swinging(3000.0, 10.0, 6), device=device.model_copy(update={"max_force_n": 3.0}))
+    assert any("commands up to 8 N, and max_force_n declares 3 N" in note for note in found.notes)
+    assert found.oscillation.largest_force_n == LIMIT_N
+    assert not any("its limit of 3 N" in line for line in found.evidence)
+    assert found.cause == "delay"

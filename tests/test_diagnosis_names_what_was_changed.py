@@ -13,12 +13,11 @@ from scipy.signal import find_peaks
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.identification.diagnosis.answer import Answer
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, growth_over, limit_of, worst_mode
 from avc_casadi.identification.diagnosis.law import find_law
 from avc_casadi.identification.diagnosis.log import log_of
-from avc_casadi.identification.diagnosis.loop import growth_over, limit_of, worst_mode
 from avc_casadi.identification.diagnosis.oscillation import find_oscillation
 from avc_casadi.identification.record import Columns
 from avc_casadi.model.device import Device
@@ -44,7 +43,7 @@ def answer_of(loop):
         "sample_time_s": loop.period,
         "delay_samples": loop.delay,
     }
-    return Answer(Device.model_validate(device), Hand(loop.hand_mass, loop.hand_damping, loop.hand_stiffness))
+    return Hypothesis(Device.model_validate(device), Hand(loop.hand_mass, loop.hand_damping, loop.hand_stiffness))
 
 
 CHANGES = {

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from studies.estimators.study import cramer_rao_hz
 
 from avc_casadi import UnsupportedError
 from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
 from avc_casadi.simulation.runtime.signal import EstimatorSettings
-from avc_casadi.study.estimators.estimator_study import cramer_rao_hz
 
 T = 1e-3
 STEPS = {method: estimator_step(method, T) for method in ESTIMATORS}

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from reference_optimum import MP, NUMBERS, damped_error, series_error
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
 from avc_casadi.paper.equations import coupling_impedance
 from avc_casadi.paper.loop import loop_at
-from avc_casadi.study.reference.optimum import MP, NUMBERS, damped_error, series_error
 from tests.drawn_problems import drawn_problem
 
 WITHIN = 1e-10

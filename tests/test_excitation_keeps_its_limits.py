@@ -15,10 +15,10 @@ from avc_casadi.identification.excitation.design import check_plan, plan_excitat
 from avc_casadi.identification.excitation.forecast import corners_of, forecast
 from avc_casadi.model.device import Device
 from avc_hardware import Connection, RefusedError, excite
-from avc_hardware import _messages as m
-from avc_hardware._excite import plan_bytes
-from avc_hardware._messages import Kind
-from avc_hardware._refusal import Reason
+from avc_hardware.link import messages as m
+from avc_hardware.link.excite import plan_bytes
+from avc_hardware.link.faults import Reason
+from avc_hardware.link.messages import Kind
 
 
 @pytest.fixture(autouse=True)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from excited import Bench, device, planned
+from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import require
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,9 +15,8 @@ from avc_casadi import InputError
 from avc_casadi.identification.excitation.signal import FULL, Signal
 from avc_casadi.identification.read import read_logs
 from avc_hardware import Connection, excite
-from avc_hardware import _messages as m
-from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
-from avc_hardware._messages import Kind
+from avc_hardware.link import messages as m
+from avc_hardware.link.messages import Kind
 
 KINDS = (FaultKind.FLIP, FaultKind.DROP, FaultKind.DUPLICATE, FaultKind.INSERT, FaultKind.TRUNCATE, FaultKind.SPLIT)
 

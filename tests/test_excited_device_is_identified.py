@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from excited import Bench, device, planned
 from hardware_bench import require, scratch
+from lock_step_board import LockStepBoard
 
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.identification.excitation.signal import FULL
 from avc_hardware import BenchDevice, excite
-from avc_hardware._qemu import LockStepBoard
-from avc_hardware.firmware_build import build_image
+from avc_hardware.codegen.build import build_image
 
 HIDDEN = {"mass_kg": 0.085, "damping_ns_per_m": 1.3, "delay_samples": 1.4, "coulomb_friction_n": 0.12}
 FILE = """

@@ -5,11 +5,11 @@ import pytest
 from exported_bench import BOARDS, Ran, ran
 from exported_cases import drawn, motions
 from hardware_bench import coupling
+from reference_coupling import ReferenceCoupling
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime
-from avc_hardware._reference_coupling import ReferenceCoupling
 
 # Observer, tank and a table; state feedback and guard; state feedback without; the fused estimator with all of it.
 SMALL, ALL = (2, 16, 21), 17

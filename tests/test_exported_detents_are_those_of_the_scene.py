@@ -9,13 +9,13 @@ from exported import C99, CLANG_CPP17, CPP11, Exported
 from exported_bench import ran
 from exported_cases import motions, notched
 from hardware_bench import bench_problem, coupling, export_c, with_gains
+from reference_coupling import ReferenceCoupling
 
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
 from avc_casadi.model.effects import DelayEffect, DetentEffect, EncoderEffect, HandEffect, WallEffect
 from avc_hardware import TableImage
-from avc_hardware._precision import PRECISIONS
-from avc_hardware._reference_coupling import ReferenceCoupling
+from avc_hardware.codegen.operations import PRECISIONS
 
 # Nothing beside the gains; a table; observer and tank; a controller; state feedback.
 SEEDS = (0, 1, 2, 7, 16)

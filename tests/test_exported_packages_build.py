@@ -18,7 +18,7 @@ import avc_casadi.cli._export
 from avc_casadi import InputError
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime
-from avc_hardware._packages import PACKAGES
+from avc_hardware.codegen.packages import PACKAGES
 
 CORE = Path("/usr/share/arduino/hardware/arduino/avr/cores")
 LIBRARIES = ("arduino", "platformio", "cmake")

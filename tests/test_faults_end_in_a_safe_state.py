@@ -13,23 +13,22 @@ from excited import Bench, device, planned
 from hardware_bench import coupling, host_library, push, require, scratch, with_gains
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lock_step_board import LockStepBoard
 
-import avc_hardware
 from avc_casadi import load_problem
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import BoardLimits, Connection, DeviceFault, DeviceStatus, EmulatedBoard, TableImage, clear_faults
-from avc_hardware import _messages as m
-from avc_hardware._excite import ENDS
-from avc_hardware._host import HostCore, HostLink
-from avc_hardware._machine import BY_BROWN_OUT, BY_POWER_ON, CLOCK_HZ
-from avc_hardware._messages import Kind
-from avc_hardware._monitor import pause
-from avc_hardware._qemu import LockStepBoard
-from avc_hardware._refusal import Reason
-from avc_hardware._session import RefusedError
-from avc_hardware.firmware_build import build_image
+from avc_hardware.codegen.build import build_image
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.emulator.machine import BY_BROWN_OUT, BY_POWER_ON, CLOCK_HZ
+from avc_hardware.link import messages as m
+from avc_hardware.link.excite import ENDS
+from avc_hardware.link.faults import Reason
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.monitor import pause
+from avc_hardware.link.session import RefusedError
 
 WALL = with_gains(load_problem("damped"), 50.0, 2e4, 20.0)
 RUNAWAY = coupling(1, runtime=Runtime(state_feedback=StateFeedback(((3e37,),), (1.0,), (0.0,), (1.0,), (0,), 0)))
@@ -223,7 +222,7 @@ def test_a_start_after_a_failure_says_so(fault: DeviceFault) -> None:
     core = HostCore(host_library())
     core.started_after(fault)
     result = push(WALL, HostLink(core))
-    assert any("until its faults are cleared (avc clear)" in note for note in result.notes)
+    assert any("until its faults are cleared (avc device --clear)" in note for note in result.notes)
     assert (go(core, OUT, PRESS) == 0).all()
     go(core, OUT)
     clear_faults(HostLink(core))
@@ -328,15 +327,17 @@ def test_monitor_and_clear_tell_the_fault(monkeypatch: pytest.MonkeyPatch, capsy
     jump(core)
     core.disable(True)
     still(core, 5)
-    monkeypatch.setattr(avc_hardware._clear, "open_link", lambda *_, **__: HostLink(core, position=lambda _: 1300))
-    monkeypatch.setattr(avc_hardware._monitor, "open_link", lambda *_, **__: HostLink(core, position=lambda _: 1300))
+    for module in ("settings", "monitor"):
+        monkeypatch.setattr(
+            f"avc_hardware.link.{module}.open_link", lambda *_, **__: HostLink(core, position=lambda _: 1300)
+        )
     assert main(["monitor", "--port", "x", "--seconds", "0.1"]) == 0
     assert "fault (encoder jumped, enable line open)" in capsys.readouterr().out
-    assert main(["clear", "--port", "x", "--json"]) == 1
+    assert main(["device", "--clear", "--port", "x", "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     assert (document["were"], document["left"]) == (["encoder jumped", "enable line open"], ["enable line open"])
     core.disable(False)
-    assert main(["clear", "--port", "x"]) == 0
+    assert main(["device", "--clear", "--port", "x"]) == 0
     told = capsys.readouterr().out
     assert "emergency stop" in told
     assert "cleared; the device is in mode safe" in told

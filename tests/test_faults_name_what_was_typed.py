@@ -92,12 +92,12 @@ def test_a_known_value_of_the_other_motion_is_refused(capsys, log, asked, right)
 
 def test_a_limit_above_the_boards_is_refused_with_its_unit(capsys):
     pytest.importorskip("unicorn")
-    assert " N\n" in told(capsys, "limits", "--port", "emulator", "--force-n", "1e4")
-    assert " N.m\n" in told(capsys, "limits", "--port", "emulator", "--torque-nm", "1e4", "--motion", "rotary")
+    assert " N\n" in told(capsys, "device", "--port", "emulator", "--force-n", "1e4")
+    assert " N.m\n" in told(capsys, "device", "--port", "emulator", "--torque-nm", "1e4", "--motion", "rotary")
 
 
 def test_another_rate_than_the_emulated_boards_is_refused(capsys):
-    said = told(capsys, "limits", "--port", "emulator", "--baud", "9600")
+    said = told(capsys, "device", "--port", "emulator", "--baud", "9600")
     assert "--baud: is 9600; the line of the emulated board runs at 115200" in said
 
 

@@ -10,21 +10,25 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from studies.accuracy.figure import draw_accuracy
+from studies.accuracy.grids import GridMiss
+from studies.accuracy.solvers import SolverCost
+from studies.accuracy.study import Accuracy
+from studies.accuracy.tables import TableError
+from studies.estimators.figure import draw_estimators
+from studies.estimators.study import EstimatorTraces
+from studies.pareto.figure import draw_pareto
+from studies.table1.frontier_figure import draw_frontier
 
 import avc_casadi as avc
 from avc_casadi.arm.mechanisms import arm
 from avc_casadi.arm.walls import workspace_map
 from avc_casadi.claims.zwidth import llewellyn_table
+from avc_casadi.design.comparison.pareto import Pareto, Point
 from avc_casadi.identification.diagnosis.diagnose import diagnose
 from avc_casadi.identification.identify import identify
 from avc_casadi.identification.record import Columns, Record
 from avc_casadi.present import figures
-from avc_casadi.study.accuracy.grids import GridMiss
-from avc_casadi.study.accuracy.solvers import SolverCost
-from avc_casadi.study.accuracy.study import Accuracy
-from avc_casadi.study.accuracy.tables import TableError
-from avc_casadi.study.estimators.estimator_study import EstimatorTraces
-from avc_casadi.study.pareto.study import Pareto, Point
 
 RESULTS = Path(__file__).parent / "benchmarks" / "results"
 PROBLEM = avc.load_problem("figure5").changed(frequency={"points": 12})
@@ -70,7 +74,7 @@ def _accuracy():
         SolverCost(method, solver, tolerance, 9, 1.0, seconds, error, error, share, 1.0, default)
         for method, solver, tolerance, seconds, error, share, default in (
             ("exact", None, None, 1e-5, 1e-15, 1.0, False),
-            ("direct", "edges", None, 1e-4, 1e-16, 1.0, True),
+            ("direct", "sqpmethod-qrqp", 1e-12, 1e-4, 1e-16, 1.0, True),
             ("direct", "ipopt", 1e-4, 1e-3, 1e-5, 0.5, False),
             ("direct", "ipopt", 1e-8, 2e-3, 1e-9, 1.0, False),
         )
@@ -106,15 +110,15 @@ def _workspace():
 
 
 CALLS = {
-    "draw_accuracy": (3, lambda axes: figures.draw_accuracy(_accuracy(), axes)),
+    "draw_accuracy": (3, lambda axes: draw_accuracy(_accuracy(), axes)),
     "draw_boundaries": (2, lambda axes: figures.draw_boundaries(COMPARISON, axes)),
     "draw_comparison": (3, lambda axes: figures.draw_comparison(COMPARISON, axes)),
     "draw_diagnosis": (4, lambda axes: figures.draw_diagnosis(_diagnosed(), axes)),
-    "draw_estimators": (4, lambda axes: figures.draw_estimators(_estimates(), axes)),
+    "draw_estimators": (4, lambda axes: draw_estimators(_estimates(), axes)),
     "draw_correlations": (1, lambda axes: figures.draw_correlations(_identified(), axes)),
     "draw_identification": (6, lambda axes: figures.draw_identification(_identified(), axes)),
-    "draw_frontier": (4, lambda axes: figures.draw_frontier(_frontier(), axes)),
-    "draw_pareto": (6, lambda axes: figures.draw_pareto(_pareto(), axes)),
+    "draw_frontier": (4, lambda axes: draw_frontier(_frontier(), axes)),
+    "draw_pareto": (6, lambda axes: draw_pareto(_pareto(), axes)),
     "draw_perceived": (5, lambda axes: figures.draw_perceived(COMPARISON, axes)),
     "draw_perceived, damped": (
         6,
@@ -204,7 +208,8 @@ def test_axes_are_taken_row_by_row_from_an_array():
 
 
 def test_every_drawing_function_takes_axes_and_is_tried_here():
-    names = {name for name in dir(figures) if name.startswith("draw_")}
-    assert {name.partition(",")[0] for name in CALLS} == names
-    for name in names:
-        assert "axes" in inspect.signature(getattr(figures, name)).parameters
+    of_studies = {draw.__name__: draw for draw in (draw_accuracy, draw_estimators, draw_frontier, draw_pareto)}
+    drawn = of_studies | {name: getattr(figures, name) for name in dir(figures) if name.startswith("draw_")}
+    assert {name.partition(",")[0] for name in CALLS} == set(drawn)
+    for draw in drawn.values():
+        assert "axes" in inspect.signature(draw).parameters

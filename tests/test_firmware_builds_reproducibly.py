@@ -1,45 +1,70 @@
 """The firmware compiles without a warning, and the packaged image is exactly what its sources give."""
 
+import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from hardware_bench import require, run
 
+import avc_casadi
+import avc_hardware
 from avc_casadi import UnsupportedError
-from avc_hardware import firmware_build
-from avc_hardware._elf import read_elf
-from avc_hardware._firmware import IMAGE, source_hash
+from avc_hardware.codegen import build
+from avc_hardware.codegen.boards import TARGETS
+from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS
+from avc_hardware.codegen.firmware import IMAGE
+from avc_hardware.codegen.image import read_elf
+
+# Where the packages are, for processes of their own.
+PATH = os.pathsep.join(str(Path(one.__file__).parents[1]) for one in (avc_casadi, avc_hardware))
 
 
 def test_packaged_image_is_what_the_sources_give(tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
-    built = firmware_build.build_image("netduinoplus2", tmp_path)
+    made = build.build_image("netduinoplus2", tmp_path)
     version = run("arm-none-eabi-gcc", "--version").decode()
     if "12.2" not in version.splitlines()[0]:
         pytest.skip(f"the image was built with arm-none-eabi-gcc 12.2, here is {version.splitlines()[0]}")
-    assert built.read_bytes() == IMAGE.read_bytes()
+    assert made.read_bytes() == IMAGE.read_bytes()
 
 
 def test_image_was_built_from_these_sources() -> None:
-    assert source_hash().encode() in IMAGE.read_bytes()
+    """Those that the scene's expressions give today are among them."""
+    assert build.source_hash().encode() in IMAGE.read_bytes()
+
+
+def test_generated_sources_are_the_same_in_every_process(tmp_path: Path) -> None:
+    made = []
+    for seed in ("1", "2"):
+        command = [sys.executable, "-m", "avc_hardware.codegen.build", "generate", "--out", str(tmp_path / seed)]
+        subprocess.run(command, check=True, env={**os.environ, "PYTHONPATH": PATH, "PYTHONHASHSEED": seed})  # noqa: S603
+        files = sorted((tmp_path / seed).rglob("*.[ch]"))
+        made.append({path.relative_to(tmp_path / seed): path.read_bytes() for path in files})
+    assert made[0] == made[1]
+    assert {path.parent.name for path in made[0]} == set(ESTIMATOR_NUMBERS)
+    assert all(
+        set(build.TICK) <= {path.name for path in made[0] if path.parent.name == one} for one in ESTIMATOR_NUMBERS
+    )
 
 
 def test_build_does_not_depend_on_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     require("arm-none-eabi-gcc")
-    here = firmware_build.build_image("netduinoplus2", tmp_path / "a").read_bytes()
+    here = build.build_image("netduinoplus2", tmp_path / "a").read_bytes()
     elsewhere = tmp_path / "some other place"
-    shutil.copytree(firmware_build.FIRMWARE, elsewhere)
-    monkeypatch.setattr(firmware_build, "FIRMWARE", elsewhere)
-    assert firmware_build.build_image("netduinoplus2", tmp_path / "b").read_bytes() == here
+    shutil.copytree(build.FIRMWARE, elsewhere)
+    monkeypatch.setattr(build, "FIRMWARE", elsewhere)
+    assert build.build_image("netduinoplus2", tmp_path / "b").read_bytes() == here
 
 
-@pytest.mark.parametrize("target", firmware_build.TARGETS)
+@pytest.mark.parametrize("target", TARGETS)
 def test_every_board_builds_without_warnings(target: str, tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
-    image = read_elf(firmware_build.build_image(target, tmp_path))
-    board = firmware_build.TARGETS[target]
+    image = read_elf(build.build_image(target, tmp_path))
+    board = TARGETS[target]
     code = sum(len(segment.data) for segment in image.segments)
     # 1.8 KB for faults, 5 for observers without loops, 0.7 telemetry, 1.4 commissioning, 1.8 what is kept, 1.3 for a
     # first tick of its own
@@ -52,29 +77,29 @@ def test_every_board_builds_without_warnings(target: str, tmp_path: Path) -> Non
 @pytest.mark.parametrize("cc", ["gcc", "clang"])
 def test_core_compiles_without_warnings(cc: str, tmp_path: Path) -> None:
     require(cc)
-    assert firmware_build.build_host(tmp_path, cc=cc).stat().st_size > 0
+    assert build.build_host(tmp_path, cc=cc).stat().st_size > 0
 
 
 def test_a_warning_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     require("gcc")
     copy = tmp_path / "firmware"
-    shutil.copytree(firmware_build.FIRMWARE, copy)
+    shutil.copytree(build.FIRMWARE, copy)
     table = copy / "core" / "avc_table.c"
     table.write_text(table.read_text() + "\nint avc_narrow(long long x);\nint avc_narrow(long long x) { return x; }\n")
-    monkeypatch.setattr(firmware_build, "FIRMWARE", copy)
+    monkeypatch.setattr(build, "FIRMWARE", copy)
     with pytest.raises(UnsupportedError, match="conversion"):
-        firmware_build.build_host(tmp_path)
+        build.build_host(tmp_path)
 
 
 def test_unknown_board_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UnsupportedError, match="allowed: netduinoplus2"):
-        firmware_build.build_image("toaster", tmp_path)
+        build.build_image("toaster", tmp_path)
 
 
 def test_core_uses_no_library_but_memcpy_and_memset() -> None:
     allowed = {"stdint.h", "stddef.h", "stdbool.h", "string.h", "stdatomic.h"}
-    for path in (firmware_build.FIRMWARE / "core").rglob("*.[ch]"):
-        text = path.read_text()
-        assert set(re.findall(r"#include <(.+)>", text)) <= allowed, path.name
-        assert not re.search(r"\b(malloc|calloc|free|printf|memmove|strlen)\s*\(", text), path.name
-        assert "double" not in text, path.name
+    texts = {path.name: path.read_text() for path in (build.FIRMWARE / "core").rglob("*.[ch]")}
+    for name, text in (texts | build.tick_sources("fused")).items():
+        assert set(re.findall(r"#include <(.+)>", text)) <= allowed, name
+        assert not re.search(r"\b(malloc|calloc|free|printf|memmove|strlen)\s*\(", text), name
+        assert "double" not in text, name

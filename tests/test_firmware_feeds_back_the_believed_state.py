@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from hardware_bench import believer, bench_problem, dense_believer, host_library, push, require, unwatched
 from numpy.typing import NDArray
+from reference_coupling import ReferenceCoupling
+from reference_device import ReferenceFeedback
+from tick_profile import tick_instructions
 
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import DeviceFault, TableImage
-from avc_hardware import _messages as m
-from avc_hardware._host import HostCore, HostLink
-from avc_hardware._messages import Kind
-from avc_hardware._profile import tick_instructions
-from avc_hardware._reference_coupling import ReferenceCoupling
-from avc_hardware._reference_device import ReferenceFeedback
-from avc_hardware._session import Session
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.link import messages as m
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.session import Session
 
 Counts = NDArray[np.int32]
 Forces = NDArray[np.float32]

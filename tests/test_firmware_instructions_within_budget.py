@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hardware_bench import coupling, dense_believer, require, scratch
+from lock_step_board import LockStepBoard
+from tick_profile import TickCount, tick_instructions
 
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection
-from avc_hardware._elf import read_elf
-from avc_hardware._host import BEFORE_WALL
-from avc_hardware._monitor import pause
-from avc_hardware._profile import TickCount, tick_instructions
-from avc_hardware._push import push_over
-from avc_hardware._qemu import LockStepBoard
-from avc_hardware.firmware_build import build_image
+from avc_hardware.codegen.build import build_image
+from avc_hardware.codegen.image import read_elf
+from avc_hardware.emulator.host import BEFORE_WALL
+from avc_hardware.link.monitor import pause
+from avc_hardware.link.push import push_over
 
 MADE = coupling(200, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
 TICKS = 40

@@ -11,11 +11,10 @@ from avc_casadi import LinkError, UnsupportedError, load_problem
 from avc_casadi.cli import main
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import BoardLimits, EmulatedBoard, RuntimeFigures, build_firmware
-from avc_hardware._elf import read_elf
-from avc_hardware._firmware import IMAGE
-from avc_hardware._patch import image_for
-from avc_hardware._runtime_c import MADE_FOR, made_for
-from avc_hardware.firmware_build import build_image
+from avc_hardware.codegen.build import build_image
+from avc_hardware.codegen.firmware import IMAGE
+from avc_hardware.codegen.image import image_for, read_elf
+from avc_hardware.codegen.tick_c import MADE_FOR, made_for
 
 DEVICE = {"sample_time_s": 2.5e-4, "encoder_resolution_m": 2e-5, "max_force_n": 8.0, "damping_ns_per_m": 1.25}
 RUNTIME = Runtime(guard="passivity-controller", hold_s=0.31, slew_per_s=7.0)

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from avc_casadi._util.arrays import Float32Array
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import GainTable
+from avc_casadi.model.gains import single_ln as ln
 from avc_hardware import TableImage
-from avc_hardware._reference import ln, lookup
+from avc_hardware.link.table import lookup
 
 positive = st.floats(2.0**-20, 2.0**20, width=32)
 

@@ -15,9 +15,9 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.model.gains import Gains
 from avc_hardware import build_firmware, export_c
-from avc_hardware._packages import packaged
-from avc_hardware._refusal import Reason, Refusal
-from avc_hardware._stream import _faults_on_the_way
+from avc_hardware.codegen.packages import packaged
+from avc_hardware.link.faults import Reason, Refusal
+from avc_hardware.link.stream import faults_on_the_way
 
 M0 = Path(__file__).parent / "boards" / "cortex-m0"
 
@@ -94,9 +94,9 @@ def test_a_rate_that_no_port_divides_to_is_refused(
 
 def test_a_stream_tells_refused_messages_from_lost_ones() -> None:
     stale, mode = (Refusal(reason, 0) for reason in (Reason.STALE, Reason.MODE))
-    assert _faults_on_the_way(10, 0, 0, [mode] * 10) == [f"10 of 10 messages were refused, the last: {mode}"]
-    assert _faults_on_the_way(10, 4, 6, [stale] * 6) == ["4 of 10 messages were lost, 6 late"]
-    assert _faults_on_the_way(10, 0, 0, []) == []
+    assert faults_on_the_way(10, 0, 0, [mode] * 10) == [f"10 of 10 messages were refused, the last: {mode}"]
+    assert faults_on_the_way(10, 4, 6, [stale] * 6) == ["4 of 10 messages were lost, 6 late"]
+    assert faults_on_the_way(10, 0, 0, []) == []
 
 
 def test_the_rate_of_the_line_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ import pytest
 from hardware_bench import require, run, scratch
 
 from avc_casadi import UnsupportedError
-from avc_hardware.firmware_build import build_fuzzer
+from avc_hardware.codegen.build import build_fuzzer
 
 CORPUS = (Path(__file__).parent / "hardware_corpus.txt").read_text(encoding="utf-8").split()
 SECONDS = int(os.environ.get("AVC_FUZZ_SECONDS", "4"))

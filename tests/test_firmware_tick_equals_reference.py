@@ -18,23 +18,24 @@ from typing import Any
 import numpy as np
 import pytest
 from hardware_bench import believer, coupling, dense_believer, require, scratch, unwatched
+from lock_step_board import LockStepBoard
 from numpy.typing import NDArray
+from reference_device import ReferenceDevice
 
 from avc_casadi import LinkError, UnsupportedError
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import BoardLimits, Connection, EmulatedBoard, RuntimeFigures, TableImage
-from avc_hardware._frames import Decoder, Frame
-from avc_hardware._host import HostCore, State
-from avc_hardware._machine import CLOCK_HZ
-from avc_hardware._messages import parse
-from avc_hardware._monitor import pause
-from avc_hardware._qemu import LockStepBoard
-from avc_hardware._reference_device import ReferenceDevice
-from avc_hardware._runtime_c import MADE_FOR, made_for
-from avc_hardware._runtime_constants import SAMPLE_TIMES_S, constants, templates
-from avc_hardware._session import Answer, Exchange, Session
-from avc_hardware.firmware_build import TARGETS, build_host, build_image, generated
+from avc_hardware.codegen.boards import TARGETS
+from avc_hardware.codegen.build import build_host, build_image
+from avc_hardware.codegen.tick_c import MADE_FOR, made_for
+from avc_hardware.codegen.tick_program import SAMPLE_TIMES_S, constants, templates
+from avc_hardware.emulator.host import HostCore, State
+from avc_hardware.emulator.machine import CLOCK_HZ
+from avc_hardware.link.frames import Decoder, Frame
+from avc_hardware.link.messages import parse
+from avc_hardware.link.monitor import pause
+from avc_hardware.link.session import Answer, Exchange, Session
 
 Counts = NDArray[np.int32]
 
@@ -174,7 +175,7 @@ def library(board: str, estimator: str = "fused", cc: str = "gcc") -> Path:
         ("0.25 ms", "fused", "gcc"),
         ("2 ms", "zero-crossing", "gcc"),
         *(
-            pytest.param("1 ms", estimator, compiler, marks=pytest.mark.thorough)
+            pytest.param("1 ms", estimator, compiler, marks=pytest.mark.exhaustive)
             for estimator in ("zero-crossing", "adaptive-notch", "spectral-peak")
             for compiler in ("gcc", "clang")
         ),
@@ -270,11 +271,6 @@ def test_a_board_that_does_not_start_is_reported() -> None:
     require("qemu-system-arm")
     with pytest.raises(LinkError, match="QEMU ended"):
         LockStepBoard(scratch() / "absent.elf", "bench-m4f", position=lambda _: 0)
-
-
-def test_generated_sources_are_those_of_the_scene() -> None:
-    for path, text in generated().items():
-        assert path.read_text(encoding="utf-8") == text, "run: python -m avc_hardware.firmware_build generate"
 
 
 @pytest.mark.parametrize("estimator", ["fused", "zero-crossing", "adaptive-notch", "spectral-peak"])

@@ -15,7 +15,7 @@ from avc_casadi.model.gains import Gains, GainTable, gains_at, interpolate, sing
 from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.rendered import gain_schedule
-from avc_hardware._reference import lookup
+from avc_hardware.link.table import lookup
 
 
 @st.composite

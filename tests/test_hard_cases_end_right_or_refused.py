@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from reference_optimum import MP, NUMBERS, series_error
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
@@ -11,9 +12,8 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.loop import loop_at
-from avc_casadi.study.reference.optimum import MP, NUMBERS, series_error
 
-WITHIN = 1e-10
+WITHIN = {"exact": 1e-10, "direct": 1e-8}
 
 
 def problem_of(text_or_tables):
@@ -50,7 +50,7 @@ def bounded(share, **changes):
 
 
 def assert_right(problem):
-    """`exact` and `direct` stand on the optimum to 1e-10, or agree with the reference that there are no gains."""
+    """`exact` stands on the optimum to 1e-10, `direct` to 1e-8, or both agree that there are no gains."""
     methods = {method: solve(problem, method) for method in ("exact", "direct")}
     for row, frequency in enumerate(problem.frequencies_hz()):
         truth = series_error(problem, float(frequency))
@@ -64,7 +64,8 @@ def assert_right(problem):
             b, k = (MP.mpf(gain[row]) for gain in (schedule.damping_ns_per_m, schedule.stiffness_n_per_m))
             z, radius = loop.perceived(b, k), abs(loop.target)
             terms = abs(loop.device) + abs(loop.hold * loop.desired)
-            assert abs(abs(abs(z) - radius) - truth) <= WITHIN * max(radius, 1e-6 * terms), (schedule.method, frequency)
+            within = WITHIN[schedule.method] * max(radius, 1e-6 * terms)
+            assert abs(abs(abs(z) - radius) - truth) <= within, (schedule.method, frequency)
             assert z.real - problem.stability.margin_ns_per_m >= -1e-14 * terms
     assert_closed_form_right(problem)
 

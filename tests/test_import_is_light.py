@@ -1,4 +1,4 @@
-"""`import avc_casadi` loads none of the heavy libraries, and every public name is there at first use."""
+"""`import avc_casadi` and `import avc_hardware` load nothing heavy, and every public name is there at first use."""
 
 import ast
 import subprocess
@@ -8,13 +8,15 @@ from pathlib import Path
 import pytest
 
 import avc_casadi as avc
+import avc_hardware
 
-SOURCE = ast.parse(Path(avc.__file__).read_text(encoding="utf-8"))
+PACKAGES = (avc, avc_hardware)
 
 
-def exported():
+def exported(package):
     """Return the names that a type checker sees."""
-    imports = [node for node in ast.walk(SOURCE) if isinstance(node, ast.ImportFrom)]
+    tree = ast.parse(Path(package.__file__).read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
     return sorted(alias.asname for node in imports for alias in node.names if alias.asname)
 
 
@@ -29,6 +31,15 @@ def test_no_heavy_library_is_loaded():
     assert not loaded & {"casadi", "matplotlib", "numpy", "pydantic", "serial", "unicorn"}
 
 
+def test_the_hardware_side_loads_its_own_package_alone():
+    """Neither proofs nor simulation nor CasADi: of both packages one module, and little of the library."""
+    root = str(Path(avc_hardware.__file__).parent.parent)
+    program = f"import sys; before = set(sys.modules); sys.path.insert(0, {root!r}); import avc_hardware; "
+    program += "print(*set(sys.modules) - before)"
+    done = subprocess.run([sys.executable, "-S", "-c", program], capture_output=True, text=True, check=True)  # noqa: S603
+    assert done.stdout.split() == ["avc_hardware"]
+
+
 def test_before_ctrl_c_is_handled_next_to_nothing_is_loaded():
     """Ctrl-C while the entry of `avc` is loaded is a traceback: what takes long comes after."""
     root = str(Path(avc.__file__).parent.parent)
@@ -40,13 +51,14 @@ def test_before_ctrl_c_is_handled_next_to_nothing_is_loaded():
     assert not {"typing", "dataclasses", "inspect", "pathlib", "avc_casadi._errors"} & set(done.stdout.split())
 
 
-@pytest.mark.parametrize("name", exported())
-def test_every_typed_name_is_there(name):
-    assert getattr(avc, name) is not None
-    assert name in dir(avc)
+@pytest.mark.parametrize(("package", "name"), [(package, name) for package in PACKAGES for name in exported(package)])
+def test_every_typed_name_is_there(package, name):
+    assert getattr(package, name) is not None
+    assert name in dir(package)
 
 
-def test_no_name_is_there_that_is_not_typed():
-    assert set(avc._LAZY) <= set(exported())
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_name_is_there_that_is_not_typed(package):
+    assert set(package._LAZY) <= set(exported(package))
     with pytest.raises(AttributeError, match="no attribute 'lode_problem'"):
-        avc.lode_problem  # noqa: B018
+        package.lode_problem  # noqa: B018

@@ -7,20 +7,20 @@ import pytest
 from buzzing_cases import declared_of
 from buzzing_device import Buzzing, logged
 
-from avc_casadi.identification.diagnosis.answer import Answer
 from avc_casadi.identification.diagnosis.causes import Asked
-from avc_casadi.identification.diagnosis.declared import Declared
+from avc_casadi.identification.diagnosis.counterfactual import settled
 from avc_casadi.identification.diagnosis.diagnose import diagnose
-from avc_casadi.identification.diagnosis.even import outgrows
-from avc_casadi.identification.diagnosis.felt import felt
-from avc_casadi.identification.diagnosis.jump import find_jump
+from avc_casadi.identification.diagnosis.evidence import felt
+from avc_casadi.identification.diagnosis.hypothesis import Hypothesis
+from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import find_law
+from avc_casadi.identification.diagnosis.limit_cycle import find_toggling
 from avc_casadi.identification.diagnosis.log import log_of
 from avc_casadi.identification.diagnosis.oscillation import find_oscillation
-from avc_casadi.identification.diagnosis.played import settled
-from avc_casadi.identification.diagnosis.toggling import find_toggling
-from avc_casadi.identification.lost import wrapped
+from avc_casadi.identification.diagnosis.relay import find_jump
+from avc_casadi.identification.diagnosis.saturation import outgrows
 from avc_casadi.identification.record import Columns, records_of
+from avc_casadi.identification.repair import wrapped
 
 STEP = 5e-5
 TIME = np.arange(3000) * 1e-3
@@ -121,7 +121,7 @@ def test_a_hand_is_not_what_is_missing_where_the_encoder_swings_the_loop_with_on
     log, _ = log_of(columns(loop))
     swing, law = find_oscillation(log), find_law(log, loop.limit)
     declared = Declared.of(device, None, loop.period)
-    free = Asked(Answer(device, None), 1.0, {"let-go": 1.0})
+    free = Asked(Hypothesis(device, None), 1.0, {"let-go": 1.0})
     assert swing.found.steps < 3
     (told,) = settled([free], law, log, swing.found, declared, [])
     assert told.causes == {"encoder": 1.0}
@@ -135,7 +135,7 @@ def test_what_would_have_grown_long_ago_does_not_swing_over_a_count():
     swing = find_oscillation(log)
     law = find_law(log, LIGHT.limit)
     device = declared_of(LIGHT)
-    free = Answer(device, None)
+    free = Hypothesis(device, None)
     assert swing.found.steps < 2
     assert outgrows(free, law, log, swing.found, device.max_force_n)
     assert not outgrows(free, replace(law, stiffness_n_per_m=500.0), log, swing.found, device.max_force_n)

@@ -11,11 +11,11 @@ from hardware_bench import coupling, host_core, image, refused
 from avc_casadi import InputError
 from avc_casadi.model.gains import GainTable
 from avc_hardware import Connection, TableImage
-from avc_hardware import _messages as m
-from avc_hardware._host import HostLink
-from avc_hardware._messages import Kind
-from avc_hardware._refusal import Reason, Refusal
-from avc_hardware._session import RefusedError
+from avc_hardware.emulator.host import HostLink
+from avc_hardware.link import messages as m
+from avc_hardware.link.faults import Reason, Refusal
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.session import RefusedError
 
 
 def with_cell(row: int, column: int, value: float) -> TableImage:

@@ -6,6 +6,7 @@ Whole is every byte of it: of two tables with state feedback no matrix is ever f
 import os
 
 import pytest
+from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import coupling, dense_believer, host_core, push
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,9 +16,9 @@ from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
-from avc_hardware import TableImage, _clear
-from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
-from avc_hardware._host import HostCore, HostLink
+from avc_hardware import TableImage
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.link import settings as _clear
 
 GUARD = Runtime(guard="passivity-controller")
 OLD = coupling(12, seed=1, wall=(5.0, 2e4), runtime=GUARD)
@@ -124,7 +125,7 @@ def test_a_silent_port_says_once_what_is_waited_for_and_how_long(
         return FaultyLink(HostLink(host_core()), [LinkFault(True, 0, FaultKind.STALL, 100_000)])
 
     monkeypatch.setattr(_clear, "open_link", silent)
-    assert main(["clear", "--port", "/dev/absent"]) == 1
+    assert main(["device", "--clear", "--port", "/dev/absent"]) == 1
     told = capsys.readouterr().err.splitlines()
     assert [line.split(": ", 1)[1].split(" for ")[0] for line in told[:1]] == ["no answer at 115200 baud"]
     assert "asking again for at most 2.6 s" in told[0]

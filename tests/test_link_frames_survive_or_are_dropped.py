@@ -11,9 +11,9 @@ from hardware_bench import host_core
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from avc_hardware._frames import MAX_ENCODED, MAX_PAYLOAD, Decoder, Frame, cobs_decode, cobs_encode, decode, encode
-from avc_hardware._messages import Kind, parse
-from avc_hardware._refusal import Reason, Refusal
+from avc_hardware.link.faults import Reason, Refusal
+from avc_hardware.link.frames import MAX_ENCODED, MAX_PAYLOAD, Decoder, Frame, cobs_decode, cobs_encode, decode, encode
+from avc_hardware.link.messages import Kind, parse
 
 VECTORS = json.loads((Path(__file__).parent / "hardware_frames.json").read_text(encoding="utf-8"))
 

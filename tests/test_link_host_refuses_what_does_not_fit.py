@@ -10,8 +10,8 @@ import avc_hardware
 from avc_casadi import LinkError, NotDeployableError, UnsupportedError
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import TableImage, check_runs_on
-from avc_hardware._host import HostCore, HostLink
-from avc_hardware._refusal import Reason, Refusal
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.link.faults import Reason, Refusal
 
 
 def test_table_larger_than_the_device_is_refused_by_it() -> None:

@@ -20,8 +20,8 @@ from avc_casadi import LinkError, PortError
 from avc_casadi.cli import main
 from avc_casadi.identification.excitation.plan import Plan
 from avc_hardware import TableImage, excite, find_port, list_ports, monitor
-from avc_hardware import _ports as ports_module
-from avc_hardware._host import HostCore
+from avc_hardware.emulator.host import HostCore
+from avc_hardware.link import ports as ports_module
 
 pty = pytest.importorskip("pty", reason="pseudo-terminals need a Unix system")
 tty = pytest.importorskip("tty", reason="pseudo-terminals need a Unix system")
@@ -128,7 +128,7 @@ def test_port_in_use_is_reported(bench: Bench) -> None:
 
 
 def test_port_that_is_not_there_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(PortError, match="avc ports"):
+    with pytest.raises(PortError, match="avc doctor --ports"):
         push(coupling(5), "/dev/none")
     assert main(["monitor", "--port", "/dev/none"]) == 2
     assert "/dev/none: cannot be opened" in capsys.readouterr().err

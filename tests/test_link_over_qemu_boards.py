@@ -13,7 +13,8 @@ from hardware_bench import coupling, push, require, scratch, stream
 from avc_casadi import LinkError, UnsupportedError
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import TableImage, monitor, store
-from avc_hardware.firmware_build import TARGETS, build_image
+from avc_hardware.codegen.boards import TARGETS
+from avc_hardware.codegen.build import build_image
 
 BOARDS = ["netduinoplus2", "mps2-an386", "lm3s6965evb"]
 

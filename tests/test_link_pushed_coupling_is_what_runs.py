@@ -9,10 +9,10 @@ from hardware_bench import coupling, host_core, host_library, push, unwatched
 
 from avc_casadi import LinkError
 from avc_hardware import Connection, RuntimeFigures, TableImage
-from avc_hardware._device import DeviceStatus
-from avc_hardware._host import HostCore, HostLink
-from avc_hardware._messages import Kind
-from avc_hardware._push import push_over
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.link.device import DeviceStatus
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.push import push_over
 
 
 def image(*arguments: Any, **options: Any) -> TableImage:

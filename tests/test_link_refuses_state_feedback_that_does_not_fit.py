@@ -15,12 +15,12 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import Connection, TableImage, check_runs_on
-from avc_hardware import _messages as m
-from avc_hardware._host import HostLink
-from avc_hardware._messages import Kind
-from avc_hardware._refusal import Reason, Refusal
-from avc_hardware._session import Exchange, RefusedError
-from avc_hardware._table import FEEDBACK_STATES
+from avc_hardware.codegen.firmware_fit import FEEDBACK_STATES
+from avc_hardware.emulator.host import HostLink
+from avc_hardware.link import messages as m
+from avc_hardware.link.faults import Reason, Refusal
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.session import Exchange, RefusedError
 
 AT_HEADER, AT_FEEDBACK = 0xFFFF, 0xFFFE
 # Of the image of `made`: flags, measures, positions, dead zone, face, first number of A, last number of R.

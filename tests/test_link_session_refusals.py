@@ -11,12 +11,12 @@ from hardware_bench import coupling, host_core, push
 
 from avc_casadi import LinkError
 from avc_hardware import Connection, TableImage
-from avc_hardware import _messages as m
-from avc_hardware._frames import Decoder, Frame, cobs_decode, encode
-from avc_hardware._host import HostLink
-from avc_hardware._messages import Kind
-from avc_hardware._refusal import INTERFACE_VERSION, Reason, Refusal
-from avc_hardware._session import Exchange, RefusedError, Session
+from avc_hardware.emulator.host import HostLink
+from avc_hardware.link import messages as m
+from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
+from avc_hardware.link.frames import Decoder, Frame, cobs_decode, encode
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.session import Exchange, RefusedError, Session
 
 
 def image(*arguments: Any, **options: Any) -> TableImage:

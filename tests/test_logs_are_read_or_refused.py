@@ -1,5 +1,7 @@
 """Logs in every form and unit give the same record; faults are told all at once, each with its line."""
 
+import json
+
 import numpy as np
 import pytest
 import scipy.io
@@ -53,6 +55,21 @@ def test_numbers_of_columns_and_units_by_option(tmp_path):
     np.savetxt(path, np.column_stack([FORCE, TIME * 1e3, POSITION * 1e3]))
     layout = Layout({"time": 2, "position": 3, "force": 1}, {"time": "ms", "position": "mm", "force": "N"})
     same(read_logs([path], layout)[0])
+
+
+def test_json_of_arrays_of_objects_and_of_rows(tmp_path):
+    columns = {"time_s": TIME, "position_m": POSITION, "force_n": FORCE}
+    rows = np.stack(list(columns.values()), axis=1)
+    told = {
+        "arrays": {"title": "a log", **{name: values.tolist() for name, values in columns.items()}},
+        "objects": [dict(zip(columns, row, strict=True)) for row in rows.tolist()],
+        "rows": rows.tolist(),
+    }
+    layout = Layout({"time": 1, "position": 2, "force": 3}, {"time": "s", "position": "m", "force": "N"})
+    for name, held in told.items():
+        path = tmp_path / f"{name}.json"
+        path.write_text(json.dumps(held), encoding="utf-8")
+        same(read_logs([path], layout if name == "rows" else None)[0])
 
 
 def test_npz_and_mat(tmp_path):

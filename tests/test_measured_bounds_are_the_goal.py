@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reference_optimum import NUMBERS
 
 import avc_casadi as avc
 from avc_casadi.files.plausibility import plausibility
@@ -14,7 +15,6 @@ from avc_casadi.paper.equations import SampleAngle, environment_impedance
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.numbers import NUMPY
 from avc_casadi.paper.realism import bound_magnitudes, judge_realism
-from avc_casadi.study.reference.optimum import NUMBERS
 
 FIGURE5 = avc.load_problem("figure5")
 FREQUENCY = FIGURE5.frequencies_hz()

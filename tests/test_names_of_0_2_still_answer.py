@@ -4,9 +4,12 @@ from importlib import import_module
 
 import pytest
 
+import avc_casadi as avc
+from avc_casadi.design.comparison.pareto import study_pareto
+
 NAMES = {
     "avc_casadi.problem": ("load_problem", "Device", "Hands", "Scene"),
-    "avc_casadi.coupling": ("Gains", "NO_COUPLING", "Runtime", "reduce_rows"),
+    "avc_casadi.coupling": ("Gains", "NO_COUPLING", "reduce_rows"),
     "avc_casadi.loop": ("loop_at", "hand_set", "series"),
     "avc_casadi.certificate": ("certify", "deployable", "zwidth"),
     "avc_casadi.scene": ("simulate", "Run"),
@@ -16,8 +19,9 @@ NAMES = {
     "avc_casadi.identification": ("read_logs",),
     "avc_casadi.diagnosis": ("diagnose",),
     "avc_casadi.excitation": ("plan_excitation",),
-    "avc_casadi.recommendation": ("recommend",),
+    "avc_casadi.recommendation": ("Recommendation",),
     "avc_casadi.study.comparison": ("compare",),
+    "avc_casadi.study.pareto": ("pareto", "Pareto"),
     "avc_casadi.proof": ("HandsProof",),
 }
 
@@ -43,3 +47,16 @@ def test_what_never_was_is_an_error_without_a_warning():
         import_module("avc_casadi.problem").nothing  # noqa: B018
     with pytest.raises(ModuleNotFoundError):
         import_module("avc_casadi.nothing")
+
+
+@pytest.mark.parametrize("room", ["accuracy", "estimators", "reference", "table1"])
+def test_a_study_is_answered_with_where_it_stands(room):
+    with pytest.raises(ModuleNotFoundError, match="tests/benchmarks/studies of the source distribution"):
+        import_module(f"avc_casadi.study.{room}")
+
+
+def test_pareto_answers_and_says_that_it_is_a_study():
+    problem = avc.load_problem("soft").changed(frequency={"points": 2})
+    with pytest.warns(DeprecationWarning, match="avc study pareto"):
+        found = avc.pareto(problem)
+    assert found == study_pareto(problem)

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from avc_casadi import LinkError, load_problem
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableImage, set_limits, store
-from avc_hardware import _messages as m
-from avc_hardware._flash import BASE, KEPT, SECTOR_BYTES, FlashController
-from avc_hardware._machine import CLOCK_HZ
-from avc_hardware._messages import Kind
+from avc_hardware.emulator.flash import BASE, KEPT, SECTOR_BYTES, FlashController
+from avc_hardware.emulator.machine import CLOCK_HZ
+from avc_hardware.link import messages as m
+from avc_hardware.link.messages import Kind
 
 WALL = with_gains(load_problem("damped"), 50.0, 2e4, 20.0)
 KEY, STATUS, CONTROL = BASE + 0x04, BASE + 0x0C, BASE + 0x10

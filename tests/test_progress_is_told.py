@@ -13,9 +13,9 @@ from avc_casadi.cli._console import Console
 from avc_casadi.coupling import Coupling
 from avc_casadi.identification.excitation.design import plan_excitation
 from avc_casadi.model.device import Device
-from avc_casadi.paper.edge_search import edge_search_gains
 from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.nlp_gains import nlp_gains
 from avc_casadi.recommendation.recommend import judged_as_recommended
 
 
@@ -36,16 +36,16 @@ def many(points):
     return avc.load_problem("figure5").changed(frequency={"points": points})
 
 
-@pytest.mark.parametrize(("search", "points"), [(edge_search_gains, 2100), (exact_gains, 10_100)])
+@pytest.mark.parametrize(("search", "points"), [(nlp_gains, 80), (exact_gains, 10_100)])
 def test_frequencies_are_told_and_do_not_depend_on_their_neighbours(search, points):
     problem, listener = many(points), Listener()
     loop = loop_at(problem, problem.frequencies_hz())
     whole = search(problem, loop, progress=listener)
     assert listener.told[-1][:2] == (points, points)
     assert len(listener.told) == 2
-    last = search(problem, loop.rows(np.arange(points - 50, points)))
+    last = search(problem, loop.rows(np.arange(points - 30, points)))
     for gain, own in zip(whole, last, strict=True):
-        np.testing.assert_array_equal(gain[-50:], own)
+        np.testing.assert_array_equal(gain[-30:], own)
 
 
 @pytest.mark.parametrize("method", ["direct", "exact", "schedule", "static-tuned"])
@@ -58,10 +58,10 @@ def test_methods_that_take_long_tell_of_it(method):
     np.testing.assert_array_equal(told.stiffness_n_per_m, silent.stiffness_n_per_m)
 
 
-def test_a_backend_tells_of_every_frequency():
+def test_direct_tells_of_its_frequencies():
     listener = Listener()
-    avc.solve(many(3), "direct", solver="sqpmethod", progress=listener)
-    assert [done for done, _, _ in listener.told] == [1, 2, 3]
+    avc.solve(many(120), "direct", progress=listener)
+    assert [done for done, _, _ in listener.told] == [50, 100, 120]
 
 
 def test_a_certificate_tells_of_its_levels():

@@ -93,8 +93,8 @@ def test_gains_of_another_sample_time_are_refused_by_every_call():
 SAME_WORDS = [
     (("compare", "soft", "--mine=-1,5"), "mine", lambda: avc.compare("soft", mine=(-1.0, 5.0))),
     (("compare", "soft", "--mine=inf,5"), "mine", lambda: avc.compare("soft", mine=(np.inf, 5.0))),
-    (("screen", "soft", "--tolerance=1.5"), "tolerance", lambda: avc.screen("soft", tolerance=1.5)),
-    (("screen", "soft", "--tolerance=nan"), "tolerance", lambda: avc.screen("soft", tolerance=np.nan)),
+    (("simulate", "soft", "--screen", "--tolerance=1.5"), "tolerance", lambda: avc.screen("soft", tolerance=1.5)),
+    (("simulate", "soft", "--screen", "--tolerance=nan"), "tolerance", lambda: avc.screen("soft", tolerance=np.nan)),
     (("simulate", "soft", "--seed=-3"), "seed", lambda: avc.simulate("soft", seed=-3)),
     (("solve", "soft", "--tolerance=7"), "tolerance", lambda: avc.solve("soft", tolerance=7)),
     (("zwidth", "soft", "--method=exakt"), "method", lambda: avc.solve("soft", "exakt")),

@@ -78,7 +78,7 @@ def test_a_stiffer_wall_is_never_felt_softer():
     assert felt[0] == pytest.approx(1e3, rel=0.02)
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 def test_a_wall_beyond_reach_costs_nothing_of_what_is_felt():
     held, beyond = (found(stiffness, delay_samples=1).trial.stiffness for stiffness in (9e4, 1e6))
     assert held == pytest.approx(9e4, rel=0.02)
@@ -109,7 +109,7 @@ def test_hands_are_those_of_the_problem():
     assert set(np.round(people_of(heavy.hands, 8).mass_kg, 6)) == {1.0, 1.5}
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 def test_nothing_is_promised_that_does_not_hold():
     best = found(1e5, hands=8, encoder_resolution_m=1e-3, coulomb_friction_n=0.0, position_noise_rms_m=1e-3)
     trial = best.trial.document()

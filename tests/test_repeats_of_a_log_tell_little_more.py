@@ -7,10 +7,10 @@ import pytest
 from excited import planned
 from measured_device import Truth, measured, multisine
 
+from avc_casadi.identification.encoder import repeats_of
 from avc_casadi.identification.excitation.signal import FULL
 from avc_casadi.identification.identify import identify
 from avc_casadi.identification.record import Record
-from avc_casadi.identification.repeats import repeats_of
 
 TRUTH = Truth(mass=0.05, damping=2.0, coulomb=0.1, delay=1.0, encoder=2e-5, spring=20.0)
 

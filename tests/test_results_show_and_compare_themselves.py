@@ -12,10 +12,10 @@ import avc_casadi as avc
 from avc_casadi._util.arrays import Comparable, same
 from avc_casadi._util.text import short
 from avc_casadi.claims.zwidth import zwidth
+from avc_casadi.design.comparison.pareto import Pareto, Point
 from avc_casadi.design.scene_coupling import scene_coupling
 from avc_casadi.model.gains import GainTable
 from avc_casadi.simulation.screen import screen
-from avc_casadi.study.pareto.study import Pareto, Point
 
 PROBLEM = avc.load_problem("figure5").changed(frequency={"points": 30})
 SCENE = avc.load_problem("scenes/free-motion")

@@ -8,9 +8,8 @@ from buzzing_cases import declared_of
 from buzzing_device import Buzzing, logged, played
 
 from avc_casadi.identification.diagnosis.diagnose import diagnose
-from avc_casadi.identification.diagnosis.law import find_law
+from avc_casadi.identification.diagnosis.law import find_law, without_repeats
 from avc_casadi.identification.diagnosis.log import log_of
-from avc_casadi.identification.diagnosis.repeated import without_repeats
 from avc_casadi.identification.diagnosis.told import diagnosis_text
 from avc_casadi.identification.record import Columns
 

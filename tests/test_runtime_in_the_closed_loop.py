@@ -18,7 +18,7 @@ from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import energy_ledger
 from avc_casadi.simulation.runtime.adaptation import HoldSettings, hold_step
 from avc_casadi.simulation.scene import simulate_batch
-from avc_hardware._reference import lookup
+from avc_hardware.link.table import lookup
 
 T = 1e-3
 

@@ -10,8 +10,8 @@ from measured_device import Truth, measured, multisine
 
 from avc_casadi.identification.diagnosis.diagnose import diagnose
 from avc_casadi.identification.identify import identify
-from avc_casadi.identification.lost import filled, left_out
 from avc_casadi.identification.record import Columns, Record, records_of
+from avc_casadi.identification.repair import filled, left_out
 
 DEVICE = Truth(mass=0.12, damping=0.8, coulomb=0.2, delay=1.0, encoder=10e-6, spring=50.0)
 

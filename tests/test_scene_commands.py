@@ -1,4 +1,4 @@
-"""`avc simulate` and `avc screen`: the documented keys, exit codes, files and text."""
+"""`avc simulate` and `avc simulate --screen`: the documented keys, exit codes, files and text."""
 
 import json
 
@@ -110,11 +110,11 @@ def test_two_scenes_that_differ_in_one_effect(capsys, tmp_path):
 
 
 def test_screen(capsys):
-    code, out = call(capsys, "screen", "scenes/free-motion", "--json")
+    code, out = call(capsys, "simulate", "scenes/free-motion", "--screen", "--json")
     document = json.loads(out.out)
     assert code == 0
     assert {effect["kind"] for effect in document["effects"]} == {"hand", "coulomb-friction"}
-    code, out = call(capsys, "screen", "scenes/free-motion")
+    code, out = call(capsys, "simulate", "scenes/free-motion", "--screen")
     assert "needs all of them" in out.out
 
 
@@ -123,7 +123,7 @@ def test_screen(capsys):
     [
         (("simulate", "scenes/soft-tissue", "--seed", "-1"), "--seed"),
         (("simulate", "scenes/soft-tissue", "--trace", "run.csv"), "--trace"),
-        (("screen", "scenes/soft-tissue", "--tolerance", "2"), "--tolerance"),
+        (("simulate", "scenes/soft-tissue", "--screen", "--tolerance", "2"), "--tolerance"),
         (("simulate", "scenes/soft-tissue", "--against", "magic"), "--against"),
         (("simulate", "scenes/soft-tissue", "--against", "none,none,none,none"), "--against"),
         (("simulate", "no-such-scene"), "no-such-scene"),

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scene_cases import CASES, QUICK
 from scene_reference import scene_problem
+from studies.accuracy.integrators import integrator_accuracy
 
 from avc_casadi import UnsupportedError
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.model.gains import Gains
-from avc_casadi.simulation.integrators import integrator_accuracy
 
 FRICTION = ('kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"')
 

@@ -5,23 +5,22 @@ import json
 import numpy as np
 import pytest
 from schedule_problems import changed, figure5
+from studies.pareto.command import _text
+from studies.pareto.figure import draw_pareto
 
 from avc_casadi.claims.stability.scope import scope_slack
 from avc_casadi.cli import main
-from avc_casadi.cli._pareto import _text
+from avc_casadi.design.comparison.pareto import study_pareto, variants
 from avc_casadi.design.schedule.solver import solve_schedule
 from avc_casadi.files.problem_document import dump_problem
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.present.figures.layout import save_figure
-from avc_casadi.present.figures.pareto import draw_pareto
-from avc_casadi.study.pareto.study import pareto
-from avc_casadi.study.pareto.variants import variants
 
 
 @pytest.fixture(scope="module")
 def study():
-    return pareto(figure5(points=12))
+    return study_pareto(figure5(points=12))
 
 
 def test_every_design_is_certified_for_what_it_asks(study):
@@ -84,7 +83,7 @@ def test_document_is_json_and_figure_is_drawn(study, tmp_path):
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("name", ["hard/infeasible-box", "hard/free-space"])
 def test_nothing_to_draw_or_nothing_to_gain(name, tmp_path):
-    found = pareto(changed(load_problem(name), frequency={"points": 3}))
+    found = study_pareto(changed(load_problem(name), frequency={"points": 3}))
     save_figure(draw_pareto(found), tmp_path / "pareto.png")
     scopes = found.of("scope", constant=False)
     document = found.document()["points"]
@@ -97,7 +96,7 @@ def test_nothing_to_draw_or_nothing_to_gain(name, tmp_path):
 
 def test_verb(tmp_path, capsys):
     (tmp_path / "p.toml").write_text(dump_problem(changed(load_problem("soft"), frequency={"points": 4})))
-    assert main(["pareto", str(tmp_path / "p.toml"), "--plot", str(tmp_path / "p.png"), "--json"]) == 0
+    assert main(["study", "pareto", str(tmp_path / "p.toml"), "--plot", str(tmp_path / "p.png"), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["problem"] == "p"
     assert (tmp_path / "p.png").stat().st_size > 10_000

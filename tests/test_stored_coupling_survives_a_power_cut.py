@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from avc_casadi import InputError, LinkError, load_problem
 from avc_casadi.cli import main
 from avc_hardware import Connection, DeviceStatus, TableImage, set_limits, store
-from avc_hardware import _messages as m
-from avc_hardware._frames import Frame, encode
-from avc_hardware._host import FLASH_SLOT, HostCore, HostFlash, HostLink
-from avc_hardware._messages import Kind
-from avc_hardware._refusal import Reason
-from avc_hardware._session import RefusedError
+from avc_hardware.emulator.host import FLASH_SLOT, HostCore, HostFlash, HostLink
+from avc_hardware.link import messages as m
+from avc_hardware.link.faults import Reason
+from avc_hardware.link.frames import Frame, encode
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.session import RefusedError
 
 WALL = with_gains(load_problem("damped"), 50.0, 2e4, 20.0)
 OTHER = coupling(5, seed=3, largest=(300.0, 1e4, 50.0))
@@ -155,7 +155,7 @@ def test_a_device_in_contact_is_not_stored_and_gives_its_force_on() -> None:
 
 
 def test_the_command_stores_on_the_packaged_board_and_says_what_is_lacking(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["store", "--port", "emulator", "--json"]) != 0
+    assert main(["device", "--store", "--port", "emulator", "--json"]) != 0
     assert "no table yet" in json.loads(capsys.readouterr().out)["errors"][0]["message"]
-    assert main(["store", "--port", "emulator", "--no-coupling", "--name", "bench", "--json"]) == 0
+    assert main(["device", "--store", "--port", "emulator", "--no-coupling", "--name", "bench", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["name"] == "bench"

@@ -3,6 +3,9 @@
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from studies.accuracy.study import study_accuracy
+from studies.table1 import table as _table
+from studies.table1.table import table1, table1_study
 
 import avc_casadi as avc
 from avc_casadi._util.json_values import json_text
@@ -15,9 +18,6 @@ from avc_casadi.simulation.population import coupling_trial as _coupling_trial
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
 from avc_casadi.simulation.population.operators import draw_subjects
 from avc_casadi.simulation.population.trial import Conditions
-from avc_casadi.study.accuracy.study import study_accuracy
-from avc_casadi.study.table1 import table as _table
-from avc_casadi.study.table1.table import table1, table1_study
 
 
 @pytest.fixture

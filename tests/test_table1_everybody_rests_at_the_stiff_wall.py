@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from studies.table1.adversary import worst_case
 
 import avc_casadi as avc
 from avc_casadi.model.gains import NO_COUPLING
@@ -11,7 +12,6 @@ from avc_casadi.recommendation.reach import reach, tuned, with_observer
 from avc_casadi.simulation.population.operators import draw_subjects
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions
-from avc_casadi.study.table1.adversary import worst_case
 
 RESULTS = Path(__file__).parent / "benchmarks" / "results"
 PROBLEM = avc.load_problem("ve7")

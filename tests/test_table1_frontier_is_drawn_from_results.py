@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies.table1.frontier_figure import draw_frontier
 
-from avc_casadi.present.figures.frontier import draw_frontier
 from avc_casadi.present.figures.layout import save_figure
 
 RESULTS = Path(__file__).parent / "benchmarks" / "results"

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from studies.table1.matching import choose, distance, reference_traces
 
 import avc_casadi as avc
 from avc_casadi.model.gains import NO_COUPLING
-from avc_casadi.simulation.population.matching import choose, distance, reference_traces
 from avc_casadi.simulation.population.motions import MOTIONS
 from avc_casadi.simulation.population.operators import draw_subjects
 from avc_casadi.simulation.population.trial import Conditions, Traces, traces

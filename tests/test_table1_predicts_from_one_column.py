@@ -4,17 +4,17 @@ import json
 
 import numpy as np
 import pytest
+from studies.table1.calibration import expected_share, share_without_coupling, with_wall
+from studies.table1.command import table_text
+from studies.table1.paper import PAPER
+from studies.table1.table import table1
 
 import avc_casadi as avc
-from avc_casadi.cli._table1 import table_text
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.simulation.population.motions import MOTIONS
 from avc_casadi.simulation.population.operators import draw_subjects
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions, judged
-from avc_casadi.study.table1.calibration import expected_share, share_without_coupling, with_wall
-from avc_casadi.study.table1.paper import PAPER
-from avc_casadi.study.table1.table import table1
 
 COUPLINGS = ("none", "static", "closed-form", "static-tuned", "schedule")
 ROW_KEYS = {

@@ -3,8 +3,7 @@
 import json
 
 import pytest
-
-from avc_casadi.study.table1.campaign import run_campaign
+from studied import run_campaign
 
 
 class Listener:

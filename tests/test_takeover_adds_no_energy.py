@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import believer, coupling, dense_believer, host_core, push, require, stream, with_gains
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,16 +19,15 @@ from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, EmulatedBoard, StreamResult, TableImage
-from avc_hardware import _messages as m
-from avc_hardware._elf import read_elf
-from avc_hardware._faulty_link import FaultKind, FaultyLink, LinkFault
-from avc_hardware._firmware import IMAGE
-from avc_hardware._frames import Frame, encode
-from avc_hardware._host import HostCore, HostLink
-from avc_hardware._messages import Kind
-from avc_hardware._monitor import pause
-from avc_hardware._refusal import Reason
-from avc_hardware._session import InContactError, RefusedError
+from avc_hardware.codegen.firmware import IMAGE
+from avc_hardware.codegen.image import read_elf
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.link import messages as m
+from avc_hardware.link.faults import Reason
+from avc_hardware.link.frames import Frame, encode
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.monitor import pause
+from avc_hardware.link.session import InContactError, RefusedError
 
 SAFE = Gains(0.0, 3e3)
 _GUARD = "passivity-controller"

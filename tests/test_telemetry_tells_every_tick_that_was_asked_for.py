@@ -20,6 +20,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from avc_process import strict_json
+from faulty_link import FaultyLink, LinkFault
 from hardware_bench import coupling, host_core, push, require, with_gains
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -31,22 +32,13 @@ import avc_hardware
 from avc_casadi import InputError, MissingExtraError, UnsupportedError, load_problem
 from avc_casadi.cli import _monitor, main
 from avc_casadi.identification.read import read_columns
-from avc_hardware import (
-    Connection,
-    DeviceStatus,
-    EmulatedBoard,
-    LivePlot,
-    TelemetrySample,
-    monitor,
-    open_log,
-)
-from avc_hardware import _messages as m
-from avc_hardware._faulty_link import FaultyLink, LinkFault
-from avc_hardware._frames import Frame, encode
-from avc_hardware._host import HostCore, HostLink
-from avc_hardware._messages import Kind, parse
-from avc_hardware._refusal import Refusal
-from avc_hardware._telemetry import Samples, Telemetry
+from avc_hardware import Connection, DeviceStatus, EmulatedBoard, LivePlot, TelemetrySample, monitor, open_log
+from avc_hardware.emulator.host import HostCore, HostLink
+from avc_hardware.link import messages as m
+from avc_hardware.link.faults import Refusal
+from avc_hardware.link.frames import Frame, encode
+from avc_hardware.link.messages import Kind, parse
+from avc_hardware.link.telemetry import Samples, Telemetry
 
 WALL = with_gains(load_problem("damped"), 50.0, 2e4, 20.0)
 

@@ -24,7 +24,7 @@ from avc_casadi.identification.read import read_logs
 from avc_casadi.identification.record import Columns, Record
 from avc_casadi.identification.units import Layout
 from avc_casadi.model.device import Device
-from avc_hardware._tried import tried_in_the_loop
+from avc_hardware.in_the_loop import tried_in_the_loop
 
 RADIUS = 0.02
 KNOB = """

@@ -23,7 +23,7 @@ from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.population.motions import motions_at
-from avc_hardware._bench_plant import board_limits
+from avc_hardware.codegen.figures import board_limits
 
 FREQUENCY = {"values_hz": (1.0, 5.0, 30.0, 120.0)}
 # Powers of the radius with which a value of the handle becomes one of the turn.

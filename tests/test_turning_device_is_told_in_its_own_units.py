@@ -71,7 +71,7 @@ VERBS = {
     "solve": ["solve", "knob.toml", "--method", "exact", "--out", "solved.json"],
     "certify": ["certify", "knob.json"],
     "simulate": ["simulate", "knob.json"],
-    "screen": ["screen", "quick.toml"],
+    "screen": ["simulate", "quick.toml", "--screen"],
     "zwidth": ["zwidth", "quick.toml"],
     "compare": ["compare", "knob.toml"],
     "export": ["export", "knob.json", "--c", "c", "--unsafe", "--package", "arduino"],

@@ -6,7 +6,8 @@
  *
  * The hand is a mass m on the handle, with a spring K and a damper B to a target xt; W is a weight on the handle. The
  * encoder sees the motor. Velocities before positions (symplectic Euler) in steps that are short to everything here;
- * dry friction takes up to fc h of momentum in a step h and never turns the motion, so it sticks as it slides. */
+ * dry friction takes up to fc h of momentum in a step h and never turns the motion, so it sticks as it slides. Without a
+ * resonance motor, handle and hand are one body. */
 #include "avc_coupling.h"
 #include <math.h>
 
@@ -43,7 +44,7 @@ void whole_device(const struct device *d, const struct deed *p, int samples, int
 {
     const double h = d->time / STEPS, w = 2 * acos(-1.0) * d->resonance;
     const double m2 = d->share * d->mass, m1 = d->mass - m2, k = m1 * m2 / d->mass * w * w;
-    const double c = 2 * d->ratio * k / w, lag = 1 - exp(-2 * acos(-1.0) * d->bandwidth * h);
+    const double c = w > 0 ? 2 * d->ratio * k / w : 0, m = d->mass + p->mass, lag = 1 - exp(-2 * acos(-1.0) * d->bandwidth * h);
     const int late = (int)lround(d->delay * STEPS);
     double x1 = p->start, x2 = p->start, v1 = p->velocity, v2 = p->velocity, force = 0, line[LINE] = {0};
     avc_coupling_t coupling;
@@ -63,9 +64,15 @@ void whole_device(const struct device *d, const struct deed *p, int samples, int
             const double hand = p->stiffness * (xt - x2) + p->damping * (vt - v2) + p->weight;
             /* The command of the sample that was `late` steps ago. */
             force += lag * (line[i >= late ? 0 : (late - i + STEPS - 1) / STEPS] - force);
-            v1 += h / m1 * (spring - d->damping * v1 - force);
-            v1 = fabs(v1) > loss ? v1 - copysign(loss, v1) : 0;
-            v2 += h / (m2 + p->mass) * (hand - spring);
+            if (d->resonance > 0) {
+                v1 += h / m1 * (spring - d->damping * v1 - force);
+                v1 = fabs(v1) > loss ? v1 - copysign(loss, v1) : 0;
+                v2 += h / (m2 + p->mass) * (hand - spring);
+            } else {
+                v1 += h / m * (hand - d->damping * v1 - force);
+                v1 = fabs(v1) > h * d->friction / m ? v1 - copysign(h * d->friction / m, v1) : 0;
+                v2 = v1;
+            }
             x1 += h * v1;
             x2 += h * v2;
             found->most = fmax(found->most, fabs(force));

@@ -2,7 +2,5 @@
 
 from avc_casadi.cli._certify import _beside_hands as _beside_hands
 from avc_casadi.cli._main import main as main
-from avc_casadi.cli._pareto import _text as _text
-from avc_casadi.cli._table1 import table_text as table_text
 from avc_casadi.cli._text import number as number
 from avc_casadi.cli._verbs import VERBS as VERBS

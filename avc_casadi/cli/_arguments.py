@@ -7,6 +7,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from argparse import _ActionsContainer
+
     from avc_casadi._util.units import Units
     from avc_casadi.identification.units import Layout
 
@@ -16,7 +18,7 @@ def add_port(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port",
         required=True,
-        help="serial port (avc ports), or `emulator`: the real firmware image on an emulated board",
+        help="serial port (avc doctor --ports), or `emulator`: the real firmware image on an emulated board",
     )
 
 
@@ -56,11 +58,11 @@ class _Worded(argparse.Action):
         namespace.worded = {**getattr(namespace, "worded", {}), self.dest: (option, self.option_strings)}
 
 
-def add_worded(parser: argparse.ArgumentParser, linear: str, rotary: str, metavar: str, text: str) -> None:
+def add_worded(parser: _ActionsContainer, linear: str, rotary: str, metavar: str, text: str) -> None:
     """Declare an option that devices that turn have in their own unit.
 
     Args:
-        parser: of the verb.
+        parser: of the verb, or a group of it.
         linear: the option, which names the value too.
         rotary: the same for a device that turns.
         metavar: of the value.

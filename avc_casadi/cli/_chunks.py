@@ -20,7 +20,7 @@ def add_chunks(parser: argparse.ArgumentParser) -> None:
     """Declare --workers, --resume, --chunk and --merge."""
     group = parser.add_argument_group(
         "many workers",
-        "the answer is the same, whoever works it out; shares, going on and clusters: avc_casadi/study/README.md",
+        "the answer is the same, whoever works it out; shares, going on and clusters: tests/benchmarks/README.md",
     )
     group.add_argument("--workers", type=positive_int, metavar="N", help="processes (default: one for each processor)")
     group.add_argument("--resume", metavar="DIR", help="keep what is done in this folder, and go on where it stopped")

@@ -2,7 +2,8 @@
 
 A person pushes the device into the wall by hand, draws it back to where the wall's face shall be and lets go; then a
 small stated pulse must move it the way of the force. A reversed or stuck encoder, a reversed or dead motor is named
-and latched on the device, which then takes no coupling. After that the force is limited until `avc limits` raises it.
+and latched on the device, which then takes no coupling. After that the force is limited until
+`avc device --force-n` raises it.
 """
 
 from __future__ import annotations
@@ -69,6 +70,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     deploy = "avc push" if problem is None or problem.detent is None else "avc firmware --built-in"
     text = (
         f"{found.sentence}\nfirst touch: the force is limited to {number(found.limits.force_n)} N; next: {deploy}, "
-        f"touch the wall, then raise it: avc limits --force-n F{motion}"
+        f"touch the wall, then raise it: avc device --force-n F{motion}"
     )
     return Answer(document, text)

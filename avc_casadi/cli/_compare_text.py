@@ -6,6 +6,9 @@ from typing import Any
 
 from avc_casadi.cli._text import number, passive_limit
 
+_PARTINGS = 5
+"""Frequencies at which direct and exact part that are listed."""
+
 
 def comparison_text(document: dict[str, Any], plot: str | None = None) -> str:
     """Return the comparison as a table of some frequencies, counts with reasons, and what the closed form is."""
@@ -77,12 +80,14 @@ def _cross_check(document: dict[str, Any]) -> list[str]:
     check = document["cross_check"]
     if check is None:
         return []
-    word = "agree" if check["agree"] else "DISAGREE"
+    word, partings = "agree" if check["agree"] else "DISAGREE", check["partings"]
     return [
         (
             f"direct and exact {word}, pointwise: magnitude errors within {check['magnitude_error']:.1e}, distances "
             f"within {check['distance']:.1e} (relative), {check['only_one']} frequencies solved by one alone"
-        )
+        ),
+        *(f"  {number(each['frequency_hz'])} Hz: {each['reason']}" for each in partings[:_PARTINGS]),
+        *([f"  and {len(partings) - _PARTINGS} more"] if len(partings) > _PARTINGS else []),
     ]
 
 

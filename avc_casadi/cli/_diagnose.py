@@ -28,7 +28,7 @@ _PICTURES = (".png", ".svg", ".pdf")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .npz or .mat (v5): one record each")
+    parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .json, .npz or .mat (v5): one record each")
     add_log_layout(parser)
     parser.add_argument("--device", metavar="NAME|FILE", help="device or problem: what it was declared to be")
     parser.add_argument("--problem", metavar="P", help="problem: its device and its hands")

@@ -10,7 +10,9 @@ import sys
 from importlib.util import find_spec
 from typing import Any
 
+from avc_casadi.cli._arguments import positive_int
 from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._ports import found_ports, ports_answer, ports_text
 from avc_casadi.cli._text import number, table
 from avc_casadi.cli._versions import package_versions
 
@@ -19,19 +21,31 @@ _NEEDED = "ipopt"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments; there are none."""
+    """Declare the arguments."""
     parser.description = (
         "Show versions, solvers that really solve, compiler, ports and permissions. Every solver of the installed "
         "CasADi solves a small problem in a process of its own; its answer is checked, whatever it reports."
     )
+    parser.add_argument("--ports", action="store_true", help="list the serial ports alone, USB devices first")
+    parser.add_argument(
+        "--ask",
+        action="store_true",
+        help="open each port and ask which avc device is there; whatever else is there is sent a few bytes, "
+        "and boards like the Arduino start anew",
+    )
+    parser.add_argument("--baud", type=positive_int, default=115200, help="rate for --ask; default 115200")
 
 
-def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+def run(args: argparse.Namespace, console: Console) -> Answer:
     """Look at everything; 1 if the default solver does not solve."""
     from avc_casadi.cli._solver_trial import try_solvers
 
+    if args.ports:
+        return ports_answer(args, console)
+
     with console.step("solvers"):
         solvers = try_solvers()
+    ports = found_ports(args, console)
     document = {
         "schema": "avc-doctor/1",
         "executable": sys.executable,
@@ -40,31 +54,28 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
         "solvers": solvers,
         "programs": {name: shutil.which(name) for name in _PROGRAMS},
         "emulator": find_spec("unicorn") is not None,
-        "ports": _ports(),
+        "ports": [
+            {
+                "port": port["device"],
+                "description": port["description"],
+                "permitted": port["accessible"],
+                "serial_number": port["serial_number"],
+                "avc_device": port["avc_device"],
+            }
+            for port in ports
+        ],
         "folder_writable": os.access(".", os.W_OK),
     }
     well = any(trial["name"] == _NEEDED and trial["outcome"] == "solves" for trial in solvers)
     complaint = (
         "" if well else f"avc: {_NEEDED} does not solve; install casadi again: pip install --force-reinstall casadi"
     )
-    return Answer(document, _text(document), code=0 if well else 1, complaint=complaint)
+    return Answer(
+        document, _text(document, ports_text(ports, asked=args.ask)), code=0 if well else 1, complaint=complaint
+    )
 
 
-def _ports() -> list[dict[str, Any]]:
-    """Serial ports with the permission of this user; names alone, so that a broken driver is seen too."""
-    from serial.tools.list_ports import comports
-
-    return [
-        {
-            "port": port.device,
-            "description": port.description,
-            "permitted": sys.platform == "win32" or os.access(port.device, os.R_OK | os.W_OK),
-        }
-        for port in comports()
-    ]
-
-
-def _text(document: dict[str, Any]) -> str:
+def _text(document: dict[str, Any], ports: str) -> str:
     packages = list(document["packages"].items())
     trials = document["solvers"]
     solvers = [
@@ -74,10 +85,6 @@ def _text(document: dict[str, Any]) -> str:
     ]
     absent = [f"{trial['name']} ({trial['kind']})" for trial in trials if trial["outcome"] == "absent"]
     programs = [(name, found or "absent") for name, found in document["programs"].items()]
-    ports = [
-        (port["port"], port["description"], "yes" if port["permitted"] else "no: add yourself to its group (dialout)")
-        for port in document["ports"]
-    ]
     emulator = "installed" if document["emulator"] else "absent; pip install 'avc-casadi[emulator]'"
     return "\n".join(
         [
@@ -90,7 +97,7 @@ def _text(document: dict[str, Any]) -> str:
             "",
             table(("program", "place"), programs, left=(0, 1)),
             "",
-            table(("port", "description", "permitted"), ports, left=(0, 1, 2)) if ports else "serial ports: none",
+            ports,
             f"emulated device: {emulator}",
             f"this folder is {'' if document['folder_writable'] else 'NOT '}writable",
         ]

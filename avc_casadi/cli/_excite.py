@@ -42,7 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port",
         default="emulator",
-        help="serial port (avc ports); default `emulator`: the firmware image, with the declared device on its board",
+        help="serial port (avc doctor --ports); default `emulator`: the firmware image, with the declared device "
+        "on its board",
     )
     parser.add_argument(
         "--signal",

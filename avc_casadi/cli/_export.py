@@ -41,6 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what stands round the two files, which then go to DIR/src; may be given several times: arduino, "
         "platformio, cmake (a library each, all in one folder), chai3d, openhaptics, haply (an example in C++ each)",
     )
+    parser.add_argument(
+        "--name",
+        default="avc_coupling",
+        help="what files, functions, types and macros begin with (default: avc_coupling); couplings of two names link "
+        "into one program",
+    )
     add_problem_of_gains(parser)
     add_unsafe(parser)
 
@@ -53,7 +59,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     coupling = read_subject("export", args.gains, args.problem)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
     with faults_of(args.gains, args), console.step("C"):
-        files = export_c(coupling, precision=args.precision, packages=args.package, unsafe=args.unsafe)
+        files = export_c(coupling, precision=args.precision, packages=args.package, name=args.name, unsafe=args.unsafe)
     with output_folder(args.c, "--c") as folder:
         for name, text in files.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)

@@ -9,8 +9,10 @@ import re
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from avc_casadi import (
@@ -26,7 +28,8 @@ from avc_casadi import (
 )
 from avc_casadi.cli._arguments import named
 from avc_casadi.cli._console import INTERRUPTED, Answer, Console
-from avc_casadi.cli._verbs import VERBS
+from avc_casadi.cli._study import command
+from avc_casadi.cli._verbs import OLD_VERBS, VERBS
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -69,20 +72,55 @@ def build_parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(metavar="VERB", required=True, parser_class=_Parser)
     for name in VERBS:
         module = import_module(f"avc_casadi.cli._{name}")
-        text = (module.__doc__ or "").strip()
-        verb = verbs.add_parser(
-            name,
-            help=text.partition("\n")[0].rstrip("."),
-            description=text,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-            allow_abbrev=False,
-        )
-        module.add_arguments(verb)
-        verb.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
-        # A positional argument has no option to be named by.
-        options = {action.dest: named(action) for action in verb._actions if action.option_strings}  # noqa: SLF001
-        verb.set_defaults(run=module.run, options=options)
+        _take(verbs.add_parser(name, help=_summary(module), **_described(module)), module)
     return parser
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """Return what was typed; a study has arguments of its own.
+
+    Raises:
+        InputError: a wrong argument, or a study that is not there.
+        UnsupportedError: this installation holds no studies.
+    """
+    args = build_parser().parse_args(arguments)
+    if getattr(args, "study", None) is None:
+        return args
+    module = command(args.study)
+    parser = _Parser(prog=f"avc study {args.study}", **_described(module))
+    _take(parser, module)
+    return parser.parse_args(args.arguments)
+
+
+def _summary(module: ModuleType) -> str:
+    return (module.__doc__ or "").strip().partition("\n")[0].rstrip(".")
+
+
+def _described(module: ModuleType) -> dict[str, Any]:
+    return {
+        "description": (module.__doc__ or "").strip(),
+        "formatter_class": argparse.RawDescriptionHelpFormatter,
+        "allow_abbrev": False,
+    }
+
+
+def _take(parser: argparse.ArgumentParser, module: ModuleType) -> None:
+    """Declare the arguments of a verb, and what runs it."""
+    module.add_arguments(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
+    # A positional argument has no option to be named by.
+    options = {action.dest: named(action) for action in parser._actions if action.option_strings}  # noqa: SLF001
+    parser.set_defaults(run=module.run, options=options)
+
+
+def _of_today(arguments: list[str]) -> list[str]:
+    """Return arguments with the verb's present name; an old one is told on standard error."""
+    verb, *rest = arguments or [""]
+    if verb not in OLD_VERBS:
+        return arguments
+    with suppress(OSError, AttributeError):  # closed, or none
+        sys.stderr.write(f"avc {verb} is avc {' '.join(OLD_VERBS[verb])} since 0.3; the old name goes with 0.4\n")
+    return [*OLD_VERBS[verb], *rest]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -96,11 +134,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     console: Console | None = None
     try:
         try:
-            args = build_parser().parse_args(arguments)
+            args = parse(_of_today(arguments))
         except SystemExit as leaving:  # --help and --version
             sys.stdout.flush()
             return int(leaving.code or 0)
-        except InputError as error:
+        except (InputError, UnsupportedError) as error:
             console = Console(as_json=as_json)
             return _refused(console, error)
         console = Console(as_json=as_json)

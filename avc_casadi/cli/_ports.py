@@ -1,46 +1,45 @@
-"""List the serial ports of this computer; with --ask, the avc devices behind them."""
+"""The serial ports of this computer, and the avc devices behind them."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
-from avc_casadi.cli._arguments import positive_int
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._text import table
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.description = "List the serial ports of this computer, USB devices first."
-    parser.add_argument(
-        "--ask",
-        action="store_true",
-        help="open each port and ask which avc device is there; whatever else is there is sent a few bytes, "
-        "and boards like the Arduino start anew",
-    )
-    parser.add_argument("--baud", type=positive_int, default=115200, help="rate for --ask; default 115200")
+_NO = "no: add yourself to its group (dialout)"
 
 
-def run(args: argparse.Namespace, console: Console) -> Answer:
-    """List the ports."""
+def found_ports(args: argparse.Namespace, console: Console) -> list[dict[str, Any]]:
+    """List the ports, with --ask with the device behind each; it is None where none was asked or none answers."""
     from avc_hardware import list_ports
 
     ports: list[dict[str, Any]] = [vars(port) for port in list_ports()]
     for port in ports:
         with console.step(port["device"]):
             port["avc_device"] = _asked(port["device"], args.baud) if args.ask and port["accessible"] else None
-    document = {"schema": "avc-ports/1", "ports": ports}
+    return ports
+
+
+def ports_answer(args: argparse.Namespace, console: Console) -> Answer:
+    """Answer with the ports alone."""
+    ports = found_ports(args, console)
+    text = ports_text(ports, asked=args.ask)
+    return Answer({"schema": "avc-ports/1", "ports": ports}, f"{text}\nwithout a device: --port emulator")
+
+
+def ports_text(ports: list[dict[str, Any]], *, asked: bool) -> str:
+    """Lay the ports out for people."""
     head: tuple[str, ...] = ("port", "description", "serial number", "may be opened")
     rows: list[tuple[str, ...]] = [
-        (port["device"], port["description"], port["serial_number"] or "-", "yes" if port["accessible"] else "no")
+        (port["device"], port["description"], port["serial_number"] or "-", "yes" if port["accessible"] else _NO)
         for port in ports
     ]
-    if args.ask:
+    if asked:
         head = (*head, "avc device", "coupling")
         rows = [(*row, *_told(port["avc_device"])) for row, port in zip(rows, ports, strict=True)]
-    text = table(head, rows, left=range(len(head))) if rows else "none"
-    return Answer(document, f"{text}\nwithout a device: --port emulator")
+    return table(head, rows, left=range(len(head))) if rows else "serial ports: none"
 
 
 def _asked(port: str, baud: int) -> dict[str, Any] | None:

@@ -1,39 +1,40 @@
-"""Leave out each effect of a scene in turn and say which ones it needs."""
+"""A scene without each of its effects in turn: which ones it needs."""
 
 from __future__ import annotations
 
-import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._simulate import gains_of
-from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import nanoseconds, number, table
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
-    parser.add_argument("--gains", metavar="GAINS", help="gain file in place of the scene's own coupling")
-    parser.add_argument(
-        "--tolerance",
-        type=float,
-        default=0.01,
-        metavar="TOL",
-        help="largest relative change of position, force and stiffness that does not count (default 0.01)",
-    )
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.schedule import GainSchedule
 
 
-def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Screen and show."""
+def screened(
+    problem: Problem,
+    gains: Coupling | GainSchedule | None,
+    notes: list[str],
+    tolerance: float,
+    console: Console,
+) -> Answer:
+    """Screen and show.
+
+    Args:
+        problem: with the scene.
+        gains: what its loop runs with; None is no coupling.
+        notes: to be told of the gains.
+        tolerance: largest relative change of position, force and stiffness that does not count.
+        console: is told how far it is.
+    """
     from avc_casadi.model.gains import NO_COUPLING
     from avc_casadi.simulation.screen import screen
 
-    problem = load_problem(args.problem)
-    gains, notes = gains_of(args.gains, problem, console)
     with console.step("the scene without each of its effects"):
         chosen = NO_COUPLING if gains is None else gains
-        document = screen(problem, chosen, tolerance=args.tolerance, progress=console).document()
+        document = screen(problem, chosen, tolerance=tolerance, progress=console).document()
     document["notes"] = notes
     return Answer(document, "\n".join([_text(document), *(f"note: {note}" for note in notes)]))
 

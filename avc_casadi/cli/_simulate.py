@@ -10,6 +10,7 @@ import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._foreign import gains_for
+from avc_casadi.cli._screen import screened
 from avc_casadi.cli._simulate_text import outcome, simulation_text
 from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.simulation.run import Run
 
+_TOLERANCE = 0.01
+_OF_RUNS = ("against", "explain", "seed", "trace", "plot")
 # A figure holds four runs that can be told apart.
 _MOST_OTHERS = 3
 _COMPARED = (
@@ -52,6 +55,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="other draws of all noises (default 0)")
     parser.add_argument("--trace", metavar="FILE", help="write all traces (.npz) and a manifest beside them (.json)")
     parser.add_argument("--plot", metavar="FILE", help="draw the run: .png, .svg or .pdf")
+    parser.add_argument(
+        "--screen", action="store_true", help="leave out each effect in turn instead, and say which ones it needs"
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=None,
+        metavar="TOL",
+        help="of --screen: largest relative change of position, force and stiffness that does not count "
+        f"(default {_TOLERANCE})",
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -61,6 +75,14 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.model.gains import NO_COUPLING, without_start
     from avc_casadi.simulation.explain import explain
 
+    if args.screen:
+        wrong = [key for key in _OF_RUNS if getattr(args, key)]
+        if wrong:
+            raise avc.InputError.of("does not go with --screen", key=f"--{wrong[0]}")
+        tolerance = _TOLERANCE if args.tolerance is None else args.tolerance
+        return screened(*_subject(args, console), tolerance, console)
+    if args.tolerance is not None:
+        raise avc.InputError.of("goes with --screen alone", key="--tolerance")
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     trace = None if args.trace is None else output_file(args.trace, "--trace", (".npz",))
     if trace is not None:

@@ -28,7 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
     parser.add_argument("--method", help=f"{methods_help()}; default direct")
-    parser.add_argument("--solver", help="backend of direct: edges (default), or for example ipopt or sqpmethod")
+    parser.add_argument(
+        "--solver", help="CasADi solver of direct: sqpmethod-qrqp (default), ipopt, sqpmethod, fatrop, ..."
+    )
     parser.add_argument("--tolerance", type=float, metavar="TOL", help="tolerance asked of the backend")
     parser.add_argument(
         "--as-printed", action="store_true", help="closed form with the paper's errors, and a table of them"

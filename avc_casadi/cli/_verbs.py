@@ -15,11 +15,8 @@ VERBS: tuple[str, ...] = (
     "compare",
     "certify",
     "simulate",
-    "screen",
     "zwidth",
-    "pareto",
-    "accuracy",
-    "table1",
+    "study",
     "trial",
     "excite",
     "identify",
@@ -30,10 +27,19 @@ VERBS: tuple[str, ...] = (
     "stream",
     "export",
     "firmware",
-    "ports",
     "monitor",
-    "clear",
-    "limits",
-    "store",
+    "device",
     "doctor",
 )
+
+OLD_VERBS: dict[str, tuple[str, ...]] = {
+    "accuracy": ("study", "accuracy"),
+    "pareto": ("study", "pareto"),
+    "table1": ("study", "table1"),
+    "screen": ("simulate", "--screen"),
+    "ports": ("doctor", "--ports"),
+    "limits": ("device", "--limits"),
+    "store": ("device", "--store"),
+    "clear": ("device", "--clear"),
+}
+"""Verbs of release 0.2, each with what it is called since 0.3; the old names go with 0.4."""

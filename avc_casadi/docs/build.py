@@ -8,6 +8,7 @@ Warnings are errors, and so is a tutorial that fails. Nothing is taken from a ne
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import sys
 import tempfile
@@ -18,6 +19,7 @@ from avc_casadi.docs.guide_pages import write_guide
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parents[1]
+_STUDIES = (ROOT / "tests", ROOT / "tests" / "benchmarks")
 
 
 def sources(folder: Path) -> None:
@@ -36,6 +38,8 @@ def main() -> int:
     out = parser.parse_args().out.resolve()
     from sphinx.cmd.build import build_main  # noqa: PLC0415 - --help works without the extra
 
+    # Tutorials run in kernels of their own, one of them a study.
+    os.environ["PYTHONPATH"] = os.pathsep.join([*map(str, _STUDIES), *filter(None, [os.environ.get("PYTHONPATH")])])
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "site"
         folder.mkdir()

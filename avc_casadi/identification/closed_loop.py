@@ -1,13 +1,20 @@
-"""Whether the force follows the position, and whether what the model leaves over would then bias it."""
+"""Feedback in a log: whether the force follows the position, whether that biases a fit, and whether it is all there is.
+
+A device whose force is made of its position and of nothing else is moved by what is not in the log: a hand. Its push is
+as large as the force, and a fit takes the one for an answer to the other, whatever becomes of its error.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.text import number
+from avc_casadi.identification.model import Refusal
 from avc_casadi.identification.record import Record
 
 _AHEAD = 25
@@ -65,3 +72,103 @@ def autocorrelation(errors: Sequence[FloatArray]) -> FloatArray:
 def coloured(lags: FloatArray) -> bool:
     """Return whether a prediction error is far from white noise."""
     return bool(np.abs(lags[:20]).max() > _COLOURED)
+
+
+EXCITATION = "a force of its own beside the controller (a multisine, as avc excite plays one), hands off"
+_MOST_LAG = 4
+_FEWEST = 100
+# What spring and damper leave of the force, as a share of its changes from sample to sample, and of itself: an output
+# of few bits rounds by more than the former.
+_OF_CHANGES, _OF_FORCE = 0.05, 5e-3
+_MOST_KEPT = 0.98
+# A force nearer to the largest is cut.
+_WHOLE = 0.999
+# What was let go comes to rest: later it moves by less than this share of what it did before.
+_GOES_ON = 0.1
+
+
+@dataclass(frozen=True)
+class OnlyFeedback:
+    """F(n) = -k x - b dx/dt + a constant, some samples later, its velocity filtered or not.
+
+    Attributes:
+        stiffness_n_per_m: k.
+        damping_ns_per_m: b.
+    """
+
+    stiffness_n_per_m: float
+    damping_ns_per_m: float
+
+    def sentence(self, radius_m: float) -> str:
+        """Say of what the force is made.
+
+        Args:
+            radius_m: how far the handle goes for a unit of the position.
+        """
+        k, b = (number(radius_m**2 * gain, 3) for gain in (self.stiffness_n_per_m, self.damping_ns_per_m))
+        return f"the force is a spring of {k} N/m and a damper of {b} N.s/m on the measured position, and nothing else"
+
+
+def refused_beside(keys: Sequence[str]) -> dict[str, Refusal]:
+    """Return why nothing that the motion would tell is told where only feedback acts, by key.
+
+    Args:
+        keys: of the numbers that were searched for; friction is one more, told or bounded.
+    """
+    why = "the force follows from the position alone, and what moves the device is not in the log"
+    names = dict.fromkeys([*(key.partition(".")[0] for key in keys), "coulomb_friction_n"])
+    return {key: Refusal(key, why, EXCITATION) for key in names}
+
+
+def only_feedback(records: Sequence[Record]) -> OnlyFeedback | None:
+    """Return the controller that makes the whole force of every record, or None.
+
+    Args:
+        records: of one device.
+    """
+    found = [_controller(record) for record in records]
+    moved = any(_goes_on(record.position_m) for record in records)
+    return found[0] if moved and all(one is not None for one in found) else None
+
+
+def _goes_on(position: FloatArray) -> bool:
+    early, late = np.array_split(position, 2)
+    return bool(np.ptp(late) > _GOES_ON * np.ptp(early))
+
+
+def _controller(record: Record) -> OnlyFeedback | None:
+    position, force = record.position_m, record.force_n
+    size = np.abs(force)
+    whole = (size > 1e-9 * size.max()) & (size < _WHOLE * size.max())
+    for lag in range(_MOST_LAG + 1):
+        for filtered in (False, True):
+            rows = np.flatnonzero(whole)
+            rows = rows[rows > lag + 1]
+            rows = rows[whole[rows - 1]]
+            if rows.size < _FEWEST:
+                return None
+            one = _fit(position, force, rows, lag, filtered, record.sample_time_s)
+            if one is not None:
+                return one
+    return None
+
+
+def _fit(
+    position: FloatArray, force: FloatArray, rows: IndexArray, lag: int, filtered: bool, period_s: float
+) -> OnlyFeedback | None:
+    x, before = position[rows - lag], position[rows - lag - 1]
+    columns = [x - x.mean(), x - before, np.ones(rows.size)] + ([force[rows - 1]] if filtered else [])
+    matrix = np.stack(columns, axis=1)
+    scale = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-300
+    told = np.linalg.lstsq(matrix / scale, force[rows], rcond=1e-10)[0] / scale
+    left = float(np.sqrt(np.mean((matrix @ told - force[rows]) ** 2)))
+    most = _OF_CHANGES * float(np.std(force[rows] - force[rows - 1]))
+    if not filtered:
+        most = max(most, _OF_FORCE * float(np.std(force[rows])))
+    keep = float(told[3]) if filtered else 0.0
+    if left > most or not 0 <= keep < _MOST_KEPT:
+        return None
+    # F = keep F_before - k (1 - keep) x - (b (1 - keep)/T + k keep)(x - x_before)
+    k = -float(told[0]) / (1 - keep)
+    b = -(float(told[1]) + k * keep) * period_s / (1 - keep)
+    return OnlyFeedback(k, b) if k > 0 and b > -k * period_s else None

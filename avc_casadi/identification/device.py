@@ -28,6 +28,11 @@ _PLAIN = (
 _MODE = ("frequency_hz", "damping_ratio", "mass_ratio")
 _ALWAYS_THERE = tuple(key for key in _PLAIN if key != LOOP_RATIO)
 _QUANTITIES = (*_ALWAYS_THERE, "sample_time_s", "max_force_n", "resonance")
+_NEEDED = ("mass_kg", "damping_ns_per_m")
+SEARCHED = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "delay_samples")
+"""Keys that every log is asked for."""
+# A guess that a log does not tell is meant within this factor, and an interval of more than that one bounds nothing.
+_GUESSED, _BOUNDS_NOTHING = 3.0, 30.0
 _LAG_WITHIN = "; the lag of the amplifier is in it"
 _LAG_TAKEN = "; less the lag of the amplifier"
 # What stands in a gap that the loop cannot do without.
@@ -69,18 +74,11 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
     for key in ("encoder_resolution_m",):
         ranges.pop(key, None)
     gaps = [key for key in _QUANTITIES if key not in device]
-    for key in list(gaps):
-        if base is not None and states(base, key):
-            _taken(base, key, device, ranges, sources)
-            if key not in base.gaps:
-                gaps.remove(key)
-        elif key in _CAUTIOUS:
-            device[key], ranges[key], why = _CAUTIOUS[key]
-            sources[key] = {"grade": "assumed", "source": why}
+    _fill(found, base, how, device, ranges, sources, gaps)
     if "amplifier_bandwidth_hz" in device:
         _of_its_kind(found, base, device, ranges, sources, gaps)
         _without_lag(found, device, ranges, sources, gaps)
-    if "mass_kg" not in device or "damping_ns_per_m" not in device:
+    if not all(key in found.estimates or (base is not None and states(base, key)) for key in _NEEDED):
         return None
     title = base.title if base is not None and base.title else "Device identified from its log"
     tables = {
@@ -90,6 +88,47 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         "gaps": gaps,
     }
     return DeviceFile.model_validate({"name": "device", **tables})
+
+
+def _fill(
+    found: Identification,
+    base: DeviceFile | None,
+    how: str,
+    device: dict[str, Any],
+    ranges: dict[str, Any],
+    sources: dict[str, Any],
+    gaps: list[str],
+) -> None:
+    """Fill gaps by what the log bounds, by the base, or cautiously; what logs were asked for stays a gap."""
+    bounds = {one.key: one.bounds for one in found.refused}
+    for key in list(gaps):
+        if key in SEARCHED and _bounded(key, bounds.get(key), device, ranges):
+            sources[key] = {"grade": "assumed", "source": f"{how}: not told, within these bounds"}
+        elif base is not None and states(base, key) and key in SEARCHED:
+            # A value that these logs were asked for and did not tell is none of theirs.
+            _taken(base, key, device, ranges, sources)
+            ranges.setdefault(key, (device[key] / _GUESSED, device[key] * _GUESSED))
+            sources[key] = {"grade": "assumed", "source": f"{base.name}; the logs do not tell it"}
+        elif base is not None and states(base, key):
+            _taken(base, key, device, ranges, sources)
+            if key not in base.gaps:
+                gaps.remove(key)
+        elif key in _CAUTIOUS:
+            device[key], ranges[key], why = _CAUTIOUS[key]
+            sources[key] = {"grade": "assumed", "source": why}
+
+
+def _bounded(
+    key: str, bounds: tuple[float, float, float] | None, device: dict[str, Any], ranges: dict[str, Any]
+) -> bool:
+    """Take what the log bounds and does not tell, where the bounds say something; return whether they do."""
+    if bounds is None:
+        return False
+    value, low, high = (float(f"{each:.3g}") for each in bounds)
+    if not 0 <= low <= value <= high < _BOUNDS_NOTHING * max(low, value / _GUESSED) or value == 0:
+        return False
+    device[key], ranges[key] = value, (low, high)
+    return True
 
 
 def states(base: DeviceFile, key: str) -> bool:

@@ -10,11 +10,10 @@ import numpy as np
 from scipy import stats
 
 from avc_casadi.identification.closed_loop import autocorrelation, coloured
-from avc_casadi.identification.evidence import SURE, WORTH, compared
 from avc_casadi.identification.fit import Fit
 from avc_casadi.identification.model import Estimate
 from avc_casadi.identification.terms import LOOP_DAMPING, LOOP_RATIO, SIZE_OF, lag_of, offset_of
-from avc_casadi.identification.uncertainty import LEVEL, Spread, spread_of
+from avc_casadi.identification.uncertainty import LEVEL, SURE, WORTH, Spread, compared, spread_of
 
 # A step of the encoder is known to this share of it.
 _STEP_SHARE = 1e-3

@@ -14,33 +14,40 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import told_in, units_for
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.rotary_keys import power_at_handle
-from avc_casadi.identification.against_base import check_against, differs_from, leans_on
-from avc_casadi.identification.alike import unlike_notes
-from avc_casadi.identification.closed_loop import autocorrelation, feeds_back
-from avc_casadi.identification.cut import cut_notes
-from avc_casadi.identification.device import device_file, states
-from avc_casadi.identification.encoder import encoder_step_m
+from avc_casadi.identification.assumed_mass_ratio import SHARE, other_shares, share_assumed, share_refused, shared
+from avc_casadi.identification.assumed_mass_ratio import moved as beyond_side
+from avc_casadi.identification.closed_loop import autocorrelation, feeds_back, only_feedback, refused_beside
+from avc_casadi.identification.device import SEARCHED, device_file, states
+from avc_casadi.identification.encoder import EVENLY, encoder_step_m, repeat_notes, repeats_of
 from avc_casadi.identification.estimates import estimates_of, widened
-from avc_casadi.identification.finer import finer
 from avc_casadi.identification.fit import Fit, Window, judged, slowest_observer
 from avc_casadi.identification.frequency import measured_response, model_response
+from avc_casadi.identification.identifiability import (
+    EXCITATION,
+    cannot_tell,
+    never_told,
+    not_of_one_kind,
+    refusals,
+    vague_terms,
+)
+from avc_casadi.identification.initial_guess import first_guess, saturated_force_n
+from avc_casadi.identification.log_consistency import (
+    check_against,
+    differs_from,
+    leans_on,
+    saturation_notes,
+    unlike_notes,
+)
 from avc_casadi.identification.model import Identification, Refusal, Shown
-from avc_casadi.identification.only_feedback import only_feedback, refused_beside
-from avc_casadi.identification.play import EVENLY
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.read import read_logs
 from avc_casadi.identification.record import Record, shortened
-from avc_casadi.identification.refuse import EXCITATION, cannot_tell, never_told, not_of_one_kind, refusals, vague_terms
 from avc_casadi.identification.remarks import remarks
-from avc_casadi.identification.repeats import repeat_notes, repeats_of
+from avc_casadi.identification.rotary import known_at_handle, of_the_turn, radius_of
 from avc_casadi.identification.select import HIDDEN, select
 from avc_casadi.identification.selection import Selection, settled, without
-from avc_casadi.identification.share import SHARE, other_shares, share_assumed, share_refused, shared
-from avc_casadi.identification.spring_side import moved as beyond_side
-from avc_casadi.identification.start import cut_force_n, first_guess
 from avc_casadi.identification.terms import PARAMETERS, PLAY, TERMS, Structure
-from avc_casadi.identification.turned import known_at_handle, of_the_turn, radius_of
-from avc_casadi.identification.uncertainty import Spread, sensitivity, spread_of
+from avc_casadi.identification.uncertainty import Spread, richardson, sensitivity, spread_of
 from avc_casadi.identification.units import Layout
 
 MOST_SAMPLES = 120_000
@@ -131,8 +138,8 @@ def _identified(
     force_rms, travel = _sizes(records, step_m)
     with progress.step("first guess"):
         driven = only_feedback(records)
-        guess = _guess(records, force_rms, radius_m, pushed=driven is not None)
-    structure = _simplest(records, known, force_rms, travel, step_m)
+        guess = _guess(records, radius_m, pushed=driven is not None)
+    structure = _simplest(records, known, force_rms, travel, step_m, held="stiffness_n_per_m" in guess)
     if base is not None:
         structure = replace(structure, loop_damping_ratio=base.device.amplifier_damping_ratio)
     guess |= known
@@ -191,7 +198,7 @@ def _identified(
         error_m=np.concatenate(fit.error_m),
         feedback=feedback,
         lags=lags,
-        notes=(*notes, *([] if driven else cut_notes(predictor, fit, window, radius_m))),
+        notes=(*notes, *([] if driven else saturation_notes(predictor, fit, window, radius_m))),
         response=response,
         modelled=model_response(fit.values, fit.structure, records[0].sample_time_s, response.frequency_hz),
         shown=_shown(records, fit),
@@ -217,15 +224,16 @@ def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, floa
     return force, travel
 
 
-def _guess(records: Sequence[Record], force_rms: float, radius_m: float, *, pushed: bool) -> dict[str, float]:
+def _guess(records: Sequence[Record], radius_m: float, *, pushed: bool) -> dict[str, float]:
     """Return values to start from; refuse a force that points the other way or is cut, and units that cannot be.
 
     A device that a hand pushes follows no force at all.
     """
-    guess, explained = first_guess(records)
+    found = first_guess(records)
+    guess, explained = found.values, found.explained
     mass = guess["mass_kg"]
     size = radius_m**2
-    if mass < 0 and abs(mass) > 1e-4 * force_rms:
+    if mass < 0 or (found.against and explained > _FOLLOWS):
         why, allowed = "force and position point against each other", "force along +position, or --flip-force"
         if explained < _FOLLOWS:
             why = f"the motion hardly follows the force ({number(100 * max(explained, 0.0), 2)} % of it explained)"
@@ -237,7 +245,7 @@ def _guess(records: Sequence[Record], force_rms: float, radius_m: float, *, push
             f"{number(_HEAVIEST_KG * size)} kg; are the units of position and force right?",
             key="logs",
         )
-    limit = None if pushed else cut_force_n(records, guess["delay_samples"])
+    limit = None if pushed else saturated_force_n(records, guess["delay_samples"])
     if limit is not None:
         largest = max(float(np.abs(record.force_n).max()) for record in records)
         message = (
@@ -265,7 +273,7 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
         elif vague:
             without(predictor, chosen, vague[0], "is not told well enough to stand in a model", window)
         else:
-            chosen.fit, spread = finer(predictor, fit, spread, window)
+            chosen.fit, spread = richardson(predictor, fit, spread, window)
             return spread, refused
 
 
@@ -312,9 +320,15 @@ def _checked(known: Mapping[str, float], radius_m: float | None = None) -> dict[
 
 
 def _simplest(
-    records: Sequence[Record], known: Mapping[str, float], force: float, travel: float, step_m: float | None
+    records: Sequence[Record],
+    known: Mapping[str, float],
+    force: float,
+    travel: float,
+    step_m: float | None,
+    *,
+    held: bool,
 ) -> Structure:
-    """Return the structure to begin with; the force has a scale where a known mass tells it."""
+    """Return the structure to begin with; the force has a scale where a known mass tells it, a held device a spring."""
     speed = max(
         float(np.std(np.diff(record.position_m[:: max(1, int(0.01 / record.sample_time_s))])))
         / (max(1, int(0.01 / record.sample_time_s)) * record.sample_time_s)
@@ -334,13 +348,16 @@ def _simplest(
     }
     scaled = "mass_kg" in known or len({record.added_mass_kg for record in records}) > 1
     logs = len({record.whole for record in records})
-    return Structure(("base", "scale") if scaled else ("base",), known, units, logs=logs)
+    terms = ("base", *(["stiffness"] if held else []), *(["scale"] if scaled else []))
+    return Structure(terms, known, units, logs=logs)
 
 
 def _from(base: DeviceFile | None, refused: Refusal) -> Refusal:
     """Say where a value comes from all the same."""
     if base is None or not states(base, refused.key):
         return refused
+    if refused.key in SEARCHED:
+        return replace(refused, why=f"{refused.why}; it is a gap of the device file, with a range")
     return replace(refused, why=f"{refused.why}; the value of {base.name} is written")
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.units import MotionKind
 from avc_casadi.files.device_file import DeviceFile
-from avc_casadi.identification.evidence import Trial
 from avc_casadi.identification.frequency import Response
+from avc_casadi.identification.uncertainty import Trial
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,13 @@ class Refusal:
         key: its name.
         why: what hides it.
         excitation: the log that would tell.
+        bounds: value and ends of the interval that is too wide to be told; None where there is none.
     """
 
     key: str
     why: str
     excitation: str
+    bounds: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

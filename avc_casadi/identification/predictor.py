@@ -15,9 +15,8 @@ from functools import cached_property
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.identification.encoder import encoder_step_m
+from avc_casadi.identification.encoder import SLOWLY, encoder_step_m, last_went
 from avc_casadi.identification.linear import PARTS, LinearStep, linear_derivatives, linear_step, taps_of
-from avc_casadi.identification.play import SLOWLY, last_went
 from avc_casadi.identification.record import Record
 from avc_casadi.identification.run import Kind, prepare, run
 from avc_casadi.identification.terms import FRICTION, LINEAR, OFFSET, PLAY, Structure, offset_of

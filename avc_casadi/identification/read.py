@@ -1,11 +1,13 @@
-"""Logs as files: CSV, NPZ and MAT v5; every fault of a file at once."""
+"""Logs as files: CSV, JSON, NPZ and MAT v5; every fault of a file at once."""
 
 from __future__ import annotations
 
 import csv
+import json
 import re
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +19,8 @@ from scipy.io.matlab import MatReadError
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.units import units_for
-from avc_casadi.identification.lost import filled
 from avc_casadi.identification.record import Columns, Record, backwards_of, faults_of_rows, implausible, records_of
+from avc_casadi.identification.repair import filled
 from avc_casadi.identification.units import QUANTITIES, Column, Layout, chosen_columns, motion_of
 
 _MOST_FAULTS = 6
@@ -39,7 +41,7 @@ def read_logs(
     """Read the logs of one device.
 
     Args:
-        paths: files that end in ``.csv``, ``.txt``, ``.npz`` or ``.mat``.
+        paths: files that end in ``.csv``, ``.txt``, ``.json``, ``.npz`` or ``.mat``.
         layout: what is said of their columns.
         added_mass_kg: known mass on the device, one of each file, or none.
 
@@ -84,7 +86,7 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
     A few samples that were lost are filled in, and told.
 
     Args:
-        path: a file that ends in ``.csv``, ``.txt``, ``.npz`` or ``.mat``.
+        path: a file that ends in ``.csv``, ``.txt``, ``.json``, ``.npz`` or ``.mat``.
         layout: what is said of its columns.
 
     Returns:
@@ -142,7 +144,7 @@ def _columns(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list
         why = f"cannot be read ({error.strerror or error})"
     except UnicodeDecodeError as error:
         why = f"is no UTF-8 text (byte {error.start}); allowed: UTF-8: save it as such, or iconv -f FROM -t UTF-8"
-    except (ValueError, NotImplementedError, zipfile.BadZipFile, TypeError, MatReadError) as error:
+    except (ValueError, NotImplementedError, zipfile.BadZipFile, TypeError, MatReadError, RecursionError) as error:
         first = str(error).partition("\n")[0][:200]
         hint = "; save it with -v7" if isinstance(error, NotImplementedError) else ""
         why = f"is not read as {ending} ({first}){hint}"
@@ -161,6 +163,20 @@ def _npz(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fau
 def _mat(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
     found = scipy.io.loadmat(path, squeeze_me=True)
     return _arrays({name: value for name, value in found.items() if not name.startswith("__")}, file, layout)
+
+
+def _json(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
+    """Read an object of arrays, a list of objects of numbers, or a list of rows of numbers."""
+    held = json.loads(path.read_text(encoding="utf-8-sig"))
+    if isinstance(held, list) and held and all(isinstance(row, dict) for row in held):
+        held = {name: [row.get(name) for row in held] for name in held[0]}
+    named = held if isinstance(held, dict) else {"rows": held}
+    arrays: dict[str, FloatArray] = {}
+    for name, values in named.items():
+        # What is no array of numbers, as a title beside them, is no column; a null is a sample that was lost.
+        with suppress(ValueError, TypeError):
+            arrays[name] = np.array(values, dtype=np.float64)
+    return _arrays(arrays, file, layout)
 
 
 def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
@@ -346,6 +362,7 @@ _READERS: Mapping[str, Callable[[Path, str, Layout], tuple[list[Columns], list[F
     ".txt": _text,
     ".dat": _text,
     ".tsv": _text,
+    ".json": _json,
     ".npz": _npz,
     ".mat": _mat,
 }

@@ -12,10 +12,12 @@ from avc_casadi._errors import Fault
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind
-from avc_casadi.identification.lost import left_out, wrapped
+from avc_casadi.identification.repair import LONGEST_STEP, laid_evenly, left_out, wrapped
 
 # A step of time may differ from the usual one by this share of it; a longer one is a gap.
 _JITTER = 0.25
+# Share of the steps that may differ more before the clock is one that scatters.
+_SCATTERS = 0.01
 # Places that are told of the same fault.
 _TOLD = 3
 _TWICE = "; of a row that is written twice, leave one out"
@@ -40,6 +42,7 @@ class Record:
         motion: of the device.
         begins_s: when it begins, from the first sample of its log on: what drifts goes on over a gap.
         log: the log that it is a piece of; empty of a record that is one itself. A constant force is one of each log.
+        scatter: of a log whose clock scatters, the standard deviation of its steps, as a share of T.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Record:
     motion: MotionKind = "linear"
     begins_s: float = 0.0
     log: str = ""
+    scatter: float = 0.0
 
     @property
     def whole(self) -> str:
@@ -119,19 +123,20 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     usual = float(np.median(steps))
     if backwards or usual <= 0:
         return [], faults, []
+    if faults:
+        return [], faults, []
     # Clocks are written with few digits: a step is compared with the mean of those about it.
     gaps = np.flatnonzero(steps > (1.5 * usual))
     uneven = np.abs(steps - usual) > _JITTER * usual
     uneven[gaps] = False
-    if np.mean(uneven) > 0.01:
-        low, high = np.quantile(np.delete(steps, gaps), (0.005, 0.995))
-        message = (
-            f"steps from {number(low)} to {number(high)} s; allowed: equal steps (missing samples apart), with the "
-            "time of the tick and not that of writing it; or --sample-time, where the ticks themselves are even"
-        )
-        faults.append(Fault(columns.file, None, "time", message))
-    if faults:
-        return [], faults, []
+    scatter = 0.0
+    if np.mean(uneven) > _SCATTERS:
+        even = laid_evenly(columns, _round(float(np.mean(steps[steps < LONGEST_STEP * usual]))))
+        columns, scatter = even.columns, even.scatter
+        told.append(even.told)
+        steps = np.diff(columns.time_s)
+        usual = float(np.median(steps))
+        gaps = np.flatnonzero(steps > (1.5 * usual))
     edges = [0, *(int(gap) + 1 for gap in gaps), steps.size + 1]
     whole = list(itertools.pairwise(edges))
     sizes = np.array([b - a for a, b in whole])
@@ -162,6 +167,7 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
                 columns.motion,
                 float(columns.time_s[a] - columns.time_s[0]),
                 columns.file,
+                scatter,
             )
             for index, (a, b) in enumerate(pieces, start=1)
         ],

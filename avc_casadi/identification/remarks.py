@@ -6,10 +6,9 @@ from collections.abc import Mapping
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
-from avc_casadi.identification.closed_loop import coloured
+from avc_casadi.identification.assumed_mass_ratio import at_the_other_side
+from avc_casadi.identification.closed_loop import EXCITATION, OnlyFeedback, coloured
 from avc_casadi.identification.fit import Fit
-from avc_casadi.identification.only_feedback import EXCITATION, OnlyFeedback
-from avc_casadi.identification.spring_side import at_the_other_side
 from avc_casadi.identification.terms import LOOP_DAMPING, PLAY
 
 # A structure rings longer than one that is damped by this.

@@ -8,19 +8,23 @@ from dataclasses import replace
 import numpy as np
 
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.identification.amplifier import damped_as_it_is
-from avc_casadi.identification.beginnings import FIRST_RATE_PER_S, starts_of
-from avc_casadi.identification.evidence import Trial, compared
+from avc_casadi.identification.assumed_mass_ratio import shared
+from avc_casadi.identification.coarse_to_fine import (
+    FIRST_RATE_PER_S,
+    closely,
+    richer,
+    ringing_behind_a_lag,
+    rms_m_of,
+    roughly,
+)
 from avc_casadi.identification.fit import Fit, Window, best_observer, fit, judged, slowest_observer
 from avc_casadi.identification.frequency import Response
-from avc_casadi.identification.mimic import ALIKE, mimic
-from avc_casadi.identification.near import closely, richer, rms_m_of, roughly
-from avc_casadi.identification.pair import ringing_behind_a_lag
+from avc_casadi.identification.initial_guess import starts_of
+from avc_casadi.identification.lag_vs_resonance import ALIKE, damped_as_it_is, rival_resonance
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.selection import Selection, no_false_loop, no_false_resonance, settled, told_by_its_kind
-from avc_casadi.identification.share import shared
 from avc_casadi.identification.terms import HIGHEST_SEEN, LOOP_DAMPING, PLAY, SIZE_OF, TERMS, Structure
-from avc_casadi.identification.uncertainty import sensitivity
+from avc_casadi.identification.uncertainty import Trial, compared, sensitivity
 
 # Those that stand together look alike: the better one is taken first.
 _ORDER = (("coulomb",), ("resonance", "amplifier", "stiffness", "play"), ("asymmetry",), ("stribeck",), ("drift",))
@@ -92,7 +96,7 @@ def select(
             _try(predictor, chosen, (term,), guess, response, window, sides)
     _together(predictor, chosen, response, window)
     chosen.fit = settled(predictor, chosen.fit, window)
-    _no_mimic(predictor, chosen, response, window, sides)
+    _no_rival_resonance(predictor, chosen, response, window, sides)
     other = "resonance" in chosen.fit.structure.terms and no_false_resonance(predictor, chosen, window)
     if "amplifier" in chosen.fit.structure.terms:
         told_by_its_kind(predictor, chosen, window)
@@ -109,14 +113,14 @@ def _prepare(predictor: Predictor, structure: Structure, terms: Sequence[str]) -
     predictor.prepare([structure, *(richer(structure, one) for one in terms if one not in structure.terms)])
 
 
-def _no_mimic(
+def _no_rival_resonance(
     predictor: Predictor, chosen: Selection, response: Response, window: Window, sides: Sequence[str]
 ) -> None:
     """Drop an amplifier that could be a resonance beyond the excited frequencies, which beside friction few could."""
     lagging = chosen.fit
-    if chosen.mimic is None or "amplifier" not in lagging.structure.terms:
+    if chosen.rival_resonance is None or "amplifier" not in lagging.structure.terms:
         return
-    rival = mimic(predictor, lagging, chosen.mimic, response, window, sides)
+    rival = rival_resonance(predictor, lagging, chosen.rival_resonance, response, window, sides)
     if rival is None:
         return
     chosen.not_told(lagging, rival)
@@ -184,6 +188,7 @@ def _try(
 ) -> bool:
     """Try terms; take the one that explains most where the evidence is for it."""
     borne_out: dict[str, Fit] = {}
+    terms = [term for term in terms if term not in chosen.fit.structure.terms]
     for term in terms:
         before = min((chosen.rough_m[one] for one in borne_out), default=np.inf)
         found = _tried(predictor, chosen, term, guess, response, window, sides, before)
@@ -193,8 +198,8 @@ def _try(
         seen = chosen.rivals.get("resonance")
         lagging = borne_out["amplifier"]
         beside = seen is not None and "amplifier" not in seen.structure.terms
-        rival = mimic(predictor, lagging, seen if beside else None, response, window, sides)
-        chosen.mimic = rival
+        rival = rival_resonance(predictor, lagging, seen if beside else None, response, window, sides)
+        chosen.rival_resonance = rival
         if rival is not None and lagging.rms_m > ALIKE * rival.rms_m:
             chosen.trials[LOOP_DAMPING], free = damped_as_it_is(predictor, lagging, window)
             if chosen.trials[LOOP_DAMPING].taken and free.rms_m <= ALIKE * rival.rms_m:

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from avc_casadi.identification.amplifier import (
+from avc_casadi.identification.fit import Fit, Window, best_observer, fit
+from avc_casadi.identification.identifiability import refusals, vague_terms
+from avc_casadi.identification.lag_vs_resonance import (
     A_LAG_FROM,
+    NOT_TOLD_APART,
     behind_a_structure,
     damped_as_it_is,
     in_place_of_a_resonance,
     of_the_other_order,
 )
-from avc_casadi.identification.evidence import Trial, compared
-from avc_casadi.identification.fit import Fit, Window, best_observer, fit
-from avc_casadi.identification.mimic import MIMICS
 from avc_casadi.identification.predictor import Predictor
-from avc_casadi.identification.refuse import refusals, vague_terms
 from avc_casadi.identification.terms import LOOP_DAMPING, LOOP_RATIO
-from avc_casadi.identification.uncertainty import sensitivity, spread_of
+from avc_casadi.identification.uncertainty import Trial, compared, sensitivity, spread_of
 
 
 @dataclass
@@ -28,14 +27,14 @@ class Selection:
         fit: the model at its best.
         trials: of every term, the last of each.
         rivals: the fit of each term that was tried in full and not taken.
-        mimic: a resonance beyond the excited frequencies that did as well as the amplifier when that was taken.
+        rival_resonance: beyond the excited frequencies, as good as the amplifier was when that was taken.
         rough_m: error of the best rough fit of each term that was tried last.
     """
 
     fit: Fit
     trials: dict[str, Trial] = field(default_factory=dict)
     rivals: dict[str, Fit] = field(default_factory=dict)
-    mimic: Fit | None = None
+    rival_resonance: Fit | None = None
     rough_m: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -47,7 +46,7 @@ class Selection:
         """Write down that an amplifier and a resonance do the same."""
         for term, found in (("amplifier", lagging), ("resonance", ringing)):
             self.rivals[term] = found
-            self.trials[term] = replace(self.trials[term], taken=False, why=MIMICS[term], inseparable=True)
+            self.trials[term] = replace(self.trials[term], taken=False, why=NOT_TOLD_APART[term], inseparable=True)
 
 
 def settled(predictor: Predictor, found: Fit, window: Window) -> Fit:

@@ -39,7 +39,10 @@ def identification_document(found: Identification) -> dict[str, Any]:
             }
             for key, one in found.estimates.items()
         },
-        "refused": [{"key": one.key, "why": one.why, "excitation": one.excitation} for one in found.refused],
+        "refused": [
+            {"key": one.key, "why": one.why, "excitation": one.excitation, "bounds": one.bounds}
+            for one in found.refused
+        ],
         "evidence": [
             {
                 "term": one.term,

@@ -10,14 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from avc_casadi._errors import InputError
 
-EDGES = "edges"
-"""The package's own solver: root finding along the edges of the gain box."""
-DEFAULT_TOLERANCE = 1e-10
-Coordinates = Literal["gains", "shares"]
+DEFAULT_SOLVER = "sqpmethod-qrqp"
+DEFAULT_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -30,8 +28,6 @@ class Backend:
         quiet: options that silence it.
         tolerance_options: requested tolerance, relative to the scaled problem -> its own options.
         citation: where it is described.
-        coordinates: what it varies: b, k and b_p themselves, or shares x = t/(c + t) of each gain t, in which Z_h
-            changes evenly from one end of a wide box to the other.
         prints: whether it writes to the terminal whatever its options say.
     """
 
@@ -40,7 +36,6 @@ class Backend:
     quiet: dict[str, Any]
     tolerance_options: Callable[[float], dict[str, Any]]
     citation: str
-    coordinates: Coordinates = "shares"
     prints: bool = False
 
     def options(self, tolerance: float) -> dict[str, Any]:
@@ -79,8 +74,9 @@ def _sqpmethod(name: str, qp: str, qp_citation: str, qp_quiet: dict[str, Any], *
         "print_status": False,
         "qpsol": qp,
         "qpsol_options": {"error_on_fail": False, **qp_quiet},
-        # (11) is not convex: without this the QP may be unbounded.
-        "convexify_strategy": "regularize",
+        # (11) is not convex: without this the QP may be unbounded. Reflected eigenvalues keep the length of a step,
+        # where a shift of them all makes it short: 3 iterations in the place of 9.
+        "convexify_strategy": "eigen-reflect",
     }
     citation = f"Andersson et al., Mathematical Programming Computation 11 (2019) 1-36; QP: {qp_citation}"
     return Backend(name, "sqpmethod", quiet, _sqp, citation, prints=prints)
@@ -95,7 +91,6 @@ BACKENDS = {
             {"ipopt.print_level": 0, "ipopt.sb": "yes"},
             _ipopt,
             "Waechter and Biegler, Mathematical Programming 106 (2006) 25-57",
-            coordinates="gains",
         ),
         _sqpmethod("sqpmethod", "daqp", "Arnstroem, Bemporad and Axehill, IEEE TAC 67 (2022) 4362-4369 (DAQP)", {}),
         _sqpmethod("sqpmethod-ipqp", "ipqp", "CasADi's interior point method", _QP_QUIET, prints=True),
@@ -134,7 +129,6 @@ BACKENDS = {
         ),
     )
 }
-SOLVERS = (EDGES, *BACKENDS)
 
 
 def backend(name: str) -> Backend:
@@ -144,5 +138,5 @@ def backend(name: str) -> Backend:
         InputError: for an unknown name, with the names that are known.
     """
     if name not in BACKENDS:
-        raise InputError.of(f"{name!r} is no solver; allowed: {', '.join(SOLVERS)}", key="solver")
+        raise InputError.of(f"{name!r} is no solver; allowed: {', '.join(BACKENDS)}", key="solver")
     return BACKENDS[name]

@@ -24,7 +24,7 @@ from avc_casadi.paper.infeasible import row_reasons
 from avc_casadi.paper.loop import Loop, loop_at
 from avc_casadi.paper.numbers import abs2
 from avc_casadi.paper.rendered import gain_schedule
-from avc_casadi.paper.rows import best_candidate, guarded_margin, pointwise_notes, row_status, wanted_points
+from avc_casadi.paper.rows import GainArrays, best_candidate, guarded_margin, pointwise_notes, row_status, wanted_points
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -104,24 +104,28 @@ def _segment_candidates(
     return [gain.reshape(-1, p.shape[-1]) for gain in np.broadcast_arrays(b, k, p)]
 
 
-def exact_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> tuple[FloatArray, FloatArray, FloatArray]:
+def exact_gains(
+    problem: Problem, loop: Loop, *, margin_ns_per_m: float | None = None, progress: Progress = SILENT
+) -> GainArrays:
     """Return the optimal (b, k, b_p), each (n,); not a number where no gains of the box meet the constraint.
 
     Args:
         problem: the problem.
         loop: its loop at n frequencies.
+        margin_ns_per_m: least Re Z_h; None is the problem's, kept by every device of its range; -inf admits all gains.
         progress: told of the frequencies.
     """
+    margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
     rows = np.arange(len(loop.target))
     found = [
-        _by_arcs(problem, loop.rows(rows[some])) for some in chunks(len(rows), _ROWS_AT_ONCE, progress, "frequencies")
+        _by_arcs(problem, loop.rows(rows[some]), margin)
+        for some in chunks(len(rows), _ROWS_AT_ONCE, progress, "frequencies")
     ]
     b, k, p = (np.concatenate(gain) for gain in zip(*found, strict=True))
     return b, k, p
 
 
-def _by_arcs(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray, FloatArray]:
-    margin = margin_over_range(problem)
+def _by_arcs(problem: Problem, loop: Loop, margin: float) -> GainArrays:
     radius = np.abs(loop.target)
     contacts = problem.coupling.contact_damping_ns_per_m
     edges = Edges.of(problem, loop, contacts if contacts[1] > contacts[0] else contacts[:1])
@@ -131,7 +135,7 @@ def _by_arcs(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray, Floa
     if contacts[1] > contacts[0]:
         groups.append(_segment_candidates(problem, loop, radius, margin, plain_edges))
     b, k, p = (np.concatenate(column) for column in zip(*groups, strict=True))
-    return best_candidate(problem, loop, b, k, p)
+    return best_candidate(problem, loop, b, k, p, margin)
 
 
 def solve_exact(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
@@ -146,7 +150,7 @@ def solve_exact(problem: Problem, *, progress: Progress = SILENT) -> GainSchedul
     """
     started = time.perf_counter()
     loop = loop_at(problem, problem.frequencies_hz())
-    gains = exact_gains(problem, loop, progress)
+    gains = exact_gains(problem, loop, progress=progress)
     status = row_status(problem, *gains)
     seconds = time.perf_counter() - started
     return gain_schedule(

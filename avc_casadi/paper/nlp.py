@@ -37,9 +37,7 @@ class CouplingNlp:
         impedance: Z_h_avc.
         target: Z_h_ds.
         objective: (|Z_h_ds| - |Z_h_avc|)^2   (11).
-        distance: |Z_h_avc - Z_h_ds|^2, which breaks ties of (11).
         constraint: Re Z_h_avc - margin   (12).
-        constraint_polynomial: (12) times |Z_e + Z_avc|^2: the same sign, quadratic in the gains, free of division.
     """
 
     gains: Any
@@ -47,9 +45,7 @@ class CouplingNlp:
     impedance: ComplexExpr
     target: ComplexExpr
     objective: Any
-    distance: Any
     constraint: Any
-    constraint_polynomial: Any
 
 
 @cache
@@ -64,35 +60,26 @@ def coupling_nlp() -> CouplingNlp:
     environment = ComplexExpr(value["environment_re"], value["environment_im"])
     z_h_ds = ComplexExpr(value["target_re"], value["target_im"])
 
-    z_avc = coupling_impedance(angle, b, k)
     z_h_avc = Loop(angle, device, hold, environment, environment, environment).perceived(b, k, b_p)
     objective = (ca.sqrt(abs2(z_h_ds)) - ca.sqrt(abs2(z_h_avc))) ** 2
     constraint = z_h_avc.real - value["margin"]
-
-    # With d for what stands beside the series part: d|Z_e + Z_avc|^2 + Re{H (Z_avc|Z_e|^2 + Z_e|Z_avc|^2)} >= 0.
-    beside = device.real - value["margin"] + hold.real * b_p
-    polynomial = (
-        (beside + (hold * environment).real) * abs2(z_avc)
-        + ((hold * abs2(environment) + 2 * beside * environment.conjugate()) * z_avc).real
-        + beside * abs2(environment)
-    )
     return CouplingNlp(
         gains=ca.vertcat(b, k, b_p),
         parameters=parameters,
         impedance=z_h_avc,
         target=z_h_ds,
         objective=objective,
-        distance=abs2(z_h_avc - z_h_ds),
         constraint=constraint,
-        constraint_polynomial=polynomial,
     )
 
 
-def nlp_parameters(problem: Problem, loop: Loop, size: float = 1.0) -> FloatArray:
+def nlp_parameters(problem: Problem, loop: Loop, size: float = 1.0, margin_ns_per_m: float | None = None) -> FloatArray:
     """Return the parameters of `coupling_nlp` for each frequency, shape (15, n), impedances over a size.
 
-    The last three are natural scales of b, k and b_p: the gains at which coupling and environment weigh the same.
+    The last three are natural scales of b, k and b_p: the gains at which coupling and environment weigh the same. A
+    margin of None is the problem's, kept by every device of its range.
     """
+    margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
     weight = np.abs(loop.environment) / size
     weight = np.where(weight > 0, weight, 1.0)
     values = dict.fromkeys(_NAMES, np.zeros(weight.shape)) | {
@@ -107,7 +94,7 @@ def nlp_parameters(problem: Problem, loop: Loop, size: float = 1.0) -> FloatArra
         "environment_im": loop.environment.imag / size,
         "target_re": loop.target.real / size,
         "target_im": loop.target.imag / size,
-        "margin": np.full(weight.shape, margin_over_range(problem) / size),
+        "margin": np.full(weight.shape, margin / size),
         "scale_b": weight,
         "scale_k": weight / np.abs(coupling_impedance(loop.angle, 0.0, 1.0)),
         "scale_p": weight,

@@ -1,4 +1,8 @@
-"""Solve the CasADi NLP one frequency at a time, from several fixed starts, then break the ties of (11)."""
+"""CasADi's solvers of (11)-(12) and of its ties, over many frequencies and starts in one call.
+
+Each gain t is varied as u in [0, 1], its share x = t/(c + t) between the ends of its box, c its size at the start: Z_h
+then changes evenly over a box of any width, and a Newton step is as good at one end of it as at the other.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +12,19 @@ import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal
 
 import casadi as ca
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.interrupt import HeldInterrupt
-from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.model.corners import margin_over_range
 from avc_casadi.paper.backends import Backend, backend
-from avc_casadi.paper.equations import coupling_impedance
 from avc_casadi.paper.loop import Loop
 from avc_casadi.paper.nlp import coupling_nlp, nlp_parameters
-from avc_casadi.paper.rows import GainArrays, best_candidate, guarded_margin
+from avc_casadi.paper.numbers import abs2
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -60,244 +61,170 @@ def _restore(kept: int, number: int) -> None:
     os.close(kept)
 
 
-_STARTS = np.array([(0.5, 0.5, 0.0), (0.95, 0.95, 0.5), (0.05, 0.05, 0.05), (0.95, 0.05, 0.0), (0.05, 0.95, 0.5)])
-"""Fixed starts as shares x = t/(c + t) of each gain t, c its natural scale; the solution of the frequency before is one
-more start."""
-_ROOT = 1e-4
-"""A magnitude error below this share of |Z_h_ds| counts as a curve of minimisers, whose ties are then broken."""
+Stage = Literal["error", "turn", "contact"]
+_UPPER = {"error": (np.inf,), "turn": (np.inf, np.inf, 0.0), "contact": (0.0, 0.0)}
+"""Upper bounds of each stage's constraints; the lower ones are 0."""
+_AT_ONCE = 64
+"""NLPs in one call, during which Ctrl-C waits."""
+_FARTHEST = 10.0
+"""The scale c of a share is the gain of the start, but within this factor of the gain's natural scale."""
 _LAST_SHARE = 1.0 - 2.0**-52
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a solver returned.
+class NlpSolvers:
+    """CasADi functions of one backend, in the lexicographic order of the goals.
 
     Attributes:
-        gains: best strictly feasible (b, k, b_p), each (n,); not a number where it found none.
-        false_success: how often the solver reported success with a point that violates (12) by more than its
-            tolerance.
-        calls: how often it was called.
+        backend: which.
+        error: minimises (|Z_h_ds| - |Z_h|)^2 subject to Re Z_h >= margin   (11), (12).
+        turn: of all |Z_h| = |Z_h_ds|, minimises |Z_h - Z_h_ds|, as tan of half the angle between the two, on the side
+            of Z_h_ds where it starts: along the circle both grow together, but the angle has no flat minimum.
+        contact: of all gains with the same Z_h, minimises b_p; None where b_p is fixed.
     """
 
-    gains: GainArrays
-    false_success: int
-    calls: int
-
-
-@dataclass(frozen=True)
-class _Solvers:
-    """CasADi functions of one backend: (11)-(12), its tie-break, and the squared relative error of given gains."""
-
     backend: Backend
-    direct: Any
-    tie_break: Any
+    error: Any
+    turn: Any
+    contact: Any | None
 
 
 @lru_cache(maxsize=16)
-def nlp_solvers(name: str, tolerance: float) -> _Solvers:
-    """Build the solvers of (11)-(12) and of its tie-break, once for each backend and tolerance.
+def nlp_solvers(name: str, tolerance: float, *, contact: bool = False) -> NlpSolvers:
+    """Build the solvers, once for each backend and tolerance.
 
-    The tie-break minimises |Z_h_avc - Z_h_ds|^2 on the curve |Z_h_avc|^2 = |Z_h_ds|^2, always in shares.
+    Args:
+        name: the backend.
+        tolerance: relative tolerance asked of it.
+        contact: whether b_p is a variable beside b and k.
 
     Raises:
         InputError: unknown backend.
         UnsupportedError: this CasADi was built without it.
     """
-    chosen = backend(name)
-    nlp = coupling_nlp()
-    share, scales = ca.SX.sym("x", 3), nlp.parameters[-3:]
-    gains = scales * share / (1 - share)
-    radius2 = _radius2()
-    # In shares (12) is the division-free polynomial times ((1 - x_b)(1 - x_k))^2, which is of the order of |Z_h_ds|.
-    even = ((1 - share[0]) * (1 - share[1])) ** 2 / (scales[0] ** 2 * ca.sqrt(radius2))
-    on_curve = (nlp.impedance.real**2 + nlp.impedance.imag**2 - nlp.target.real**2 - nlp.target.imag**2) / radius2
+    chosen, nlp = backend(name), coupling_nlp()
+    u = ca.SX.sym("u", 3 if contact else 2)
+    low, span, scale, sizes, point = (ca.SX.sym(label, n) for label, n in _SCALING)
+    share = low + span * (u if contact else ca.vertcat(u, 0))
+    gains = scale * share / (1 - share)
+    goal_size, term_size, side = ca.vertsplit(sizes)
 
-    def solver(label: str, variables: Any, goal: Any, constraints: Any) -> Any:
-        problem = {"x": variables, "f": goal, "g": constraints, "p": nlp.parameters}
+    target2 = abs2(nlp.target)
+    turned = nlp.impedance * nlp.target.conjugate()
+    expressions = [
+        nlp.objective / goal_size**2,
+        nlp.constraint / term_size,
+        side * turned.imag / (target2 + turned.real),
+        abs2(nlp.impedance) / target2 - 1,
+        (nlp.impedance.real - point[0]) / term_size,
+        (nlp.impedance.imag - point[1]) / term_size,
+    ]
+    error, passive, turn, on_circle, *same = ca.substitute(expressions, [nlp.gains], [gains])
+    parameters = ca.vertcat(nlp.parameters, low, span, scale, sizes, point)
+
+    def solver(label: str, goal: Any, constraints: list[Any]) -> Any:
+        problem = {"x": u, "f": goal, "g": ca.vertcat(*constraints), "p": parameters}
         try:
             return ca.nlpsol(label, chosen.plugin, problem, chosen.options(tolerance))
-        except RuntimeError as error:
-            raise UnsupportedError(
-                f"solver {name} cannot be used: {_last_line(error)}; avc doctor lists those that can"
-            ) from error
+        except RuntimeError as failure:
+            why = str(failure).strip().splitlines()[-1]
+            raise UnsupportedError(f"solver {name} cannot be used: {why}; avc doctor lists those that can") from failure
 
-    if chosen.coordinates == "gains":
-        direct = solver("direct", nlp.gains, nlp.objective, nlp.constraint_polynomial)
-    else:
-        goal, limit = ca.substitute([nlp.objective / radius2, nlp.constraint_polynomial], [nlp.gains], [gains])
-        direct = solver("direct", share, goal, limit * even)
-    goal, limit, curve = ca.substitute(
-        [nlp.distance / radius2, nlp.constraint_polynomial, on_curve], [nlp.gains], [gains]
+    return NlpSolvers(
+        chosen,
+        solver("error", error, [passive]),
+        solver("turn", turn, [passive, turn, on_circle]),
+        solver("contact", u[2], same) if contact else None,
     )
-    return _Solvers(chosen, direct, solver("tie_break", share, goal, ca.vertcat(limit * even, curve)))
 
 
-def _radius2() -> Any:
-    """|Z_h_ds|^2, but 1 where it is 0."""
-    target = coupling_nlp().target
-    radius2 = target.real**2 + target.imag**2
-    return radius2 + (radius2 == 0)
+_SCALING = (("low", 3), ("span", 3), ("scale", 3), ("sizes", 3), ("point", 2))
 
 
-@cache
-def _relative_error2() -> Any:
-    nlp = coupling_nlp()
-    return ca.Function("relative_error2", [nlp.gains, nlp.parameters], [nlp.objective / _radius2()])
-
-
-def _last_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[-1]
-
-
-def nlp_gains(
-    problem: Problem,
-    loop: Loop,
-    name: str,
-    tolerance: float,
-    starts: FloatArray = _STARTS,
-    progress: Progress = SILENT,
-) -> Found:
-    """Solve every frequency by a CasADi solver; that of a device that turns as felt at its handle.
+class NlpRows:
+    """The NLPs of n frequencies, with what they are scaled by; a device that turns as felt at its handle.
 
     Tolerances of solvers are absolute, and what is of the order of 1 in N.s/m is nothing in N.m.s/rad.
 
-    Args:
-        problem: the problem.
-        loop: its loop.
-        name: the backend.
-        tolerance: relative tolerance asked of it.
-        starts: fixed starts as shares, shape (m, 3).
-        progress: told of the frequencies.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C, whatever the solver made of it.
+    Attributes:
+        loop: the loop, in the problem's own units.
+        size: those over the units of everything else here.
+        margin: least Re Z_h; -inf admits everything.
+        low: lower ends of the box of (b, k, b_p), (3, 1).
+        high: upper ends, (3, 1).
+        natural: gains that weigh as much as the environment, and b_p as much as the goal, (3, n).
+        radius: |Z_h_ds|, but 1 where that is 0, (n,).
     """
-    solvers = nlp_solvers(name, tolerance)
-    size = problem.device.metres_per_unit**2
-    parameters = nlp_parameters(problem, loop, size)
-    box = problem.coupling
-    bounds = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]) / size
-    points: list[FloatArray] = []
-    claims: list[BoolArray] = []
-    calls = 0
-    before = starts[0]
-    with silent_terminal(active=solvers.backend.prints):
-        for values in parameters.T:
-            run = _Run(solvers, values, bounds)
-            # Where a handler of somebody else takes Ctrl-C without ending anything, the next frequency follows.
-            with HeldInterrupt():
-                for start in (*starts, before):
-                    run.solve_from(start)
-            before = run.best_share()
-            points.append(np.array(run.points))
-            claims.append(np.array(run.claims))
-            calls += run.calls
-            progress.advance(len(points), parameters.shape[1], "frequencies")
-    most = max(len(row) for row in points)
-    found = np.full((most, 3, len(points)), np.nan)
-    claimed = np.zeros((most, len(points)), dtype=bool)
-    for row, (some, claim) in enumerate(zip(points, claims, strict=True)):
-        found[: len(some), :, row], claimed[: len(some), row] = some * size, claim
-    false_success = int(np.count_nonzero(claimed & _violates(problem, loop, found, tolerance)))
-    every = np.concatenate((found, _pulled_inside(problem, loop, found, parameters[-3:] * size, bounds * size)))
-    return Found(best_candidate(problem, loop, every[:, 0], every[:, 1], every[:, 2]), false_success, calls)
+
+    def __init__(self, problem: Problem, loop: Loop, margin_ns_per_m: float, solvers: NlpSolvers) -> None:
+        self.loop, self.size = loop, problem.device.metres_per_unit**2
+        self.margin = margin_ns_per_m / self.size
+        box = problem.coupling
+        bounds = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]) / self.size
+        self.low, self.high = bounds[:, :1], bounds[:, 1:]
+        self._solvers = solvers
+        finite = margin_ns_per_m if np.isfinite(margin_ns_per_m) else 0.0
+        self._parameters = nlp_parameters(problem, loop, self.size, finite)
+        target = np.abs(loop.target) / self.size
+        self.radius = np.where(target > 0, target, 1.0)
+        contact = np.maximum(self.radius, finite / self.size) / np.abs(loop.hold)
+        self.natural = np.array([*self._parameters[-3:-1], contact])
+
+    def perceived(self, gains: FloatArray, rows: IndexArray | slice = slice(None)) -> ComplexArray:
+        """Z_h of gains (3, ..., m) at the frequencies ``rows``."""
+        loop = self.loop if isinstance(rows, slice) else self.loop.rows(rows)
+        impedance: ComplexArray = loop.perceived(*(gains * self.size)) / self.size
+        return impedance
+
+    def solve(self, stage: Stage, start: FloatArray, rows: IndexArray) -> FloatArray:
+        """Solve a stage for m frequencies from gains (3, m); what comes of them, in the box, whatever the solver says.
+
+        Where the solver throws or returns no numbers, the start comes back.
+        """
+        natural, target = self.natural[:, rows], self.loop.target[rows] / self.size
+        scale = np.clip(start, natural / _FARTHEST, natural * _FARTHEST)
+        low, high = (np.minimum(end / (scale + end), _LAST_SHARE) for end in (self.low, self.high))
+        span = high - low
+        u = np.clip((start / (scale + start) - low) / np.where(span > 0, span, 1.0), 0, 1)
+        z = self.perceived(start, rows)
+        radius, magnitude = self.radius[rows], np.maximum(np.abs(z), 1e-12 * self.radius[rows])
+        device, hold = self.loop.device[rows] / self.size, self.loop.hold[rows]
+        terms = np.abs(device) + np.abs(z - device) + np.abs(hold.real * start[2])
+        side = np.where((z * np.conj(target)).imag < 0, -1.0, 1.0)
+        # With |Z_h| far below |Z_h_ds| the goal is as good as linear, far above quadratic in |Z_h|.
+        sizes = np.sqrt(np.maximum(radius, magnitude) * magnitude), np.where(terms > 0, terms, 1.0), side
+        data = np.concatenate((self._parameters[:, rows], low, span, scale, sizes, (z.real, z.imag)))
+        found = self._called(stage, u, data)
+        share = np.minimum(low + span * found, _LAST_SHARE)
+        gains = scale * share / (1 - share)
+        gains = np.where(found <= 0, self.low, np.where(found >= 1, self.high, gains))
+        inside: FloatArray = np.clip(gains, self.low, self.high)
+        return inside
+
+    def _called(self, stage: Stage, u: FloatArray, data: FloatArray) -> FloatArray:
+        solver = getattr(self._solvers, stage)
+        varied, found = solver.size1_in("x0"), u.copy()
+        lowest = np.zeros(len(_UPPER[stage]))
+        if stage != "contact" and not np.isfinite(self.margin):
+            lowest[0] = -np.inf
+        with silent_terminal(active=self._solvers.backend.prints):
+            for first in range(0, u.shape[1], _AT_ONCE):
+                some = slice(first, first + _AT_ONCE)
+                # Where a handler of somebody else takes Ctrl-C without ending anything, the next ones follow.
+                with HeldInterrupt():
+                    x = _solved(solver, u[:varied, some], data[:, some], lowest, np.array(_UPPER[stage]))
+                found[:varied, some] = np.where(np.isfinite(x), np.clip(x, 0, 1), u[:varied, some])
+        return found
 
 
-class _Run:
-    """The solves of one frequency: their points as gains, and whether the solver claimed success for each."""
-
-    def __init__(self, solvers: _Solvers, parameters: FloatArray, bounds: FloatArray) -> None:
-        self._solvers, self._parameters = solvers, parameters
-        self._low, self._high = bounds.T
-        self._scales = parameters[-3:]
-        self._shares = tuple(np.minimum(end / (self._scales + end), _LAST_SHARE) for end in (self._low, self._high))
-        self.points: list[FloatArray] = []
-        self.claims: list[bool] = []
-        self.errors: list[float] = []
-        self.calls = 0
-
-    def solve_from(self, start: FloatArray) -> None:
-        """Solve (11)-(12) from a start in shares; break ties if it ends on the goal's magnitude."""
-        if self._solvers.backend.coordinates == "gains":
-            self._call(
-                self._solvers.direct, self._to_gains(start), (self._low, self._high), np.array, (0.0,), (np.inf,)
-            )
-        else:
-            self._call(self._solvers.direct, start, self._shares, self._to_gains, (0.0,), (np.inf,))
-        if self.errors[-1] < _ROOT:
-            share = self._to_share(self.points[-1])
-            self._call(self._solvers.tie_break, share, self._shares, self._to_gains, (0.0, 0.0), (np.inf, 0.0))
-
-    def best_share(self) -> FloatArray:
-        """Shares of the point with the smallest error: a start for the next frequency."""
-        return self._to_share(self.points[int(np.argmin(self.errors))])
-
-    def _to_gains(self, share: FloatArray) -> FloatArray:
-        inner = np.minimum(share, _LAST_SHARE)
-        gains = self._scales * inner / (1 - inner)
-        gains = np.where(share <= self._shares[0], self._low, np.where(share >= self._shares[1], self._high, gains))
-        clipped: FloatArray = np.clip(gains, self._low, self._high)
-        return clipped
-
-    def _to_share(self, gains: FloatArray) -> FloatArray:
-        return np.minimum(gains / (self._scales + gains), _LAST_SHARE)
-
-    def _call(
-        self,
-        solver: Any,
-        start: FloatArray,
-        box: tuple[FloatArray, FloatArray],
-        to_gains: Any,
-        low: tuple[float, ...],
-        high: tuple[float, ...],
-    ) -> None:
-        self.calls += 1
-        start, claimed = np.clip(start, *box), False
-        x = start
-        try:
-            result = solver(x0=start, p=self._parameters, lbx=box[0], ubx=box[1], lbg=low, ubg=high)
-        except RuntimeError:
-            # Some solvers throw where others return a status.
-            pass
-        else:
-            x = np.asarray(result["x"], dtype=np.float64).ravel()
-            claimed = bool(solver.stats()["success"]) and bool(np.isfinite(x).all())
-            x = np.where(np.isfinite(x), np.clip(x, *box), start)
-        gains = to_gains(x)
-        error2 = float(_relative_error2()(gains, self._parameters))
-        self.points.append(gains)
-        self.claims.append(claimed)
-        self.errors.append(np.sqrt(error2) if np.isfinite(error2) else np.inf)
-
-
-def _violates(problem: Problem, loop: Loop, found: FloatArray, tolerance: float) -> BoolArray:
-    """Whether points (m, 3, n) miss (12) by more than ten times the tolerance, relative to the terms of Re Z_h."""
-    rendered = loop.rendered(found[:, 0], found[:, 1]) + found[:, 2]
-    terms = np.abs(loop.target) + np.abs(loop.device) + np.abs(loop.hold * rendered)
-    missing = margin_over_range(problem) - (loop.device + loop.hold * rendered).real
-    with np.errstate(invalid="ignore"):
-        violates: BoolArray = missing > 10 * tolerance * terms
-    return violates
-
-
-def _pulled_inside(
-    problem: Problem, loop: Loop, found: FloatArray, scales: FloatArray, bounds: FloatArray
-) -> FloatArray:
-    """Move points that miss (12) by a solver's tolerance onto it, along its gradient; shape of ``found``."""
-    gains = found.copy()
-    low, high = bounds[None, :, 0, None], bounds[None, :, 1, None]
-    slope_k = coupling_impedance(loop.angle, 0.0, 1.0)
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        for _ in range(4):
-            b, k, p = gains[:, 0], gains[:, 1], gains[:, 2]
-            rendered = loop.rendered(b, k) + p
-            missing = guarded_margin(loop.device, loop.hold, rendered, margin_over_range(problem))
-            missing = missing - (loop.device + loop.hold * rendered).real
-            dz = loop.sensitivity(b, k)
-            gradient = np.stack((dz.real, (dz * slope_k).real, loop.hold.real + 0 * b), axis=1) * scales
-            # A gain at its bound cannot move further out.
-            blocked = ((gains <= low) & (gradient < 0)) | ((gains >= high) & (gradient > 0))
-            gradient = np.where(blocked, 0.0, gradient)
-            step = np.maximum(missing, 0)[:, None] * gradient / (gradient**2).sum(axis=1, keepdims=True)
-            gains = np.clip(gains + np.where(np.isfinite(step), step, 0.0) * scales, low, high)
-    return gains
+def _solved(solver: Any, u: FloatArray, data: FloatArray, lowest: FloatArray, highest: FloatArray) -> FloatArray:
+    count = u.shape[1]
+    try:
+        every = solver if count == 1 else solver.map(count)
+        return np.array(every(x0=u, p=data, lbx=0, ubx=1, lbg=lowest, ubg=highest)["x"])
+    except RuntimeError:
+        # Some solvers throw where others return a status: then one by one.
+        if count == 1:
+            return u
+        each = [_solved(solver, u[:, [i]], data[:, [i]], lowest, highest) for i in range(count)]
+        return np.concatenate(each, axis=1)

@@ -52,10 +52,8 @@ def wanted_points(loop: Loop, radius: FloatArray, margin: float) -> tuple[Comple
     return loop.desired + shift, loop.desired_gap - shift
 
 
-TIE_MAGNITUDE = 1e-12
-"""Magnitude errors that differ by less than this share of |Z_h_ds| are equal."""
-TIE_DISTANCE = 1e-12
-"""Distances |Z_h_avc - Z_h_ds| that differ by less than this share of |Z_h_ds| are equal."""
+TIE = 1e-12
+"""Magnitude errors, and distances |Z_h_avc - Z_h_ds|, that differ by less than this share of |Z_h_ds| are equal."""
 
 ON_BOUND = 1e-6
 """A gain within this share of the upper end of its box stands on an end: solvers stop short of bounds by less."""
@@ -72,12 +70,19 @@ def admissible(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) ->
 
 
 def best_candidate(
-    problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p: FloatArray, margin_ns_per_m: float | None = None
+    problem: Problem,
+    loop: Loop,
+    b: FloatArray,
+    k: FloatArray,
+    p: FloatArray,
+    margin_ns_per_m: float | None = None,
+    *,
+    tie: float = TIE,
 ) -> GainArrays:
     """Choose per frequency, of candidates (m, n), the first in lexicographic order.
 
     The order: inside the box and Re Z_h >= margin, strictly; smallest magnitude error; smallest distance to Z_h_ds;
-    smallest b_p, k, b. The two tie tolerances of this module apply. A margin of None is the problem's,
+    smallest b_p, k, b. Errors and distances within ``tie`` of |Z_h_ds| are equal. A margin of None is the problem's,
     kept by every device of its range.
 
     Returns:
@@ -90,9 +95,9 @@ def best_candidate(
         radius = np.abs(loop.target)
         error = np.where(feasible, np.abs(np.abs(z) - radius), np.inf)
     lowest = error.min(axis=0)
-    left = feasible & (error <= lowest + TIE_MAGNITUDE * radius)
+    left = feasible & (error <= lowest + tie * radius)
     distance = np.where(left, np.abs(z - loop.target), np.inf)
-    left &= distance <= distance.min(axis=0) + TIE_DISTANCE * radius
+    left &= distance <= distance.min(axis=0) + tie * radius
     for gain in (p, k, b):
         ranked = np.where(left, gain, np.inf)
         left &= ranked <= ranked.min(axis=0)

@@ -1,64 +1,106 @@
-"""Serial link to the device: bytes, frames, messages, session; firmware in C beside it.
+"""The hardware side: a link to the device, code generation, an emulated board; the firmware in C beside them.
 
 `push` sends the table of a coupling, `stream` sends its gains live, `monitor` watches the device, `excite` plays
 an excitation and logs it, `export_c` writes C for other firmware. A port is a device path or ``emulator``, the real
 firmware image on an emulated board.
 """
 
-from avc_hardware._arm_gains import arm_gains_c as arm_gains_c
-from avc_hardware._bench_plant import BenchDevice as BenchDevice
-from avc_hardware._built import BOARDS as BOARDS
-from avc_hardware._built import BuiltFirmware as BuiltFirmware
-from avc_hardware._built import build_firmware as build_firmware
-from avc_hardware._bytes import ByteLink as ByteLink
-from avc_hardware._bytes import SerialLink as SerialLink
-from avc_hardware._clear import Cleared as Cleared
-from avc_hardware._clear import clear_faults as clear_faults
-from avc_hardware._commission import Commissioned as Commissioned
-from avc_hardware._commission import commission as commission
-from avc_hardware._connection import DEFAULT_BAUD as DEFAULT_BAUD
-from avc_hardware._connection import EMULATOR as EMULATOR
-from avc_hardware._connection import EMULATOR_IS_FRESH as EMULATOR_IS_FRESH
-from avc_hardware._connection import Connection as Connection
-from avc_hardware._connection import open_link as open_link
-from avc_hardware._device import Device as Device
-from avc_hardware._device import DeviceStatus as DeviceStatus
-from avc_hardware._device_fault import DeviceFault as DeviceFault
-from avc_hardware._diagnose import Diagnosis as Diagnosis
-from avc_hardware._diagnose import diagnose as diagnose
-from avc_hardware._emulator import EmulatedBoard as EmulatedBoard
-from avc_hardware._excite import ExcitationLog as ExcitationLog
-from avc_hardware._excite import excite as excite
-from avc_hardware._export import export_c as export_c
-from avc_hardware._figures import RuntimeFigures as RuntimeFigures
-from avc_hardware._host import BoardLimits as BoardLimits
-from avc_hardware._in_the_loop import FirmwareInTheLoop as FirmwareInTheLoop
-from avc_hardware._in_the_loop import LoopTrace as LoopTrace
-from avc_hardware._limits import DeviceLimits as DeviceLimits
-from avc_hardware._limits import Limits as Limits
-from avc_hardware._limits import set_limits as set_limits
-from avc_hardware._live_plot import LivePlot as LivePlot
-from avc_hardware._log import LOG_ENDINGS as LOG_ENDINGS
-from avc_hardware._log import TelemetryLog as TelemetryLog
-from avc_hardware._log import open_log as open_log
-from avc_hardware._monitor import monitor as monitor
-from avc_hardware._ports import Port as Port
-from avc_hardware._ports import find_port as find_port
-from avc_hardware._ports import list_ports as list_ports
-from avc_hardware._push import PushResult as PushResult
-from avc_hardware._push import push as push
-from avc_hardware._runs_on import FirmwareLacksError as FirmwareLacksError
-from avc_hardware._runs_on import check_runs_on as check_runs_on
-from avc_hardware._session import NoAnswerError as NoAnswerError
-from avc_hardware._session import RefusedError as RefusedError
-from avc_hardware._store import Stored as Stored
-from avc_hardware._store import store as store
-from avc_hardware._stream import HOLD_PERIODS as HOLD_PERIODS
-from avc_hardware._stream import StreamResult as StreamResult
-from avc_hardware._stream import StreamSample as StreamSample
-from avc_hardware._stream import stream as stream
-from avc_hardware._table import TableImage as TableImage
-from avc_hardware._telemetry import TelemetrySample as TelemetrySample
-from avc_hardware._tried import LoopResult as LoopResult
-from avc_hardware._tried import tried_in_the_loop as tried_in_the_loop
-from avc_hardware._wired_bench import Wiring as Wiring
+TYPE_CHECKING = False
+
+if TYPE_CHECKING:
+    from avc_hardware.codegen.device_firmware import BOARDS as BOARDS
+    from avc_hardware.codegen.device_firmware import BuiltFirmware as BuiltFirmware
+    from avc_hardware.codegen.device_firmware import build_firmware as build_firmware
+    from avc_hardware.codegen.export import export_c as export_c
+    from avc_hardware.codegen.figures import BoardLimits as BoardLimits
+    from avc_hardware.codegen.figures import RuntimeFigures as RuntimeFigures
+    from avc_hardware.codegen.firmware_fit import FirmwareLacksError as FirmwareLacksError
+    from avc_hardware.codegen.firmware_fit import check_runs_on as check_runs_on
+    from avc_hardware.codegen.packages import arm_gains_c as arm_gains_c
+    from avc_hardware.emulator.bench import BenchDevice as BenchDevice
+    from avc_hardware.emulator.bench import Wiring as Wiring
+    from avc_hardware.emulator.board import EmulatedBoard as EmulatedBoard
+    from avc_hardware.in_the_loop import FirmwareInTheLoop as FirmwareInTheLoop
+    from avc_hardware.in_the_loop import LoopResult as LoopResult
+    from avc_hardware.in_the_loop import LoopTrace as LoopTrace
+    from avc_hardware.in_the_loop import tried_in_the_loop as tried_in_the_loop
+    from avc_hardware.link.bytes import ByteLink as ByteLink
+    from avc_hardware.link.bytes import SerialLink as SerialLink
+    from avc_hardware.link.commission import Commissioned as Commissioned
+    from avc_hardware.link.commission import commission as commission
+    from avc_hardware.link.connection import DEFAULT_BAUD as DEFAULT_BAUD
+    from avc_hardware.link.connection import EMULATOR as EMULATOR
+    from avc_hardware.link.connection import EMULATOR_IS_FRESH as EMULATOR_IS_FRESH
+    from avc_hardware.link.connection import Connection as Connection
+    from avc_hardware.link.connection import open_link as open_link
+    from avc_hardware.link.device import Device as Device
+    from avc_hardware.link.device import DeviceStatus as DeviceStatus
+    from avc_hardware.link.excite import ExcitationLog as ExcitationLog
+    from avc_hardware.link.excite import excite as excite
+    from avc_hardware.link.faults import DeviceFault as DeviceFault
+    from avc_hardware.link.monitor import LivePlot as LivePlot
+    from avc_hardware.link.monitor import monitor as monitor
+    from avc_hardware.link.ports import Diagnosis as Diagnosis
+    from avc_hardware.link.ports import Port as Port
+    from avc_hardware.link.ports import diagnose as diagnose
+    from avc_hardware.link.ports import find_port as find_port
+    from avc_hardware.link.ports import list_ports as list_ports
+    from avc_hardware.link.push import PushResult as PushResult
+    from avc_hardware.link.push import push as push
+    from avc_hardware.link.session import NoAnswerError as NoAnswerError
+    from avc_hardware.link.session import RefusedError as RefusedError
+    from avc_hardware.link.settings import Cleared as Cleared
+    from avc_hardware.link.settings import DeviceLimits as DeviceLimits
+    from avc_hardware.link.settings import Limits as Limits
+    from avc_hardware.link.settings import Stored as Stored
+    from avc_hardware.link.settings import clear_faults as clear_faults
+    from avc_hardware.link.settings import set_limits as set_limits
+    from avc_hardware.link.settings import store as store
+    from avc_hardware.link.stream import HOLD_PERIODS as HOLD_PERIODS
+    from avc_hardware.link.stream import StreamResult as StreamResult
+    from avc_hardware.link.stream import StreamSample as StreamSample
+    from avc_hardware.link.stream import stream as stream
+    from avc_hardware.link.table import TableImage as TableImage
+    from avc_hardware.link.telemetry import LOG_ENDINGS as LOG_ENDINGS
+    from avc_hardware.link.telemetry import TelemetryLog as TelemetryLog
+    from avc_hardware.link.telemetry import TelemetrySample as TelemetrySample
+    from avc_hardware.link.telemetry import open_log as open_log
+else:
+    # Imported at first use: CasADi, pyserial and Unicorn are needed by few of them.
+    _HOMES = {
+        "codegen.device_firmware": ("BOARDS", "BuiltFirmware", "build_firmware"),
+        "codegen.export": ("export_c",),
+        "codegen.figures": ("BoardLimits", "RuntimeFigures"),
+        "codegen.firmware_fit": ("FirmwareLacksError", "check_runs_on"),
+        "codegen.packages": ("arm_gains_c",),
+        "emulator.bench": ("BenchDevice", "Wiring"),
+        "emulator.board": ("EmulatedBoard",),
+        "in_the_loop": ("FirmwareInTheLoop", "LoopResult", "LoopTrace", "tried_in_the_loop"),
+        "link.bytes": ("ByteLink", "SerialLink"),
+        "link.commission": ("Commissioned", "commission"),
+        "link.connection": ("Connection", "DEFAULT_BAUD", "EMULATOR", "EMULATOR_IS_FRESH", "open_link"),
+        "link.device": ("Device", "DeviceStatus"),
+        "link.excite": ("ExcitationLog", "excite"),
+        "link.faults": ("DeviceFault",),
+        "link.monitor": ("LivePlot", "monitor"),
+        "link.ports": ("Diagnosis", "Port", "diagnose", "find_port", "list_ports"),
+        "link.push": ("PushResult", "push"),
+        "link.session": ("NoAnswerError", "RefusedError"),
+        "link.settings": ("Cleared", "DeviceLimits", "Limits", "Stored", "clear_faults", "set_limits", "store"),
+        "link.stream": ("HOLD_PERIODS", "StreamResult", "StreamSample", "stream"),
+        "link.table": ("TableImage",),
+        "link.telemetry": ("LOG_ENDINGS", "TelemetryLog", "TelemetrySample", "open_log"),
+    }
+    _LAZY = {name: home for home, names in _HOMES.items() for name in names}
+
+    def __getattr__(name):
+        from importlib import import_module  # noqa: PLC0415 - paid at first use only
+
+        if name not in _LAZY:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)
+        globals()[name] = value
+        return value
+
+    def __dir__():
+        return sorted({*_LAZY, *(name for name in globals() if name.startswith("__"))})

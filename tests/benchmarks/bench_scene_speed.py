@@ -21,6 +21,7 @@ import casadi as ca  # noqa: E402
 import numpy as np  # noqa: E402
 from scene_reference import Reference, scene_problem  # noqa: E402
 from script_arguments import script_arguments  # noqa: E402
+from studies.accuracy.integrators import integrator_accuracy  # noqa: E402
 
 import avc_casadi as avc  # noqa: E402
 from avc_casadi.model.gains import Gains  # noqa: E402
@@ -29,7 +30,6 @@ from avc_casadi.simulation.compile import compile_scene  # noqa: E402
 from avc_casadi.simulation.effects.registry import build_effects  # noqa: E402
 from avc_casadi.simulation.execute import execute  # noqa: E402
 from avc_casadi.simulation.explain import ns_per_step  # noqa: E402
-from avc_casadi.simulation.integrators import integrator_accuracy  # noqa: E402
 from avc_casadi.simulation.native import NativeScene  # noqa: E402
 from avc_casadi.simulation.scene import compile_for, settled  # noqa: E402
 

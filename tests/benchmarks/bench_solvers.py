@@ -30,11 +30,11 @@ except ImportError:
 
 import avc_casadi as avc
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.edge_search import edge_search_gains
+from avc_casadi.paper.backends import backend
+from avc_casadi.paper.cross_check import checked_gains
 from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.loop import Loop, loop_at
-from avc_casadi.paper.nlp import nlp_parameters
-from avc_casadi.paper.nlp_solver import nlp_gains, nlp_solvers
+from avc_casadi.paper.nlp import coupling_nlp, nlp_parameters
 
 START = (10.0, 1000.0)
 OPTIMAL = 1e-6
@@ -93,8 +93,10 @@ def opti_ipopt(one: One) -> Answer:
 
 
 def one_ipopt_call(problem: Problem, loop: Loop) -> list[Answer]:
-    """IPOPT on the package's NLP, built once with parameters, one call a frequency from the fixed start."""
-    solver = nlp_solvers("ipopt", 1e-8).direct
+    """IPOPT on the package's NLP in b and k, built once with parameters, one call a frequency from the fixed start."""
+    nlp = coupling_nlp()
+    stated = {"x": nlp.gains, "f": nlp.objective, "g": nlp.constraint, "p": nlp.parameters}
+    solver = ca.nlpsol("plain", "ipopt", stated, backend("ipopt").options(1e-8))
     box = problem.coupling
     low, high = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]).T
     answers = []
@@ -180,11 +182,11 @@ def measure(name: str, points: int) -> list[Row]:
         return judge(label, ones, best, answers, seconds / rows * len(ones))
 
     rows = [
-        own(edge_search_gains, "`direct` (edges, all 200 frequencies at once)"),
+        own(lambda problem, at: checked_gains(problem, at).gains, "`direct` (sqpmethod-qrqp, cross-checked)"),
         own(exact_gains, "`exact` (all 200 frequencies at once)"),
         own(
-            lambda problem, at: nlp_gains(problem, at, "ipopt", 1e-10).gains,
-            "`direct --solver ipopt` (six starts, ties broken)",
+            lambda problem, at: checked_gains(problem, at, "ipopt", 1e-10).gains,
+            "`direct --solver ipopt`",
             all_rows=False,
         ),
     ]

@@ -7,10 +7,10 @@ count suggests; problems/ve4.toml to ve6.toml hold the values to two digits. Ove
 """
 
 from script_arguments import script_arguments
+from studies.table1.calibration import calibrated_stiffness, expected_share
+from studies.table1.paper import PAPER
 
 import avc_casadi as avc
-from avc_casadi.study.table1.calibration import calibrated_stiffness, expected_share
-from avc_casadi.study.table1.paper import PAPER
 
 FITTED = ("VE4", "VE5", "VE6")
 

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from reference_optimum import MP, NUMBERS
 
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.arcs import real_roots
@@ -27,7 +28,6 @@ from avc_casadi.paper.equations import (
 )
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.numbers import NUMPY
-from avc_casadi.study.reference.optimum import MP, NUMBERS
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 from script_arguments import script_arguments
+from studies.estimators.figure import draw_estimators
+from studies.estimators.study import EstimatorRow, study_estimators, trace_estimators
 
-from avc_casadi.present.figures.estimators import draw_estimators
 from avc_casadi.present.figures.layout import save_figure
-from avc_casadi.study.estimators.estimator_study import EstimatorRow, study_estimators, trace_estimators
 
 HERE = Path(__file__).parent
 

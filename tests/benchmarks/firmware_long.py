@@ -27,20 +27,19 @@ from studied import about, computed, made_by, rounded, table
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 import test_firmware_tick_equals_reference as ticked
+from faulty_link import FaultKind, LinkFault
 from hardware_bench import scratch
+from lock_step_board import LockStepBoard
 from test_firmware_survives_fuzzing import corpus_folder
 from test_link_faults_leave_a_whole_table import PAIRS, image, push_through
 
 from avc_hardware import EmulatedBoard
-from avc_hardware._faulty_link import FaultKind, LinkFault
-from avc_hardware._firmware import source_hash
-from avc_hardware._host import HostCore, State
-from avc_hardware._machine import CLOCK_HZ
-from avc_hardware._manifest import RECORDS, ROWS
-from avc_hardware._qemu import LockStepBoard
-from avc_hardware._refusal import INTERFACE_VERSION
-from avc_hardware._runtime_c import sources_for
-from avc_hardware.firmware_build import build_fuzzer, build_image
+from avc_hardware.codegen.boards import RECORDS, ROWS
+from avc_hardware.codegen.build import build_fuzzer, build_image, source_hash
+from avc_hardware.codegen.tick_c import sources_for
+from avc_hardware.emulator.host import HostCore, State
+from avc_hardware.emulator.machine import CLOCK_HZ
+from avc_hardware.link.faults import INTERFACE_VERSION
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results" / "firmware_long.json"

@@ -12,21 +12,20 @@ from pathlib import Path
 
 import numpy as np
 from script_arguments import PRINTED, script_arguments
-from studied import about
+from studied import about, run_campaign
+from studies.table1.frontier_figure import draw_frontier
 
 import avc_casadi as avc
 from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
 from avc_casadi.design.methods import solve
 from avc_casadi.model.effects import AdaptationEffect, EstimatorEffect
 from avc_casadi.model.gains import gains_at
-from avc_casadi.present.figures.frontier import draw_frontier
 from avc_casadi.present.figures.layout import save_figure
 from avc_casadi.recommendation.designs import design, tuning_problem
 from avc_casadi.recommendation.error_curve import error_curve
 from avc_casadi.recommendation.reach import reach, tuned
 from avc_casadi.simulation.population.operators import corner_subjects, draw_subjects
 from avc_casadi.simulation.population.trial import Conditions
-from avc_casadi.study.table1.campaign import run_campaign
 
 SEED = 2026
 WALL = "ve7"
@@ -133,7 +132,7 @@ def _cell(problem, make, people, conditions):
     wall = avc.load_problem(WALL).environment
     found = reach(problem, gains, people, conditions, wall)
     curve = error_curve(problem, gains, FREQUENCIES_HZ, wall)
-    return found | {"physical_error": list(curve.physical), "sampled_error": list(curve.sampled)}
+    return found | {"physical_error": list(curve.physical)}
 
 
 def _number(value):

@@ -22,15 +22,16 @@ import numpy as np
 from hardware_bench import coupling, dense_believer, push, run, stream
 from script_arguments import script_arguments
 from studied import about
+from tick_profile import TickCount, tick_instructions
 
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableImage
-from avc_hardware._connection import DEFAULT_BAUD
-from avc_hardware._firmware import IMAGE
-from avc_hardware._messages import Kind
-from avc_hardware._profile import TickCount, tick_instructions
-from avc_hardware.firmware_build import TARGETS, build_image
+from avc_hardware.codegen.boards import TARGETS
+from avc_hardware.codegen.build import build_image
+from avc_hardware.codegen.firmware import IMAGE
+from avc_hardware.link.connection import DEFAULT_BAUD
+from avc_hardware.link.messages import Kind
 
 RESULTS = Path(__file__).parent / "results" / "hardware.json"
 COMMAND = "PYTHONPATH=tests:hardware python tests/benchmarks/hardware_figures.py"

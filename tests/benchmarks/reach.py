@@ -10,14 +10,13 @@ from functools import partial
 from pathlib import Path
 
 from script_arguments import PRINTED, script_arguments
-from studied import about
+from studied import about, run_campaign
 
 import avc_casadi as avc
 from avc_casadi.design.constant.static_tuned import tuned_margin
 from avc_casadi.recommendation.reach import reach, tuned, with_observer
 from avc_casadi.simulation.population.operators import draw_subjects
 from avc_casadi.simulation.population.trial import Conditions
-from avc_casadi.study.table1.campaign import run_campaign
 
 SEED = 2026
 WALL = "ve7"

@@ -79,7 +79,7 @@ STUDIES = (
     Study("round_trip.py", None, ("round_trip",)),
     Study("frontier.py 200", None, ("frontier",)),
     Study("reach.py 10000", None, ("reach",)),
-    Study("sensitivity.py 100", None, ("sensitivity",)),
+    Study("firmware_long.py", None, ("firmware_long",)),
     Study("mutation_run.py", None, ("mutation",)),
 )
 

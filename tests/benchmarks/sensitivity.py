@@ -5,7 +5,8 @@ nice -n 10 python tests/benchmarks/sensitivity.py [PEOPLE] [OUT]
 The designs are made for the nominal device; the simulated one differs. Also finds the least friction at which everybody
 comes to rest before each wall, beside the passive limit 2 b_d/T and the encoder's 2 f_c/Delta (Abbott and Okamura
 2005), and the worst hand and motion of a search with and without a guard. Overwrites OUT (default
-tests/benchmarks/results/sensitivity.json) after every cell and goes on where it stopped.
+sensitivity.json where it is run: what the page says of it is recorded, the cells are not kept) after every cell and
+goes on where it stopped.
 """
 
 from dataclasses import replace
@@ -13,7 +14,8 @@ from functools import partial
 from pathlib import Path
 
 from script_arguments import PRINTED, script_arguments
-from studied import about
+from studied import about, run_campaign
+from studies.table1.adversary import WIDER_BOUNDS, worst_case
 
 import avc_casadi as avc
 from avc_casadi.model.effects import ObserverEffect
@@ -21,8 +23,6 @@ from avc_casadi.recommendation.designs import design
 from avc_casadi.simulation.population.operators import draw_subjects
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions, all_motions
-from avc_casadi.study.table1.adversary import WIDER_BOUNDS, worst_case
-from avc_casadi.study.table1.campaign import run_campaign
 
 SEED = 2026
 WALL = "ve7"
@@ -131,6 +131,5 @@ def main(count, out):
 
 
 if __name__ == "__main__":
-    arguments = script_arguments(__doc__, people=200, out=Path(__file__).parent / "results" / "sensitivity.json")
-    arguments.out.parent.mkdir(exist_ok=True)
+    arguments = script_arguments(__doc__, people=200, out=Path("sensitivity.json"))
     main(arguments.people, arguments.out)

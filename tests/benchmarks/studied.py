@@ -17,7 +17,7 @@ import numpy as np
 from script_arguments import PRINTED
 
 import avc_casadi as avc
-from avc_casadi.study.table1.campaign import run_campaign
+from avc_casadi._util.progress import SILENT, Progress
 
 HERE = Path(__file__).parent
 _PACKAGES = ("casadi", "numpy", "scipy", "cma")
@@ -64,6 +64,54 @@ def made_by(about: Mapping[str, Any]) -> str:
         f"Made by `{about['command']}` (seed {about['seed']}) with avc-casadi {about['avc_casadi']}, package as of "
         f"commit {about['commit']}; {about['machine']}; {versions}."
     )
+
+
+def run_campaign(
+    cells: Mapping[str, Callable[[], dict[str, Any]]],
+    path: Path,
+    about: dict[str, Any],
+    progress: Progress = SILENT,
+) -> dict[str, Any]:
+    """Compute the cells that a file does not hold yet.
+
+    Args:
+        cells: name of each cell and what computes it, JSON values.
+        path: JSON document; written anew after each cell.
+        about: command, seed and whatever else the cells depend on. A file with another one is not continued.
+        progress: told of each cell that is finished.
+
+    Returns:
+        The document {about, cells}.
+
+    Raises:
+        ValueError: the file belongs to another study.
+    """
+    document: dict[str, Any] = {"about": about, "cells": {}}
+    if path.exists():
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found["about"] != about:
+            raise ValueError(f"{path} holds another study: {found['about']}; move it away or repeat that one")
+        document = found
+    for name, compute in cells.items():
+        if name in document["cells"]:
+            continue
+        document["cells"][name] = compute()
+        partial = path.with_suffix(".partial")
+        partial.write_text(campaign_text(document), encoding="utf-8")
+        partial.replace(path)
+        progress.advance(len(document["cells"]), len(cells), name)
+    return document
+
+
+def campaign_text(document: Mapping[str, Any]) -> str:
+    """Return the JSON of a campaign, a line for each cell: a cell that changes is one line that changes.
+
+    Raises:
+        ValueError: a number that JSON does not have.
+    """
+    cells = (f"{json.dumps(name)}: {json.dumps(cell, allow_nan=False)}" for name, cell in document["cells"].items())
+    lines = ",\n".join(cells)
+    return f'{{"about": {json.dumps(document["about"])},\n"cells": {{\n{lines}\n}}}}\n'
 
 
 def computed(

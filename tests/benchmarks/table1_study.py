@@ -1,6 +1,6 @@
 """The paper's Table 1 with simulated hands, and what made it: python tests/benchmarks/table1_study.py [PEOPLE]
 
-Overwrites results/table1.json beside this file: the document of `avc table1 --hands PEOPLE --json`, with commit,
+Overwrites results/table1.json beside this file: the document of `avc study table1 --hands PEOPLE --json`, with commit,
 machine, versions, seed and command.
 """
 
@@ -11,8 +11,7 @@ from pathlib import Path
 
 from script_arguments import PRINTED, script_arguments
 from studied import about
-
-from avc_casadi.study.table1.table import table1
+from studies.table1.table import table1
 
 RESULTS = Path(__file__).parent / "results" / "table1.json"
 SEED = 2026

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,12 +12,14 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.text import Columns, Tabular, short
 from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
+from avc_casadi.design.comparison.cross_check import CrossCheck, cross_check
 from avc_casadi.design.comparison.injection import DampingInjection, damping_injection
 from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair, judge_gains, judge_hand_tuned
+from avc_casadi.design.comparison.verdict import AGREEMENT, Verdict, judge
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName
 from avc_casadi.files.problem_file import as_problem
-from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 
@@ -26,116 +27,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from avc_casadi.model.problem import Problem
-
-
-# Two methods agree when their magnitude errors differ by less than this share of |Z_d| + |H Z_ds|: the NLP stays
-# strictly inside (12) while the projection stands on it, and the error moves much faster than Re Z_h along it.
-AGREEMENT = 1e-8
-
-
-class Verdict(StrEnum):
-    """What holds at one frequency; where several hold, the first of this list.
-
-    The optimiser cannot be compared where it has no gains, nor the closed form where it cannot be built; a difference
-    in error says more than a gain that stands on a limit.
-    """
-
-    INFEASIBLE = "infeasible"
-    CLOSED_FORM_NOT_REALISABLE = "closed-form-not-realisable"
-    DIRECT_BETTER = "direct-better"
-    BOUND_ACTIVE = "bound-active"
-    AGREE = "agree"
-
-
-def judge(
-    closed_form: GainSchedule, optimum: GainSchedule, scale: FloatArray
-) -> tuple[tuple[Verdict, ...], tuple[str, ...]]:
-    """Judge every frequency.
-
-    Args:
-        closed_form: the paper's projection.
-        optimum: the solution of (11)-(12), by `direct` or `exact`.
-        scale: |Z_d| + |H Z_ds|, N.s/m, shape (n,): what the tolerance of agreement is relative to.
-
-    Returns:
-        Verdicts and reasons, each of length n.
-    """
-    rows = range(optimum.rows)
-    better = closed_form.magnitude_error > optimum.magnitude_error + AGREEMENT * scale
-    verdicts = tuple(_verdict(closed_form.status[row], optimum.status[row], bool(better[row])) for row in rows)
-    reasons = tuple(_reason(verdicts[row], closed_form, optimum, row) for row in rows)
-    return verdicts, reasons
-
-
-def _verdict(closed_form: Status, optimum: Status, better: bool) -> Verdict:
-    if not optimum.has_gains:
-        return Verdict.INFEASIBLE
-    if not closed_form.has_gains:
-        return Verdict.CLOSED_FORM_NOT_REALISABLE
-    if better:
-        return Verdict.DIRECT_BETTER
-    return Verdict.BOUND_ACTIVE if optimum is Status.ACTIVE_BOUND else Verdict.AGREE
-
-
-def _reason(verdict: Verdict, closed_form: GainSchedule, optimum: GainSchedule, row: int) -> str:
-    method, error = optimum.method, f"{optimum.magnitude_error[row]:.3g} N.s/m"
-    if verdict is Verdict.INFEASIBLE:
-        return optimum.reason[row] or f"{method} found no gains"
-    if verdict is Verdict.CLOSED_FORM_NOT_REALISABLE:
-        return f"the closed form {closed_form.reason[row]}; {method} reaches a magnitude error of {error}"
-    if verdict is Verdict.DIRECT_BETTER:
-        left = f"{closed_form.magnitude_error[row]:.3g} N.s/m"
-        if optimum.structure == "damped":
-            return f"the contact damper leaves out the virtual mass: an error of {left}; {method} reaches {error}"
-        return f"the projection keeps Im Z_h_ds and leaves a magnitude error of {left}; {method} reaches {error}"
-    if verdict is Verdict.BOUND_ACTIVE:
-        return f"same error; {optimum.reason[row] or f'{method} stands on a bound of the gain box'}"
-    return f"both reach a magnitude error of {error}"
-
-
-def largest_difference(first: GainSchedule, second: GainSchedule, scale: FloatArray) -> tuple[float, float, int]:
-    """Return by how much two solutions of (11)-(12) differ at worst.
-
-    Returns:
-        Difference in magnitude error and in |Z_h_avc - Z_h_ds|, both relative to ``scale``, over the rows where both
-        have gains; and the number of rows where only one has.
-    """
-    both: NDArray[np.bool_] = first.usable & second.usable
-    only_one = int(np.sum(first.usable != second.usable))
-    if not both.any():
-        return 0.0, 0.0, only_one
-    magnitude = np.abs(first.magnitude_error - second.magnitude_error) / scale
-    distance = np.abs(np.abs(first.impedance - first.target) - np.abs(second.impedance - second.target)) / scale
-    return float(magnitude[both].max()), float(distance[both].max()), only_one
 
 
 POINTWISE: tuple[MethodName, ...] = tuple(name for name, one in METHODS.items() if one.pointwise)
 """The methods that answer the paper's question at each frequency alone, and are compared."""
 OPTIMISERS: tuple[MethodName, ...] = tuple(name for name, one in METHODS.items() if one.optimises)
 _SHARED = {"frequency_hz", "target_ns_per_m"}
-
-
-@dataclass(frozen=True)
-class CrossCheck:
-    """How far `direct` and `exact`, which solve the same problem independently, lie apart.
-
-    Attributes:
-        magnitude_error: largest difference in ||Z_h_ds| - |Z_h_avc||, relative to |Z_d| + |H Z_ds|.
-        distance: the same for |Z_h_avc - Z_h_ds|.
-        only_one: rows where only one of the two has gains.
-    """
-
-    magnitude_error: float
-    distance: float
-    only_one: int
-
-    @property
-    def agree(self) -> bool:
-        """Whether both reach the same magnitude error wherever they have gains, and have gains at the same rows."""
-        return self.magnitude_error <= AGREEMENT and self.only_one == 0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -290,7 +188,7 @@ def compare(
         verdict=verdict,
         reason=reason,
         injection=damping_injection(problem, loop),
-        cross_check=CrossCheck(*largest_difference(gains["direct"], gains["exact"], scale)) if both else None,
+        cross_check=cross_check(gains["direct"], gains["exact"], scale) if both else None,
         mine=None
         if mine is None
         else judge_hand_tuned(

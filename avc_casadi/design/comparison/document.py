@@ -142,7 +142,7 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         **_parts("lower", comparison.lower),
         "damping_injection": plain(vars(comparison.injection)),
         "safety": {name: judged.safety.document() for name, judged in comparison.judged.items()},
-        "cross_check": _cross_check(comparison),
+        "cross_check": None if comparison.cross_check is None else comparison.cross_check.document(),
         "mine": _mine(comparison),
         "passive_limit_n_per_m": plain(comparison.passive_limit_n_per_m),
     }
@@ -150,11 +150,6 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
 
 def _parts(name: str, impedance: ComplexArray) -> dict[str, Any]:
     return {f"{name}_re": plain(impedance.real), f"{name}_im": plain(impedance.imag)}
-
-
-def _cross_check(comparison: Comparison) -> dict[str, Any] | None:
-    check = comparison.cross_check
-    return None if check is None else {"agree": check.agree, **plain(vars(check))}
 
 
 def _mine(comparison: Comparison) -> dict[str, Any] | None:

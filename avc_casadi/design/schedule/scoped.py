@@ -29,9 +29,9 @@ from avc_casadi.design.schedule.task import Task
 from avc_casadi.design.schedule.tight import best_without_room
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.schedule import GainSchedule, Status
-from avc_casadi.paper.backends import EDGES
+from avc_casadi.paper.backends import DEFAULT_SOLVER
+from avc_casadi.paper.cross_check import checked_gains
 from avc_casadi.paper.direct import solve_direct
-from avc_casadi.paper.edge_search import edge_search_gains
 from avc_casadi.paper.loop import Loop, loop_at
 from avc_casadi.paper.rendered import gain_schedule
 from avc_casadi.paper.rows import GainArrays, row_status
@@ -47,8 +47,6 @@ _SWEEPS = 3
 """How often gains are tried at other frequencies than their own."""
 _SAME = 1e-6
 """Solutions whose states differ by less than this are one."""
-_NO_MARGIN = -1e30
-"""Margin on Re Z_h that every gain keeps."""
 _BLOCK = 16
 """Frequencies solved at once: the slowest of them sets the number of iterations of all."""
 
@@ -79,7 +77,7 @@ def solve_direct_in_scope(
 
     Args:
         problem: the problem.
-        solver: as in `solve_direct`; beyond the pointwise scope the edge search alone.
+        solver: as in `solve_direct`; beyond the pointwise scope the default alone.
         tolerance: of the CasADi backends; pointwise alone.
         progress: told of the frequencies.
 
@@ -97,14 +95,14 @@ def solve_scoped(problem: Problem, *, solver: str | None = None, progress: Progr
 
     Args:
         problem: the problem.
-        solver: None or ``edges``: the edge search, and IPOPT for the frequencies that it leaves.
+        solver: None or the default of `solve_direct`, and IPOPT for the frequencies that it leaves.
         progress: told of the frequencies.
 
     Raises:
         UnsupportedError: another solver.
     """
     scope, require = problem.stability.scope, problem.realism.require
-    if solver not in {None, EDGES}:
+    if solver not in {None, DEFAULT_SOLVER}:
         real = "" if require == "none" else f" and realism {require}"
         relax = "" if require == "none" else ', and require = "none" in [realism]'
         raise UnsupportedError(
@@ -130,7 +128,7 @@ def solve_scoped(problem: Problem, *, solver: str | None = None, progress: Progr
         "direct",
         found.gains,
         status,
-        solver="edges and ipopt",
+        solver=f"{DEFAULT_SOLVER} and ipopt",
         reason=reasons,
         solve_seconds=seconds,
         notes=(note, *_tight_note(found)),
@@ -150,8 +148,9 @@ def scoped_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> S
     frequency = problem.frequencies_hz()
     # Where every hand must be stable, (12) need not hold: only then do these gains include all that meet the scope.
     hands = problem.stability.scope == "hands"
-    b, k, p = edge_search_gains(problem, loop, _NO_MARGIN if hands else None, progress)
-    found = np.isfinite(b)
+    checked = checked_gains(problem, loop, margin_ns_per_m=-math.inf if hands else None, progress=progress)
+    b, k, p = checked.gains
+    found = np.isfinite(b) & ~checked.failed
     b0, k0, p0 = (np.where(found, gain, 0.0) for gain in (b, k, p))
     separate = found & worst_slack(problem, frequency, (b0, k0, p0)).met
     separate &= realism_slack(problem, loop, (b0, k0, p0)) >= 0

@@ -8,22 +8,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avc_casadi.identification.diagnosis.answer import Answer
-from avc_casadi.identification.diagnosis.declared import Declared
-from avc_casadi.identification.diagnosis.even import outgrows
-from avc_casadi.identification.diagnosis.law import Law
-from avc_casadi.identification.diagnosis.log import Log
-from avc_casadi.identification.diagnosis.loop import (
+from avc_casadi.identification.diagnosis.hypothesis import (
+    Hypothesis,
     Mode,
     at_period,
     growth_over,
     limit_of,
-    reserve_of,
     worst_growth_of_hands,
     worst_mode,
 )
+from avc_casadi.identification.diagnosis.intended import Declared
+from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.oscillation import Oscillation
-from avc_casadi.identification.diagnosis.search import Fit
+from avc_casadi.identification.diagnosis.plant import Fit
+from avc_casadi.identification.diagnosis.saturation import outgrows
 
 CAUSES: Mapping[str, str] = {
     "delay": "delay",
@@ -34,6 +33,8 @@ CAUSES: Mapping[str, str] = {
     "let-go": "hand let go",
     "ticks": "dropped ticks",
     "rate": "halved rate",
+    "relay": "a force switched by a sign",
+    "rates": "two rates in one loop",
 }
 """Causes by key, in words."""
 OTHER = "other"
@@ -44,13 +45,9 @@ _STEPS = 14.0
 _MISSED = 0.01
 _JITTER = 0.1
 # Share of the hands of the box with which the loop must rest for the hand to be what is missing.
-_HELD = 0.8
+_HELD = 0.5
 # From one encoder step, an oscillation fills the device's travel after so many time constants.
 _TOO_LONG = 6.0
-# Gains whose limits lie so near to each other, in logarithms, are one and the other.
-_NEAR = 0.15
-# A loop that so little more gain, as a logarithm, would swing is swung by little: its gain is to blame too.
-_EDGE = 0.1
 # Of the way to rest, what is more than this share is a part of the cause.
 _A_PART = 0.25
 # Shares of the lightest and the loosest hand of the box, below which hardly any hand holds.
@@ -68,7 +65,7 @@ class Asked:
         causes: what its loop would rest but for, with shares.
     """
 
-    answer: Answer
+    answer: Hypothesis
     weight: float
     causes: Mapping[str, float]
 
@@ -115,7 +112,7 @@ def shares_of(asked: Sequence[Asked]) -> dict[str, float]:
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
-def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: Declared) -> dict[str, float]:
+def causes_of(answer: Hypothesis, law: Law, log: Log, found: Oscillation, declared: Declared) -> dict[str, float]:
     """Return what a loop would rest but for: what differs from the declaration first, then what was declared itself."""
     ticks = log.ticks
     irregular = ticks.missed_share > _MISSED or ticks.jitter_rms_s > _JITTER * ticks.sample_time_s
@@ -136,14 +133,7 @@ def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: 
         if not few:
             return {OTHER: 1.0}
         some = ["encoder", *(cause for cause, there in beside.items() if there)]
-        reserve, gain = reserve_of(answer, law)
-        share = min(reserve / _EDGE, 1.0)
-        causes = dict.fromkeys(some, share / len(some))
-        if share < 1:
-            without = beside["resonance"] and reserve_of(answer.without_mode(), law)[0] > _EDGE
-            nearest = "resonance" if without else gain
-            causes[nearest] = causes.get(nearest, 0.0) + 1 - share
-        return causes
+        return dict.fromkeys(some, 1 / len(some))
     causes = _of_even_ticks(answer, law, log, found, declared, even)
     missing = _share_of_ticks(answer, law, log, even.growth_per_s) if irregular else 0.0
     if missing <= _A_PART:
@@ -152,7 +142,7 @@ def causes_of(answer: Answer, law: Law, log: Log, found: Oscillation, declared: 
 
 
 def _of_even_ticks(
-    answer: Answer, law: Law, log: Log, found: Oscillation, declared: Declared, even: Mode
+    answer: Hypothesis, law: Law, log: Log, found: Oscillation, declared: Declared, even: Mode
 ) -> dict[str, float]:
     """Return what a loop would rest but for that does not rest with every tick in time."""
     ticks = log.ticks
@@ -162,12 +152,9 @@ def _of_even_ticks(
         return {"rate": 1.0}
     if late and _rests(answer.delayed(meant - law.lag), shorter(law, meant)):
         return {"delay": 1.0}
-    gone = 0.0
     if let_go(answer, declared):
         held = worst_growth_of_hands(answer, law, declared.box())
-        gone = 1.0 if _changed(log, found, even.growth_per_s) else float(np.mean(held < 0))
-        gone = 1.0 if gone >= _HELD else gone if gone > 1 - _HELD else 0.0
-        if gone == 1:
+        if np.mean(held < 0) > _HELD or _changed(log, found, even.growth_per_s):
             return {"let-go": 1.0}
     left = _declared_itself(answer, law)
     # Neither rate or delay as declared nor a gain below its limit there mends all: each has the share that it adds.
@@ -177,10 +164,10 @@ def _of_even_ticks(
         if share > _A_PART:
             left = {cause: share} | {other: part * (1 - share) for other, part in left.items()}
             break
-    return {cause: share * (1 - gone) for cause, share in left.items()} | ({"let-go": gone} if gone else {})
+    return left
 
 
-def timing(answer: Answer, law: Law, log: Log, declared: Declared) -> tuple[bool, float, bool]:
+def timing(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[bool, float, bool]:
     """Return whether the rate is slower than declared, the delay that was meant, and whether it is longer."""
     device, period = declared.device, log.ticks.period_s
     slower = declared.known and period > 1.3 * device.sample_time_s
@@ -188,13 +175,13 @@ def timing(answer: Answer, law: Law, log: Log, declared: Declared) -> tuple[bool
     return slower, meant, float(answer.device.delay_samples) + law.lag > meant + _DELAY
 
 
-def _share_of_ticks(answer: Answer, law: Law, log: Log, even_per_s: float) -> float:
+def _share_of_ticks(answer: Hypothesis, law: Law, log: Log, even_per_s: float) -> float:
     """Return how much of the growth over the ticks as they ran is not there with every tick in time."""
     as_ran = growth_over(answer, law, log.pattern)
     return max(0.0, 1 - even_per_s / as_ran) if as_ran > 0 else 0.0
 
 
-def _declared_itself(answer: Answer, law: Law) -> dict[str, float]:
+def _declared_itself(answer: Hypothesis, law: Law) -> dict[str, float]:
     """Return what of the declared loop is too much."""
     if answer.device.resonance is not None and _rests(answer.without_mode(), law):
         return {"resonance": 1.0}
@@ -203,15 +190,13 @@ def _declared_itself(answer: Answer, law: Law) -> dict[str, float]:
     if math.isinf(away[nearer]):
         return {OTHER: 1.0}
     left = {nearer: 1.0}
-    if abs(away["stiffness"] - away["damping"]) < _NEAR:
-        left = {"stiffness": 0.5, "damping": 0.5}
     if answer.device.resonance is None:
         return left
     share = _share_of_way(answer, answer.without_mode(), law, law)
     return {cause: part * (1 - share) for cause, part in left.items()} | ({"resonance": share} if share else {})
 
 
-def _share_of_way(answer: Answer, mended: Answer, law: Law, law_mended: Law) -> float:
+def _share_of_way(answer: Hypothesis, mended: Hypothesis, law: Law, law_mended: Law) -> float:
     """Return how much of the way to the nearer gain's limit, in logarithms, is not there in a mended loop."""
     now, then = (
         min(_away(limit_of(one, its_law, gain)) for gain in ("stiffness", "damping"))
@@ -227,7 +212,7 @@ def _changed(log: Log, found: Oscillation, growth_per_s: float) -> bool:
     return bool(rested * growth_per_s > _TOO_LONG)
 
 
-def let_go(answer: Answer, declared: Declared) -> bool:
+def let_go(answer: Hypothesis, declared: Declared) -> bool:
     """Whether hardly any hand holds the device."""
     hand, box = answer.hand, declared.hands
     if hand is None:
@@ -242,7 +227,7 @@ def meant_period(log: Log, declared: Declared) -> float:
     return declared.device.sample_time_s if slower else log.ticks.sample_time_s
 
 
-def _rests(answer: Answer, law: Law) -> bool:
+def _rests(answer: Hypothesis, law: Law) -> bool:
     return worst_mode(answer, law).stable
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +14,17 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
 from avc_casadi.coupling import Coupling
 from avc_casadi.identification.diagnosis.causes import weigh
-from avc_casadi.identification.diagnosis.declared import Declared
-from avc_casadi.identification.diagnosis.evidence import law_sentence, oscillation_sentence, ticks_sentence
-from avc_casadi.identification.diagnosis.felt import felt
-from avc_casadi.identification.diagnosis.law import find_law
-from avc_casadi.identification.diagnosis.limited import limited
-from avc_casadi.identification.diagnosis.log import log_of
-from avc_casadi.identification.diagnosis.meant import law_differs
+from avc_casadi.identification.diagnosis.evidence import felt, law_sentence, oscillation_sentence, ticks_sentence
+from avc_casadi.identification.diagnosis.hypothesis import device_as
+from avc_casadi.identification.diagnosis.intended import Declared, law_differs, other_unit
+from avc_casadi.identification.diagnosis.law import Law, find_law, without_repeats
+from avc_casadi.identification.diagnosis.log import Log, log_of
 from avc_casadi.identification.diagnosis.model import Diagnosis
-from avc_casadi.identification.diagnosis.oscillation import find_oscillation
-from avc_casadi.identification.diagnosis.plant import fit_plants
-from avc_casadi.identification.diagnosis.repeated import without_repeats
-from avc_casadi.identification.diagnosis.units import other_unit
+from avc_casadi.identification.diagnosis.oscillation import Swing, find_oscillation
+from avc_casadi.identification.diagnosis.plant import Fit, fit_plants
+from avc_casadi.identification.diagnosis.relay import find_relay
+from avc_casadi.identification.diagnosis.saturation import exceeded, limited
+from avc_casadi.identification.diagnosis.two_rates import find_two_rates
 from avc_casadi.identification.diagnosis.verdict import Judge
 from avc_casadi.identification.read import read_columns
 from avc_casadi.identification.record import Columns
@@ -32,6 +33,8 @@ from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Hands
 
 _DRAWS = 16
+# A law that leaves less is that of the log; another one has to leave so much less than it does.
+_EXACT, _BETTER = 5e-3, 0.3
 
 
 def diagnose(
@@ -81,6 +84,13 @@ def diagnose(
             )
         notes = [*notes, "the position never changes: an encoder that is stuck looks like this too"]
     declared = Declared.of(device, hands, grid.ticks.sample_time_s)
+    limit_n = declared.device.max_force_n
+    if limit_n is not None and exceeded(grid, limit_n):
+        # It is no limit of this log.
+        declared = replace(declared, device=device_as(declared.device, {"max_force_n": None}))
+        most = number(float(np.abs(grid.force_n).max()), 3)
+        said = f"the log commands up to {most} N, and max_force_n declares {number(limit_n, 3)} N"
+        notes = [*notes, f"{said}, beyond which it may not have acted: is the limit, or a unit, another one?"]
     grid = without_repeats(grid, declared.device.max_force_n)
     with progress.step("oscillation"):
         swing = limited(grid, find_oscillation(grid), declared.device.max_force_n)
@@ -104,6 +114,9 @@ def diagnose(
     early = judge.at_once() or judge.in_another_unit(unit) or judge.jumps()
     if early is not None:
         return early
+    another = _by_another_law(judge, law, grid, swing, declared, seed, progress)
+    if another is not None:
+        return another
     if law is None or not law.told:
         return judge.without_model()
     with progress.step("device and hand"):
@@ -112,6 +125,27 @@ def diagnose(
         asked = weigh(fits, law, grid, swing.found, declared)
     with progress.step("cures"):
         return judge.judged(law, fits, asked)
+
+
+def _by_another_law(
+    judge: Judge, law: Law | None, grid: Log, swing: Swing, declared: Declared, seed: int, progress: Progress
+) -> Diagnosis | None:
+    """Return the verdict on a force that is no spring and damper of one rate, where it is one of those known."""
+    most = math.inf if law is None or not law.told else _BETTER * law.misfit
+    if most < _BETTER * _EXACT:
+        return None
+    relay = find_relay(grid, swing, declared.device.max_force_n)
+    rates = None if relay is not None else find_two_rates(grid)
+    other = relay.law if relay is not None else None if rates is None else rates.law
+    if other is not None and other.misfit > most:
+        return None
+    fits: list[Fit] = []
+    if other is not None:
+        with progress.step("device and hand"):
+            fits = fit_plants(grid, swing, declared, other.lag, _DRAWS, seed)
+    if relay is not None:
+        return judge.relay(relay, fits)
+    return None if rates is None else judge.two_rates(rates, fits)
 
 
 def _check_motion(columns: Columns, device: Device | None) -> None:

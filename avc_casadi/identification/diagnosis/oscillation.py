@@ -11,9 +11,9 @@ import numpy as np
 from scipy import signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi.identification.diagnosis.limit_cycle import Toggling, find_toggling
 from avc_casadi.identification.diagnosis.log import Log
-from avc_casadi.identification.diagnosis.passing import passes
-from avc_casadi.identification.diagnosis.toggling import Toggling, find_toggling
+from avc_casadi.identification.diagnosis.transient import passes
 
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
 
@@ -34,8 +34,6 @@ _RESTLESS_HZ, _RESTLESS_STEPS = 8.0, 1.2
 # At the end it falls to this share of its beginning, or goes on: over so many cycles its logarithm changes little.
 _FALLS = 0.55
 _LEVEL_S, _LEVEL_CYCLES, _LEVEL = 0.35, 10.0, 0.25
-# One that goes on to the end of the log counts before a faster one that ended, but where it has less of its speed.
-_NO_SLIGHT = 0.5
 _FEWEST_CYCLES = 5.0
 _SHORTEST_S = 0.25
 
@@ -140,16 +138,9 @@ def find_oscillation(log: Log) -> Swing:
 
 
 def _that_counts(found: Sequence[Swing], end: int) -> Swing:
-    """Return of several the one that goes on, until the end of the log where it is no slight one, or the fastest."""
+    """Return of several the one that goes on, first until the end of the log, or the fastest."""
     going = [swing for swing in found if swing.found.sustained] or list(found)
-    fastest = max(map(_speed, going))
-    return max(
-        going,
-        key=lambda swing: (
-            swing.last >= end and _speed(swing) > _NO_SLIGHT * fastest,
-            _speed(swing),
-        ),
-    )
+    return max(going, key=lambda swing: (swing.last >= end, _speed(swing)))
 
 
 def _passes(log: Log, swing: Swing) -> bool:

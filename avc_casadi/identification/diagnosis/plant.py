@@ -3,18 +3,283 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import optimize, signal
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.identification.diagnosis.declared import Declared
-from avc_casadi.identification.diagnosis.level import Level, rms_of
+from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, device_as
+from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.log import Log
+from avc_casadi.identification.diagnosis.noise_floor import LONGEST_DELAY, Level, Window, rms_of, windows_of
 from avc_casadi.identification.diagnosis.oscillation import Swing
-from avc_casadi.identification.diagnosis.search import Fit, Search
-from avc_casadi.identification.diagnosis.windows import windows_of
+from avc_casadi.model.hands import Hand, no_hand
+from avc_casadi.model.sampled_plant import SampledPlant, sampled_plant
+
+# Below a third of the oscillation, motion is the hand's own doing; within these frequencies.
+_SLOW_HZ = (2.5, 40.0)
+_SHORTEST_DELAY = 0.002
+# ln of the odds against a resonance that nobody declared, for each of its three numbers.
+_ODDS = 4.0
+# Where a search begins: frequencies of a resonance over that of the oscillation, and samples of more delay.
+_TRIED = (0.75, 0.95, 1.2, 1.6)
+_LATER = 2.5
+_REWEIGHED = 2
+# What is damped more than this is no resonance, and what rings more slowly no structure that nobody declared: a hand.
+_MOST_DAMPED, _SLOWEST_HZ = 0.15, 25.0
+# How far, in samples, a delay may lie from the declared one: where it may be what is wrong, and where it is not.
+_LATE, _PUNCTUAL = 4.0, 0.15
+# Numbers that have died away further only make the arithmetic slow.
+_NOTHING = 1e-60
+# Spread of ln mass and damping of a device, where they are searched for: of one that was declared, of one assumed.
+_DECLARED, _ASSUMED = [0.06, 0.5], [1.1, 1.1]
+_MODE = ("ln_frequency", "ln_ratio", "share")
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """One structure fitted to a log.
+
+    Attributes:
+        held: whether a hand holds the device, by its mass or by a grip.
+        mode: "none", "declared" or "found": where its resonance comes from.
+        late: whether the delay was free to be another than the declared one.
+        point: the best, in the unknowns of the search.
+        answer: the same as device and hand.
+        draws: others that the log bears out as well.
+        cost: minus the logarithm of the evidence: half the sum of squares, with what was known before, and `volume`.
+        volume: logarithm of how much of what was thought possible the log leaves.
+        misfit: residual of the window that it explains best, over what encoder and noise leave.
+    """
+
+    held: bool
+    mode: str
+    late: bool
+    point: FloatArray
+    answer: Hypothesis
+    draws: tuple[Hypothesis, ...]
+    cost: float
+    volume: float
+    misfit: float
+
+
+class Search:
+    """One structure: its unknowns, what is known of them before, and what it leaves of the log."""
+
+    def __init__(
+        self,
+        windows: Sequence[Window],
+        log: Log,
+        declared: Declared,
+        lag: int,
+        held: bool,
+        mode: str,
+        late: bool,
+        hertz: float,
+        *,
+        grip: bool = False,
+    ) -> None:
+        self.held, self.mode, self.late, self.grip = held, mode, late, grip
+        self._hertz = hertz
+        self._slow_hz = float(np.clip(hertz / 3, *_SLOW_HZ))
+        # The first window is the end of the oscillation.
+        self._count = len(windows)
+        self._windows = {
+            index: window for index, window in enumerate(windows) if held or index == 0 or not window.before
+        }
+        self._log, self._declared = log, declared
+        self.names: list[str] = ["delay"]
+        device = declared.device
+        meant = declared.longest_delay * device.sample_time_s / log.ticks.period_s - lag
+        middle, spread = [max(meant, 0.0)], [_LATE if late else _PUNCTUAL]
+        if held:
+            # The mass behind a grip hardly moves where a loop swings.
+            self.names += [*([] if grip else ["ln_mass"]), "ln_damping", "ln_stiffness"]
+            centre, width = declared.grip_prior() if grip else declared.hand_prior()
+            middle += centre.tolist()
+            spread += width.tolist()
+        if not (held and declared.known):
+            self.names += ["ln_device_mass", "ln_device_damping"]
+            middle += [0.0, 0.0]
+            spread += _DECLARED if declared.known else _ASSUMED
+        if mode == "declared":
+            self.names.append("ln_frequency")
+            middle.append(math.log(device.resonance.frequency_hz if device.resonance else 1.0))
+            spread.append(0.05)
+        elif mode == "found":
+            self.names += _MODE
+            middle += [math.log(max(hertz, 40.0)), math.log(0.03), 0.4]
+            spread += [0.6, 0.6, 0.15]
+        self._middle, self._spread = np.array(middle), np.array(spread)
+        reach = np.where(self._spread > 0, 4 * self._spread, 1.0)
+        self._low, self._high = self._middle - reach, self._middle + reach
+        self._low[0], self._high[0] = _SHORTEST_DELAY, LONGEST_DELAY
+        if mode == "found":
+            self._low[-1], self._high[-1] = 0.1, 0.9
+            self._high[-2] = math.log(_MOST_DAMPED)
+            self._low[-3] = math.log(_SLOWEST_HZ)
+
+    def answer(self, point: FloatArray) -> Hypothesis:
+        """Return device and hand at a point."""
+        value = dict(zip(self.names, point.tolist(), strict=True))
+        device = self._declared.device
+        changed: dict[str, object] = {
+            "delay_samples": max(value["delay"], _SHORTEST_DELAY),
+            "sample_time_s": self._log.ticks.period_s,
+        }
+        if "ln_device_mass" in value:
+            changed["mass_kg"] = device.mass_kg * math.exp(value["ln_device_mass"])
+            changed["damping_ns_per_m"] = device.damping_ns_per_m * math.exp(value["ln_device_damping"])
+        if self.mode == "declared":
+            shape = {} if device.resonance is None else device.resonance.model_dump()
+            changed["resonance"] = {**shape, "frequency_hz": math.exp(value["ln_frequency"])}
+        elif self.mode == "found":
+            changed["resonance"] = {
+                "frequency_hz": math.exp(value["ln_frequency"]),
+                "damping_ratio": min(math.exp(value["ln_ratio"]), 0.5),
+                "mass_ratio": value["share"],
+            }
+        hand = None
+        if self.held:
+            mass = math.exp(value["ln_mass"]) if "ln_mass" in value else 0.0
+            hand = Hand(mass, math.exp(value["ln_damping"]), math.exp(value["ln_stiffness"]))
+        return Hypothesis(device_as(device, changed), hand)
+
+    def left(self, point: FloatArray) -> dict[int, FloatArray]:
+        """Return what a point leaves of the measured position, m, of the windows that this structure speaks of."""
+        answer = self.answer(point)
+        plant = sampled_plant(answer.device, answer.hand or no_hand())
+        return {index: self._left_of(window, plant) for index, window in self._windows.items()}
+
+    def _gaps(self, point: FloatArray, level: Level) -> dict[int, FloatArray]:
+        """Return the same over what may be left, with what goes beyond half a step of the encoder."""
+        half = self._log.encoder_m / 2
+        return {
+            index: np.concatenate(
+                [left / level.rms_m[index], np.maximum(np.abs(left) - half, 0.0) / level.beyond_m[index]]
+            )
+            for index, left in self.left(point).items()
+        }
+
+    def _left_of(self, window: Window, plant: SampledPlant) -> FloatArray:
+        row, whole = plant.measured, int(plant.whole_delay[0])
+        n = window.position.size
+        lead = window.past.size - n
+        period = self._log.ticks.period_s
+        scale = np.array([period if name.endswith("_per_s") else 1.0 for name in plant.names], dtype=np.float64)
+        matrix = plant.matrix[0, 0] * scale[:, None] / scale
+        new, old = plant.new[0, 0] * scale, plant.old[0, 0] * scale
+        poles = np.asarray(np.poly(matrix), dtype=np.float64)
+        late = window.past[lead - whole : lead - whole + n]
+        later = window.past[lead - whole - 1 : lead - whole - 1 + n]
+        # Position before the force of its own sample acts: the answer begins a sample later.
+        forced = _filtered(matrix, new, row, poles, late) + _filtered(matrix, old, row, poles, later)
+        rubs = self._declared.device.coulomb_friction_n
+        if rubs:
+            forced = forced + _filtered(matrix, new + old, row, poles, rubs * window.rub)
+        # Free motion from any state, and what the hand does slowly.
+        free = _free_motion(matrix, row, n)
+        seconds = n * period
+        orders = np.arange(int(2 * self._slow_hz * seconds) + 2)
+        slow = np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n)
+        columns = [free] if self.grip else [free, slow]
+        if self.grip or not self.held:
+            # A weight is a force that the log does not hold; a hand's spring gives in to it at once. What a hand
+            # behind a grip does slowly is one too.
+            pushes = [np.ones(n), np.arange(n) / n, *(slow.T[1:] if self.grip else ())]
+            columns.append(np.stack([_filtered(matrix, new + old, row, poles, push) for push in pushes], axis=1))
+        basis = np.concatenate(columns, axis=1)[window.use]
+        basis = basis / np.sqrt(np.mean(basis**2, axis=0) + 1e-300)
+        basis[np.abs(basis) < _NOTHING] = 0.0
+        rest = (window.position - forced)[window.use]
+        upright, _ = np.linalg.qr(basis)
+        return np.asarray(rest - upright @ (upright.T @ rest))
+
+    def begin(self, noise: float) -> FloatArray:
+        """Return the best point from a few starts."""
+        best, least = self._middle, math.inf
+        even = Level.of({}, self._count, noise, 0.0)
+        for delay in (self._middle[0], self._middle[0] + _LATER)[: 2 if self.late else 1]:
+            for factor in _TRIED if self.mode == "found" else (1.0,):
+                first = self._middle.copy()
+                first[0] = delay
+                if self.mode == "found":
+                    first[self.names.index("ln_frequency")] = math.log(factor * self._hertz)
+                solved = self._solve(first, even, 20)
+                if solved.cost < least:
+                    best, least = solved.x, float(solved.cost)
+        # A hand that moves at once within a window spoils that window, and not what the others say.
+        for _ in range(_REWEIGHED):
+            best = self._solve(best, Level.of(self.left(best), self._count, noise, 0.0), 12).x
+        return best
+
+    def cost_before(self, point: FloatArray, level: Level) -> float:
+        """Return the share of the cost from before the oscillation."""
+        gaps = self._gaps(point, level)
+        return sum((float(0.5 * gap @ gap) for index, gap in gaps.items() if self._windows[index].before), 0.0)
+
+    def finish(self, point: FloatArray, level: Level, noise: float, draws: int, seed: int) -> Fit:
+        """Polish at the level of what is not explained, and draw others that explain as much."""
+        solved = self._solve(point, level, 12)
+        curvature = solved.jac.T @ solved.jac
+        values, vectors = np.linalg.eigh(curvature)
+        random = np.random.default_rng(seed).standard_normal((draws, point.size))
+        spread = (random / np.sqrt(np.maximum(values, 1e-6))) @ vectors.T
+        some = np.clip(solved.x + spread, self._low + 1e-9, self._high - 1e-9)
+        odds = 3 * _ODDS if self.mode == "found" else 0.0
+        # An integral over the spread of the unknowns weighs structures of several of them.
+        volume = 0.5 * float(np.sum(np.log(np.maximum(values, 1e-6)))) + float(np.sum(np.log(self._spread)))
+        return Fit(
+            held=self.held,
+            mode=self.mode,
+            late=self.late,
+            point=solved.x,
+            answer=self.answer(solved.x),
+            draws=tuple(self.answer(each) for each in some),
+            cost=float(solved.cost) + odds + volume,
+            volume=volume,
+            misfit=min(rms_of(left) for left in self.left(solved.x).values()) / noise,
+        )
+
+    def _solve(self, first: FloatArray, level: Level, evaluations: int) -> optimize.OptimizeResult:
+        first = np.clip(first, self._low + 1e-6, self._high - 1e-6)
+
+        def gap(point: FloatArray) -> FloatArray:
+            return np.concatenate([*self._gaps(point, level).values(), (point - self._middle) / self._spread])
+
+        return optimize.least_squares(
+            gap,
+            first,
+            bounds=(self._low, self._high),
+            x_scale=self._spread,
+            diff_step=np.full(first.size, 1e-4),
+            max_nfev=evaluations,
+        )
+
+
+def _free_motion(matrix: FloatArray, row: FloatArray, samples: int) -> FloatArray:
+    """Return row A^n of every sample n, shape (samples, states): each doubling takes one product."""
+    free, power = row[None, :], matrix
+    while len(free) < samples:
+        free, power = np.concatenate([free, free @ power]), power @ power
+    return free[:samples]
+
+
+def _filtered(
+    matrix: FloatArray, push: FloatArray, row: FloatArray, poles: FloatArray, force: FloatArray
+) -> FloatArray:
+    """Return the answer of a position to a force that is positive against it."""
+    if not push.any():
+        return np.zeros(force.size)
+    markov, state = [0.0], push.copy()
+    for _ in range(poles.size - 1):
+        markov.append(float(row @ state))
+        state = matrix @ state
+    zeros = np.convolve(poles, markov)[: poles.size]
+    return np.asarray(signal.lfilter(zeros, poles, force))
+
 
 # No device is a mass, a spring and a damper more closely than this share of its motion.
 _NEVER_BETTER = 5e-3

@@ -8,28 +8,29 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from avc_casadi._util.text import number
-from avc_casadi.identification.diagnosis.answer import Answer
 from avc_casadi.identification.diagnosis.causes import CAUSES, OTHER, Asked, shares_of
-from avc_casadi.identification.diagnosis.cures import cures_of
-from avc_casadi.identification.diagnosis.declared import Declared
-from avc_casadi.identification.diagnosis.even import GROWN, unlimited
+from avc_casadi.identification.diagnosis.counterfactual import doubts_of_encoder, settled
 from avc_casadi.identification.diagnosis.evidence import (
     deciding_log,
     declared_resonance,
+    felt,
     limit_sentence,
     measured_sentences,
     named_sentence,
+    toggles,
 )
-from avc_casadi.identification.diagnosis.felt import felt, toggles
-from avc_casadi.identification.diagnosis.jump import find_jump, jump_sentence
+from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, worst_mode
+from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
-from avc_casadi.identification.diagnosis.loop import worst_mode
 from avc_casadi.identification.diagnosis.model import Cure, Diagnosis, Measured, Trace, Verdict
 from avc_casadi.identification.diagnosis.oscillation import Swing
-from avc_casadi.identification.diagnosis.passing import passes
-from avc_casadi.identification.diagnosis.played import doubts_of_encoder, settled
-from avc_casadi.identification.diagnosis.search import Fit
+from avc_casadi.identification.diagnosis.plant import Fit
+from avc_casadi.identification.diagnosis.relay import Relay, find_jump, jump_sentence
+from avc_casadi.identification.diagnosis.remedies import cures_of
+from avc_casadi.identification.diagnosis.saturation import GROWN, unlimited
+from avc_casadi.identification.diagnosis.transient import passes
+from avc_casadi.identification.diagnosis.two_rates import TwoRates
 
 # A cause is named where so large a share of the answers agrees, and no other has more than this.
 _SURE, _RIVAL = 0.8, 0.12
@@ -91,6 +92,50 @@ class Judge:
             "grow with the depth (k below its limit), or keep it on through the whole cycle"
         )
         return self._made("named", said, cause="stiffness", candidates=("stiffness",), evidence=[*self._evidence, told])
+
+    def relay(self, found: Relay, fits: Sequence[Fit]) -> Diagnosis | None:
+        """Return the verdict where a sign switches the force, and the loop would rest without it.
+
+        Args:
+            found: what is switched.
+            fits: of device and hand, likeliest first; none where nothing is rendered beside it.
+        """
+        if found.law is not None and not _mostly_rests(fits, found.law):
+            return None
+        said = (
+            f"{CAUSES['relay']}: {found.sentence()}, which no loop with a delay holds; let it grow over a width "
+            "instead (a slope below the limit of k), or give it a dead zone beyond the encoder's step"
+        )
+        more = "" if found.law is None else " with its spring and damper alone the loop model rests"
+        evidence = [*self._evidence, f"{found.sentence()};{more}" if more else found.sentence()]
+        return self._made("named", said, cause="relay", candidates=("relay",), evidence=evidence)
+
+    def two_rates(self, found: TwoRates, fits: Sequence[Fit]) -> Diagnosis | None:
+        """Return the verdict where two parts of the force have rates of their own, and one rate would bring rest.
+
+        Args:
+            found: the two.
+            fits: of device and hand, likeliest first.
+        """
+        if not _mostly_rests(fits, found.law):
+            return None
+        period, mode = self._log.ticks.period_s, worst_mode(fits[0].answer, found.law)
+        told = found.sentence(period)
+        cure = Cure(
+            f"the {found.slow} computed every {number(1e3 * period, 3)} ms too",
+            "sample_time_s",
+            period,
+            mode.growth_per_s,
+            mode.stable,
+        )
+        return self._made(
+            "named",
+            f"{told}; the {found.slow} comes late by half its frame and by what that waits, and with one rate it rests",
+            cause="rates",
+            candidates=("rates",),
+            evidence=[*self._evidence, told],
+            cures=(cure,) if mode.stable else (),
+        )
 
     def without_model(self) -> Diagnosis:
         """Return the verdict where no loop model can be made."""
@@ -219,6 +264,12 @@ class Judge:
         )
 
 
+def _mostly_rests(fits: Sequence[Fit], law: Law) -> bool:
+    """Return whether the loop rests with a law, by most of the answers of the likeliest fit."""
+    answers = (fits[0].answer, *fits[0].draws)
+    return bool(np.mean([worst_mode(answer, law).stable for answer in answers]) > 1 / 2)
+
+
 def _together(asked: Sequence[Asked]) -> str | None:
     """Return what most of the answers name together with a delay, each a part of the way to rest; None for nothing."""
     shares: dict[str, float] = {}
@@ -230,7 +281,7 @@ def _together(asked: Sequence[Asked]) -> str | None:
     return most if most is not None and shares[most] > 0.5 * sum(one.weight for one in asked) else None
 
 
-def _likeliest(cause: str, asked: Sequence[Asked], fits: Sequence[Fit]) -> tuple[Answer, Fit]:
+def _likeliest(cause: str, asked: Sequence[Asked], fits: Sequence[Fit]) -> tuple[Hypothesis, Fit]:
     """Return the likeliest answer of a cause, and the fit that it is from."""
     of_cause = [one for one in asked if one.causes.get(cause, 0.0) >= 0.5] or list(asked)
     # The best of each fit stands before those drawn about it.
@@ -239,7 +290,7 @@ def _likeliest(cause: str, asked: Sequence[Asked], fits: Sequence[Fit]) -> tuple
     return best, fit
 
 
-def _measured(answer: Answer, fit: Fit, law: Law, log: Log, declared: Declared) -> Measured:
+def _measured(answer: Hypothesis, fit: Fit, law: Law, log: Log, declared: Declared) -> Measured:
     mode = worst_mode(answer, law)
     shape = answer.device.resonance
     return Measured(

@@ -7,19 +7,15 @@ changes lines, scales, limits and labels, and nothing else of their figure:
     avc.figures.draw_boundaries(avc.compare("figure5"), axes=axes)
 """
 
-from avc_casadi.present.figures.accuracy import draw_accuracy as draw_accuracy
 from avc_casadi.present.figures.comparison import draw_boundaries as draw_boundaries
 from avc_casadi.present.figures.comparison import draw_comparison as draw_comparison
 from avc_casadi.present.figures.diagnosis import draw_diagnosis as draw_diagnosis
-from avc_casadi.present.figures.estimators import draw_estimators as draw_estimators
-from avc_casadi.present.figures.frontier import draw_frontier as draw_frontier
 from avc_casadi.present.figures.identification import draw_correlations as draw_correlations
 from avc_casadi.present.figures.identification import draw_identification as draw_identification
 from avc_casadi.present.figures.layout import figure_png_svg as figure_png_svg
 from avc_casadi.present.figures.layout import figure_svg as figure_svg
 from avc_casadi.present.figures.layout import save_figure as save_figure
 from avc_casadi.present.figures.layout import stacked as stacked
-from avc_casadi.present.figures.pareto import draw_pareto as draw_pareto
 from avc_casadi.present.figures.perceived import draw_perceived as draw_perceived
 from avc_casadi.present.figures.scene import draw_scene as draw_scene
 from avc_casadi.present.figures.scene import draw_traces as draw_traces

@@ -62,7 +62,7 @@ def summarise(
         "stiffness_n_per_m": _range(best, best.stiffness_n_per_m),
         "magnitude_error": _spread(best, magnitude),
         "complex_error": _spread(best, best.complex_error),
-        "cross_check": None if check is None else {"agree": check.agree} | vars(check),
+        "cross_check": None if check is None else check.document(),
         "counts": comparison.counts(),
         "closed_form": comparison.methods["closed-form"].counts(),
         "injected_damping_ns_per_m": injection.injected_damping_ns_per_m[worst],
@@ -164,7 +164,11 @@ def _cross_check(check: Mapping[str, Any] | None) -> str:
     if check is None:
         return "direct was not checked against exact"
     word = "agree" if check["agree"] else "DISAGREE"
-    return f"direct and exact {word}, pointwise: magnitude errors within {check['magnitude_error']:.1g} of |Z|"
+    said = f"direct and exact {word}, pointwise: magnitude errors within {check['magnitude_error']:.1g} of |Z|"
+    if not check["partings"]:
+        return said
+    first = check["partings"][0]
+    return f"{said}; they part at {len(check['partings'])}, first at {first['frequency_hz']:.4g} Hz: {first['reason']}"
 
 
 def _levels(levels: Mapping[str, Mapping[str, Any]]) -> str:

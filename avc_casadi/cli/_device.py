@@ -1,0 +1,140 @@
+"""Show or lower the limits of a device while it runs, have it keep what it holds over a reset, or clear its faults."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from avc_casadi import InputError
+from avc_casadi.cli._arguments import add_motion, add_port, add_worded, check_worded, positive, positive_int
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._text import number, table
+
+_UNITS = {"force_n": "force, N", "speed_m_per_s": "speed, m/s", "energy_j": "energy, J"}
+_OF_STORE = {"acts": "--acts", "no_coupling": "--no-coupling", "name": "--name"}
+_OF_LIMITS = {
+    "force_n": "--force-n",
+    "speed_m_per_s": "--speed-m-per-s",
+    "energy_j": "--energy-j",
+    "built_in": "--built-in",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_port(parser)
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--limits", action="store_true", help="show or lower the limits (what is done by default)")
+    what.add_argument("--store", action="store_true", help="keep coupling, limits and name over a reset")
+    what.add_argument("--clear", action="store_true", help="show the latched faults and clear them; 1 if one stays")
+    limits = parser.add_argument_group(
+        "limits",
+        "Never above those built into the firmware, and until the device starts anew. A lower force\n"
+        "holds at once, a higher one from the next time that the device is out of contact.",
+    )
+    add_worded(limits, "--force-n", "--torque-nm", "N", "limit of the force")
+    add_worded(limits, "--speed-m-per-s", "--speed-rad-per-s", "V", "a fault is latched beyond it")
+    limits.add_argument(
+        "--energy-j", type=positive, metavar="E", help="that a coupling may give out, a second, without having got it"
+    )
+    limits.add_argument("--built-in", action="store_true", help="those of the firmware, for all that is not given")
+    store = parser.add_argument_group(
+        "store",
+        "The device gives no force meanwhile. Where the power is cut, what was kept before or this\n"
+        "is whole. A coupling that acts after a reset takes over out of contact alone; an encoder that counts from\n"
+        "where it stood has its wall there, until avc commission places it. --no-coupling switches it off.",
+    )
+    store.add_argument("--acts", action="store_true", help="the coupling takes over after a reset by itself")
+    store.add_argument("--no-coupling", action="store_true", help="keep limits and name alone")
+    store.add_argument("--name", metavar="NAME", help="of the device, at most 16 bytes; default the one it has")
+    add_motion(parser)
+    parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
+
+
+def run(args: argparse.Namespace, console: Console) -> Answer:
+    """Do what was asked for.
+
+    Raises:
+        InputError: options of something else.
+    """
+    chosen = "clear" if args.clear else "store" if args.store else "limits"
+    for what, options in (("limits", _OF_LIMITS), ("store", _OF_STORE)):
+        given = [option for key, option in options.items() if getattr(args, key) not in {None, False}]
+        if given and what != chosen:
+            raise InputError.of(f"goes with --{what}, not with --{chosen}", key=given[0])
+    return {"clear": _cleared, "store": _stored, "limits": _limited}[chosen](args, console)
+
+
+def _limited(args: argparse.Namespace, console: Console) -> Answer:
+    from avc_casadi._util.json_values import plain
+    from avc_casadi._util.units import speak, units_for
+    from avc_hardware import set_limits
+
+    units = units_for(args.motion)
+    check_worded(args, units)
+    speak(units)
+    with console.step(f"limits of {args.port}"):
+        found = set_limits(
+            args.port,
+            force_n=args.force_n,
+            speed_m_per_s=args.speed_m_per_s,
+            energy_j=args.energy_j,
+            built_in=args.built_in,
+            baud=args.baud,
+            on_silence=console.notice,
+        )
+    three = {name: vars(getattr(found, name)) for name in ("boards", "asked", "hold")}
+    document: dict[str, Any] = plain({"schema": "avc-limits/1", "port": found.port, "waits": found.waits} | three)
+    rows = [(label, *(number(three[name][key]) for name in ("hold", "boards"))) for key, label in _UNITS.items()]
+    text = table(("limit", "now", "built in"), rows, left=(0,))
+    if found.waits:
+        text += f"\n{number(found.asked.force_n)} N hold when the device is let go, out of contact"
+    return Answer(document, text)
+
+
+def _stored(args: argparse.Namespace, console: Console) -> Answer:
+    from avc_casadi._util.json_values import plain
+    from avc_casadi._util.units import speak, units_for
+    from avc_hardware import store
+
+    speak(units_for(args.motion))
+    with console.step(f"store on {args.port}"):
+        kept = store(
+            args.port,
+            coupling=not args.no_coupling,
+            acts=args.acts,
+            name=args.name,
+            baud=args.baud,
+            on_silence=console.notice,
+        )
+    after = "acts after a reset, out of contact" if kept.acts else "does not act after a reset"
+    coupling = f"coupling {kept.coupling_id}, which {after}" if kept.coupling_id else "no coupling"
+    text = f"kept: {coupling}; force limit {number(kept.force_n)} N; name {kept.name or 'none'}; store {kept.number}"
+    return Answer(plain({"schema": "avc-store/1"} | vars(kept)), text)
+
+
+def _cleared(args: argparse.Namespace, console: Console) -> Answer:
+    """Clear; 1 if a fault is still there."""
+    from avc_hardware import clear_faults
+
+    with console.step(f"clear {args.port}"):
+        found = clear_faults(args.port, baud=args.baud, on_silence=console.notice)
+    document = {
+        "schema": "avc-clear/1",
+        "port": found.port,
+        "were": [fault.word for fault in found.were],
+        "first": [fault.word for fault in found.first],
+        "tick": found.tick,
+        "left": [fault.word for fault in found.left],
+        "mode": found.status.mode,
+    }
+    lines = list(found.were.advice) or ["no fault was latched"]
+    if found.were & found.first:
+        lines.append(f"first, at tick {found.tick}: {found.first.word}")
+    if found.left:
+        return Answer(
+            document, "\n".join(lines), code=1, complaint=f"avc: {found.port}: still there: {found.left.word}"
+        )
+    if found.were:
+        lines.append(f"cleared; the device is in mode {found.status.mode}")
+    return Answer(document, "\n".join(lines))

@@ -1,0 +1,214 @@
+"""A hypothesis (device and hand) in its sampled loop with a law: how fast it grows, and how far it is from rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
+from avc_casadi.claims.stability.frozen_loop import Rendering
+from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.model.corners import device_with
+from avc_casadi.model.device import Device
+from avc_casadi.model.hands import Hand, no_hand
+from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.simulation.effects.filters import Notch
+
+# Samples; what a device may have at least beside none.
+_SHORTEST_DELAY = 1e-3
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A device with the hand that holds it.
+
+    Attributes:
+        device: with its delay from the commanded force to the motion.
+        hand: None let go.
+    """
+
+    device: Device
+    hand: Hand | None
+
+    def without_mode(self) -> Hypothesis:
+        """Return the same with rigid mechanics."""
+        return Hypothesis(device_as(self.device, {"resonance": None}), self.hand)
+
+    def delayed(self, samples: float) -> Hypothesis:
+        """Return the same with another delay; none where it is too short for a device to have."""
+        taken = samples if samples >= _SHORTEST_DELAY else 0.0
+        return Hypothesis(device_as(self.device, {"delay_samples": taken}), self.hand)
+
+
+def device_as(device: Device, changed: Mapping[str, object]) -> Device:
+    """Return a device with some keys changed, known exactly."""
+    return Device.model_validate({**device.model_dump(exclude={"range"}), **changed})
+
+
+# Factors of a gain that are looked at, and how closely its limit is then found.
+_FACTORS = np.geomspace(1.0, 0.01, 41)
+_HALVINGS = 8
+_MOST_TICKS = 3000
+
+
+@dataclass(frozen=True)
+class Mode:
+    """The least damped mode of a loop.
+
+    Attributes:
+        growth_per_s: rate of its amplitude, below 0 where the loop comes to rest.
+        frequency_hz: its frequency.
+    """
+
+    growth_per_s: float
+    frequency_hz: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether the loop comes to rest."""
+        return self.growth_per_s < 0
+
+
+def worst_mode(answer: Hypothesis, law: Law, *, stiffness: float = 1.0, damping: float = 1.0) -> Mode:
+    """Return the least damped mode of the loop in contact.
+
+    Args:
+        answer: device and hand; the lag of the law comes on top of its delay.
+        law: what the computer makes of the position.
+        stiffness: factor of its stiffness.
+        damping: factor of its damping.
+    """
+    period = answer.device.sample_time_s
+    matrix = _loops(answer, law, np.array([stiffness]), np.array([damping]))[0]
+    values = np.linalg.eigvals(matrix)
+    value = values[np.argmax(np.abs(values))]
+    return Mode(math.log(max(abs(value), 1e-300)) / period, abs(float(np.angle(value))) / (2 * math.pi * period))
+
+
+def notched_growth(answer: Hypothesis, law: Law, notch: Notch) -> float:
+    """Return the growth of the loop in contact with a notch on the measured position, 1/s.
+
+    Args:
+        answer: device and hand.
+        law: what the computer makes of the position.
+        notch: the filter.
+    """
+    period = answer.device.sample_time_s
+    matrix, push, measured = _plant(answer, law.lag)
+    s = push.shape[-1]
+    b0, b1, b2, a1, a2 = notch.section(period)
+    # y = b0 u + p, p' = b1 u - a1 y + q, q' = b2 u - a2 y: two states more, and y is what is rendered.
+    whole = np.zeros((1, s + 2, s + 2))
+    whole[:, :s, :s] = matrix
+    whole[:, s, :s], whole[:, s + 1, :s] = (b1 - a1 * b0) * measured, (b2 - a2 * b0) * measured
+    whole[:, s, s:], whole[:, s + 1, s] = (-a1, 1.0), -a2
+    pushed = np.concatenate([push, np.zeros((1, 2))], axis=1)
+    loop = closed_loop(whole, pushed, np.concatenate([b0 * measured, [1.0, 0.0]]), law.rendering(period))
+    return math.log(max(float(_radius(loop).max()), 1e-300)) / period
+
+
+def worst_growth_of_hands(answer: Hypothesis, law: Law, hands: Hand) -> FloatArray:
+    """Return the growth of the loop with each of some hands in place of its own, shape (hands,)."""
+    return np.array(
+        [
+            worst_mode(Hypothesis(answer.device, hands.pick(slice(i, i + 1))), law).growth_per_s
+            for i in range(len(hands))
+        ]
+    )
+
+
+def at_period(answer: Hypothesis, law: Law, sample_time_s: float) -> tuple[Hypothesis, Law]:
+    """Return the same loop at another sample time: the same gains, filter in seconds and delay in samples."""
+    keep = law.keep ** (sample_time_s / answer.device.sample_time_s) if law.keep else 0.0
+    device = device_with(answer.device, {"sample_time_s": sample_time_s})
+    return Hypothesis(device, answer.hand), replace(law, keep=keep)
+
+
+def growth_over(answer: Hypothesis, law: Law, ran: BoolArray) -> float:
+    """Return the mean growth over ticks of which some are missed: there the force stays and nothing is computed.
+
+    Args:
+        answer: device and hand.
+        law: what the computer makes of the position.
+        ran: whether each tick ran, shape (n,).
+    """
+    run = _loops(answer, law, np.ones(1), np.ones(1))[0]
+    size = run.shape[0]
+    held = Rendering(np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, 1.0]]))
+    missed = _closed(answer, law.lag, held)[0]
+    missed[size - 2] = 0.0
+    missed[size - 2, size - 2] = 1.0
+    state = np.random.default_rng(0).standard_normal(size)
+    grown = 0.0
+    ticks = np.resize(ran, _MOST_TICKS)
+    # The first half forgets where it began.
+    for count, ticked in enumerate(ticks):
+        state = (run if ticked else missed) @ state
+        length = float(np.linalg.norm(state))
+        grown += math.log(length) if 2 * count >= _MOST_TICKS else 0.0
+        state /= length
+    return 2 * grown / (_MOST_TICKS * answer.device.sample_time_s)
+
+
+def limit_of(answer: Hypothesis, law: Law, gain: str) -> float | None:
+    """Return the largest factor, at most 1, of a gain at which the loop comes to rest; None where none does.
+
+    Args:
+        answer: device and hand.
+        law: what the computer makes of the position.
+        gain: "stiffness" or "damping".
+    """
+    ones = np.ones_like(_FACTORS)
+    factors = (_FACTORS, ones) if gain == "stiffness" else (ones, _FACTORS)
+    stable = _radius(_loops(answer, law, *factors)) < 1
+    if not stable.any():
+        return None
+    first = int(np.argmax(stable))
+    if first == 0:
+        return 1.0
+    low, high = float(_FACTORS[first]), float(_FACTORS[first - 1])
+    for _ in range(_HALVINGS):
+        middle = math.sqrt(low * high)
+        if worst_mode(answer, law, **{gain: middle}).stable:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def longest_delay(answer: Hypothesis, law: Law) -> float | None:
+    """Return the longest delay, at most its own, at which the loop comes to rest; None where it does at none."""
+    own = float(answer.device.delay_samples)
+    some = np.linspace(own, 0.0, max(2, math.ceil(4 * own) + 1))
+    stable = [worst_mode(answer.delayed(float(delay)), law).stable for delay in some]
+    if not any(stable):
+        return None
+    first = stable.index(True)
+    if first == 0:
+        return own
+    low, high = float(some[first]), float(some[first - 1])
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if worst_mode(answer.delayed(middle), law).stable else (low, middle)
+    return low
+
+
+def _loops(answer: Hypothesis, law: Law, stiffness: FloatArray, damping: FloatArray) -> FloatArray:
+    return _closed(answer, law.lag, law.rendering(answer.device.sample_time_s, stiffness, damping))
+
+
+def _closed(answer: Hypothesis, lag: int, rendering: Rendering) -> FloatArray:
+    return closed_loop(*_plant(answer, lag), rendering)[:, 0]
+
+
+def _plant(answer: Hypothesis, lag: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    device = answer.delayed(float(answer.device.delay_samples) + lag).device if lag else answer.device
+    return plants_with_forces(sampled_plant(device, answer.hand or no_hand()))
+
+
+def _radius(matrices: FloatArray) -> FloatArray:
+    return np.asarray(np.abs(np.linalg.eigvals(matrices)).max(axis=-1))

@@ -1,0 +1,255 @@
+"""The loop as it was intended, and what of the log speaks against it: other gains, another unit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.text import number
+from avc_casadi.claims.stability.frozen_loop import Rendering, joint_rendering
+from avc_casadi.coupling import Coupling
+from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.log import Log
+from avc_casadi.identification.diagnosis.oscillation import Oscillation
+from avc_casadi.model.device import Device
+from avc_casadi.model.hands import STYLUS_RANGES, Hand, hand_corners, joined
+from avc_casadi.model.problem import Hands
+from avc_casadi.model.rotary_defaults import turned_hands
+
+# What a device on a desk is taken for where none is declared; the hand's ranges widen it.
+_ASSUMED = {"mass_kg": 0.1, "damping_ns_per_m": 1.0, "delay_samples": 1.0}
+
+# Mass, damping and stiffness of hardly any hand.
+_LEAST_HAND = np.array([[1e-3], [0.1], [5.0]])
+
+
+@dataclass(frozen=True)
+class Declared:
+    """The loop as it was meant to be.
+
+    Attributes:
+        device: as declared, or what is assumed.
+        known: whether a device was declared.
+        hands: ranges of the hands it was meant for.
+        notes: what is assumed.
+    """
+
+    device: Device
+    known: bool
+    hands: Hands
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, device: Device | None, hands: Hands | None, sample_time_s: float) -> Declared:
+        """Take what was declared, and assume the rest.
+
+        Args:
+            device: None where none was declared.
+            hands: None for the usual ranges.
+            sample_time_s: of the log, for a device that is assumed.
+        """
+        notes = []
+        if device is None:
+            device = Device.model_validate({**_ASSUMED, "sample_time_s": sample_time_s})
+            notes.append(
+                "no device was given: 0.1 kg and one sample of delay are assumed, within a factor of 3, so that a hand "
+                "that let go is not told from one that holds; better: --device NAME|FILE"
+            )
+            return cls(device, known=False, hands=hands or Hands(), notes=tuple(notes))
+        return cls(
+            device, known=True, hands=hands or Hands.model_validate(turned_hands(device.metres_per_unit)), notes=()
+        )
+
+    @property
+    def longest_delay(self) -> float:
+        """Delay that was declared, samples of the device: the upper end where a range was."""
+        most = self.device.range.delay_samples
+        return float(self.device.delay_samples if most is None else most[1])
+
+    def box(self) -> Hand:
+        """Return the corners and the middle of the ranges of hands."""
+        middle = [float(np.mean(ends)) for ends in self._ends()]
+        ranges = self.hands
+        held = Hands(
+            mass_kg=ranges.mass_kg, damping_ns_per_m=ranges.damping_ns_per_m, stiffness_n_per_m=ranges.stiffness_n_per_m
+        )
+        return joined(hand_corners(held), Hand(*middle))
+
+    def hand_prior(self) -> tuple[FloatArray, FloatArray]:
+        """Return middle and spread of ln mass, damping and stiffness of the hand."""
+        ends = np.log(np.maximum(self._ends(), self.device.metres_per_unit**2 * _LEAST_HAND))
+        spread = np.maximum((ends[:, 1] - ends[:, 0]) / 2, 0.4)
+        return ends.mean(axis=1), spread if self.known else np.maximum(spread, 1.1)
+
+    def grip_prior(self) -> tuple[FloatArray, FloatArray]:
+        """Return middle and spread of ln damping and stiffness of the grip of a hand on a stylus."""
+        keys = ("grip_damping_ns_per_m", "grip_stiffness_n_per_m")
+        ends = np.log(self.device.metres_per_unit**2 * np.array([STYLUS_RANGES[key] for key in keys]))
+        return ends.mean(axis=1), (ends[:, 1] - ends[:, 0]) / 2
+
+    def _ends(self) -> FloatArray:
+        return np.array([self.hands.mass_kg, self.hands.damping_ns_per_m, self.hands.stiffness_n_per_m])
+
+
+# Gains that differ by more than this share are others.
+_OTHER = 0.05
+
+
+def law_differs(
+    law: Law,
+    found: Oscillation,
+    log: Log,
+    coupling: Coupling | None,
+    stiffness_n_per_m: float | None,
+    damping_ns_per_m: float | None,
+) -> list[str]:
+    """Say where the force that was commanded is not that of the gains that were meant.
+
+    Args:
+        law: what the log shows.
+        found: the oscillation, at whose frequency springs and dampers are compared.
+        log: on its grid.
+        coupling: what was meant, or None.
+        stiffness_n_per_m: k that was meant, or None.
+        damping_ns_per_m: b that was meant, or None.
+    """
+    if not law.told:
+        return []
+    period = log.ticks.period_s
+    meant: dict[str, float] = {}
+    if coupling is not None and coupling.runtime.state_feedback is not None:
+        return ["the coupling feeds a state back, which is not compared with the log's spring and damper"]
+    if coupling is not None:
+        at = coupling.table.at_rest
+        gains = (
+            np.array([value]) for value in (at.damping_ns_per_m, at.stiffness_n_per_m, at.contact_damping_ns_per_m)
+        )
+        rendering = joint_rendering(coupling.problem, *gains)
+        hertz = found.frequency_hz if math.isfinite(found.frequency_hz) else 10.0
+        angle = 2 * math.pi * hertz * period
+        asked, ran = _dynamic(rendering, angle), _dynamic(law.rendering(period), angle)
+        for what, key, unit in (("spring", "real", "N/m"), ("damper", "imag", "N.s/m")):
+            scale = 1.0 if key == "real" else 1 / (2 * math.pi * hertz)
+            one, other = float(getattr(asked, key)) * scale, float(getattr(ran, key)) * scale
+            if abs(other - one) > _OTHER * max(abs(one), abs(other)):
+                meant[f"{what} at {number(hertz, 3)} Hz, {unit}: {number(other, 4)} ran, {number(one, 4)}"] = one
+        return [f"the log does not run the coupling that was given: {each} was meant" for each in meant]
+    notes = []
+    for name, told, wanted, unit in (
+        ("k", law.stiffness_n_per_m, stiffness_n_per_m, "N/m"),
+        ("b", law.damping_ns_per_m, damping_ns_per_m, "N.s/m"),
+    ):
+        if wanted is not None and abs(told - wanted) > _OTHER * max(abs(told), abs(wanted)):
+            notes.append(
+                f"the log does not run the gains that were given: {name} = {number(told, 4)} {unit} ran, "
+                f"{number(wanted, 4)} was meant"
+            )
+    return notes
+
+
+def _dynamic(rendering: Rendering, angle: float) -> complex:
+    """Return force over position at an angle per sample."""
+    z = complex(math.cos(angle), math.sin(angle))
+    force, state = rendering.force[0], rendering.state[0]
+    # The state after a sample enters with the next one.
+    own = (state[0] + state[1] / z) / (z - state[2])
+    return complex(force[0] + force[1] / z + force[2] * own)
+
+
+# A length as declared over the same length as read, and how one comes to be the other.
+_FACTORS = {
+    1e-2: ("100 times too large", "cm read as m"),
+    1e-3: ("1000 times too large", "mm read as m, or um as mm"),
+    1e-6: ("a million times too large", "um read as m"),
+    1e2: ("100 times too small", "m read as cm"),
+    1e3: ("1000 times too small", "mm read as um, or m as mm"),
+    1e6: ("a million times too small", "m read as um"),
+}
+_ANGLE_FACTORS = {
+    math.pi / 180: ("57 times too large", "degrees read as rad"),
+    180 / math.pi: ("57 times too small", "rad read as degrees"),
+    1e-3: ("1000 times too large", "mrad read as rad"),
+    1e-6: ("a million times too large", "urad read as rad"),
+    1e3: ("1000 times too small", "rad read as mrad"),
+    1e6: ("a million times too small", "rad read as urad"),
+}
+_LENGTHS = (1.0, 1e-2, 1e-3, 1e-6, 1e-9)
+_ANGLES = (1.0, math.pi / 180, 1e-3, 1e-6)
+# A ratio within this share of a unit's is that unit.
+_NEAR = 0.05
+# Mass that swings over the mass declared with the heaviest hand, or the lightest device: beyond this it cannot be.
+_ABSURD = 50.0
+# Share of the time in contact above which the force is what swings the mass.
+_TOUCHING = 0.2
+
+
+def other_unit(
+    log: Log,
+    found: Oscillation,
+    law: Law | None,
+    declared: Declared,
+    coupling: Coupling | None,
+    stiffness_n_per_m: float | None,
+) -> str:
+    """Return why the positions look like another unit than the one they were read in, or nothing.
+
+    Args:
+        log: on its grid.
+        found: the oscillation.
+        law: what the log shows.
+        declared: the loop as it was meant.
+        coupling: what was meant to run, or None.
+        stiffness_n_per_m: k that was meant to run, or None.
+    """
+    turns = not declared.device.units.linear
+    meant = stiffness_n_per_m
+    if coupling is not None and coupling.runtime.state_feedback is None:
+        meant = coupling.table.at_rest.stiffness_n_per_m
+    signs = []
+    if law is not None and law.told and meant and law.stiffness_n_per_m > 0:
+        # A length read in metres that is one in millimetres makes a spring a thousand times softer.
+        factor = _factor(law.stiffness_n_per_m / meant, turns)
+        if factor:
+            signs.append((factor, f"k = {number(law.stiffness_n_per_m, 3)} N/m ran and {number(meant, 3)} was meant"))
+    step = declared.device.encoder_resolution_m
+    if step and log.encoder_m:
+        told = f"their step is {number(log.encoder_m, 3)} m and {number(step, 3)} m is declared"
+        factor = _factor(step / log.encoder_m, turns)
+        if factor:
+            signs.append((factor, told))
+        elif abs(math.log(log.encoder_m / step)) > math.log(_ABSURD) and _whole(log.encoder_m, turns):
+            return f"the positions look like counts of the encoder: {told}; a count times the step is a position"
+    if signs:
+        (size, how), told = signs[0]
+        return f"the positions look {size} ({how}): {told}; --units position=... tells the right one"
+    if math.isfinite(found.frequency_hz) and found.force_peak_to_peak_n > 0 and found.contact_share > _TOUCHING:
+        swings = found.force_peak_to_peak_n / found.peak_to_peak_m / (2 * math.pi * found.frequency_hz) ** 2
+        heaviest = declared.device.mass_kg + declared.hands.mass_kg[1]
+        told = f"at {number(found.frequency_hz, 3)} Hz their force swings {number(swings, 2)} kg"
+        if swings < declared.device.mass_kg / _ABSURD:
+            told = f"{told}, the device has {number(declared.device.mass_kg, 3)} kg"
+            kinds = "degrees or counts read as rad" if turns else "mm, um or counts read as m"
+            return f"the positions look like {kinds}: {told}"
+        if swings > heaviest * _ABSURD:
+            return f"the positions look too small, or the force too large, by a unit: {told}"
+    return ""
+
+
+def _factor(ratio: float, turns: bool) -> tuple[str, str] | None:
+    """Return the words for the factor that a ratio is, or nothing."""
+    return next(
+        (
+            words
+            for size, words in (_ANGLE_FACTORS if turns else _FACTORS).items()
+            if abs(math.log(ratio / size)) < _NEAR
+        ),
+        None,
+    )
+
+
+def _whole(step: float, turns: bool) -> bool:
+    """Whether a step is 1 in some unit of length, or of an angle."""
+    return any(abs(step / size - 1) < 1e-3 for size in (_ANGLES if turns else _LENGTHS))

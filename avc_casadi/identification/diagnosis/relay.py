@@ -1,0 +1,228 @@
+"""Forces that switch: by a sign (a relay, a minimum force, rendered dry friction), or where contact begins.
+
+Seen from its edge the gain of a sign is infinite (its describing function is 4 c/(pi A) at an amplitude A), so that no
+loop with a delay rests beside it, however soft the spring and the damper are that stand with it.
+
+A damper jumps at the edge of contact too, by b times the speed, and pulls the force to 0 before the device leaves the
+wall: carried on to the sample before contact, its sum with the spring is at most 0. That of a force that a position
+switches on is as large there as it is a sample later.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi._util.text import number
+from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.log import Log
+from avc_casadi.identification.diagnosis.oscillation import Swing
+
+_MOST_LAG = 8
+_FEWEST = 100
+# A sign is believed that leaves so little of the force, as an ordinary law; and so much less than spring and damper do.
+_LEFT, _BETTER = 0.05, 0.3
+# Share of the force's swing that is switched, below which it is dry friction that is compensated.
+_SHARE = 0.1
+# Of a force of two or three sizes, share of the samples that have that of their sign.
+_FOLLOWS = 0.97
+_SIZES = 3
+# A force nearer to the device's limit is cut.
+_WHOLE = 0.9999
+
+
+@dataclass(frozen=True)
+class Relay:
+    """F = c sign(s) + k x + b dx/dt + a constant.
+
+    Attributes:
+        force_n: c.
+        by: what is switched by: the position, the speed, or the sign of the force itself (a minimum force).
+        at_m: of a position, where.
+        law: the spring and the damper beside it; None where there are none.
+    """
+
+    force_n: float
+    by: str
+    at_m: float
+    law: Law | None
+
+    def sentence(self) -> str:
+        """Say how the force is made."""
+        where = {
+            "position": f"where the position crosses {number(self.at_m, 3)} m",
+            "speed": "with the direction of the motion",
+            "force": "with its own sign: no force is smaller (a minimum force)",
+        }[self.by]
+        return f"a force of +-{number(self.force_n, 3)} N is switched {where}"
+
+
+def find_relay(log: Log, swing: Swing, limit_n: float | None) -> Relay | None:
+    """Return the force that a sign switches while a log swings, or None.
+
+    Args:
+        log: on its grid.
+        swing: its oscillation.
+        limit_n: force limit of the device, at which forces are cut.
+    """
+    part = slice(swing.first, swing.last)
+    force, position, ran = log.force_n[part], log.position_m[part], log.ran[part]
+    if np.count_nonzero(ran) < _FEWEST or not np.ptp(force):
+        return None
+    speed = np.gradient(position)
+    sizes = np.unique(force).size
+    whole = ran & (True if limit_n is None or sizes <= _SIZES else np.abs(force) < _WHOLE * limit_n)
+    best: Relay | None = None
+    least = np.inf
+    for lag in range(_MOST_LAG + 1):
+        rows = np.flatnonzero(whole[lag + 1 :]) + lag + 1
+        edge = _edge(force, position, rows, lag)
+        signs = {
+            "position": np.sign(position[rows - lag] - edge),
+            "speed": np.sign(speed[rows - lag]),
+            "force": np.sign(force[rows]),
+        }
+        for by, sign in signs.items():
+            if by != "force" and sizes <= _SIZES and _follows(force[rows], sign):
+                return Relay(float(np.ptp(force)) / 2, by, edge, None)
+            found = None if sizes <= _SIZES else _fit(force, position, rows, lag, sign, log.ticks.period_s)
+            if found is not None and found[1].misfit < _BETTER * least:
+                best, least = Relay(found[0], by, edge, found[1]), found[1].misfit
+    return best
+
+
+def _edge(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) -> float:
+    """Return the position at which the force jumps."""
+    jumps = np.abs(force[rows] - force[rows - 1])
+    at = rows[jumps > 0.5 * jumps.max()]
+    return float(np.median((position[at - lag] + position[at - lag - 1]) / 2))
+
+
+def _follows(force: FloatArray, sign: FloatArray) -> bool:
+    middle = (float(force.min()) + float(force.max())) / 2
+    moves = sign != 0
+    same: BoolArray = np.sign(force - middle)[moves] == sign[moves]
+    return bool(moves.mean() > 0.5 and same.mean() > _FOLLOWS)
+
+
+def _fit(
+    force: FloatArray, position: FloatArray, rows: IndexArray, lag: int, sign: FloatArray, period_s: float
+) -> tuple[float, Law] | None:
+    """Return the size that is switched, and the law beside it, where a sign explains the force; None elsewhere."""
+    x, before = position[rows - lag], position[rows - lag - 1]
+    plain = np.stack([x - x.mean(), x - before, np.ones(rows.size)], axis=1)
+    left = []
+    for columns in (plain, np.column_stack([plain, sign])):
+        scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
+        told = np.linalg.lstsq(columns / scale, force[rows], rcond=1e-10)[0] / scale
+        left.append(float(np.sqrt(np.mean((columns @ told - force[rows]) ** 2))) / float(np.std(force[rows])))
+    size = float(told[3])
+    if left[1] > min(_LEFT, _BETTER * left[0]) or 2 * abs(size) < _SHARE * float(np.ptp(force[rows])):
+        return None
+    k, b = float(told[0]), float(told[1]) * period_s
+    slack = float(x.mean()) - float(told[2]) / k if k else float(x.mean())
+    return abs(size), Law(k, b, 0.0, lag, slack, max(left[1], 1e-12), int(rows.size))
+
+
+_FEWEST_JUMP = 25
+_MOST_LAG_JUMP = 3
+# What spring, damper and jump leave of the force in contact, as a share.
+_LEFT_JUMP = 0.05
+# A spring's force goes by its stiffness times the encoder's steps: over so few of them, or of no more than so many of
+# its own, a force that begins is no jump but a step.
+_FEW_STEPS, _OWN_STEPS = 3.5, 2.5
+# Share of the force's swing that is the jump, and how often a cycle begins contact.
+_SHARE_JUMP = 0.4
+_PER_CYCLE = 0.5
+_NOTHING = 1e-3
+# A force nearer to the device's limit is cut.
+_WHOLE_JUMP = 0.9999
+
+
+@dataclass(frozen=True)
+class Jump:
+    """F = jump + k (x - x0) + b dx/dt in contact, 0 outside of it.
+
+    Attributes:
+        force_n: the jump at x0, out of the wall.
+        stiffness_n_per_m: k.
+        damping_ns_per_m: b.
+        lag: samples from a position to its force.
+    """
+
+    force_n: float
+    stiffness_n_per_m: float
+    damping_ns_per_m: float
+    lag: int
+
+
+def jump_sentence(jump: Jump, reach_m: float) -> str:
+    """Say how the force follows the position.
+
+    Args:
+        jump: of the log.
+        reach_m: how far the hand moves for a unit of the position.
+    """
+    nothing = _NOTHING * reach_m**2
+    parts = [f"{number(jump.force_n, 3)} N"]
+    parts += [f"{number(jump.stiffness_n_per_m, 3)} N/m of depth"] if abs(jump.stiffness_n_per_m) > nothing else []
+    parts += [f"{number(jump.damping_ns_per_m, 3)} N.s/m"] if abs(jump.damping_ns_per_m) > nothing else []
+    return f"in contact the force is {' + '.join(parts)}, and 0 outside: every cycle switches it"
+
+
+def find_jump(log: Log, swing: Swing, law: Law | None, limit_n: float | None) -> Jump | None:
+    """Return the jump that an oscillation switches in every cycle, or None.
+
+    Args:
+        log: on its grid.
+        swing: its oscillation.
+        law: what the computer makes of the position; where it is told, its spring says what is left at the edge.
+        limit_n: force limit of the device, at which forces are cut and tell nothing of what made them.
+    """
+    found, period = swing.found, log.ticks.period_s
+    # What was switched on may have begun it: its later half counts.
+    part = slice((swing.first + swing.last) // 2, swing.last)
+    force, position = log.force_n[part], log.position_m[part]
+    touching = force > 1e-9 * float(np.abs(force).max(initial=0.0))
+    before = np.flatnonzero(touching[1:] & ~touching[:-1])
+    cycles = found.frequency_hz * force.size * period
+    swings = float(np.ptp(force))
+    whole = touching if limit_n is None else touching & (force < _WHOLE_JUMP * limit_n)
+    if whole.sum() < _FEWEST_JUMP or before.size < _PER_CYCLE * cycles or (force < 0).any():
+        return None
+    for lag in range(_MOST_LAG_JUMP + 1):
+        rows = np.flatnonzero(whole)
+        rows = rows[rows > lag]
+        if np.ptp(position[rows - lag]) < _FEW_STEPS * log.encoder_m:
+            continue
+        edge = float(position[rows - lag].min())
+        columns = _columns(position, rows, lag, edge, period)
+        told = np.linalg.lstsq(columns, force[rows], rcond=1e-10)[0]
+        left = float(np.sqrt(np.mean((columns @ told - force[rows]) ** 2)))
+        if left < _LEFT_JUMP * float(np.sqrt(np.mean(force[rows] ** 2))):
+            jump = Jump(float(told[0]), float(told[1]), float(told[2]), lag)
+            if jump.force_n < _OWN_STEPS * jump.stiffness_n_per_m * log.encoder_m:
+                return None
+            carried = _columns(position, before[before > lag], lag, edge, period) @ told
+            switched = carried.size > 0 and float(np.median(carried)) > _LEFT_JUMP * swings
+            least = _SHARE_JUMP * swings
+            # Contact begins where the force does, cut at the device's limit or not.
+            contact = np.flatnonzero(touching)
+            begins = float(position[contact[contact > lag] - lag].min())
+            return jump if switched and min(jump.force_n, _of_spring(law, begins, log.reach_m)) > least else None
+    return None
+
+
+def _of_spring(law: Law | None, edge: float, reach_m: float) -> float:
+    """Return the force of the spring alone at a position; infinite where none is told."""
+    if law is None or not law.told or not law.stiffness_n_per_m > _NOTHING * reach_m**2:
+        return np.inf
+    return law.stiffness_n_per_m * (edge - law.wall_m)
+
+
+def _columns(position: FloatArray, rows: IndexArray, lag: int, edge: float, period: float) -> FloatArray:
+    """Return 1, depth and speed of the samples that some forces were computed from, shape (rows, 3)."""
+    x = position[rows - lag]
+    return np.stack([np.ones(rows.size), x - edge, (x - position[rows - lag - 1]) / period], axis=1)

@@ -1,0 +1,199 @@
+"""What would cure a loop: each change is checked on the loop model before it is told."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from avc_casadi._util.text import number
+from avc_casadi.identification.diagnosis.causes import meant_period, shorter
+from avc_casadi.identification.diagnosis.counterfactual import NOTHING, can_replay, replay
+from avc_casadi.identification.diagnosis.hypothesis import (
+    Hypothesis,
+    at_period,
+    growth_over,
+    limit_of,
+    longest_delay,
+    notched_growth,
+    worst_mode,
+)
+from avc_casadi.identification.diagnosis.intended import Declared
+from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.log import Log
+from avc_casadi.identification.diagnosis.model import Cure
+from avc_casadi.simulation.effects.filters import Notch
+
+# Of a limit, so much is left.
+_RESERVE = 0.8
+_FILTERS_HZ = (150.0, 60.0, 25.0)
+_QUICKER = (2.0, 4.0, 8.0, 16.0, 32.0)
+_FINER = (2.0, 4.0, 8.0)
+_SOFTER = (0.7, 0.5, 0.35)
+# Notches that are tried: frequency over that of the swing, gain there, band as a share of the frequency.
+_NOTCH_TURNS = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.25, 1.4, 1.6)
+_NOTCH_DEPTHS = (0.05, 0.3)
+_NOTCH_WIDTHS = (0.5, 1.0, 2.0)
+_BESIDE = 0.1
+_HIGHEST = 0.45
+
+
+def cures_of(cause: str, answer: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[Cure, ...]:
+    """Return the changes that cure a loop, that of its cause first.
+
+    Args:
+        cause: key of the cause.
+        answer: device and hand.
+        law: what the computer makes of the position.
+        log: on its grid.
+        declared: the loop as it was meant.
+    """
+    own: Callable[[], list[Cure]] = {
+        "delay": lambda: _delay(answer, law, log, declared),
+        "resonance": lambda: [
+            *_notch(answer, law),
+            _of("mechanics without the resonance", "resonance", math.nan, answer.without_mode(), law),
+        ],
+        "ticks": lambda: _ticks(answer, law, log),
+        "rate": lambda: _rate(answer, law, log, declared),
+        "encoder": lambda: _encoder(answer, law, log),
+    }.get(cause, list)
+    found = own()
+    if cause != "encoder":
+        gains = ["damping", "stiffness"] if cause == "damping" else ["stiffness", "damping"]
+        found += [cure for gain in gains for cure in _gain(gain, answer, law)]
+        found += _quicker(answer, law)
+    if cause in {"stiffness", "damping"}:
+        found += _delay(answer, law, log, declared)
+    return tuple(cure for cure in found if cure.rests)
+
+
+def _of(change: str, key: str, value: float, answer: Hypothesis, law: Law, **factors: float) -> Cure:
+    mode = worst_mode(answer, law, **factors)
+    return Cure(change, key, value, mode.growth_per_s, mode.stable)
+
+
+def _gain(gain: str, answer: Hypothesis, law: Law) -> list[Cure]:
+    limit = limit_of(answer, law, gain)
+    if limit is None or limit == 1:
+        return []
+    key = f"{gain}_n{'' if gain == 'stiffness' else 's'}_per_m"
+    now = float(getattr(law, key))
+    share = _RESERVE * limit
+    symbol, unit = ("k", "N/m") if gain == "stiffness" else ("b", "N.s/m")
+    change = (
+        f"{symbol} = {number(share * now, 3)} {unit} in place of {number(now, 3)} (it rests below "
+        f"{number(limit * now, 3)})"
+    )
+    return [_of(change, key, share * now, answer, law, **{gain: share})]
+
+
+def _delay(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[Cure]:
+    meant = declared.longest_delay * declared.device.sample_time_s / log.ticks.period_s
+    own = float(answer.device.delay_samples) + law.lag
+    longest = longest_delay(Hypothesis(answer.delayed(own).device, answer.hand), shorter(law, 0.0))
+    if longest is None or longest >= own:
+        return []
+    most = meant if meant <= longest else _RESERVE * longest
+    change = f"a delay of {number(most, 2)} samples in place of {number(own, 3)} (it rests below {number(longest, 3)})"
+    return [_of(change, "delay_samples", most, answer.delayed(most), shorter(law, 0.0))]
+
+
+def _quicker(answer: Hypothesis, law: Law) -> list[Cure]:
+    """Return the quicker filter of the velocity with which the loop decays fastest."""
+    period = answer.device.sample_time_s
+    now = law.filter_hz(period)
+    if now is None:
+        return []
+    tried = [
+        _of(
+            f"a velocity filter of {number(times * now, 3)} Hz in place of {number(now, 3)}",
+            "velocity_filter_hz",
+            times * now,
+            answer,
+            replace(law, keep=law.keep**times),
+        )
+        for times in _QUICKER
+        if times * now < _HIGHEST / period
+    ]
+    return sorted(tried, key=lambda cure: cure.growth_per_s)[:1]
+
+
+def _notch(answer: Hypothesis, law: Law) -> list[Cure]:
+    """Return the notch with which the loop decays fastest, be it set a little beside the frequency either way."""
+    swings, period = worst_mode(answer, law).frequency_hz, answer.device.sample_time_s
+    best: tuple[float, Notch] | None = None
+    for turn, depth, width in itertools.product(_NOTCH_TURNS, _NOTCH_DEPTHS, _NOTCH_WIDTHS):
+        if turn * swings * (1 + _BESIDE) < _HIGHEST / period:
+            tried = [
+                notched_growth(answer, law, Notch(turn * by * swings, depth, width))
+                for by in (1 - _BESIDE, 1.0, 1 + _BESIDE)
+            ]
+            if best is None or max(tried) < best[0]:
+                best = max(tried), Notch(turn * swings, depth, width)
+    if best is None:
+        return []
+    growth, notch = best
+    change = (
+        f"a notch on the measured position at {number(notch.frequency_hz, 3)} Hz (depth {notch.depth:g}, width "
+        f"{notch.width:g}), or {100 * _BESIDE:g} % beside"
+    )
+    return [Cure(change, "notch_hz", notch.frequency_hz, growth, growth < 0)]
+
+
+def _ticks(answer: Hypothesis, law: Law, log: Log) -> list[Cure]:
+    found = [_of("every tick in time", "dropped_share", 0.0, answer, law)]
+    for factor in _SOFTER:
+        softer = replace(
+            law,
+            stiffness_n_per_m=factor * law.stiffness_n_per_m,
+            damping_ns_per_m=factor * law.damping_ns_per_m,
+        )
+        growth = growth_over(answer, softer, log.pattern)
+        if growth < 0:
+            change = (
+                f"or k = {number(softer.stiffness_n_per_m, 3)} N/m and b = {number(softer.damping_ns_per_m, 3)} N.s/m "
+                "with the ticks as they are"
+            )
+            found.append(Cure(change, "stiffness_n_per_m", softer.stiffness_n_per_m, growth, rests=True))
+            break
+    return found
+
+
+def _rate(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[Cure]:
+    period = meant_period(log, declared)
+    return [_of(f"a rate of {number(1 / period)} Hz", "sample_time_s", period, *at_period(answer, law, period))]
+
+
+def _encoder(answer: Hypothesis, law: Law, log: Log) -> list[Cure]:
+    """Play the scene with a finer encoder, a filter and softer gains; the first of each kind that rests is told."""
+    if not can_replay(law):
+        return []
+    found = []
+    step = log.encoder_m
+
+    def small(with_law: Law, encoder_m: float, filter_hz: float | None = None) -> bool:
+        played = replay(answer, with_law, log, encoder_m, filter_hz=filter_hz)
+        return not played.sustained
+
+    for factor in _SOFTER if law.damping_ns_per_m > NOTHING * log.reach_m**2 else ():
+        softer = replace(law, damping_ns_per_m=factor * law.damping_ns_per_m)
+        if worst_mode(answer, softer).stable and small(softer, step):
+            change = f"b = {number(softer.damping_ns_per_m, 3)} N.s/m in place of {number(law.damping_ns_per_m, 3)}"
+            found.append(Cure(change, "damping_ns_per_m", softer.damping_ns_per_m, math.nan, rests=True))
+            break
+    if law.keep == 0:
+        for hertz in _FILTERS_HZ:
+            keep = math.exp(-2 * math.pi * hertz * answer.device.sample_time_s)
+            filtered = replace(law, keep=keep)
+            if worst_mode(answer, filtered).stable and small(filtered, step):
+                change = f"a velocity filter of {number(hertz)} Hz"
+                found.append(Cure(change, "velocity_filter_hz", hertz, math.nan, rests=True))
+                break
+    for finer in _FINER:
+        if small(law, step / finer):
+            change = f"an encoder of {number(1e6 * step / finer, 3)} um in place of {number(1e6 * step, 3)}"
+            found.append(Cure(change, "encoder_resolution_m", step / finer, math.nan, rests=True))
+            break
+    return found

@@ -1,0 +1,93 @@
+"""Saturation: whether the force limit bounds a swing, and whether one swings evenly that nothing bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, worst_mode
+from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.log import Log
+from avc_casadi.identification.diagnosis.oscillation import Oscillation, Swing
+
+# A force within this share of its limit stands at it.
+_TOP = 0.999
+# Where no limit was declared, a force that comes again and again is one: in this share of a swing over so many steps,
+# over fewer of which all forces come again.
+_AGAIN, _STEPS = 0.05, 14.0
+# A command so much above the limit is no rounding, and so large a share of them no single slip.
+_ABOVE, _SELDOM = 1.01, 1e-3
+
+
+def limited(log: Log, swing: Swing, limit_n: float | None) -> Swing:
+    """Return a swing with its largest force, and the share of it in which the force stands at its limit.
+
+    Args:
+        log: on its grid.
+        swing: its oscillation.
+        limit_n: of the device; None where none was declared.
+    """
+    size = np.abs(log.force_n[swing.first : swing.last])
+    largest = float(size.max(initial=0.0))
+    if swing.found.kind == "none" or not largest:
+        return swing
+    share = float(np.mean(size > _TOP * (largest if limit_n is None else limit_n)))
+    if limit_n is None and not (share > _AGAIN and swing.found.steps > _STEPS):
+        share = 0.0
+    return replace(swing, found=replace(swing.found, largest_force_n=largest, at_force_limit_share=share))
+
+
+GROWN = 4.0
+"""By how many factors of e a loop would grow where the log swings evenly, that is then not its oscillation."""
+_ALWAYS = 0.97
+_TOP_EVEN = 0.999
+# A position that toggles has its largest force at one of its counts, which is no limit.
+_ONE_COUNT = 1.5
+_FEW_STEPS = 3.0
+# Between two counts an encoder takes the force of a motion that is up to a count high for that of this share of it, and
+# holds a loop there that grows without its steps.
+_LEAST_GAIN = 0.5
+
+
+def exceeded(log: Log, limit_n: float) -> bool:
+    """Return whether a log commands more than the force that a device declares as its limit.
+
+    Args:
+        log: on its grid.
+        limit_n: of the device.
+    """
+    return bool(np.mean(np.abs(log.force_n) > _ABOVE * limit_n) > _SELDOM)
+
+
+def unlimited(log: Log, found: Oscillation, limit_n: float | None) -> bool:
+    """Return whether an oscillation neither leaves contact nor reaches a largest force.
+
+    Args:
+        log: on its grid.
+        found: its oscillation.
+        limit_n: force limit of the device, None where none was declared.
+    """
+    size = np.abs(log.force_n)
+    top = size > _TOP_EVEN * size.max()
+    cut = limit_n is not None and size.max() >= _TOP_EVEN * limit_n
+    limited = np.mean(top) > 1 - _ALWAYS and (cut or np.ptp(log.position_m[top]) > _ONE_COUNT * log.encoder_m)
+    return bool(found.contact_share > _ALWAYS and not limited)
+
+
+def outgrows(answer: Hypothesis, law: Law, log: Log, found: Oscillation, limit_n: float | None) -> bool:
+    """Return whether a loop would long have grown beyond the few counts over which a log swings evenly.
+
+    Args:
+        answer: device and hand.
+        law: what the computer makes of the position.
+        log: on its grid.
+        found: its oscillation.
+        limit_n: force limit of the device, None where none was declared.
+    """
+    few = found.kind == "limit cycle" and found.steps < _FEW_STEPS
+    if not few or not unlimited(log, found, limit_n):
+        return False
+    grows = worst_mode(answer, law, stiffness=_LEAST_GAIN, damping=_LEAST_GAIN).growth_per_s
+    return math.isfinite(grows) and grows * (found.ends_s - found.begins_s) > GROWN

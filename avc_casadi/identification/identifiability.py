@@ -1,0 +1,210 @@
+"""Which numbers a log tells: the rest is refused by name, with the excitation that would tell it."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.text import number
+from avc_casadi.identification.closed_loop import coloured
+from avc_casadi.identification.fit import Fit
+from avc_casadi.identification.model import Refusal
+from avc_casadi.identification.terms import HIGHEST_SEEN, LOOP_DAMPING, LOOP_RATIO, SIZE_OF, TERMS
+from avc_casadi.identification.uncertainty import Spread
+
+EXCITATION = {
+    "mass_kg": "a multisine of 1 to 30 Hz with several times the force of the friction",
+    "damping_ns_per_m": "long strokes at several speeds, such as a slow sine of large amplitude, several periods of it",
+    "delay_samples": "a chirp or multisine up to a fifth of the sample rate, or steps of force",
+    "offset_n": "strokes both ways",
+    "coulomb_friction_n": "slow strokes with many reversals, the force twice the friction or more",
+    "friction_asymmetry_n": "a second log with the device turned over, which reverses gravity and not the friction: "
+    "the mean of the two constant forces is the asymmetry",
+    "damping_asymmetry_ns_per_m": "fast strokes both ways",
+    "breakaway_excess_n": "reversals at a few millimetres a second of the hand, slow enough that the device sticks",
+    "stribeck_speed_m_per_s": "strokes at speeds from 1 to 50 millimetres a second of the hand",
+    "resonance.mass_ratio": "a log of a position at the motor, or the handle weighed",
+    "resonance": "a chirp or multisine of 20 Hz to a third of the sample rate, strong enough to move several encoder "
+    "steps",
+    "amplifier_bandwidth_hz": "a chirp to a third of the sample rate at a higher sample rate, or a log of the current",
+    LOOP_RATIO: "a step of the current, measured; or a chirp to a third of the sample rate at a higher sample rate",
+    "stiffness_n_per_m": "slow strokes over the whole travel",
+    "offset_drift_n_per_s": "a longer log",
+    "force_scale": "two logs, one with a known mass on the device (--added-mass 0,VALUE), or --known mass_kg=VALUE",
+    "position_noise_rms_m": "a log in motion; at rest the encoder's step hides it",
+    "encoder_resolution_m": "the encoder's own counts, unfiltered",
+    "backlash_m": "strokes with many reversals, the force several times the friction; for play beyond the encoder, the "
+    "position measured at the handle",
+    "max_force_n": "the amplifier's data sheet; a log does not tell what was not commanded",
+}
+# Half widths in the coordinates of the search beyond which a number is not told.
+_WIDEST = {
+    "mass_kg": 0.35,
+    "delay_samples": 1.0,
+    "resonance.frequency_hz": 0.15,
+    "resonance.damping_ratio": 1.4,
+    "resonance.mass_ratio": 1.7,
+    "amplifier_bandwidth_hz": 0.7,
+    LOOP_RATIO: 0.5,
+    "stribeck_speed_m_per_s": 1.4,
+    "force_scale": 0.35,
+    # In units of the force that the log holds.
+    "damping_ns_per_m": 0.4,
+    "coulomb_friction_n": 0.4,
+    "breakaway_excess_n": 0.4,
+    "offset_n": 0.4,
+}
+
+
+def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]:
+    """Return what is not told of the parameters of a fit, by name.
+
+    Args:
+        fit: at its best.
+        spread: its uncertainty.
+        normal: correlations of the normalised sensitivities.
+    """
+    found = {}
+    names = [one.name for one in fit.structure.free]
+    for index, one in enumerate(fit.structure.free):
+        widest = _WIDEST.get(one.name)
+        half = float(spread.half_width[index])
+        if widest is None or half <= widest:
+            continue
+        others = np.abs(np.delete(normal[index], index))
+        like = names[index + 1 if (at := int(np.argmax(others))) >= index else at] if others.size else ""
+        alike = float(others.max(initial=0.0))
+        why = f"its interval is too wide ({_width(one.kind, half)})"
+        if alike > 0.9:
+            why += f"; the log changes with it as with {like} (correlation {number(alike, 3)})"
+        key = one.name if one.name == "resonance.mass_ratio" else one.name.partition(".")[0]
+        q = float(fit.search[index])
+        value, *ends = (fit.structure.outward(one, at) for at in (q, q - half, q + half))
+        low, high = (min(max(end, one.lowest), one.highest) for end in ends)
+        found[key] = Refusal(key, why, EXCITATION[key], (value, low, high))
+    return found
+
+
+def not_of_one_kind(fit: Fit, half_width: Sequence[float]) -> dict[str, Refusal]:
+    """Return that the bandwidth of an amplifier is not told where one of another order or damping does as well.
+
+    Lag and delay together are told all the same.
+
+    Args:
+        fit: at its best.
+        half_width: of the interval of each coordinate, with what rivals find in it.
+    """
+    key = "amplifier_bandwidth_hz"
+    for one, half in zip(fit.structure.free, half_width, strict=True):
+        if one.name == key and half > _WIDEST[key]:
+            why = f"a lag, or a current loop of another damping ratio, does as well ({_width(one.kind, half)})"
+            return {key: Refusal(key, why, EXCITATION[key])}
+    return {}
+
+
+def never_told(
+    fit: Fit,
+    estimates: Mapping[str, object],
+    excited: tuple[float, float] | None,
+    absent: set[str],
+    inseparable: set[str],
+    lags: FloatArray,
+) -> dict[str, Refusal]:
+    """Return what no fit of these logs could tell, and what they show no trace of.
+
+    Args:
+        fit: of the logs.
+        estimates: what is told.
+        excited: lowest and highest frequency at which force and motion are coherent, Hz.
+        absent: terms that the model does not have.
+        inseparable: terms that are borne out and not told from the rest of the model.
+        lags: autocorrelation of the error.
+    """
+    found = {}
+    if "coulomb_friction_n" not in estimates:
+        found["coulomb_friction_n"] = beyond_force("coulomb_friction_n")
+    band = "at no frequency" if excited is None else f"up to {number(excited[1], 2)} Hz"
+    if "resonance" in absent:
+        why = f"no trace of one; force and motion are coherent {band}"
+        if "resonance" in inseparable:
+            why = f"the log bears one out beyond what it excites, or an amplifier; force and motion are coherent {band}"
+        found["resonance"] = Refusal("resonance", why, EXCITATION["resonance"])
+    if "amplifier" in absent:
+        why = "its lag cannot be told from delay; the delay given holds both"
+        found["amplifier_bandwidth_hz"] = Refusal("amplifier_bandwidth_hz", why, EXCITATION["amplifier_bandwidth_hz"])
+    if "scale" not in fit.structure.terms:
+        why = "mass, damping and friction all scale with the force; the commanded force is taken as true"
+        found["force_scale"] = Refusal("force_scale", why, EXCITATION["force_scale"])
+    if "coulomb" in fit.structure.terms:
+        why = "friction that differs between the directions is the same as a constant force (offset_n)"
+        found["friction_asymmetry_n"] = Refusal("friction_asymmetry_n", why, EXCITATION["friction_asymmetry_n"])
+    hidden = "it is below what the encoder's step hides"
+    if coloured(lags):
+        hidden = "the prediction error is not white: what the model does not know is in it"
+    for key, why in (
+        ("encoder_resolution_m", "the positions lie on no lattice"),
+        ("position_noise_rms_m", hidden),
+        ("backlash_m", "no trace of any that the encoder stands behind; a log of one position does not show another"),
+        ("max_force_n", "it is not seen in a log"),
+    ):
+        if key not in estimates:
+            found[key] = Refusal(key, why, EXCITATION[key])
+    return found
+
+
+def beyond_force(key: str) -> Refusal:
+    """Return why a force is not told whose upper end is beyond the force that acted.
+
+    Args:
+        key: of the force.
+    """
+    return Refusal(key, "the log bounds it by more than the force that acted", EXCITATION[key])
+
+
+def _width(kind: str, half: float) -> str:
+    if kind == "log":
+        return f"a factor of {number(float(np.exp(min(half, 50.0))), 2)} either way"
+    return f"+-{number(half, 2)} " + ("in its logit" if kind == "share" else "of the size that would matter")
+
+
+def cannot_tell(records_force_rms: float, motion_in_steps: float) -> list[Refusal]:
+    """Return why a log tells nothing at all, before any fit.
+
+    Args:
+        records_force_rms: change of the force, N.
+        motion_in_steps: travel in steps of the encoder, or infinite.
+    """
+    found = []
+    if records_force_rms < 1e-9:
+        found.append(Refusal("mass_kg", "the commanded force never changes", EXCITATION["mass_kg"]))
+    if motion_in_steps < 12:
+        why = f"the position moves over {number(motion_in_steps, 2)} steps of the encoder only"
+        found.append(Refusal("mass_kg", why, "more force, or lower frequencies: a travel of 50 steps and more"))
+    return found
+
+
+def vague_terms(fit: Fit, half_width: Sequence[float], refused: Container[str]) -> list[str]:
+    """Return the terms that are not told well enough to stand in a model: refused, or perhaps not there at all.
+
+    Args:
+        fit: at its best.
+        half_width: of the interval of each coordinate, with what rivals find in it.
+        refused: keys that are not told.
+    """
+    found: list[str] = [
+        term
+        for term in (LOOP_DAMPING, "amplifier", "resonance", "stribeck")
+        if term in fit.structure.terms and any(one.name.partition(".")[0] in refused for one in TERMS[term].parameters)
+    ]
+    if fit.structure.present("resonance.frequency_hz"):
+        found += ["resonance"] if fit.values["resonance.frequency_hz"] * fit.sample_time_s > HIGHEST_SEEN else []
+    names = [one.name for one in fit.structure.free]
+    for term, key in SIZE_OF.items():
+        # Whether there is dry friction was weighed with it, and its interval may end at 0.
+        if term in fit.structure.terms and term != "coulomb":
+            place = names.index(key)
+            # A half width that was widened to the value itself may end a rounding error short of it.
+            found += [term] if fit.search[place] <= (1 + 1e-9) * half_width[place] else []
+    return found

@@ -1,0 +1,265 @@
+"""Initial guesses: inverse dynamics by instrumental variables, and where the search for each term begins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import signal
+
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi.identification.coarse_to_fine import FIRST_RATE_PER_S, roughly
+from avc_casadi.identification.fit import Fit
+from avc_casadi.identification.frequency import Response, held_guess, likely_resonances
+from avc_casadi.identification.predictor import Predictor
+from avc_casadi.identification.record import Record
+from avc_casadi.identification.terms import PLAY, TERMS, Structure, lag_of, offset_of
+
+_DELAYS = tuple(np.arange(0.0, 8.5, 0.5))
+_SHARE_OF_RATE = 1 / 12
+_CUTOFF_HZ = 40.0
+_EDGE = 60
+# Column of the position among the regressors.
+_POSITION = 3
+# Shares of the largest force at which it may be cut. Cut there, this share of what is left otherwise is left at most
+# (0.13 where it is cut, 0.96 where it is not), and this one of the force.
+_CUT_AT = (0.9, 0.75, 0.6, 0.5, 0.4, 0.3, 0.2)
+_CUT_LEAVES, _EXPLAINED = 0.5, 0.1
+# A spring leaves at most this share of the force's square that a free device leaves. Of sixty devices drawn at random
+# it left 0.004 to 0.22 in nine of ten on springs (the tenth's frequency response tells), and 0.76 and more elsewhere.
+_HELD_LEAVES = 0.5
+# Share of the force that inertia is begun with where its sign is not told.
+_LITTLE = 0.05
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Where a search begins.
+
+    Attributes:
+        values: mass, damping, Coulomb friction, delay, the constant force of each log, of a held device its spring.
+        explained: share of the force's square.
+        against: whether most of the force points against the motion that answers it: its sign is wrong.
+    """
+
+    values: dict[str, float]
+    explained: float
+    against: bool
+
+
+def first_guess(records: Sequence[Record]) -> Guess:
+    """Return the numbers of a rigid device, held by a spring where that leaves far less of the force.
+
+    Velocity and acceleration come from every other sample; those of the samples between are the instruments. Their
+    noise is not that of the regressors, so that it neither thins the estimates nor, in a closed loop, leans them.
+
+    Args:
+        records: of one device.
+    """
+    motion = _Motion.of(records)
+    rigid, held = (
+        min(((delay, *motion.explains(delay, held=spring)) for delay in _DELAYS), key=lambda one: one[1])
+        for spring in (False, True)
+    )
+    spring = held[1] < _HELD_LEAVES * rigid[1]
+    delay, left, whole, found = held if spring else rigid
+    names = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "stiffness_n_per_m")[: 3 + spring]
+    values = dict(zip(names, map(float, found), strict=False))
+    # What asks for the most force has the sign of the device.
+    asks = {name: value * motion.rms_of(index) for index, (name, value) in enumerate(values.items())}
+    against = asks[max(asks, key=lambda name: abs(asks[name]))] < 0
+    if values["mass_kg"] < 0 and not against:
+        # Below a resonance, or in friction, inertia is a small share whose sign noise may turn: the fit finds it.
+        values["mass_kg"] = _LITTLE * float(np.sqrt(whole / len(motion.added_n))) / motion.rms_of(0)
+    offsets = {offset_of(log): -float(force) for log, force in enumerate(found[len(names) :])}
+    return Guess({**values, **offsets, "delay_samples": float(delay)}, 1 - left / whole, against)
+
+
+def saturated_force_n(records: Sequence[Record], delay_samples: float) -> float | None:
+    """Return where the force that acts is cut off, below the one that is logged; None where it acts as it is logged.
+
+    A device that follows the force up to its limit moves as inverse dynamics say with the force cut there, and much
+    less so with the force as it is logged.
+
+    Args:
+        records: of one device.
+        delay_samples: of the first guess.
+    """
+    motion = _Motion.of(records)
+    largest = max(float(np.abs(record.force_n).max()) for record in records)
+    near = [max(0.0, delay_samples + step) for step in (-1.0, 0.0, 1.0)]
+
+    def left(share: float) -> float:
+        explained = (motion.explains(delay, share * largest) for delay in near)
+        return min(left / whole for left, whole, _ in explained)
+
+    uncut, cut = left(1.0), {share: left(share) for share in _CUT_AT}
+    share = min(cut, key=lambda one: cut[one])
+    return share * largest if cut[share] < min(_CUT_LEAVES * uncut, _EXPLAINED) else None
+
+
+def play_guess_m(records: Sequence[Record], last_went: Sequence[FloatArray], delay_samples: float) -> float:
+    """Return the play of which inverse dynamics ask that the encoder stands behind it; below 0 where there is none.
+
+    Args:
+        records: of one device.
+        last_went: which way each of them last went, from -1 to 1.
+        delay_samples: of the force.
+    """
+    motion, period = _Motion.of(records), records[0].sample_time_s
+    smooth = [_filtered(way, period, motion.cutoff_hz) for way in last_went]
+    bent = np.concatenate([np.gradient(np.gradient(way, period), period)[_EDGE:-_EDGE] for way in smooth])[:, None]
+    more = replace(
+        motion,
+        regressors=np.concatenate([motion.regressors, bent], axis=1),
+        instruments=np.concatenate([motion.instruments, bent], axis=1),
+    )
+    found = more.explains(delay_samples)[2]
+    return 2 * float(found[-1] / found[0])
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """What the motion of a rigid device asks of the force.
+
+    Attributes:
+        records: of it.
+        regressors: acceleration, velocity, direction, position, and the constant force of each log.
+        instruments: the same from the samples between.
+        added_n: what known added masses take.
+        cutoff_hz: below which all of it is compared.
+    """
+
+    records: Sequence[Record]
+    regressors: FloatArray
+    instruments: FloatArray
+    added_n: FloatArray
+    cutoff_hz: float
+
+    @classmethod
+    def of(cls, records: Sequence[Record]) -> _Motion:
+        """Differentiate the positions."""
+        period = records[0].sample_time_s
+        cutoff = min(_CUTOFF_HZ, _SHARE_OF_RATE / period)
+        logs = list(dict.fromkeys(record.whole for record in records))
+        parts = [_parts(record, period, cutoff, np.arange(len(logs)) == logs.index(record.whole)) for record in records]
+        regressors, instruments, added = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return cls(records, regressors, instruments, added, cutoff)
+
+    def rms_of(self, column: int) -> float:
+        """Return the root mean square of a regressor about its mean."""
+        return float(np.std(self.regressors[:, column]))
+
+    def explains(self, delay: float, limit_n: float = np.inf, *, held: bool = False) -> tuple[float, float, FloatArray]:
+        """Return the force's square that is left, that of the force, and the numbers, with a delay and a limit."""
+        regressors, instruments = (
+            one if held else np.delete(one, _POSITION, axis=1) for one in (self.regressors, self.instruments)
+        )
+        period = self.records[0].sample_time_s
+        forces = [
+            _filtered(_delayed(np.clip(record.force_n, -limit_n, limit_n), delay), period, self.cutoff_hz)[_EDGE:-_EDGE]
+            for record in self.records
+        ]
+        wanted = np.concatenate(forces) - self.added_n
+        found = np.linalg.lstsq(instruments.T @ regressors, instruments.T @ wanted, rcond=None)[0]
+        left = float(np.sum((wanted - regressors @ found) ** 2))
+        return left, max(float(np.sum((wanted - wanted.mean()) ** 2)), 1e-300), np.asarray(found, dtype=np.float64)
+
+
+def _parts(record: Record, period: float, cutoff: float, log: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return regressors, instruments and the force that the added mass takes, without the edges."""
+    time = np.arange(record.position_m.size)
+    both = []
+    for first in (0, 1):
+        some = np.interp(time, time[first::2], record.position_m[first::2])
+        smooth = _filtered(some, period, cutoff)
+        velocity = np.gradient(smooth, period)
+        acceleration = np.gradient(velocity, period)
+        speed = float(np.sqrt(np.mean(velocity**2)))
+        # The held force acts half a sample after the position on the mean.
+        direction = _filtered(np.tanh(velocity / (0.05 * speed + 1e-12)), period, cutoff)
+        columns = (acceleration, velocity, direction, smooth - smooth.mean())
+        constant = np.tile(log.astype(np.float64), (velocity.size, 1))
+        both.append(np.concatenate([np.stack(columns, axis=1), constant], axis=1)[_EDGE:-_EDGE])
+    return both[0], both[1], record.added_mass_kg * both[0][:, 0]
+
+
+def _filtered(values: FloatArray, period: float, cutoff: float) -> FloatArray:
+    sections = signal.butter(4, cutoff, fs=1 / period, output="sos")
+    return np.asarray(signal.sosfiltfilt(sections, values), dtype=np.float64)
+
+
+def _delayed(force: FloatArray, delay: float) -> FloatArray:
+    """Return the force as it acts at each sample, on the mean half a sample after it is held."""
+    time = np.arange(force.size)
+    return np.asarray(np.interp(time - delay - 0.5, time, force), dtype=np.float64)
+
+
+_MOST_STARTS = 2
+
+
+def starts_of(
+    simple: Fit,
+    rich: Structure,
+    term: str,
+    guess: Mapping[str, float],
+    response: Response,
+    predictor: Predictor,
+    sides: Sequence[str],
+) -> list[tuple[Structure, dict[str, float]]]:
+    """Return where the search for a term may start."""
+    values, period = simple.values, predictor.sample_time_s
+    force = rich.units["coulomb_friction_n"]
+    if term == "coulomb":
+        likely = max(guess["coulomb_friction_n"], 0.02 * force)
+        # A log that is nearly all friction leaves a model without it anywhere: the first guess is nearer.
+        near = {key: guess[key] for key in values if key in guess}
+        return [(rich, {**values, **near_or_not, "coulomb_friction_n": likely}) for near_or_not in ({}, near)]
+    if term == "stribeck":
+        speed = rich.units["speed_m_per_s"]
+        return [
+            (rich, {**values, "breakaway_excess_n": 0.0, "stribeck_speed_m_per_s": share * speed})
+            for share in (0.05, 0.2)
+        ]
+    if term == "amplifier":
+        return _lags(rich, values, period)
+    if term == "resonance":
+        found = []
+        if simple.observer.rate_per_s > 2 * FIRST_RATE_PER_S:
+            values = roughly(predictor, simple.structure, values, FIRST_RATE_PER_S).values
+        for side in sides:
+            with_side = replace(rich, encoder_at="handle" if side == "handle" else "motor")
+            for left, one in likely_resonances(response, values, with_side, period):
+                found.append((left, with_side, {**values, **one}))
+        found.sort(key=lambda one: one[0])
+        return [(with_side, start) for left, with_side, start in found[:_MOST_STARTS] if left < 3 * found[0][0]]
+    absent = {**values, **{one.name: 0.0 for one in TERMS[term].parameters}}
+    starts = [absent]
+    if term == "play":
+        starts = [{**absent, PLAY: likely} for likely in _likely_play(simple, rich, predictor)]
+    elif term == "stiffness" and (held := held_guess(response, values["delay_samples"] * period)) is not None:
+        # A free mass in place of a held one is far off: the way from it may end elsewhere.
+        starts.append({**values, "delay_samples": guess["delay_samples"], **held})
+    return [(rich, start) for start in starts]
+
+
+def _lags(rich: Structure, values: Mapping[str, float], period: float) -> list[tuple[Structure, dict[str, float]]]:
+    """Return lags and current loops of several bandwidths, each in place of as much delay."""
+    found = []
+    for order in (1, 2):
+        kind = replace(rich, amplifier_order=1 if order == 1 else 2)
+        for rate in (0.8 / period, 0.3 / period, 0.1 / period):
+            late = lag_of(order, rich.loop_damping_ratio) / (2 * np.pi * rate * period)
+            delay = max(values["delay_samples"] - late, 0.0)
+            if rate > 1.0:
+                found.append((kind, {**values, "amplifier_bandwidth_hz": rate, "delay_samples": delay}))
+    return found
+
+
+def _likely_play(simple: Fit, rich: Structure, predictor: Predictor) -> list[float]:
+    """Return where the search for play may start: nowhere in a log that hardly ever turns."""
+    if predictor.last_went is None:
+        return []
+    guess = play_guess_m(predictor.records, predictor.last_went, simple.values["delay_samples"])
+    return [0.0, guess] if guess > rich.units[PLAY] else [0.0]

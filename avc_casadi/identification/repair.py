@@ -1,0 +1,204 @@
+"""What is mended in a log before it is a record: outliers, rows that were lost, a clock that scatters.
+
+A force is held from the tick that commands it to the next, so that what it does to a mass over an even sample is that
+of its mean there. Positions between ticks are those of a cubic spline; numbers are known to s^2/6 where steps scatter
+by a share s.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi._util.text import number
+from avc_casadi._util.units import units_for
+
+if TYPE_CHECKING:
+    from avc_casadi.identification.record import Columns
+
+
+# Share of samples that may be lost; more of them are something else.
+_FEW = 0.01
+_NONE = "without a number"
+# A jump of this share of all that a position covers, beside samples that move by this share of it; of so many of its
+# smallest steps at least: an encoder that goes to and fro between a few counts covers no more than those.
+_MOST, _HARDLY, _COUNTS = 0.5, 0.1, 8.0
+# Moves below this share of all that is covered are what arithmetic leaves.
+_ROUNDED = 1e-6
+# A position stands alone where it lies so many times as far from the line between its neighbours as others do, and so
+# many encoder steps; and where the lines beside it, which it bends by half as much, are straight otherwise.
+_ALONE, _STEPS, _STRAIGHT = 20.0, 5.0, 0.3
+
+
+def left_out(columns: Columns) -> tuple[Columns, list[str]]:
+    """Leave out samples that were lost, where they are few: they become gaps.
+
+    Returns:
+        The log, and what the user should know.
+    """
+    none, alone = _lost(columns)
+    told = [*_told(columns, none, _NONE, "left out"), *_told(columns, alone, _jumps(columns, alone), "left out")]
+    if not told:
+        return columns, told
+    kept, lines = ~(none | alone), columns.line
+    whole = replace(
+        columns,
+        time_s=columns.time_s[kept],
+        position_m=columns.position_m[kept],
+        force_n=columns.force_n[kept],
+        line=None if lines is None else [line for line, there in zip(lines, kept, strict=True) if there],
+    )
+    return whole, told
+
+
+def filled(columns: Columns) -> tuple[Columns, list[str]]:
+    """Fill in rows without a number, where they are few: times and positions on a line, forces held.
+
+    A position that jumps away and back stays: the computer that made a force of it saw it too.
+
+    Returns:
+        The log, and what the user should know.
+    """
+    none, alone = _lost(columns)
+    told = [*_told(columns, none, _NONE, "filled in"), *_told(columns, alone, _jumps(columns, alone), "kept")]
+    if not none.any():
+        return columns, told
+    row = np.arange(none.size)
+    there = row[~none]
+    last = np.maximum.accumulate(np.where(none, there[0], row))
+    whole = replace(
+        columns,
+        time_s=np.where(np.isfinite(columns.time_s), columns.time_s, np.interp(row, there, columns.time_s[there])),
+        position_m=np.interp(row, there, columns.position_m[there]),
+        force_n=columns.force_n[last],
+    )
+    return whole, told
+
+
+def _lost(columns: Columns) -> tuple[BoolArray, BoolArray]:
+    """Return which rows hold no number, and which positions stand alone; none of a kind that is not few."""
+    none = ~(np.isfinite(columns.time_s) & np.isfinite(columns.position_m) & np.isfinite(columns.force_n))
+    alone = _alone(np.where(none, np.nan, columns.position_m))
+    most = max(1.0, _FEW * none.size)
+    none, alone = (part & (np.count_nonzero(part) <= most) for part in (none, alone))
+    return none, alone
+
+
+def _told(columns: Columns, lost: BoolArray, what: str, done: str) -> list[str]:
+    if not lost.any():
+        return []
+    count, line = int(np.count_nonzero(lost)), columns.at(int(np.argmax(lost)))
+    where = "" if line is None else f", the first in line {line}"
+    return [f"{columns.file}: {count} sample{'' if count == 1 else 's'} {what} {done}{where}"]
+
+
+def _jumps(columns: Columns, alone: BoolArray) -> str:
+    if not alone.any():
+        return ""
+    size = float(np.abs(_bend(columns.position_m)[alone]).max())
+    unit = units_for(columns.motion).text("m")
+    return f"whose position jumps away and back by up to {number(size, 3)} {unit}"
+
+
+def wrapped(position: FloatArray, time_s: FloatArray) -> IndexArray:
+    """Return the rows at which a position has jumped over most of what it covers, and stays there: a counter wraps.
+
+    Args:
+        position: measured, shape (rows,).
+        time_s: shape (rows,).
+    """
+    moves, steps = np.abs(np.diff(position)), np.diff(time_s)
+    covers = float(np.ptp(position))
+    counted = moves[moves > _ROUNDED * covers]
+    if moves.size < 3 or not counted.size:
+        return np.zeros(0, dtype=np.intp)
+    far = max(_MOST * covers, _COUNTS * float(counted.min()))
+    beside = np.maximum(np.append(0.0, moves[:-1]), np.append(moves[1:], 0.0))
+    even = steps < 1.5 * float(np.median(steps))
+    return np.flatnonzero(even & (moves > far) & (beside < _HARDLY * moves)) + 1
+
+
+def _bend(position: FloatArray) -> FloatArray:
+    """Return how far each position lies from the line between its neighbours; 0 at the ends."""
+    bend = np.zeros(position.size)
+    bend[1:-1] = position[1:-1] - (position[:-2] + position[2:]) / 2
+    return bend
+
+
+def _alone(position: FloatArray) -> BoolArray:
+    """Return where a position stands alone: nothing that has a mass jumps away and back within two samples."""
+    if position.size < 5:
+        return np.zeros(position.size, dtype=bool)
+    bend = np.nan_to_num(_bend(position))
+    apart = np.abs(np.diff(position))
+    moved = apart[apart > 0]
+    step = float(moved.min()) if moved.size else 0.0
+    large = np.abs(bend) > max(_ALONE * float(np.quantile(np.abs(bend), 0.99)), _STEPS * step)
+    found = np.zeros(position.size, dtype=bool)
+    for row in np.flatnonzero(large[2:-2]) + 2:
+        sides, beyond = bend[[row - 1, row + 1]] + bend[row] / 2, bend[[row - 2, row + 2]]
+        found[row] = np.abs(np.concatenate([sides, beyond])).max() <= _STRAIGHT * abs(bend[row])
+    return found
+
+
+# Steps that are longer are a gap: a host that is late by more has not run its loop.
+LONGEST_STEP = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Even:
+    """A log at even times.
+
+    Attributes:
+        columns: of the splines.
+        scatter: standard deviation of the steps, as a share of the usual one.
+        told: what was done.
+    """
+
+    columns: Columns
+    scatter: float
+    told: str
+
+
+def laid_evenly(columns: Columns, period_s: float) -> Even:
+    """Return a log whose ticks scatter as one of even samples, with its gaps as they are.
+
+    Args:
+        columns: with times that increase.
+        period_s: of the even samples.
+    """
+    time = columns.time_s
+    steps = np.diff(time)
+    edges = [0, *(np.flatnonzero(steps > LONGEST_STEP * period_s) + 1), time.size]
+    pieces = [slice(a, b) for a, b in itertools.pairwise(edges) if b - a > 4]
+    even = [np.arange(time[one][0], time[one][-1] - 0.5 * period_s, period_s) for one in pieces]
+    smooth = [
+        make_interp_spline(time[one], columns.position_m[one], k=3)(at) for one, at in zip(pieces, even, strict=True)
+    ]
+    forces = [_mean_held(time[one], columns.force_n[one], at, period_s) for one, at in zip(pieces, even, strict=True)]
+    scatter = float(np.std(steps[steps <= LONGEST_STEP * period_s]))
+    told = (
+        f"{columns.file}: its steps of time scatter by {number(1e3 * scatter, 2)} ms about "
+        f"{number(1e3 * period_s, 3)} ms; the times are taken as they are, and the intervals hold what lies between "
+        "them. Where the ticks themselves are even and only their stamps scatter, --sample-time says so"
+    )
+    laid = replace(
+        columns,
+        time_s=np.concatenate(even),
+        position_m=np.concatenate(smooth),
+        force_n=np.concatenate(forces),
+        line=None,
+    )
+    return Even(laid, scatter / period_s, told)
+
+
+def _mean_held(time_s: FloatArray, force_n: FloatArray, at_s: FloatArray, period_s: float) -> FloatArray:
+    """Return the mean over each even sample of a force that is held from tick to tick."""
+    impulse = np.concatenate([[0.0], np.cumsum(force_n[:-1] * np.diff(time_s))])
+    until = np.interp(np.append(at_s, at_s[-1] + period_s), time_s, impulse)
+    return np.asarray(np.diff(until) / period_s)

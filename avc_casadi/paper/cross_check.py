@@ -1,0 +1,146 @@
+"""`direct` against `exact` and the closed form: where they part, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.paper.backends import DEFAULT_SOLVER, DEFAULT_TOLERANCE
+from avc_casadi.paper.closed_form import solve_closed_form
+from avc_casadi.paper.exact import exact_gains
+from avc_casadi.paper.loop import Loop
+from avc_casadi.paper.nlp_gains import nlp_gains
+from avc_casadi.paper.rows import GainArrays, best_candidate
+from avc_casadi.paper.starts import FINE
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+EXCESS_TOLERANCE = 1e-6
+"""A magnitude error that exceeds the global optimum's by more than this share of |Z_h_ds| is a failed row."""
+_SAME = 1e-8
+"""Magnitude errors closer than this, relative to |Z_d| + |H Z_ds|, are called the same."""
+_OTHERS = {DEFAULT_SOLVER: ("sqpmethod", "ipopt")}
+"""Solvers that take over where another is lost: the default is quick, and stuck at one frequency in a thousand."""
+_AGAIN = 1e-8
+"""A row is solved again where its magnitude error exceeds that of `exact` by more than this share of |Z_h_ds|."""
+_TIED = 1e-9
+"""Of magnitude errors closer than this share of |Z_h_ds| the smaller distance decides."""
+
+
+@dataclass(frozen=True)
+class CheckedGains:
+    """What CasADi found, and what `exact` says of it; arrays of shape (n,).
+
+    Attributes:
+        gains: (b, k, b_p) of the NLP.
+        optimum: those of `exact`.
+        excess: by how much the magnitude error of ``gains`` exceeds that of ``optimum``, relative to |Z_h_ds|.
+        local: rows that ended in a local minimum, or short of the optimum, from the usual starts; they were solved
+            again from a finer lattice of starts.
+        failed: rows that are short of the optimum all the same, or have no gains where ``optimum`` has.
+    """
+
+    gains: GainArrays
+    optimum: GainArrays
+    excess: FloatArray
+    local: BoolArray
+    failed: BoolArray
+
+
+def checked_gains(
+    problem: Problem,
+    loop: Loop,
+    name: str = DEFAULT_SOLVER,
+    tolerance: float = DEFAULT_TOLERANCE,
+    *,
+    margin_ns_per_m: float | None = None,
+    progress: Progress = SILENT,
+) -> CheckedGains:
+    """Solve the NLP, and again from more starts where `exact` refutes what came of it.
+
+    No start is an answer of `exact`: a row that it refutes twice fails.
+
+    Args:
+        problem: the problem.
+        loop: its loop at n frequencies.
+        name: the backend.
+        tolerance: relative tolerance asked of it.
+        margin_ns_per_m: as in `nlp_gains`.
+        progress: told of the frequencies.
+    """
+    gains = nlp_gains(problem, loop, name, tolerance, margin_ns_per_m=margin_ns_per_m, progress=progress)
+    optimum = exact_gains(problem, loop, margin_ns_per_m=margin_ns_per_m)
+    local = _short(loop, gains, optimum, _AGAIN, distance=True)
+    short = local
+    for other in (name, *_OTHERS.get(name, ())):
+        again = np.flatnonzero(short)
+        if not again.size:
+            break
+        part = loop.rows(again)
+        new = nlp_gains(problem, part, other, tolerance, lattice=FINE, margin_ns_per_m=margin_ns_per_m)
+        b, k, p = (np.stack((own[again], found)) for own, found in zip(gains, new, strict=True))
+        for gain, better in zip(gains, best_candidate(problem, part, b, k, p, margin_ns_per_m), strict=True):
+            gain[again] = better
+        short = _short(loop, gains, optimum, _AGAIN, distance=True)
+    failed = _short(loop, gains, optimum, EXCESS_TOLERANCE, distance=False)
+    return CheckedGains(gains, optimum, excess_error(loop, gains, optimum), local, failed)
+
+
+def excess_error(loop: Loop, gains: GainArrays, optimum: GainArrays) -> FloatArray:
+    """By how much the magnitude error of gains exceeds the optimum's, relative to |Z_h_ds|, shape (n,)."""
+    radius = np.abs(loop.target)
+    own, best = (np.abs(np.abs(loop.perceived(*each)) - radius) for each in (gains, optimum))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        excess: FloatArray = (own - best) / np.where(radius == 0, 1.0, radius)
+    return excess
+
+
+def _short(loop: Loop, gains: GainArrays, optimum: GainArrays, tolerance: float, *, distance: bool) -> BoolArray:
+    """Rows whose magnitude error (or, of equal ones, distance to Z_h_ds) is larger than the optimum's."""
+    excess, radius = excess_error(loop, gains, optimum), np.abs(loop.target)
+    own, best = (np.abs(loop.perceived(*each) - loop.target) for each in (gains, optimum))
+    with np.errstate(invalid="ignore"):
+        short: BoolArray = ~(excess <= tolerance)
+        if distance:
+            short |= (np.abs(excess) <= _TIED) & (own - best > EXCESS_TOLERANCE * radius)
+    short &= np.isfinite(optimum[0])
+    return short
+
+
+def cross_check_notes(problem: Problem, loop: Loop, checked: CheckedGains) -> tuple[str, ...]:
+    """Say how `direct`, `exact` and the closed form compare; empty where no row has gains."""
+    good = np.isfinite(checked.excess) & ~checked.failed
+    if not good.any():
+        return ()
+    excess = checked.excess[good]
+    exact = f"cross-check with exact: magnitude errors within {np.abs(excess).max():.1e} of |Z_h_ds|"
+    if checked.failed.any():
+        exact += f", but at {checked.failed.sum()} failed frequencies"
+    worse = int((excess < -EXCESS_TOLERANCE).sum())
+    if worse:
+        exact += f"; exact is the worse at {worse} of them"
+    if checked.local.any():
+        exact += (
+            f"; {checked.local.sum()} frequencies stopped at a local minimum and were solved again from a finer lattice"
+            " of starts"
+        )
+    closed = solve_closed_form(problem)
+    both = closed.usable & good
+    if not both.any():
+        return (exact, "cross-check with the closed form: it can be built at no frequency with gains")
+    error = np.abs(np.abs(loop.perceived(*checked.gains)) - np.abs(loop.target))
+    more = (closed.magnitude_error - error)[both] > _SAME * (np.abs(loop.device) + np.abs(loop.hold * loop.desired))[
+        both
+    ]
+    return (
+        exact,
+        (
+            f"cross-check with the closed form: it can be built at {both.sum()} of {len(both)} frequencies, with the"
+            f" same magnitude error at {both.sum() - more.sum()}, a larger one at {more.sum()}"
+        ),
+    )

@@ -1,1 +1,0 @@
-"""Studies over methods, guarantees, estimators and simulated people."""

@@ -1,0 +1,286 @@
+"""The boards that firmware is built for: processor, memory, sources, and how an image gets there.
+
+A board of one's own is a folder anywhere with its sources and a ``board.toml`` that says how they are built.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from avc_casadi import Fault, InputError
+from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS
+from avc_hardware.codegen.firmware import ARM_INSTALL
+
+MANIFEST = "board.toml"
+
+_M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
+_M3 = ("-mcpu=cortex-m3", "-mthumb", "-mfloat-abi=soft")
+
+
+@dataclass(frozen=True)
+class Target:
+    """One board.
+
+    Attributes:
+        title: what it is, for people.
+        folder: name of the one that holds board.h and the sources.
+        cpu: compiler flags of the core.
+        flash: origin and size, bytes.
+        ram: origin and size, bytes.
+        extra: further sources, relative to firmware/boards.
+        defines: compiler definitions.
+        estimator: method; the fused one is too slow for floats in software.
+        commands: how to put an image on it, or to run it, with {name} for the file without its ending; empty for a
+            board of tests alone.
+        root: the folder of a board that is not in the package; None for firmware/boards/FOLDER.
+        sources: in the folder.
+        cortex_m: takes start, tick and linker script of the package.
+        linker_script: in the folder; empty for that of the package.
+        compiler: the cross compiler, a gcc.
+        install: how to get it.
+    """
+
+    title: str
+    folder: str
+    cpu: tuple[str, ...]
+    flash: tuple[int, int]
+    ram: tuple[int, int]
+    extra: tuple[str, ...] = ()
+    defines: tuple[str, ...] = ()
+    estimator: str = "fused"
+    commands: tuple[str, ...] = ()
+    root: Path | None = None
+    sources: tuple[str, ...] = ("board.c",)
+    cortex_m: bool = True
+    linker_script: str = ""
+    compiler: str = "arm-none-eabi-gcc"
+    install: str = ARM_INSTALL
+
+
+# Its last two sectors hold what is kept over a reset.
+_STM32F405 = ((0x08000000, 0xC0000), (0x20000000, 0x20000))
+_KEEPS = "stm32f405/flash.c"
+_FLASHING = (
+    "st-flash --reset write {name}.bin 0x08000000",
+    "dfu-util -a 0 -s 0x08000000:leave -D {name}.bin    (BOOT0 high at reset)",
+    'openocd -f interface/stlink.cfg -f target/stm32f4x.cfg -c "program {name}.elf verify reset exit"',
+    "STM32_Programmer_CLI -c port=SWD -w {name}.hex -v -rst",
+)
+TARGETS = {
+    "netduinoplus2": Target(
+        "STM32F405 as emulators have it, without clocks",
+        "netduinoplus2",
+        _M4F,
+        *_STM32F405,
+        (_KEEPS,),
+        commands=("qemu-system-arm -M netduinoplus2 -kernel {name}.elf -display none -serial pty",),
+    ),
+    "stm32f405": Target(
+        "STM32F405, Cortex-M4F at 168 MHz",
+        "netduinoplus2",
+        _M4F,
+        *_STM32F405,
+        ("stm32f405/clock.c", _KEEPS),
+        commands=_FLASHING,
+    ),
+    "mps2-an386": Target(
+        "Arm MPS2 AN386 in QEMU, Cortex-M4F",
+        "mps2-an386",
+        _M4F,
+        (0x00000000, 0x400000),
+        (0x20000000, 0x20000),
+        commands=("qemu-system-arm -M mps2-an386 -kernel {name}.elf -display none -serial pty",),
+    ),
+    "lm3s6965evb": Target(
+        "TI LM3S6965 in QEMU, Cortex-M3 with floats in software",
+        "lm3s6965evb",
+        _M3,
+        (0x00000000, 0x40000),
+        (0x20000000, 0x10000),
+        estimator="zero-crossing",
+        commands=("qemu-system-arm -M lm3s6965evb -kernel {name}.elf -display none -serial pty",),
+    ),
+    # for tests in lock step with a plant outside, on the machines mps2-an386 and lm3s6965evb
+    "bench-m4f": Target("bench in QEMU, Cortex-M4F", "bench", _M4F, (0x00000000, 0x400000), (0x20000000, 0x20000)),
+    "bench-m3": Target(
+        "bench in QEMU, Cortex-M3",
+        "bench",
+        _M3,
+        (0x00000000, 0x40000),
+        (0x20000000, 0x10000),
+        defines=("-DBOARD_CLOCK_HZ=12500000u",),
+        estimator="zero-crossing",
+    ),
+}
+
+# The format counts rows and records in 16 bits; a table with state feedback is as long as 27 rows.
+ROWS = (27, 4096)
+RECORDS = (128, 32768)
+# Bytes of the vectors that the packaged start of a Cortex-M has, to the next power of two.
+_VECTORS = 256
+
+
+@dataclass
+class _Reader:
+    """Takes keys out of a table and notes what is wrong with them."""
+
+    file: str
+    keys: dict[str, Any]
+    faults: list[Fault] = field(default_factory=list)
+    place: str = ""
+    asked: list[str] = field(default_factory=list)
+
+    def fault(self, key: str, message: str) -> None:
+        self.faults.append(Fault(self.file, None, self.place + key, message))
+
+    def take(self, key: str, default: Any, allowed: str, accepts: Callable[[Any], bool]) -> Any:
+        """Return a key's value, or the default; None as default asks for the key."""
+        self.asked.append(key)
+        if key not in self.keys:
+            if default is None:
+                self.fault(key, f"is missing; give {allowed}")
+            return default
+        value = self.keys.pop(key)
+        if not accepts(value):
+            self.fault(key, f"is {value!r}; allowed: {allowed}")
+            return default
+        return value
+
+    def table(self, key: str) -> _Reader:
+        self.asked.append(key)
+        value = self.keys.pop(key, {})
+        if not isinstance(value, dict):
+            self.fault(key, f"is {value!r}; allowed: a table")
+            value = {}
+        return _Reader(self.file, dict(value), self.faults, f"{self.place}{key}.")
+
+    def end(self) -> None:
+        for key in self.keys:
+            self.fault(key, f"is unknown; allowed: {', '.join(self.asked)} (hardware/PORTING.md)")
+
+
+def _text(value: Any) -> bool:
+    return isinstance(value, str) and bool(value.strip())
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list) and all(_text(one) for one in value)
+
+
+def _whole(low: int, high: int = 2**32) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+
+
+def _region(reader: _Reader, key: str, align: int) -> tuple[int, int] | None:
+    """Return first address and size, or None where one of them is at fault."""
+    table = reader.table(key)
+    whole = _whole(0)
+    told = f"the first address, a multiple of {align}"
+    origin = table.take("origin", None, told, lambda value: whole(value) and value % align == 0)
+    size = table.take(
+        "bytes", None, "the size in bytes, a multiple of 4", lambda value: _whole(4)(value) and value % 4 == 0
+    )
+    table.end()
+    if origin is None or size is None:
+        return None
+    if origin + size > 2**32:
+        table.fault("bytes", f"{size} from {origin:#x} on end beyond 32 bits; allowed: at most {2**32 - origin}")
+    return origin, size
+
+
+def _check_commands(reader: _Reader, commands: list[str]) -> None:
+    """Note every placeholder that nothing is put in for; {{ and }} are braces."""
+    for command in commands:
+        for whole, inside in re.findall(r"\{\{|\}\}|(\{([^{}]*)\}|[{}])", command):
+            if whole and inside != "name":
+                reader.fault(
+                    "commands",
+                    f"{whole} in {command!r} stands for nothing; allowed: {{name}}, the folder's name, as in "
+                    "{name}.elf, {name}.bin or {name}.hex; braces are written {{ and }}",
+                )
+
+
+def flashing(command: str, name: str) -> str:
+    """Return a command of a manifest with the name of the files put in."""
+    filled = {"{{": "{", "}}": "}", "{name}": name}
+    return re.sub(r"\{\{|\}\}|\{name\}", lambda found: filled[found[0]], command)
+
+
+def read_board(folder: Path) -> Target:
+    """Read the manifest of a board.
+
+    Args:
+        folder: holds ``board.toml``.
+
+    Raises:
+        InputError: no such file, or all that is wrong in it.
+    """
+    path = folder / MANIFEST
+    try:
+        keys = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        message = f"has no {MANIFEST}; write one: hardware/PORTING.md"
+        raise InputError.of(message, file=str(folder), key="board") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError.of(f"is no TOML: {error}", file=str(path)) from error
+    reader = _Reader(str(path), keys)
+    processors = ("cortex-m", "other")
+    processor = reader.take("processor", None, " or ".join(processors), processors.__contains__)
+    title = reader.take("title", folder.name, "a line of text", _text)
+    compiler = reader.take("compiler", None, "a program, as arm-none-eabi-gcc", _text)
+    install = reader.take("install", "see its maker's page", "how to install the compiler, a line of text", _text)
+    flags = reader.take("flags", [], "a list of the compiler's flags", _texts)
+    sources = reader.take("sources", None, "a list of files of the folder", _texts)
+    script = reader.take("linker_script", "", "a file of the folder", _text)
+    estimators = ", ".join(ESTIMATOR_NUMBERS)
+    estimator = reader.take("estimator", "zero-crossing", estimators, ESTIMATOR_NUMBERS.__contains__)
+    commands = reader.take("commands", [], "a list of commands that flash {name}.elf, {name}.bin or {name}.hex", _texts)
+    _check_commands(reader, commands)
+    # The vectors of a Cortex-M stand at a multiple of their size, its stack at one of 8.
+    flash = _region(reader, "flash", _VECTORS if processor == "cortex-m" else 4)
+    memory = _region(reader, "memory", 8)
+    capacity = reader.table("capacity")
+    rows = capacity.take("rows", 256, "{} to {} rows of a table".format(*ROWS), _whole(*ROWS))
+    records = capacity.take(
+        "records",
+        4096,
+        "{} to {} records of an excitation, a power of two".format(*RECORDS),
+        lambda value: _whole(*RECORDS)(value) and value & (value - 1) == 0,
+    )
+    capacity.end()
+    reader.end()
+    if processor == "other" and not script:
+        reader.fault("linker_script", "is missing; the packaged one is for cortex-m: give a file of the folder")
+    if sources == []:
+        reader.fault("sources", "names no file; allowed: at least the one with the board's functions (hal.h)")
+    (rom, rom_bytes), (ram, ram_bytes) = flash or (0, 0), memory or (0, 0)
+    if max(rom, ram) < min(rom + rom_bytes, ram + ram_bytes):
+        message = f"0x{ram:x} to 0x{ram + ram_bytes:x} lies over flash, 0x{rom:x} to 0x{rom + rom_bytes:x}"
+        reader.fault("memory", f"{message}; allowed: apart from each other")
+    for key, names in (("sources", sources or []), ("linker_script", [script] if script else [])):
+        for name in names:
+            if not (folder / name).is_file():
+                reader.fault(key, f"{name} is no file of {folder}; write it, or correct the name")
+    if reader.faults:
+        raise InputError(reader.faults)
+    return Target(
+        title=title,
+        folder=folder.resolve().name,
+        cpu=tuple(flags),
+        flash=(rom, rom_bytes),
+        ram=(ram, ram_bytes),
+        defines=(f"-DAVC_CAPACITY_ROWS={rows}", f"-DAVC_CAPACITY_RECORDS={records}"),
+        estimator=estimator,
+        commands=tuple(commands),
+        root=folder.resolve(),
+        sources=tuple(sources),
+        cortex_m=processor == "cortex-m",
+        linker_script=script,
+        compiler=compiler,
+        install=install,
+    )

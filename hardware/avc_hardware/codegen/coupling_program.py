@@ -1,0 +1,240 @@
+"""A whole coupling as programs of one precision: position as measured to force, by the scene's own effects.
+
+Constant gains are one program. Gains that follow the frequency are two, cut where the table is read: `before` gives the
+frequency of the look-up, `after` takes the gains looked up. Nothing of what runs is written a second time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi import InputError
+from avc_casadi.model.effects import DelayEffect, DetentEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
+from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
+from avc_casadi.simulation.effects.actuation import Saturation
+from avc_casadi.simulation.effects.base import SceneEffect
+from avc_casadi.simulation.effects.computation import Adaptation, Estimator, Guard, Observer, StateFeedback
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.effects.sensing import Delay
+from avc_casadi.simulation.effects.wall import Detents, Wall
+from avc_casadi.simulation.tick import Tick
+from avc_hardware.codegen.float_program import FloatProgram
+from avc_hardware.codegen.operations import SINGLE, Precision
+from avc_hardware.codegen.tick_program import GAINS, AnyTable
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.effects import Effect
+
+
+FARTHEST_M = 1e6
+"""No device measures more; beyond it a position is as good as infinite, and single precision might end."""
+FASTEST_M_PER_S = 10.0
+"""No hand moves the handle faster: what goes farther in a sample is a fault of the sensor."""
+FORCES = ("command_n", "force_n")
+
+
+@dataclass(frozen=True)
+class CouplingProgram:
+    """One tick of a coupling.
+
+    Attributes:
+        states: names.
+        initial: state before the first tick with the device at 0, at +1 and at -1: tells which states are positions.
+        before: position_m and states -> frequency_hz, seen_m (the position as the coupling takes it), and the next
+            values of the states of the names `early`; None for constant gains.
+        after: position_m or seen_m, wanted gains, states -> command_n (before the limit), force_n and the next values
+            of all other states.
+        early: states that `before` carries on.
+        jump_m: farthest that a position may be from the one before; beyond it the coupling starts anew.
+    """
+
+    states: tuple[str, ...]
+    initial: tuple[tuple[float, float, float], ...]
+    before: FloatProgram | None
+    after: FloatProgram
+    early: tuple[str, ...]
+    jump_m: float
+
+
+def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> CouplingProgram:
+    """Build the program of a coupling at its own sample time.
+
+    Raises:
+        InputError: the wall gives no force, or the observer has no encoder step to look between.
+    """
+    wall = coupling.wall
+    if not wall.damping_ns_per_m + wall.stiffness_n_per_m > 0:
+        raise InputError.of(
+            "gives no force: damping and stiffness are 0; allowed: one of them above 0",
+            file=coupling.problem.name,
+            key="environment",
+        )
+    effects = tuple(_computer(coupling))
+    ticks = [_Built.of(coupling, effects, start_m) for start_m in (0.0, 1.0, -1.0)]
+    starts = zip(*([slot.initial for slot in built.tick.states] for built in ticks), strict=True)
+    initial = tuple((middle, high, low) for middle, high, low in starts)
+    return ticks[0].program(initial, precision)
+
+
+def _computer(coupling: Coupling) -> Iterator[SceneEffect]:
+    """Settle what runs on the control computer, by the rules of scenes, in the order of the loop.
+
+    The actuator's limit comes before the delay: what is asked for is what the actuator can do.
+    """
+    problem, constant = coupling.problem, coupling.table.constant
+    device = problem.device
+    listed: list[Effect] = [HandEffect(), WallEffect(), *coupling.runtime.effects(constant=constant)]
+    own = {effect.kind: effect for effect in problem.scene.effects}
+    if problem.detent is not None:
+        listed.append(DetentEffect())
+    if device.encoder_resolution_m or "encoder" in own:
+        listed.append(own.get("encoder", EncoderEffect()))
+    remembers = not constant or coupling.runtime.observer_mass_kg is not None or coupling.runtime.guard is not None
+    if device.delay_samples and remembers:  # otherwise nothing asks which force acts now
+        listed.append(DelayEffect())
+    if coupling.max_force_n is not None:
+        listed.append(SaturationEffect())
+    built = build_effects(problem.changed(scene={"effects": tuple(listed)}))
+    kinds = (Observer, StateFeedback, Estimator, Adaptation, Wall, Detents, Guard, Saturation, Delay)
+    for kind in kinds:
+        for effect in built:
+            if isinstance(effect, kind):
+                yield effect
+
+
+@dataclass
+class _Built:
+    """The tick of a coupling as expressions, with its cuts."""
+
+    coupling: Coupling
+    tick: Tick
+    measured: Any
+    seen: Any
+    cut: Any
+    command: Any
+    wanted: list[Any]
+    frequency: Any
+
+    @classmethod
+    def of(cls, coupling: Coupling, effects: tuple[SceneEffect, ...], start_m: float) -> _Built:
+        import casadi as ca  # noqa: PLC0415
+
+        table, constant = coupling.table, coupling.table.constant
+        tick = Tick(coupling.sample_time_s, start_m)
+        measured = tick.position = ca.SX.sym("position_m")
+        wanted = [ca.SX.sym(f"wanted_{name}") for name in GAINS]
+        looked = AnyTable(table.rest_hz, table.rest_stiffness_n_per_m, wanted)
+        place: Any = looked
+        wall = next(effect.environment for effect in effects if isinstance(effect, Wall))
+        environment = replace(wall, clips_last=coupling.contact == "clip-last")
+        for effect in effects:
+            if isinstance(effect, Adaptation):
+                replace(effect, table=place).sample(tick)
+            elif isinstance(effect, Observer | StateFeedback | Estimator):
+                effect.sample(tick)
+        seen = tick.position
+        cut = tick.position = seen if constant else ca.SX.sym("seen_m")
+        tick.command = wall_force(tick, environment, rigid=False, damped=coupling.structure == "damped")
+        command = tick.command
+        for effect in effects:
+            if isinstance(effect, Detents | Guard | Saturation | Delay):
+                effect.sample(tick)
+                command = tick.command if isinstance(effect, Detents | Guard) else command
+        for settle in tick.at_end:
+            settle()
+        frequency = looked.frequency[0] if looked.frequency else None
+        return cls(coupling, tick, measured, seen, cut, command, wanted, frequency)
+
+    def program(self, initial: tuple[tuple[float, float, float], ...], precision: Precision) -> CouplingProgram:
+        import casadi as ca  # noqa: PLC0415
+
+        tick = self.tick
+        asked = tick.command if tick.asked is None else tick.asked
+        successors = [ca.SX(value) for value in tick.successors()]
+        symbols = [slot.symbol for slot in tick.states]
+        names = tuple(slot.name for slot in tick.states)
+        if self.frequency is None:
+            results = self._settled([ca.SX(self.command), ca.SX(asked), *successors])
+            after = _program("after", {"position_m": self.measured}, names, symbols, FORCES, names, results, precision)
+            return CouplingProgram(names, initial, None, after, (), self._jump_m())
+        read = ca.vertcat(self.cut, *self.wanted)
+        late = [bool(ca.depends_on(value, read)) for value in successors]
+        early = tuple(name for name, other in zip(names, late, strict=True) if not other)
+        rest = tuple(name for name, other in zip(names, late, strict=True) if other)
+        first = [value for value, other in zip(successors, late, strict=True) if not other]
+        last = [value for value, other in zip(successors, late, strict=True) if other]
+        before = _program(
+            "before",
+            {"position_m": self.measured},
+            names,
+            symbols,
+            ("frequency_hz", "seen_m"),
+            early,
+            self._settled([ca.SX(self.frequency), ca.SX(self.seen), *first]),
+            precision,
+        )
+        given = {"seen_m": self.cut} | dict(zip((f"wanted_{name}" for name in GAINS), self.wanted, strict=True))
+        results = self._settled([ca.SX(self.command), ca.SX(asked), *last])
+        after = _program("after", given, names, symbols, FORCES, rest, results, precision)
+        return CouplingProgram(names, initial, before, after, early, self._jump_m())
+
+    def _jump_m(self) -> float:
+        """Return what the fastest hand moves in a sample, and a step of the encoder at both ends."""
+        device = self.coupling.problem.device
+        return FASTEST_M_PER_S / device.metres_per_unit * self.coupling.sample_time_s + 2 * (
+            device.encoder_resolution_m or 0.0
+        )
+
+    def _settled(self, results: list[Any]) -> list[Any]:
+        """Put numbers in the place of the tick's parameters."""
+        import casadi as ca  # noqa: PLC0415
+
+        settled: list[Any] = ca.substitute(results, [slot.symbol for slot in self.tick.parameters], self._parameters())
+        return settled
+
+    def _parameters(self) -> list[float]:
+        """Return the numbers of the tick's parameters, in its order."""
+        coupling, wall = self.coupling, self.coupling.wall
+        gains = coupling.table.at_rest
+        environment = Environment(wall.stiffness_n_per_m, wall.damping_ns_per_m, one_sided=True)
+        rate = 1.0 / coupling.sample_time_s
+        memory, compliance, series = coupling_parameters(
+            gains.damping_ns_per_m, gains.stiffness_n_per_m, environment, rate
+        ).tolist()
+        known = {
+            "coupling_memory_s": memory,
+            "coupling_compliance_m_per_n": compliance,
+            "series_stiffness_n_per_m": series,
+            "contact_damping_ns_per_m": gains.contact_damping_ns_per_m,
+        }
+        feedback = coupling.runtime.state_feedback
+        given = [] if feedback is None else feedback.numbers().tolist()
+        # What runs before the wall has added its numbers before the wall's.
+        return [*given, *(known[slot.name] for slot in self.tick.parameters[len(given) :])]
+
+
+def _program(
+    name: str,
+    given: dict[str, Any],
+    states: tuple[str, ...],
+    symbols: list[Any],
+    outputs: tuple[str, ...],
+    following: tuple[str, ...],
+    results: list[Any],
+    precision: Precision,
+) -> FloatProgram:
+    import casadi as ca  # noqa: PLC0415
+
+    return FloatProgram(
+        ca.Function(
+            name,
+            [*given.values(), *symbols],
+            results,
+            [*given, *(f"state_{state}" for state in states)],
+            [*(f"out_{output}" for output in outputs), *(f"next_{state}" for state in following)],
+        ),
+        precision,
+    )

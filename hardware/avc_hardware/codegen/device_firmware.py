@@ -1,0 +1,167 @@
+"""Firmware made for a device: its sample time, encoder and force limit built in, as files to flash."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from avc_casadi import InputError
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.problem import Problem
+from avc_hardware.codegen.boards import MANIFEST, TARGETS, Target, flashing, read_board
+from avc_hardware.codegen.build import build_image, build_name
+from avc_hardware.codegen.export import export_c
+from avc_hardware.codegen.figures import RuntimeFigures, board_limits
+from avc_hardware.codegen.firmware_fit import check_runs_on, figures_of, wall_alone
+from avc_hardware.codegen.image import as_binary, as_intel_hex, read_elf
+from avc_hardware.codegen.operations import SINGLE
+from avc_hardware.codegen.tick_c import sources_for
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_hardware.codegen.figures import BoardLimits
+
+
+BOARDS = {name: target.title for name, target in TARGETS.items() if target.commands}
+"""Boards that firmware can be built for, and what each is."""
+
+
+@dataclass(frozen=True)
+class BuiltFirmware:
+    """Firmware for one board and one device.
+
+    Attributes:
+        board: name.
+        title: what the board is.
+        build: name of the sources, as HELLO tells it.
+        files: elf, bin and hex.
+        address: of the first byte of the bin file.
+        size: bytes in flash.
+        limits: sample time, encoder and force built in.
+        figures: what its control tick was generated for.
+        commands: each of them flashes it, or runs it, from within the folder of the files.
+    """
+
+    board: str
+    title: str
+    build: str
+    files: tuple[Path, Path, Path]
+    address: int
+    size: int
+    limits: BoardLimits
+    figures: RuntimeFigures
+    commands: tuple[str, ...]
+
+
+# The divider of the packaged boards' ports has 16 bits at up to 84 MHz and takes 16 clocks a bit.
+_BAUDS = (2400, 2_000_000)
+
+_BUILT_IN = """\
+/* The coupling that is built in; do not edit. */
+#include "avc_built_in.h"
+#include "avc_made_for.h"
+
+_Static_assert(AVC_COUPLING_SAMPLE_TIME_NS == AVC_MADE_FOR_SAMPLE_TIME_NS, "the coupling has another sample time");
+
+const avc_table_header_t avc_built_in = {{
+    .rows = 1u,
+    .sample_time_s = AVC_COUPLING_SAMPLE_TIME_S,
+    .wall_damping_ns_per_m = {damping},
+    .wall_stiffness_n_per_m = {stiffness},
+    .max_force_n = {force},
+    .coupling_id = 0x{id}u,
+}};
+"""
+
+
+def build_firmware(
+    of: Coupling | Problem | Device,
+    board: str,
+    out: Path,
+    *,
+    baud: int | None = None,
+    built_in: bool = False,
+    unsafe: bool = False,
+) -> BuiltFirmware:
+    """Build the firmware of a board for a device: no gains are in it, they are pushed; or with a coupling built in.
+
+    Args:
+        of: a device or a problem, for sample time, encoder and force limit (where it says nothing 2 um and 50 N); or
+            a coupling, for its estimator, hold, slew, passive change and guard limit too.
+        board: a key of `BOARDS`, or the folder of a board of your own with its ``board.toml`` (hardware/PORTING.md).
+        out: folder for ``BOARD.elf``, ``BOARD.bin`` and ``BOARD.hex``.
+        baud: rate of the serial line, bits a second; None is 115200.
+        built_in: whether the exported C of the coupling is what runs, any that can be exported; no other can be pushed.
+        unsafe: whether a coupling that is not deployable is built in too.
+
+    Raises:
+        InputError: unknown board, a rate that no port divides to, all faults of its manifest, or nothing to build in.
+        NotDeployableError: what is to be built in is not stable with every hand of ``[hands]`` and let go.
+        FirmwareLacksError: the coupling needs what no firmware of this release has.
+        UnsupportedError: a sample time that no program is made for, or a coupling beside detents that is not built in.
+        MissingExtraError: no cross compiler; says how to install it.
+    """
+    if baud is not None and not _BAUDS[0] <= baud <= _BAUDS[1]:
+        told = f"is {baud}; allowed: {_BAUDS[0]} to {_BAUDS[1]}, what serial ports divide to"
+        raise InputError.of(told, key="baud")
+    target = _target(board)
+    problem = of.problem if isinstance(of, Coupling) else of
+    device = problem.device if isinstance(problem, Problem) else problem
+    limits, reach = board_limits(device), device.metres_per_unit
+    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, target.estimator, hand_m_per_unit=reach)
+    generated = _coupling_sources(of, unsafe=unsafe) if built_in else {}
+    if isinstance(of, Coupling) and not built_in:
+        check_runs_on(of)
+        wall_alone(of)
+        figures = figures_of(of)
+        if of.table.constant:
+            figures = replace(figures, estimator=target.estimator)
+    generated |= sources_for(limits, figures)
+    elf = build_image(board if target.root is None else target, out, baud=baud, generated=generated)
+    image = read_elf(elf)
+    if not image.segments:
+        raise InputError.of(
+            "leaves nothing in the image; allowed: a script with ENTRY(...) of the start, and KEEP(...) round it",
+            file=str((target.root or out) / MANIFEST),
+            key="linker_script",
+        )
+    address, data = as_binary(image)
+    binary, text = elf.with_suffix(".bin"), elf.with_suffix(".hex")
+    binary.write_bytes(data)
+    text.write_text(as_intel_hex(image), encoding="ascii")
+    name = elf.stem
+    commands = tuple(flashing(command, name) for command in target.commands)
+    files = (elf, binary, text)
+    build = build_name(target, generated)
+    return BuiltFirmware(name, target.title, build, files, address, len(data), limits, figures, commands)
+
+
+def _coupling_sources(of: Coupling | Problem | Device, *, unsafe: bool) -> dict[str, str]:
+    """Return the exported C of a coupling, and what HELLO tells of it."""
+    if not isinstance(of, Coupling):
+        raise InputError.of(
+            "is no coupling, and nothing else can be built in; make one: avc recommend P --out coupling.json",
+            key="built_in",
+        )
+    wall = of.wall
+    header = _BUILT_IN.format(
+        damping=SINGLE.literal(wall.damping_ns_per_m),
+        stiffness=SINGLE.literal(wall.stiffness_n_per_m),
+        force=SINGLE.literal(of.max_force_n or 0.0),
+        id=of.id,
+    )
+    return export_c(of, unsafe=unsafe) | {"avc_built_in.c": header}
+
+
+def _target(board: str) -> Target:
+    if board in BOARDS:
+        return TARGETS[board]
+    if Path(board).is_dir():
+        return read_board(Path(board))
+    if Path(board).name == MANIFEST:
+        raise InputError.of(f"is {board!r}, a manifest; allowed: its folder, {str(Path(board).parent)!r}", key="board")
+    raise InputError.of(
+        f"is {board!r}; allowed: {', '.join(BOARDS)}, or the folder of a board of your own (hardware/PORTING.md)",
+        key="board",
+    )

@@ -1,0 +1,410 @@
+"""Export: a whole coupling as C for firmware of one's own: one function from position to force."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi import InputError
+from avc_casadi.claims.deployable import require_deployable
+from avc_hardware.codegen.c_text import checked_name, comment, comment_lines
+from avc_hardware.codegen.coupling_program import FARTHEST_M, CouplingProgram, coupling_program
+from avc_hardware.codegen.firmware_fit import single_rows
+from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, SINGLE, Precision
+from avc_hardware.codegen.packages import packaged
+from avc_hardware.codegen.tick_c import start_lines
+from avc_hardware.codegen.tick_program import GAINS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from avc_casadi.claims.deployable import Deployable
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.problem import Problem
+
+
+NAME = "avc_coupling"
+HEADER, SOURCE = f"{NAME}.h", f"{NAME}.c"
+
+_HEADER = """\
+/* A virtual coupling with its wall, made by avc-casadi; do not edit.
+ *
+ * Coupling {id} for {problem}{title}
+ * method {method}, structure {structure}, {rows}
+ * wall: {wall_damping:.9g} N.s/m and {wall_stiffness:.9g} N/m, on one side, at position 0; contact law {contact}
+ * beside the gains: {beside}{detents}
+ * force: {force}
+ * {verdict}
+ * sample time: {sample_time:.9g} s, and no other: the gains mean another loop at another rate
+ *
+ * C99, also C++11 and later; no heap, no library; an int of 16 bits is enough{table}. IEEE {precision} precision.
+ * The bits are the same on every machine, with gcc and clang without any flag; elsewhere let the compiler not contract
+ * a * b + c. -ffast-math is refused.
+ */
+#ifndef AVC_COUPLING_H
+#define AVC_COUPLING_H
+
+#define AVC_COUPLING_ID "{id}"
+#define AVC_COUPLING_SAMPLE_TIME_S {sample_time_literal}
+#define AVC_COUPLING_SAMPLE_TIME_NS {sample_time_ns}L
+{max_force}
+/* Define AVC_LOOP_SAMPLE_TIME_NS as your loop's own, and a coupling for another one does not compile. */
+#ifdef AVC_LOOP_SAMPLE_TIME_NS
+#if AVC_LOOP_SAMPLE_TIME_NS != AVC_COUPLING_SAMPLE_TIME_NS
+#error "this coupling is made for another sample time than the loop that runs it"
+#endif
+#endif
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+typedef {real} avc_coupling_real_t;
+
+/* What the coupling remembers between two samples. */
+typedef struct {{
+    unsigned char started;
+    {real} position_before_m;
+{states}
+}} avc_coupling_t;
+
+/* Forget everything. Call it once before the first step, and whenever sampling has paused. */
+void avc_coupling_start(avc_coupling_t *coupling);
+
+/* One sample. position_m: as measured, with its sign: above 0 inside the wall, below 0 outside, never clipped at 0.
+ * Returns the force on the device, N, positive out of the wall{limited}; never NaN.
+ * A position that is NaN, infinite or beyond {farthest:.0e} m gives 0 and starts anew; so does one that is more than
+ * {jump:.4g} m from the one before, which no hand moves in a sample.
+ * Where only a depth can be had that is 0 outside (of an engine, of a proxy), compile with AVC_DEPTH_IS_CLIPPED: then 0
+ * is outside, where there is no force, and each contact starts anew. Otherwise what is remembered takes the device for
+ * one that stands still at the face. */
+{real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m);
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+_SOURCE = """\
+/* Coupling {id}: the expressions of avc-casadi's scenes, one statement an operation; do not edit. */
+#include "avc_coupling.h"
+
+#ifndef __cplusplus
+#include <stdbool.h>
+#endif
+
+#ifdef __FAST_MATH__
+#error "compile without -ffast-math: a position that is not a number must be seen"
+#endif
+{check}
+/* One rounding an operation: a fused multiply-add would give other bits than were certified. */
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize ("fp-contract=off")
+#endif
+{look_up}
+/* The state of a device that has always rested at a position. */
+static void rest(avc_coupling_t *coupling, {real} position_m)
+{{
+{rest}
+}}
+
+void avc_coupling_start(avc_coupling_t *coupling)
+{{
+    rest(coupling, {zero});
+    coupling->started = 0u;
+}}
+
+{real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m)
+{{
+    if (!(position_m >= {least} && position_m <= {farthest})) {{
+        coupling->started = 0u;
+        return {zero};
+    }}
+{clipped}    if (coupling->started == 0u) {{
+        rest(coupling, position_m);
+    }} else if (!(position_m - coupling->position_before_m <= {jump} &&
+                 coupling->position_before_m - position_m <= {jump})) {{
+        coupling->started = 0u;
+        return {zero};
+    }}
+    coupling->position_before_m = position_m;
+{body}
+    if (!(command_n >= {lowest} && command_n <= {largest})) {{
+        coupling->started = 0u;
+        return {zero};
+    }}
+{stores}
+    coupling->started = 1u;
+    return force_n;
+}}
+"""
+
+_CLIPPED = """\
+#ifdef AVC_DEPTH_IS_CLIPPED
+    if (position_m <= {zero}) {{
+        coupling->started = 0u;
+        return {zero};
+    }}
+#endif
+"""
+# What acts in front of the wall needs to know where that is.
+_NEVER_CLIPPED = """\
+#ifdef AVC_DEPTH_IS_CLIPPED
+#error "detents act in front of the wall: they need the position with its sign"
+#endif
+"""
+
+_WIDE_ENOUGH = """
+#include <float.h>
+
+#if DBL_MANT_DIG < 53
+#error "a double of this compiler has less than 64 bits (avr-gcc): export with --precision single"
+#endif
+"""
+
+_LOOK_UP = """
+enum {{ ROWS = {rows} }};
+
+/* The table stays in flash where data would be copied to memory otherwise. */
+#if defined(__AVR__)
+#include <avr/pgmspace.h>
+#define IN_FLASH PROGMEM
+#define FROM_FLASH(place) pgm_read_float(&(place))
+#else
+#define IN_FLASH
+#define FROM_FLASH(place) (place)
+#endif
+
+/* ln(frequency), frequency (Hz), b (N.s/m), k (N/m), b_p (N.s/m). */
+static const {real} table[ROWS][5] IN_FLASH = {{
+{table}
+}};
+
+static {real} entry(unsigned int row, unsigned int column)
+{{
+    return FROM_FLASH(table[row][column]);
+}}
+
+/* ln x of a normal positive number: its exponent times ln 2 and 2 artanh((m - 1)/(m + 1)) of its mantissa. */
+static {real} natural_logarithm({real} x)
+{{
+    {real} m = x, exponent = {zero};
+    while (m > {root_2}) {{
+        m = m * {half};
+        exponent = exponent + {one};
+    }}
+    while (m <= {half} * {root_2}) {{
+        m = m + m;
+        exponent = exponent - {one};
+    }}
+    const {real} s = (m - {one}) / (m + {one});
+    const {real} z = s * s;
+    {real} series = {first};
+{series}
+    return exponent * {ln_2} + (s + s) * series;
+}}
+
+/* Gains at a frequency: linear in ln(frequency); the end rows beyond the ends. */
+static void look_up({real} frequency_hz, {real} gains[3])
+{{
+    unsigned int low = 0u, high = ROWS - 1u, i;
+    {real} share = {zero};
+    if (!(frequency_hz > entry(low, 1u))) {{
+        high = low;
+    }} else if (frequency_hz >= entry(high, 1u)) {{
+        low = high;
+    }} else {{
+        while (high - low > 1u) {{
+            const unsigned int middle = (low + high) / 2u;
+            if (frequency_hz < entry(middle, 1u)) {{
+                high = middle;
+            }} else {{
+                low = middle;
+            }}
+        }}
+        share = (natural_logarithm(frequency_hz) - entry(low, 0u)) / (entry(high, 0u) - entry(low, 0u));
+        if (!(share >= {zero} && share <= {one})) {{
+            share = {zero};
+        }}
+    }}
+    for (i = 0u; i < 3u; i++) {{
+        const {real} below = entry(low, 2u + i);
+        gains[i] = below + share * (entry(high, 2u + i) - below);
+    }}
+}}
+"""
+
+
+def export_c(
+    coupling: Coupling,
+    *,
+    precision: str = "single",
+    packages: Iterable[str] = (),
+    name: str = NAME,
+    unsafe: bool = False,
+) -> dict[str, str]:
+    """Return a coupling as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
+
+    The whole of it at its own sample time: observer, estimator, adaptation and table where it has them, wall, contact
+    damper, guard, force limit. Bit for bit `ReferenceCoupling`. Names and comments are those of the device: of one that
+    turns ``torque_nm`` and ``position_rad``.
+
+    Args:
+        coupling: any; what runs beside its gains needs no support by the packaged firmware.
+        precision: ``single`` (float) or ``double``, for processors that have it in hardware.
+        packages: what stands round the two files, which then are in ``src``: ``arduino``, ``platformio`` and ``cmake``
+            libraries, ``chai3d``, ``openhaptics`` and ``haply`` examples in C++.
+        name: what the files, functions, types and macros (in capitals) begin with; two couplings of two names link into
+            one program.
+        unsafe: whether a coupling that is not deployable is written too.
+
+    Raises:
+        NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
+        InputError: another precision or package, a name that is none in C, the wall gives no force, the observer has
+            no encoder step to look between, a gain is too large for single precision, or two rows become one in it.
+    """
+    if precision not in PRECISIONS:
+        raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
+    checked_name(name)
+    verdict = require_deployable(coupling, unsafe=unsafe)
+    chosen = PRECISIONS[precision]
+    rows = single_rows(coupling) if chosen is SINGLE else coupling.table.rows
+    program = coupling_program(coupling, chosen)
+    files = {HEADER: _header(coupling, program, chosen, verdict), SOURCE: _source(coupling, program, chosen, rows)}
+    units = coupling.problem.units
+    made = {file: units.code(text) for file, text in packaged(files, coupling, packages).items()}
+    return made if name == NAME else {_renamed(file, name): _renamed(text, name) for file, text in made.items()}
+
+
+def _renamed(text: str, name: str) -> str:
+    """Return a path or a source in which all that has the usual name has another."""
+    plain = text.replace(NAME, name).replace(NAME.upper(), name.upper())
+    return plain.replace(NAME.replace("_", "-"), name.replace("_", "-"))
+
+
+def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, verdict: Deployable) -> str:
+    problem, runtime, force = coupling.problem, coupling.runtime, coupling.max_force_n
+    beside = []
+    if runtime.observer_mass_kg is not None:
+        ahead = problem.device.delay_samples
+        beside.append(f"observer for {runtime.observer_mass_kg:g} kg" + (f", {ahead} samples ahead" if ahead else ""))
+    if runtime.state_feedback is not None:
+        half = runtime.state_feedback.dead_zone_m
+        beside.append(
+            f"observer of {runtime.state_feedback.states} states with a dead zone of +-{half:.4g} m, and feedback"
+        )
+    if program.before is not None:
+        slew = "no slew limit" if runtime.slew_per_s is None else f"at most {runtime.slew_per_s:g} a second"
+        passive = ", passive" if runtime.passive else ""
+        beside.append(f"estimator {runtime.estimator}, hold {runtime.hold_s:g} s, {slew}{passive}")
+    if runtime.guard is not None:
+        beside.append(f"guard {runtime.guard}")
+    count = len(coupling.table)
+    low, high = coupling.table.frequency_hz[[0, -1]]
+    return _HEADER.format(
+        id=coupling.id,
+        problem=comment(problem.name or "a problem"),
+        title=comment(f": {problem.title}") if problem.title else "",
+        method=comment(coupling.method),
+        structure=comment(coupling.structure),
+        contact=comment(coupling.contact),
+        rows="constant gains" if program.before is None else f"{count} rows from {low:.6g} to {high:.6g} Hz",
+        verdict=comment_lines(
+            verdict.sentence if verdict.passed else f"UNSAFE, written by request: {verdict.sentence}"
+        ),
+        wall_damping=coupling.wall.damping_ns_per_m,
+        wall_stiffness=coupling.wall.stiffness_n_per_m,
+        beside=comment("; ".join(beside) or "nothing"),
+        detents=_detents(problem),
+        force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
+        sample_time=coupling.sample_time_s,
+        sample_time_literal=precision.literal(coupling.sample_time_s),
+        sample_time_ns=round(coupling.sample_time_s * 1e9),
+        max_force="" if force is None else f"#define AVC_COUPLING_MAX_FORCE_N {precision.literal(force)}\n",
+        precision=precision.name,
+        real=precision.c_type,
+        table="" if program.before is None else "; on AVR the table stays in flash",
+        states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
+        limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
+        farthest=FARTHEST_M,
+        jump=program.jump_m,
+    )
+
+
+def _detents(problem: Problem) -> str:
+    """Return the line on the detents; none where there are none."""
+    one = problem.detent
+    if one is None:
+        return ""
+    damper = f", a damper of {one.damping_ns_per_m:.9g} N.s/m" if one.damping_ns_per_m else ""
+    return (
+        f"\n * detents everywhere: {one.force_n:.9g} N at most, every {one.pitch_m:.9g} m from {one.centre_m:.9g} m, on"
+        f"\n * {100 * one.width:.9g} % of the way{damper}"
+    )
+
+
+def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, rows: NDArray[Any]) -> str:
+    literal = precision.literal
+    return _SOURCE.format(
+        id=coupling.id,
+        check=_WIDE_ENOUGH if precision is DOUBLE else "",
+        real=precision.c_type,
+        zero=literal(0.0),
+        jump=literal(program.jump_m),
+        clipped=_CLIPPED.format(zero=literal(0.0)) if coupling.problem.detent is None else _NEVER_CLIPPED,
+        look_up="" if program.before is None else _look_up(rows, precision),
+        rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
+        least=literal(-FARTHEST_M),
+        farthest=literal(FARTHEST_M),
+        lowest=literal(-precision.largest),
+        largest=literal(precision.largest),
+        body=_indented(_body(program, precision)),
+        stores=_indented([f"coupling->{name} = next_{name};" for name in program.states]),
+    )
+
+
+def _look_up(rows: NDArray[Any], precision: Precision) -> str:
+    literal = precision.literal
+    lines = [
+        "    {{{}}},".format(", ".join(map(literal, (logarithm, *row))))
+        for logarithm, row in zip(precision.ln(rows[:, 0]), rows, strict=True)
+    ]
+    first, *others = map(literal, precision.ln.coefficients)
+    return _LOOK_UP.format(
+        rows=len(rows),
+        table="\n".join(lines),
+        real=precision.c_type,
+        zero=literal(0.0),
+        half=literal(0.5),
+        one=literal(1.0),
+        root_2=literal(math.sqrt(2.0)),
+        ln_2=literal(math.log(2.0)),
+        first=first,
+        series=_indented([f"series = series * z + {coefficient};" for coefficient in others]),
+    )
+
+
+def _body(program: CouplingProgram, precision: Precision) -> list[str]:
+    """Return the statements of one sample; the states are read everywhere and written in the end."""
+    gains = {f"wanted_{name}": f"gains[{index}]" for index, name in enumerate(GAINS)}
+
+    def of_input(symbol: str) -> str:
+        return f"coupling->{symbol[6:]}" if symbol.startswith("state_") else gains.get(symbol, symbol)
+
+    def of_output(symbol: str) -> str:
+        return f"const {precision.c_type} {symbol.removeprefix('out_')}"
+
+    lines = []
+    if program.before is not None:
+        lines += program.before.c_lines(of_input, of_output, prefix="e")
+        lines += [f"{precision.c_type} gains[3];", "look_up(frequency_hz, gains);"]
+    return lines + program.after.c_lines(of_input, of_output)
+
+
+def _indented(lines: list[str]) -> str:
+    return "\n".join(f"    {line}" for line in lines)

@@ -1,0 +1,98 @@
+"""What a firmware is made for: the limits of its board, the figures of its control tick."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+
+
+# In the order of the numbers that HELLO gives them.
+ESTIMATOR_NUMBERS = ("zero-crossing", "spectral-peak", "adaptive-notch", "fused")
+
+
+@dataclass(frozen=True)
+class RuntimeFigures:
+    """What a firmware is generated for.
+
+    Attributes:
+        sample_time_s: T.
+        metres_per_count: of the encoder; sets the estimator's floor.
+        estimator: method.
+        hold_s: how long a lost estimate is kept.
+        slew_per_s: largest relative change of a gain, a second; None for no limit.
+        passive: whether gains change without creating energy, with anchor and tank.
+        guard_damping_ns_per_m: most that the guard adds: the device's own damping.
+        hand_m_per_unit: how far the hand moves for a unit of the position: 1, or the radius of a handle that turns;
+            what the estimator takes for motion is told there.
+    """
+
+    sample_time_s: float = 1e-3
+    metres_per_count: float = 2e-6
+    estimator: str = "fused"
+    hold_s: float = 0.2
+    slew_per_s: float | None = 20.0
+    passive: bool = True
+    guard_damping_ns_per_m: float = 2.0
+    hand_m_per_unit: float = 1.0
+
+
+@dataclass(frozen=True)
+class BoardLimits:
+    """What a board says of itself; the values of the netduinoplus2 board.
+
+    Attributes:
+        sample_time_s: T.
+        metres_per_count: of the encoder.
+        max_force_n: of the output.
+        max_damping_ns_per_m: of b, of the wall too.
+        max_stiffness_n_per_m: of k, of the wall too.
+        max_contact_damping_ns_per_m: of b_p.
+        max_speed_m_per_s: beyond it a fault is latched; 0, here and in what follows: not watched.
+        max_acceleration_m_per_s2: beyond it the encoder has jumped.
+        max_energy_j: that a coupling may give out within about a second without having got it.
+        stuck_swing_n: swings of the force so wide, four of them without one count, are an encoder that is stuck.
+        max_overruns: ticks in a row that took longer than T.
+    """
+
+    sample_time_s: float = 1e-3
+    metres_per_count: float = 2e-6
+    max_force_n: float = 50.0
+    max_damping_ns_per_m: float = 1e5
+    max_stiffness_n_per_m: float = 1e8
+    max_contact_damping_ns_per_m: float = 1e4
+    max_speed_m_per_s: float = 3.0
+    max_acceleration_m_per_s2: float = 1000.0
+    max_energy_j: float = 0.2
+    stuck_swing_n: float = 12.5
+    max_overruns: float = 5.0
+
+    def packed(self) -> bytes:
+        """Return the bytes of the firmware's `avc_limits_t`."""
+        return struct.pack(f"<{len(fields(self))}f", *(getattr(self, field.name) for field in fields(self)))
+
+
+def board_limits(device: Device) -> BoardLimits:
+    """Return the limits of a board for a device; where it says nothing, those of the boards."""
+    usual = BoardLimits()
+    # What no handle does is told at the handle.
+    reach = device.metres_per_unit
+    force = device.max_force_n or usual.max_force_n * reach
+    share = 0.0 if device.resonance is None else device.resonance.mass_ratio
+    lightest = device.mass_kg * (min(share, 1 - share) or 1.0)
+    return replace(
+        usual,
+        sample_time_s=device.sample_time_s,
+        metres_per_count=device.encoder_resolution_m or usual.metres_per_count / reach,
+        max_damping_ns_per_m=usual.max_damping_ns_per_m * reach**2,
+        max_stiffness_n_per_m=usual.max_stiffness_n_per_m * reach**2,
+        max_contact_damping_ns_per_m=usual.max_contact_damping_ns_per_m * reach**2,
+        max_speed_m_per_s=usual.max_speed_m_per_s / reach,
+        max_force_n=force,
+        stuck_swing_n=force / 4,
+        # what the actuator alone does to the lighter part, four times over: hands and stops strike too
+        max_acceleration_m_per_s2=max(usual.max_acceleration_m_per_s2 / reach, 4 * force / lightest),
+    )

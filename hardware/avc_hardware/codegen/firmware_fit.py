@@ -1,0 +1,191 @@
+"""Whether a coupling runs on the packaged firmware, or on that of a certain device, and in which single numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from avc_casadi import InputError, NotDeployableError, UnsupportedError
+from avc_casadi.coupling import require_coupling
+from avc_hardware.codegen.figures import RuntimeFigures, board_limits
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import Float32Array
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.runtime import StateFeedback
+
+FEEDBACK_STATES = 8
+"""Most states that the packaged firmware feeds back."""
+
+
+def wall_alone(coupling: Coupling) -> None:
+    """Refuse detents, which a table does not hold; the exported source has them.
+
+    Raises:
+        UnsupportedError: the problem has some.
+    """
+    if coupling.problem.detent is not None:
+        message = (
+            f"{coupling.problem.name}: detent has no place in the table that is pushed; export the whole as C (avc "
+            "export FILE --c DIR), or build it into the firmware (avc firmware FILE --board B --built-in --out DIR)"
+        )
+        raise UnsupportedError(message, key="detent")
+
+
+def single_rows(coupling: Coupling) -> Float32Array:
+    """Return the rows of a coupling in single precision, shape (n, 4).
+
+    Raises:
+        InputError: a number that single precision cannot hold, or two rows that become one in it.
+    """
+    feedback = coupling.runtime.state_feedback
+    with np.errstate(over="ignore", under="ignore"):
+        rows = coupling.table.single()
+    if not np.isfinite(rows).all():
+        raise InputError.of("holds a gain that single precision cannot carry; allowed: below 3.4e38", key="table")
+    repeated = np.flatnonzero(np.diff(rows[:, 0]) <= 0)
+    if len(repeated):
+        raise InputError.of(
+            f"two rows have the frequency {rows[repeated[0], 0]:.7g} Hz (single precision); allowed: each once",
+            key="table.frequency_hz",
+        )
+    if feedback is not None and not np.isfinite(single_feedback(feedback)).all():
+        raise InputError.of(
+            "holds a number that single precision cannot carry; allowed: below 3.4e38",
+            key="runtime.state_feedback",
+        )
+    return rows
+
+
+def single_feedback(feedback: StateFeedback) -> Float32Array:
+    """Return the numbers of an observer and its feedback in single precision, as `StateFeedback.numbers`."""
+    with np.errstate(over="ignore", under="ignore"):
+        return feedback.numbers().astype("<f4")
+
+
+GUARD = "passivity-controller"
+_BUILD = "build it into firmware (avc firmware FILE --board B --built-in --out DIR), or export it (avc export)"
+
+
+class FirmwareLacksError(NotDeployableError, UnsupportedError):
+    """A coupling needs what the firmware on the device does not have: it may not go there (command line: exit code 1).
+
+    Example:
+        >>> try:
+        ...     avc_hardware.check_runs_on(coupling)
+        ... except avc.NotDeployableError as error:
+        ...     print(error)
+    """
+
+
+class RunningFirmware(Protocol):
+    """What a device tells of the firmware that it runs."""
+
+    @property
+    def built_in(self) -> bool:
+        """Whether a coupling is built in."""
+        ...
+
+    @property
+    def coupling_id(self) -> str:
+        """Of the coupling that runs."""
+        ...
+
+    @property
+    def capacity_states(self) -> int:
+        """Most states that it feeds back."""
+        ...
+
+    @property
+    def figures(self) -> RuntimeFigures:
+        """What its control tick was generated for."""
+        ...
+
+
+def check_runs_on(coupling: Coupling, device: RunningFirmware | None = None) -> None:
+    """Refuse a coupling that needs what the firmware does not have.
+
+    Args:
+        coupling: what is to run.
+        device: whose settings are compared too, as far as the coupling depends on them; None compares with none.
+
+    Raises:
+        FirmwareLacksError: names everything that the firmware lacks, and what to do.
+        InputError: it is no coupling.
+    """
+    require_coupling(coupling)
+    runtime = coupling.runtime
+    if device is not None and device.built_in:
+        raise FirmwareLacksError(
+            f"{coupling.problem.name}: the device takes no coupling: coupling {device.coupling_id} is built into its "
+            "firmware; flash firmware without one to push others (avc firmware DEVICE --board B --out DIR)"
+        )
+    lacks = []
+    if runtime.observer_mass_kg is not None:
+        lacks.append("it has no observer between encoder steps (runtime.observer_mass_kg)")
+    lacks += _lacks_of_feedback(coupling, FEEDBACK_STATES if device is None else device.capacity_states)
+    if runtime.guard not in {None, GUARD}:
+        lacks.append(f"it has no guard {runtime.guard} (allowed: {GUARD}, or none)")
+    if device is not None:
+        lacks += _other_settings(coupling, device)
+    if lacks:
+        raise FirmwareLacksError(
+            f"{coupling.problem.name}: the coupling does not run on this firmware: {'; '.join(lacks)}. "
+            f"Take a coupling that it can run (of a method: avc solve P --method static-tuned --out FILE), or {_BUILD}"
+        )
+
+
+def _lacks_of_feedback(coupling: Coupling, most: int) -> list[str]:
+    feedback = coupling.runtime.state_feedback
+    if feedback is None:
+        return []
+    lacks = []
+    if feedback.states > most:
+        lacks.append(
+            f"it holds {most} states of an observer, the coupling has {feedback.states} (runtime.state_feedback; "
+            "design it with a simpler hand or device)"
+        )
+    if not coupling.table.constant:
+        lacks.append("it feeds states back beside constant gains alone (runtime.state_feedback)")
+    return lacks
+
+
+def _other_settings(coupling: Coupling, device: RunningFirmware) -> list[str]:
+    wanted, has = figures_of(coupling), device.figures
+    asked = []
+    if not coupling.table.constant:
+        asked += ["estimator", "hold_s", "slew_per_s", "passive", "hand_m_per_unit"]
+    if coupling.runtime.guard is not None:
+        asked.append("guard_damping_ns_per_m")
+    return [
+        f"its {name} is {getattr(has, name)}, the coupling's {getattr(wanted, name)}"
+        for name in asked
+        if not _same(getattr(wanted, name), getattr(has, name))
+    ]
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=1e-6)
+    return bool(one == other)
+
+
+def figures_of(coupling: Coupling) -> RuntimeFigures:
+    """Return the figures of a firmware for a coupling; where its device says nothing, those of the boards."""
+    runtime, limits = coupling.runtime, board_limits(coupling.problem.device)
+    reach = coupling.problem.device.metres_per_unit
+    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, hand_m_per_unit=reach)
+    if runtime.guard is not None:
+        figures = replace(figures, guard_damping_ns_per_m=coupling.problem.device.damping_ns_per_m)
+    if coupling.table.constant:
+        return figures
+    return replace(
+        figures,
+        estimator=runtime.estimator,
+        hold_s=runtime.hold_s,
+        slew_per_s=runtime.slew_per_s,
+        passive=runtime.passive,
+    )

@@ -1,0 +1,181 @@
+"""A firmware image: what an ELF file loads, where its symbols are, other numbers in it, files for flashing."""
+
+from __future__ import annotations
+
+import importlib
+import struct
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi import MissingExtraError, UnsupportedError
+from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, BoardLimits, RuntimeFigures
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+_PROCESSORS = ("EM_ARM", "EM_RISCV")
+_ALLOWED = "allowed: a 32-bit little-endian image of an ARM or RISC-V processor"
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Bytes to load at a physical address."""
+
+    address: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Image:
+    """A firmware image.
+
+    Attributes:
+        segments: to load.
+        symbols: name to (address, size); function addresses without the Thumb bit.
+    """
+
+    segments: tuple[Segment, ...]
+    symbols: dict[str, tuple[int, int]]
+
+    def patched(self, symbol: str, data: bytes) -> Image:
+        """Return the image with other bytes at a symbol.
+
+        Raises:
+            UnsupportedError: no such symbol of this size is loaded; the image is an older one.
+        """
+        address, size = self.symbols.get(symbol, (0, 0))
+        for index, segment in enumerate(self.segments):
+            at = address - segment.address
+            if size == len(data) and 0 <= at <= len(segment.data) - size:
+                changed = segment.data[:at] + data + segment.data[at + size :]
+                parts = (*self.segments[:index], Segment(segment.address, changed), *self.segments[index + 1 :])
+                return replace(self, segments=parts)
+        raise UnsupportedError(
+            f"the image has no {len(data)} bytes of {symbol}; build it anew: python -m avc_hardware.codegen.build"
+        )
+
+
+def read_elf(path: Path) -> Image:
+    """Read a 32-bit little-endian image of an ARM or RISC-V processor.
+
+    Raises:
+        UnsupportedError: it is something else.
+        MissingExtraError: pyelftools is not installed.
+    """
+    try:
+        elffile: Any = importlib.import_module("elftools.elf.elffile")
+        exceptions: Any = importlib.import_module("elftools.common.exceptions")
+    except ImportError as error:
+        raise MissingExtraError(
+            "reading a firmware image needs the extra 'emulator': pip install 'avc-casadi[emulator]'"
+        ) from error
+    with path.open("rb") as stream:
+        try:
+            elf = elffile.ELFFile(stream)
+        except exceptions.ELFError as error:
+            raise UnsupportedError(f"{path.name} is no ELF image ({error}); {_ALLOWED}") from error
+        if elf.elfclass != 32 or not elf.little_endian or elf["e_machine"] not in _PROCESSORS:
+            what = f"{elf.elfclass}-bit, {'little' if elf.little_endian else 'big'}-endian, {elf['e_machine']}"
+            raise UnsupportedError(f"{path.name} is {what}; {_ALLOWED}")
+        segments = tuple(
+            Segment(part["p_paddr"], part.data()) for part in elf.iter_segments("PT_LOAD") if part["p_filesz"]
+        )
+        table = elf.get_section_by_name(".symtab")
+        symbols = {one.name: _place(one) for one in (table.iter_symbols() if table else ()) if one.name}
+    return Image(segments, symbols)
+
+
+def _place(symbol: Any) -> tuple[int, int]:
+    """Return address and size of a symbol, without the Thumb bit of a function."""
+    address, size = symbol["st_value"], symbol["st_size"]
+    return (address & ~1 if symbol["st_info"]["type"] == "STT_FUNC" else address), size
+
+
+_ERASED = 0xFF
+_DATA, _END, _HIGH_ADDRESS = 0, 1, 4
+_LINE = 16
+
+
+def as_binary(image: Image) -> tuple[int, bytes]:
+    """Return the address of the first byte and all bytes from there on; gaps hold what erased flash holds."""
+    first = min(segment.address for segment in image.segments)
+    last = max(segment.address + len(segment.data) for segment in image.segments)
+    data = bytearray([_ERASED]) * (last - first)
+    for segment in image.segments:
+        at = segment.address - first
+        data[at : at + len(segment.data)] = segment.data
+    return first, bytes(data)
+
+
+def as_intel_hex(image: Image) -> str:
+    """Return the lines of an Intel HEX file."""
+    return "".join(f":{line.hex().upper()}\n" for line in _records(image))
+
+
+def _records(image: Image) -> Iterator[bytes]:
+    high = -1
+    first, data = as_binary(image)
+    for at in range(0, len(data), _LINE):
+        address = first + at
+        if address >> 16 != high:
+            high = address >> 16
+            yield _record(0, _HIGH_ADDRESS, high.to_bytes(2, "big"))
+        yield _record(address & 0xFFFF, _DATA, data[at : at + _LINE])
+    yield _record(0, _END, b"")
+
+
+def _record(address: int, kind: int, data: bytes) -> bytes:
+    content = bytes([len(data), *address.to_bytes(2, "big"), kind]) + data
+    return content + bytes([-sum(content) & 0xFF])
+
+
+_FIGURES = struct.Struct("<4fHH")
+
+
+def image_for(image: Image, limits: BoardLimits, figures: RuntimeFigures) -> Image:
+    """Return the packaged image with limits and figures in place of its own.
+
+    Raises:
+        UnsupportedError: it has no program for them.
+    """
+    if (figures.sample_time_s, figures.metres_per_count) != (limits.sample_time_s, limits.metres_per_count):
+        raise UnsupportedError(
+            f"the board ticks every {limits.sample_time_s:g} s with steps of {limits.metres_per_count:g} m, its tick "
+            f"is made for {figures.sample_time_s:g} s and {figures.metres_per_count:g} m; give both the same"
+        )
+    if limits != BoardLimits():
+        image = image.patched("hal_limits", limits.packed())
+    return image if figures == RuntimeFigures() else _with_figures(image, figures)
+
+
+def _with_figures(image: Image, figures: RuntimeFigures) -> Image:
+    from avc_hardware.codegen.tick_program import constants  # noqa: PLC0415 - it needs CasADi
+
+    built = RuntimeFigures()
+    if figures.estimator != built.estimator:
+        raise _other("estimator", figures.estimator, built.estimator)
+    if not figures.passive:
+        raise _other("passive", figures.passive, built.passive)
+    if figures.slew_per_s is None:
+        raise _other("slew_per_s", "none", "any number")
+    for symbol, numbers in constants(figures).items():
+        image = image.patched(symbol, numbers.astype("<f4").tobytes())
+    packed = _FIGURES.pack(
+        figures.hold_s,
+        figures.slew_per_s,
+        figures.guard_damping_ns_per_m,
+        figures.hand_m_per_unit,
+        ESTIMATOR_NUMBERS.index(figures.estimator),
+        figures.passive,
+    )
+    return image.patched("avc_figures", packed)
+
+
+def _other(name: str, value: object, allowed: object) -> UnsupportedError:
+    return UnsupportedError(
+        f"the packaged firmware has no program for {name} {value}; allowed: {allowed}; export the coupling for "
+        "firmware of your own: avc export",
+        key=f"runtime.{name}",
+    )

@@ -1,0 +1,182 @@
+"""What stands round exported C: libraries for Arduino, PlatformIO and CMake, examples in C++, gains of several axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi
+from avc_casadi import InputError
+from avc_hardware.codegen.c_text import comment
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+
+
+_FOLDER = Path(__file__).resolve().parent.parent / "packaging"
+_SKETCH = {"examples/wall/wall.ino": "wall.ino"}
+_WALL = {"examples/avc_wall.hpp": "avc_wall.hpp"}
+# Of each package, where a file goes and what it is called in the folder above.
+_FILES = {
+    "arduino": {"library.properties": "library.properties", **_SKETCH},
+    "platformio": {"library.json": "library.json", **_SKETCH},
+    "cmake": {"CMakeLists.txt": "CMakeLists.txt"},
+    "chai3d": {"examples/chai3d.cpp": "chai3d.cpp", **_WALL},
+    "openhaptics": {"examples/openhaptics.cpp": "openhaptics.cpp", **_WALL},
+    "haply": {"examples/haply.cpp": "haply.cpp", **_WALL},
+}
+PACKAGES = tuple(_FILES)
+# Of the sketch, where the device says nothing: the encoder's step and the force at full duty, at the handle.
+_USUAL_STEP_M, _USUAL_FORCE_N = 2e-5, 10.0
+_OF_A_LINE = ("chai3d", "openhaptics", "haply")
+
+
+def packaged(files: dict[str, str], coupling: Coupling, packages: Iterable[str]) -> dict[str, str]:
+    """Put an exported coupling into packages.
+
+    Args:
+        files: header and source, by name.
+        coupling: what they hold.
+        packages: of `PACKAGES`; none leaves the files as they are.
+
+    Returns:
+        All files by their path with ``/``: header and source in ``src``, the packages' own beside.
+
+    Raises:
+        InputError: an unknown package, or an example for an arm of a device that turns.
+    """
+    wanted = list(packages)
+    unknown = [name for name in wanted if name not in _FILES]
+    if unknown:
+        names = ", ".join(repr(name) for name in unknown)
+        raise InputError.of(f"holds {names}; allowed: {', '.join(PACKAGES)}", key="packages")
+    lines = [name for name in wanted if name in _OF_A_LINE]
+    if lines and not coupling.problem.units.linear:
+        allowed = ", ".join(name for name in PACKAGES if name not in _OF_A_LINE)
+        message = f"holds {', '.join(lines)}, an example for a handle that moves in lines; allowed: {allowed}"
+        raise InputError.of(message, key="packages")
+    if not wanted:
+        return files
+    device = coupling.problem.device
+    made = {f"src/{name}": text for name, text in files.items()}
+    known = {
+        "@ID@": coupling.id,
+        "@PERIOD_US@": f"{1e6 * coupling.sample_time_s:.7g}",
+        "@VERSION@": avc_casadi.__version__,
+        "@PER_COUNT@": f"{device.encoder_resolution_m or _USUAL_STEP_M / device.metres_per_unit:.7g}",
+        "@FULL_DUTY@": f"{coupling.max_force_n or _USUAL_FORCE_N * device.metres_per_unit:.7g}",
+    }
+    for package in wanted:
+        for place, template in _FILES[package].items():
+            text = (_FOLDER / template).read_text(encoding="utf-8")
+            for mark, value in known.items():
+                text = text.replace(mark, value)
+            made[place] = text
+    return made
+
+
+def arm_gains_c(document: Mapping[str, Any]) -> dict[str, str]:
+    """Return header and example by name.
+
+    Args:
+        document: JSON values of ``avc_casadi.arm.design.gains_document``.
+
+    Returns:
+        ``avc_arm_gains.h``, C99 and C++11, and for a device in space ``chai3d_arm.cpp``.
+    """
+    files = {"avc_arm_gains.h": _header(document)}
+    if len(document["axes"]) == 3:
+        files["chai3d_arm.cpp"] = (_FOLDER / "chai3d_arm.cpp").read_text(encoding="utf-8")
+    return files
+
+
+def _header(document: Mapping[str, Any]) -> str:
+    regions, directions = document["regions"], document["directions"]
+    claim = document["claim"]
+    arm, axes, limit = comment(document["arm"]), comment(", ".join(document["axes"])), document["max_force_n"]
+    tables = {
+        "stiffness_n_per_m": [region["stiffness_n_per_m"] for region in regions],
+        "damping_ns_per_m": [region["damping_ns_per_m"] for region in regions],
+    }
+    along = {
+        key: [region[key] for region in regions] for key in ("tangent_stiffness_n_per_m", "tangent_damping_ns_per_m")
+    }
+    size = "[AVC_ARM_REGIONS][AVC_ARM_DIRECTIONS]"
+    return "\n".join(
+        [
+            f"/* Spring and damper of {arm} by place of the tip and contact normal; axes {axes}.",
+            " *",
+            " * Force on the device along the normal: -K (x - proxy) - D (x - x_before)/T, once every sample time T;",
+            " * along the surface, while a proxy holds the tip there, the same with the tangent's gains.",
+            f" * Frozen loop in space: stable up to {claim['factor']:.4g} times these gains with all that a search",
+            " * looked at; no proof. Within a contact keep the gains of the first touch: changes were not looked at.",
+            " */",
+            "#ifndef AVC_ARM_GAINS_H",
+            "#define AVC_ARM_GAINS_H",
+            "",
+            f"#define AVC_ARM_AXES {len(document['axes'])}",
+            f"#define AVC_ARM_REGIONS {len(regions)}",
+            f"#define AVC_ARM_DIRECTIONS {len(directions)}",
+            f"#define AVC_ARM_SAMPLE_TIME_S {document['sample_time_s']!r}",
+            f"#define AVC_ARM_HOME_TIP_M {_values(document['home_tip_m'])}",
+            *([] if limit is None else [f"#define AVC_ARM_MAX_FORCE_N {limit!r}"]),
+            "",
+            f"static const double avc_arm_low_m[AVC_ARM_AXES] = {_values(document['low_m'])};",
+            f"static const double avc_arm_high_m[AVC_ARM_AXES] = {_values(document['high_m'])};",
+            f"static const int avc_arm_region_counts[AVC_ARM_AXES] = {_values(document['region_counts'])};",
+            f"static const double avc_arm_directions[AVC_ARM_DIRECTIONS][AVC_ARM_AXES] = {_values(directions)};",
+            *(f"static const double avc_arm_{key}{size} = {_values(rows)};" for key, rows in tables.items()),
+            *(f"static const double avc_arm_{key}[AVC_ARM_REGIONS] = {_values(row)};" for key, row in along.items()),
+            "",
+            _LOOK_UP,
+        ]
+    )
+
+
+def _values(value: Any) -> str:
+    if isinstance(value, list):
+        return f"{{{', '.join(map(_values, value))}}}"
+    return repr(value)
+
+
+_LOOK_UP = """\
+typedef struct {
+    double stiffness_n_per_m, damping_ns_per_m, tangent_stiffness_n_per_m, tangent_damping_ns_per_m;
+} avc_arm_gains_t;
+
+/* tip_m: place of the tip in the arm's coordinates. normal: of the surface, of either sign. */
+static inline avc_arm_gains_t avc_arm_gains(const double *tip_m, const double *normal)
+{
+    avc_arm_gains_t gains;
+    int region = 0, nearest = 0, axis, direction;
+    double most = -1.0;
+    for (axis = 0; axis < AVC_ARM_AXES; axis++) {
+        const double share = (tip_m[axis] - avc_arm_low_m[axis]) / (avc_arm_high_m[axis] - avc_arm_low_m[axis]);
+        const int count = avc_arm_region_counts[axis];
+        int cell = 0;
+        while (cell < count - 1 && share * count >= cell + 1) {
+            cell++;
+        }
+        region = region * count + cell;
+    }
+    for (direction = 0; direction < AVC_ARM_DIRECTIONS; direction++) {
+        double along = 0.0;
+        for (axis = 0; axis < AVC_ARM_AXES; axis++) {
+            along += avc_arm_directions[direction][axis] * normal[axis];
+        }
+        along = along < 0.0 ? -along : along;
+        if (along > most) {
+            most = along;
+            nearest = direction;
+        }
+    }
+    gains.stiffness_n_per_m = avc_arm_stiffness_n_per_m[region][nearest];
+    gains.damping_ns_per_m = avc_arm_damping_ns_per_m[region][nearest];
+    gains.tangent_stiffness_n_per_m = avc_arm_tangent_stiffness_n_per_m[region];
+    gains.tangent_damping_ns_per_m = avc_arm_tangent_damping_ns_per_m[region];
+    return gains;
+}
+
+#endif
+"""

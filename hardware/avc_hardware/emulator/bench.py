@@ -1,0 +1,265 @@
+"""A device on an emulated board: linear mechanics, dry friction that sticks, delay, encoder and noise.
+
+It may be wired wrongly, and held by the hand that commissioning asks for. What it leaves out: backlash, friction that
+depends on speed or direction, gravity, cable and gear ripple, heat.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.model.plant import LinearPlant, Transition, transition
+from avc_casadi.model.sampled_plant import device_plant
+from avc_hardware.codegen.figures import board_limits
+from avc_hardware.emulator.board import EmulatedBoard
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import FloatArray
+    from avc_casadi.model.device import Device
+
+
+_CODE_ZERO, _CODE_FULL = 2048, 2047
+# Parts of a sample in which the velocity changes evenly.
+_PARTS = 16
+# A share of a sample that is none.
+_NOTHING = 1e-9
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A part of a sample under a constant force and constant friction."""
+
+    step: Transition
+    friction: FloatArray
+
+    def moved(self, state: FloatArray, force_n: float, target: FloatArray, friction_n: float) -> FloatArray:
+        """Return the state after it; both forces are positive against +x."""
+        step = self.step
+        return step.matrix @ state + step.force * force_n + step.target @ target + self.friction * friction_n
+
+
+class BenchPlant:
+    """Moves from sample to sample under the force that has arrived.
+
+    Attributes:
+        state: position and velocity of the device first, shape (states,).
+    """
+
+    def __init__(
+        self, plant: LinearPlant, sample_time_s: float, *, friction_n: float = 0.0, delay_samples: float = 0.0
+    ) -> None:
+        """Discretise exactly, but for friction inside a sixteenth of a sample.
+
+        Args:
+            plant: the linear part.
+            sample_time_s: T.
+            friction_n: Coulomb friction on the motor, sticking and sliding alike.
+            delay_samples: from command to force; may be fractional.
+        """
+        whole = int(delay_samples)
+        late = delay_samples - whole
+        self._friction_n = friction_n
+        # Until the newer force arrives, and after: in one step, and in the short ones in which friction turns over.
+        self._halves = [
+            (_parts(plant, share * sample_time_s, 1)[0], _parts(plant, share * sample_time_s, _PARTS), newer)
+            for share, newer in ((late, False), (1.0 - late, True))
+            if share > _NOTHING
+        ]
+        self._positions = [index for index, name in enumerate(plant.names) if name.endswith("_position_m")]
+        self.state: FloatArray = np.zeros(plant.states)
+        self._asked = [0.0] * (whole + 2)
+
+    def place(self, position_m: float) -> None:
+        """Put every body there, at rest: nothing between them is stretched."""
+        self.state[:] = 0.0
+        self.state[self._positions] = position_m
+
+    def hold(self, force_n: float) -> None:
+        """Ask for a force, positive against +x, from now on."""
+        self._asked = [*self._asked[1:], force_n]
+
+    def advance(self, target: FloatArray) -> None:
+        """Move by one sample.
+
+        Args:
+            target: position and velocity of the hand's target, shape (2,).
+        """
+        older, newer = self._asked[:2]
+        for whole, parts, is_newer in self._halves:
+            force = newer if is_newer else older
+            before = float(self.state[1])
+            after = whole.moved(self.state, force, target, math.copysign(self._friction_n, before))
+            if self._friction_n and not before * after[1] > 0:
+                after = self.state
+                for part in parts:
+                    before, free = float(after[1]), part.moved(after, force, target, 0.0)
+                    held = _friction(before, float(free[1]), -float(part.friction[1]), self._friction_n)
+                    after = free + part.friction * held
+            self.state = after
+
+
+def _friction(before: float, free: float, ease: float, most_n: float) -> float:
+    """Return the mean friction over a part, against +x: it slides, or stops inside and is held or goes the other way.
+
+    Args:
+        before: velocity at the beginning.
+        free: velocity at the end without friction.
+        ease: change of velocity by 1 N.
+        most_n: largest friction.
+    """
+    held = min(max((free - before) / ease, -most_n), most_n)
+    if before == 0:
+        return held
+    slides = math.copysign(most_n, before)
+    after = free - slides * ease
+    if after * before >= 0:
+        return slides
+    share = before / (before - after)
+    return share * slides + (1 - share) * held
+
+
+def _parts(plant: LinearPlant, seconds: float, count: int) -> list[_Part]:
+    rubbing = LinearPlant(plant.names, plant.matrix, plant.friction, plant.target, plant.friction)
+    return [_Part(transition(plant, seconds / count), transition(rubbing, seconds / count).force)] * count
+
+
+class BenchDevice:
+    """A device without a hand on it: `count` is its encoder, read once a tick, `hold` its actuator.
+
+    Attributes:
+        plant: what moves.
+        travel_m, speed_m_per_s: true positions and velocities at every tick so far.
+    """
+
+    def __init__(self, device: Device, *, seed: int = 0) -> None:
+        """Put a device at rest at 0.
+
+        Args:
+            device: at its nominal values.
+            seed: of the encoder's noise.
+        """
+        linear = device_plant(device).linear()
+        self.limits = board_limits(device)
+        self.plant = BenchPlant(
+            linear,
+            device.sample_time_s,
+            friction_n=device.coulomb_friction_n,
+            delay_samples=device.delay_samples,
+        )
+        self._seen = 2 if device.resonance is not None and device.encoder_at == "handle" else 0
+        self._noise_m = device.position_noise_rms_m
+        self._random = np.random.default_rng(seed)
+        self._still = np.zeros(2)
+        self.travel_m: list[float] = []
+        self.speed_m_per_s: list[float] = []
+
+    def count(self) -> int:
+        """Move to the next tick; return what the encoder shows."""
+        self.plant.advance(self._still)
+        seen = float(self.plant.state[self._seen])
+        self.travel_m.append(seen)
+        self.speed_m_per_s.append(float(self.plant.state[1]))
+        if self._noise_m:
+            seen += self._noise_m * float(self._random.standard_normal())
+        return round(seen / self.limits.metres_per_count)
+
+    def hold(self, force_n: float) -> None:
+        """Take the force of this tick, positive against +x."""
+        self.plant.hold(force_n)
+
+    def board(self) -> EmulatedBoard:
+        """Return the firmware image on an emulated board with this device on it.
+
+        Raises:
+            MissingExtraError: the emulator is not installed.
+        """
+        return EmulatedBoard(
+            limits=self.limits,
+            encoder=lambda _: self.count(),
+            on_force_code=lambda code: self.hold(force_of_code(code, self.limits.max_force_n)),
+        )
+
+
+def code_of_force(force_n: Any, full_n: float) -> Any:
+    """Return the 12-bit code of the output for a force, N, as the board's own firmware rounds it."""
+    return np.floor(_CODE_ZERO + _CODE_FULL * (np.asarray(force_n) / full_n) + 0.5)
+
+
+def force_of_code(code: Any, full_n: float) -> Any:
+    """Return the force of a 12-bit code of the output, N."""
+    return (code - _CODE_ZERO) / _CODE_FULL * full_n
+
+
+# The hand: when it is where, as shares of the way that it makes; then it lets go.
+_TIMES_S = (0.0, 0.8, 1.6, 2.8, 3.6, 5.2)
+_SHARES = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
+
+
+class Wiring(StrEnum):
+    """How a device on the bench is wired."""
+
+    RIGHT = "right"
+    ENCODER_REVERSED = "encoder-reversed"
+    ENCODER_STUCK = "encoder-stuck"
+    MOTOR_REVERSED = "motor-reversed"
+    MOTOR_DEAD = "motor-dead"
+
+
+class WiredBench:
+    """A device that a hand first pushes into the wall and draws back, and then lets go.
+
+    Attributes:
+        device: on the bench.
+    """
+
+    def __init__(self, declared: Device, wiring: Wiring = Wiring.RIGHT, *, way_m: float = 0.01) -> None:
+        """Put a device at rest at 0.
+
+        Args:
+            declared: what moves.
+            wiring: of motor and encoder.
+            way_m: that the hand makes into the wall.
+        """
+        self.device = BenchDevice(declared)
+        self._wiring = wiring
+        self._way_m = way_m
+        self._period_s = declared.sample_time_s
+        self._ticks = 0
+
+    def count(self) -> int:
+        """Move to the next tick; return what the encoder shows."""
+        time_s = self._ticks * self._period_s
+        self._ticks += 1
+        shown = self.device.count()
+        if time_s < _TIMES_S[-1]:
+            place = self._way_m * float(np.interp(time_s, _TIMES_S, _SHARES))
+            self.device.plant.place(place)
+            shown = round(place / self.device.limits.metres_per_count)
+        if self._wiring is Wiring.ENCODER_STUCK:
+            return 0
+        return -shown if self._wiring is Wiring.ENCODER_REVERSED else shown
+
+    def hold(self, force_n: float) -> None:
+        """Take the force of this tick, positive against +x."""
+        gain = {Wiring.MOTOR_REVERSED: -1.0, Wiring.MOTOR_DEAD: 0.0}.get(self._wiring, 1.0)
+        self.device.hold(gain * force_n)
+
+    def board(self) -> EmulatedBoard:
+        """Return the firmware image on an emulated board with this device on it.
+
+        Raises:
+            MissingExtraError: the emulator is not installed.
+        """
+        limits = self.device.limits
+        encoder: Callable[[int], int] = lambda _: self.count()  # noqa: E731 - beside the actuator's
+        return EmulatedBoard(
+            limits=limits,
+            encoder=encoder,
+            on_force_code=lambda code: self.hold(force_of_code(code, limits.max_force_n)),
+        )

@@ -1,0 +1,129 @@
+"""The emulated board as a link: the real firmware image on an emulated STM32F405, in virtual time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from avc_hardware.codegen.figures import BoardLimits, RuntimeFigures, board_limits
+from avc_hardware.codegen.firmware import IMAGE
+from avc_hardware.codegen.firmware_fit import check_runs_on, figures_of
+from avc_hardware.codegen.image import image_for, read_elf
+from avc_hardware.emulator.flash import FlashController
+from avc_hardware.emulator.machine import CLOCK_HZ, Machine
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+
+
+# The firmware needs so long to clear its memory and to switch the serial port on; bytes before that are lost.
+_BOOT_S = 2e-3
+
+
+def tapping_hand(time_s: float) -> float:
+    """Position of the hand on the emulated board, metres: 0.4 mm about the wall's face, 1 to 9 Hz and back in 8 s."""
+    swing = 2 * math.pi * time_s / 8
+    phase = 2 * math.pi * (5 * time_s - 4 * 8 / (2 * math.pi) * math.sin(swing))
+    return 4e-4 * math.sin(phase)
+
+
+class EmulatedBoard:
+    """A `ByteLink` to the firmware: time passes only while something waits for an answer.
+
+    Attributes:
+        limits: what the board says of itself.
+    """
+
+    def __init__(
+        self,
+        image: Path = IMAGE,
+        *,
+        limits: BoardLimits | None = None,
+        figures: RuntimeFigures | None = None,
+        motion_m: Callable[[float], float] = tapping_hand,
+        encoder: Callable[[int], int] | None = None,
+        on_force_code: Callable[[int], None] = lambda _: None,
+        slice_cycles: int = CLOCK_HZ // 1000,
+        on_instruction: Callable[[int], None] | None = None,
+        flash: FlashController | None = None,
+    ) -> None:
+        """Start the firmware.
+
+        Args:
+            image: ELF file of the netduinoplus2 board.
+            limits: sample time, encoder and limits; None are those of the image.
+            figures: what the control tick is made for; None are those of the limits.
+            motion_m: position of the encoder at a time, metres.
+            encoder: in place of that, position in counts at a cycle; called once a tick.
+            on_force_code: takes the 12-bit code of the force output at every tick.
+            slice_cycles: see `Machine`.
+            on_instruction: see `Machine`.
+            flash: see `Machine`.
+
+        Raises:
+            UnsupportedError: the image has no program for these figures.
+            MissingExtraError: Unicorn is not installed.
+        """
+        self.limits = limits or BoardLimits()
+        wanted = figures or RuntimeFigures(self.limits.sample_time_s, self.limits.metres_per_count)
+
+        def counts(cycle: int) -> int:
+            return round(motion_m(cycle / CLOCK_HZ) / self.limits.metres_per_count)
+
+        self.machine = Machine(
+            image_for(read_elf(image), self.limits, wanted),
+            encoder=encoder or counts,
+            actuator=on_force_code,
+            slice_cycles=slice_cycles,
+            on_instruction=on_instruction,
+            flash=flash,
+        )
+        self.machine.run_until(round(_BOOT_S * CLOCK_HZ))
+
+    def restart(self) -> None:
+        """Switch it off and on: it starts anew with what it keeps."""
+        self.machine.reset()
+        self.machine.received.clear()
+        self.machine.sent.clear()
+        self.machine.run_until(self.machine.cycle + round(_BOOT_S * CLOCK_HZ))
+
+    @property
+    def name(self) -> str:
+        """How the user calls it."""
+        return "emulator"
+
+    def now_s(self) -> float:
+        """Virtual time since the start, seconds."""
+        return self.machine.cycle / CLOCK_HZ
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the virtual wire."""
+        self.machine.send(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Let virtual time pass until the firmware has sent something, at most ``timeout_s``."""
+        machine = self.machine
+        machine.run_until(machine.cycle + max(1, round(timeout_s * CLOCK_HZ)), stop=lambda: bool(machine.sent))
+        data = bytes(machine.sent)
+        machine.sent.clear()
+        return data
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+
+def emulated_board(coupling: Coupling, **options: Any) -> EmulatedBoard:
+    """Return a fresh emulated board with the sample time, encoder, force and settings of a coupling.
+
+    Args:
+        coupling: what will be pushed to it.
+        options: of `EmulatedBoard`.
+
+    Raises:
+        FirmwareLacksError: the packaged image has no program for it.
+        MissingExtraError: the emulator is not installed.
+    """
+    check_runs_on(coupling)
+    return EmulatedBoard(limits=board_limits(coupling.problem.device), figures=figures_of(coupling), **options)

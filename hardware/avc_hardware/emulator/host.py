@@ -1,0 +1,197 @@
+"""The portable core compiled for this computer: the same C as on the board, as an object and as a link."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi._util.arrays import Float32Array
+from avc_hardware.codegen.figures import BoardLimits
+
+_ROOM = 8192
+FLASH_SLOT = 8192
+"""Bytes of a slot of the host's memory that lasts."""
+# Counts: where a device stands that nobody has put anywhere, out of contact.
+BEFORE_WALL = -100
+
+
+class _Limits(ctypes.Structure):
+    _fields_ = [(field.name, ctypes.c_float) for field in fields(BoardLimits)]
+
+
+class State(ctypes.Structure):
+    """The firmware's `avc_state_t`."""
+
+    _fields_ = [
+        *((name, ctypes.c_uint32) for name in ("ticks", "overruns", "saturated", "not_finite", "stream_expired")),
+        ("heartbeats_missed", ctypes.c_uint32),
+        ("swaps", ctypes.c_uint32),
+        ("encoder_count", ctypes.c_int32),
+        *((name, ctypes.c_float) for name in ("position_m", "velocity_m_per_s", "frequency_hz", "lookup_hz")),
+        *((name, ctypes.c_float) for name in ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")),
+        ("force_n", ctypes.c_float),
+        ("energy_j", ctypes.c_float),
+        *((name, ctypes.c_uint8) for name in ("mode", "streaming", "contact", "has_table")),
+    ]
+
+
+class HostFlash:
+    """A memory that lasts, of two slots.
+
+    Attributes:
+        memory: its bytes.
+        left: operations until the power is cut: 16 for an erase, 4 for a word.
+    """
+
+    def __init__(self, content: bytes = b"\xff" * (2 * FLASH_SLOT)) -> None:
+        """Take a content, or begin erased."""
+        self.memory = ctypes.create_string_buffer(content, 2 * FLASH_SLOT)
+        self.left = ctypes.c_int64(1 << 40)
+
+
+class HostCore:
+    """One device."""
+
+    def __init__(self, library: Path, limits: BoardLimits | None = None, *, flash: HostFlash | None = None) -> None:
+        """Load the library that `build.build_host` made; ``flash`` is a memory that lasts."""
+        self.flash = flash
+        self._c = ctypes.CDLL(str(library))
+        self._c.avc_host_new.restype = ctypes.c_void_p
+        self._c.avc_host_read.restype = ctypes.c_size_t
+        self._c.avc_host_image.restype = ctypes.c_size_t
+        self.limits = limits or BoardLimits()
+        self._limits = _Limits.from_buffer_copy(self.limits.packed())
+        self._device: ctypes.c_void_p | None = None
+        self._boots = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Start anew: the table is gone."""
+        self.free()
+        self._boots += 1
+        self._use_flash()
+        self._device = ctypes.c_void_p(self._c.avc_host_new(ctypes.byref(self._limits), 0, self._boots))
+
+    def free(self) -> None:
+        """Give the memory back."""
+        if self._device is not None:
+            self._c.avc_host_free(self._device)
+            self._device = None
+
+    def __del__(self) -> None:
+        self.free()
+
+    def write(self, data: bytes) -> None:
+        """Bytes to the device."""
+        self._use_flash()
+        self._c.avc_host_write(self._device, data, ctypes.c_size_t(len(data)))
+
+    def read(self) -> bytes:
+        """Bytes from the device."""
+        self._use_flash()
+        room = ctypes.create_string_buffer(_ROOM)
+        size = self._c.avc_host_read(self._device, room, ctypes.c_size_t(_ROOM))
+        return room.raw[:size]
+
+    def tick(self, counts: NDArray[np.int32]) -> tuple[Float32Array, Float32Array]:
+        """Run one tick for each encoder position; returns forces and frequency estimates, each of shape (n,)."""
+        counts = np.ascontiguousarray(counts, dtype=np.int32)
+        force = np.empty(len(counts), dtype=np.float32)
+        frequency = np.empty(len(counts), dtype=np.float32)
+        self._c.avc_host_ticks(
+            self._device,
+            ctypes.c_void_p(counts.ctypes.data),
+            ctypes.c_void_p(force.ctypes.data),
+            ctypes.c_void_p(frequency.ctypes.data),
+            ctypes.c_size_t(len(counts)),
+        )
+        return force, frequency
+
+    def state(self) -> State:
+        """Return what the last tick left."""
+        state = State()
+        self._c.avc_host_state(self._device, ctypes.byref(state))
+        return state
+
+    def disable(self, disabled: bool) -> None:
+        """Open the enable line, or close it."""
+        self._c.avc_host_disable(self._device, int(disabled))
+
+    def name_chip(self, unique: bytes) -> None:
+        """Give it the 12 bytes that no other chip has."""
+        self._c.avc_host_unique(self._device, unique)
+
+    def _use_flash(self) -> None:
+        """The library is shared: say whose memory it is."""
+        flash = self.flash
+        memory = (None, None) if flash is None else (flash.memory, ctypes.byref(flash.left))
+        self._c.avc_host_flash(*memory)
+
+    def overrun(self) -> None:
+        """Say that the last tick took too long."""
+        self._c.avc_host_overrun(self._device)
+
+    def started_after(self, codes: int) -> None:
+        """Latch what the board says of its last reset."""
+        self._c.avc_host_fault(self._device, codes)
+
+    def drives(self) -> bool:
+        """Return whether the amplifier is to be on."""
+        return bool(self._c.avc_host_drives(self._device))
+
+    def faults(self) -> int:
+        """Return the codes of its faults."""
+        return int(self._c.avc_host_faults(self._device))
+
+    def image(self) -> bytes | None:
+        """Return the bytes of the table in force, or None."""
+        room = ctypes.create_string_buffer(_ROOM)
+        size = self._c.avc_host_image(self._device, room)
+        return room.raw[:size] or None
+
+
+class HostLink:
+    """A `ByteLink` to a `HostCore`, one tick a sample of virtual time; bytes take no time."""
+
+    def __init__(
+        self,
+        core: HostCore,
+        *,
+        position: Callable[[int], int] = lambda _: BEFORE_WALL,
+        on_force: Callable[[float], None] = lambda _: None,
+    ) -> None:
+        """Connect; ``position`` gives the encoder's counts at a tick, ``on_force`` takes its force."""
+        self.core = core
+        self._position = position
+        self._on_force = on_force
+        self._ticks = 0
+
+    @property
+    def name(self) -> str:
+        """How the user calls it."""
+        return "host"
+
+    def now_s(self) -> float:
+        """Virtual time, seconds."""
+        return self._ticks * self.core.limits.sample_time_s
+
+    def write(self, data: bytes) -> None:
+        """Send all bytes."""
+        self.core.write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Let the device tick until it has sent something."""
+        end = self._ticks + max(1, round(timeout_s / self.core.limits.sample_time_s))
+        while not (data := self.core.read()) and self._ticks < end:
+            force, _ = self.core.tick(np.array([self._position(self._ticks)], dtype=np.int32))
+            self._on_force(float(force[0]))
+            self._ticks += 1
+        return data
+
+    def close(self) -> None:
+        """Nothing to give back."""

@@ -1,0 +1,317 @@
+"""An emulated STM32F405: Unicorn runs the core, this file adds what it lacks: SysTick, interrupts and the peripherals.
+
+Time is counted in cycles of the core's clock. A slice of the main loop runs until the next event (timer, byte received,
+byte sent) and takes the time until then; waiting for an interrupt, for the transmitter or for the flash ends the
+slice. Interrupts run to their end in no time. Nothing depends on the host's clock: the same bytes and positions give
+the same run.
+"""
+
+from __future__ import annotations
+
+import importlib
+import struct
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from avc_casadi import LinkError, MissingExtraError
+from avc_casadi._util.interrupt import HeldInterrupt
+from avc_hardware.codegen.image import Image
+from avc_hardware.emulator import flash as _flash
+from avc_hardware.emulator.flash import FlashController
+
+CLOCK_HZ = 168_000_000
+_FLASH, _FLASH_SIZE = 0x08000000, _flash.KEPT - 0x08000000
+_RAM, _RAM_SIZE = 0x20000000, 0x20000
+_SYSTEM, _APB1, _TIMERS, _SERIAL = 0xE000E000, 0x40007000, 0x40010000, 0x40011000
+_WATCHDOG, _PORTS, _RESETS = 0x40003000, 0x40020000, 0x40023000
+_PAGE = 0x1000
+# Where interrupt handlers return to: a page of its own, never executed.
+_RETURN = 0x1FFF0000
+_STACKED_BYTES = 26 * 4
+_SYSTICK_VECTOR, _SERIAL_VECTOR = 15, 16 + 37
+_RECEIVED, _OVERRUN, _TRANSMIT_EMPTY, _TRANSMITTED = 1 << 5, 1 << 3, 1 << 7, 1 << 6
+_RECEIVE_INTERRUPT = 1 << 5
+_COUNTED = 1 << 16
+# Reasons of a reset as RCC_CSR tells them, and what forgets them; the clock of the watchdog.
+BY_WATCHDOG, BY_POWER_ON, BY_BROWN_OUT = 1 << 29, 1 << 27, 1 << 25
+_FORGET = 1 << 24
+_SLOW_HZ = 32_000
+# An interrupt handler that runs for longer than this hangs: ten sample times.
+_HANDLER_LIMIT = 1_680_000
+
+
+class Machine:
+    """The board: `run_until` lets time pass; bytes and positions go in, bytes and forces come out.
+
+    Attributes:
+        enabled: whether the enable line is closed.
+        flash: its controller, and what is kept over a reset.
+    """
+
+    def __init__(
+        self,
+        image: Image,
+        *,
+        encoder: Callable[[int], int],
+        actuator: Callable[[int], None] = lambda _: None,
+        slice_cycles: int = CLOCK_HZ // 1000,
+        on_instruction: Callable[[int], None] | None = None,
+        flash: FlashController | None = None,
+    ) -> None:
+        """Load an image and reset the core.
+
+        Args:
+            image: of the netduinoplus2 board.
+            encoder: position in counts at a cycle; read once a tick.
+            actuator: takes the 12-bit code of the force output, once a tick.
+            slice_cycles: the main loop is interrupted at the latest after so many instructions (tests make it small).
+            on_instruction: takes the address of every instruction; slow.
+            flash: with a content; None: erased.
+
+        Raises:
+            MissingExtraError: Unicorn is not installed.
+        """
+        try:
+            # On import it passes over whatever goes wrong with a copy of its library, Ctrl-C included.
+            with HeldInterrupt():
+                unicorn: Any = importlib.import_module("unicorn")
+                arm_const: Any = importlib.import_module("unicorn.arm_const")
+        except ImportError as error:
+            raise MissingExtraError(
+                "the emulated board needs the extra 'emulator': pip install 'avc-casadi[emulator]'"
+            ) from error
+        self._image = image
+        self._arm = arm_const
+        self._error: type[Exception] = unicorn.UcError
+        self._encoder = encoder
+        self._actuator = actuator
+        self._slice = slice_cycles
+        core = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
+        core.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M4)
+        core.mem_map(_FLASH, _FLASH_SIZE, unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC)
+        core.mem_map(_RAM, _RAM_SIZE, unicorn.UC_PROT_ALL)
+        core.mem_map(_RETURN, _PAGE, unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC)
+        for base in (_SYSTEM, _APB1, _TIMERS, _SERIAL, _WATCHDOG, _PORTS, _RESETS):
+            core.mmio_map(base, _PAGE, self._read_register, base, self._write_register, base)
+        kept = _flash.SECTOR_BYTES * 2
+        core.mmio_map(_flash.KEPT, kept, self._read_kept, None, self._write_kept, None)
+        if on_instruction is not None:
+            core.hook_add(unicorn.UC_HOOK_CODE, lambda _core, address, _size, _data: on_instruction(address))
+        self._core: Any = core
+        self._saved = core.context_save()
+        self.cycle = 0
+        self.enabled = True
+        self.flash = flash or FlashController()
+        self.received: deque[int] = deque()
+        self.sent = bytearray()
+        self.reset()
+
+    def reset(self, why: int = BY_POWER_ON | BY_BROWN_OUT) -> None:
+        """Start the firmware anew; memory outside .data and .bss keeps its content, time goes on.
+
+        Args:
+            why: bits of RCC_CSR; switching on by default.
+        """
+        for segment in self._image.segments:
+            self._core.mem_write(segment.address, segment.data)
+        stack, entry = struct.unpack("<II", self._core.mem_read(_FLASH, 8))
+        self._core.reg_write(self._arm.UC_ARM_REG_SP, stack)
+        # Unicorn has no CPACR behind the system registers: the firmware's write to it is seen but has no effect.
+        access = self._core.reg_read(self._arm.UC_ARM_REG_C1_C0_2)
+        self._core.reg_write(self._arm.UC_ARM_REG_C1_C0_2, access | 0xF << 20)
+        self._core.reg_write(self._arm.UC_ARM_REG_PRIMASK, 0)
+        self._pc = entry
+        self.flash.reset()
+        self._pending: set[int] = set()
+        self._registers: dict[int, int] = {_RESETS + 0x874: why}
+        self._bites: int | None = None
+        self._status = _TRANSMIT_EMPTY | _TRANSMITTED
+        self._data = 0
+        self._next_tick: int | None = None
+        self._counted = False
+        self._in_main = False
+        self._next_byte = self.cycle
+        self._transmit_free = self.cycle
+
+    @property
+    def baud(self) -> float:
+        """Rate that the firmware has set, bits a second; the wire runs at it."""
+        divisor = self._registers.get(_SERIAL + 0x8, 0)
+        return CLOCK_HZ / 2 / divisor if divisor else 115200.0
+
+    @property
+    def byte_cycles(self) -> int:
+        """Cycles of one byte on the wire: ten bits."""
+        return round(10 * CLOCK_HZ / self.baud)
+
+    def send(self, data: bytes) -> None:
+        """Put bytes on the wire to the firmware, behind those that are still on it."""
+        if not self.received:
+            self._next_byte = max(self._next_byte, self.cycle + self.byte_cycles)
+        self.received.extend(data)
+
+    @property
+    def drives(self) -> bool:
+        """Whether the amplifier's enable is set, as last written."""
+        return bool(self._registers.get(_PORTS + 0x418, 0) & 2)
+
+    def code(self, address: int, size: int) -> bytes:
+        """Return bytes of the program."""
+        return bytes(self._core.mem_read(address, size))
+
+    def memory(self, symbol: str) -> bytes:
+        """Return the memory of a symbol."""
+        address, size = self._image.symbols[symbol]
+        return bytes(self._core.mem_read(address, size))
+
+    def run_until(self, cycle: int, *, stop: Callable[[], bool] = lambda: False) -> None:
+        """Let time pass until a cycle, or until ``stop`` says so between two events."""
+        with HeldInterrupt() as interrupt:
+            while self.cycle < cycle and not interrupt.came and not stop():
+                if not self.flash.powered:
+                    self.cycle = cycle
+                    break
+                due = self._due(cycle)
+                if due > self.cycle:
+                    count = min(due - self.cycle, self._slice)
+                    self._run_main(count)
+                    # a byte that the slice began to send may end before the event that it ran towards
+                    self.cycle = min(self._due(cycle), self.cycle + count) if self._busy else self._due(cycle)
+                self._deliver()
+
+    def _due(self, limit: int) -> int:
+        events = [limit]
+        if self._next_tick is not None:
+            events.append(self._next_tick)
+        if self.received:
+            events.append(self._next_byte)
+        if self._bites is not None:
+            events.append(self._bites)
+        if self.flash.busy(self.cycle):
+            events.append(self.flash.busy_until)
+        if not self._status & _TRANSMIT_EMPTY:
+            events.append(self._transmit_free)
+        return max(min(events), self.cycle)
+
+    def _run_main(self, count: int) -> None:
+        if self.flash.busy(self.cycle) and self._pc < _RAM:
+            self._busy = False  # what is to run cannot be read
+            return
+        self._waits = self._polled = False
+        self._in_main = True
+        self._execute(self._pc | 1, 0, max(count, 2))
+        self._in_main = False
+        self._pc = self._core.reg_read(self._arm.UC_ARM_REG_PC)
+        # Nothing stands before the first instruction that runs from memory.
+        waiting = self._pc != _RAM and bytes(self._core.mem_read(self._pc - 2, 2)) == b"\x30\xbf"  # wfi
+        self._busy = not (waiting or self._waits)
+
+    def _execute(self, start: int, until: int, count: int) -> None:
+        try:
+            # An exception that is raised in a callback of the emulator is lost, and Ctrl-C with it.
+            with HeldInterrupt():
+                self._core.emu_start(start, until, count=count)
+        except self._error as error:
+            place = self._core.reg_read(self._arm.UC_ARM_REG_PC)
+            raise LinkError(f"the emulated firmware crashed at {place:#010x}: {error}") from error
+
+    def _deliver(self) -> None:
+        """Let the events of this cycle happen, the timer first, as the interrupt priorities say."""
+        if self._bites is not None and self.cycle >= self._bites:
+            self.reset(BY_WATCHDOG)
+        self._held = self.flash.busy(self.cycle) or bool(self._core.reg_read(self._arm.UC_ARM_REG_PRIMASK))
+        if not self._held:
+            for vector in sorted(self._pending):
+                self._pending.remove(vector)
+                self._interrupt(vector)
+        if self._next_tick is not None and self.cycle >= self._next_tick:
+            self._next_tick += (self._registers.get(_SYSTEM + 0x14, 0) & 0xFFFFFF) + 1
+            self._counted = True
+            self._interrupt(_SYSTICK_VECTOR)
+        if not self._status & _TRANSMIT_EMPTY and self.cycle >= self._transmit_free:
+            self._status |= _TRANSMIT_EMPTY | _TRANSMITTED
+        if self.received and self.cycle >= self._next_byte:
+            self._next_byte = max(self._next_byte, self.cycle) + self.byte_cycles
+            byte = self.received.popleft()
+            if self._status & _RECEIVED:
+                self._status |= _OVERRUN
+            else:
+                self._data = byte
+                self._status |= _RECEIVED
+            if self._registers.get(_SERIAL + 0xC, 0) & _RECEIVE_INTERRUPT:
+                self._interrupt(_SERIAL_VECTOR)
+
+    def _interrupt(self, vector: int) -> None:
+        if self._held:
+            self._pending.add(vector)
+            return
+        core = self._core
+        core.context_update(self._saved)  # the registers that the hardware and the handler would stack
+        stack = core.reg_read(self._arm.UC_ARM_REG_SP)
+        core.reg_write(self._arm.UC_ARM_REG_SP, (stack - _STACKED_BYTES) & ~7)
+        core.reg_write(self._arm.UC_ARM_REG_LR, _RETURN | 1)
+        (handler,) = struct.unpack("<I", core.mem_read(_FLASH + 4 * vector, 4))
+        self._execute(handler, _RETURN, _HANDLER_LIMIT)
+        if core.reg_read(self._arm.UC_ARM_REG_PC) & ~1 != _RETURN:
+            raise LinkError(f"the emulated firmware hangs in interrupt {vector}")
+        core.context_restore(self._saved)
+
+    def _read_register(self, _core: Any, offset: int, _size: int, base: int) -> int:
+        match base + offset:
+            case 0x40011000:
+                if self._in_main and not self._status & _TRANSMIT_EMPTY:
+                    self._waits = True
+                    self._core.emu_stop()  # polling: nothing changes before the next event
+                return self._status
+            case 0x40011004:
+                self._status &= ~(_RECEIVED | _OVERRUN)
+                return self._data
+            case 0x40010424:
+                return self._encoder(self.cycle) & 0xFFFF
+            case 0x40020410:
+                return 0 if self.enabled else 1
+            case 0x40023C0C | 0x40023C10 as address:
+                if self._in_main and self.flash.busy(self.cycle):
+                    if self._polled:  # once round in a slice: the loop feeds the watchdog
+                        self._waits = True
+                        self._core.emu_stop()
+                    self._polled = True
+                value = self.flash.read_register(address, self.cycle)
+            case 0xE000E010:
+                value = self._registers.get(_SYSTEM + 0x10, 0) | (_COUNTED if self._counted else 0)
+                self._counted = False
+            case address:
+                value = self._registers.get(address, 0)
+        return value
+
+    def _write_register(self, _core: Any, offset: int, _size: int, value: int, base: int) -> None:
+        address = base + offset
+        self._registers[address] = value
+        match address:
+            case 0x40011004:
+                self.sent.append(value & 0xFF)
+                self._transmit_free = max(self._transmit_free, self.cycle) + self.byte_cycles
+                self._status &= ~(_TRANSMIT_EMPTY | _TRANSMITTED)
+            case 0x40007408:
+                self._actuator(value)
+            case 0x40003000 if value in {0xAAAA, 0xCCCC}:
+                ticks = (self._registers.get(_WATCHDOG + 8, 0xFFF) + 1) * (4 << self._registers.get(_WATCHDOG + 4, 0))
+                self._bites = self.cycle + ticks * CLOCK_HZ // _SLOW_HZ
+            case 0x40023C04 | 0x40023C0C | 0x40023C10:
+                self.flash.write_register(address, value, self.cycle)
+                if self._in_main and self._pending:
+                    self._core.emu_stop()
+            case 0x40023874 if value & _FORGET:
+                self._registers[address] = 0
+            case 0xE000E010:
+                on = bool(value & 1)
+                self._next_tick = self.cycle + (self._registers[_SYSTEM + 0x14] & 0xFFFFFF) + 1 if on else None
+
+    def _read_kept(self, _core: Any, offset: int, size: int, _: Any) -> int:
+        return self.flash.read(offset, size)
+
+    def _write_kept(self, _core: Any, offset: int, size: int, value: int, _: Any) -> None:
+        self.flash.write(offset, size, value, self.cycle)
+        if not self.flash.powered:
+            self._core.emu_stop()

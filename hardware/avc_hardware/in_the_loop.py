@@ -1,0 +1,287 @@
+"""Hardware in the loop: the plant of a scene in Python, the firmware image on the emulated core, in lock step.
+
+At every tick the plant moves by one sample under the force that the firmware has put on its output (12 bits), and the
+encoder shows where it is. The link stays open meanwhile: couplings may be pushed while the hand presses. Nothing
+depends on the computer's clock.
+
+A coupling is tried so: it is pushed into the emulated board, then a hand presses the wall.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi import InputError, UnsupportedError
+from avc_casadi.coupling import Coupling, require_coupling
+from avc_casadi.model.declared import scene_effects
+from avc_casadi.model.effects import HandEffect, WallEffect
+from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, Plant
+from avc_casadi.model.registries import EFFECTS
+from avc_casadi.simulation.effects.actuation import Saturation
+from avc_casadi.simulation.effects.base import SceneEffect
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.effects.sensing import Delay
+from avc_casadi.simulation.judge import judge
+from avc_casadi.simulation.motion import target_of
+from avc_casadi.simulation.population.motions import TRIAL_S, course_of
+from avc_hardware.codegen.figures import board_limits
+from avc_hardware.emulator.bench import BenchPlant, force_of_code
+from avc_hardware.emulator.board import EmulatedBoard, emulated_board
+from avc_hardware.emulator.machine import CLOCK_HZ
+from avc_hardware.link.connection import Connection
+from avc_hardware.link.device import DeviceStatus
+from avc_hardware.link.faults import DeviceFault
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.push import PushResult, push_over
+
+if TYPE_CHECKING:
+    from avc_casadi import Problem
+    from avc_casadi.model.device import Device
+    from avc_casadi.simulation.judge import Judgement
+    from avc_hardware.codegen.figures import BoardLimits
+
+
+PLANT_KINDS = frozenset({"hand", "stylus-hand", "viscous-friction", "resonance", "amplifier", "delay"})
+"""Effects of a scene that the bench has, beside what the firmware does itself."""
+_FIRMWARE_KINDS = frozenset({"wall", "encoder", "state-feedback", "estimator", "adaptation", "guard", "saturation"})
+
+
+@dataclass
+class LoopTrace:
+    """What happened at every tick since the motion began; lists grow as time passes.
+
+    Attributes:
+        position_m: true position of the device.
+        velocity_m_per_s: true velocity.
+        force_n: on the output of the firmware, held from this tick to the next.
+        held_m_per_s: true velocity of the handle, where that is another body; empty where it is not.
+    """
+
+    position_m: list[float] = field(default_factory=list)
+    velocity_m_per_s: list[float] = field(default_factory=list)
+    force_n: list[float] = field(default_factory=list)
+    held_m_per_s: list[float] = field(default_factory=list)
+
+
+class FirmwareInTheLoop:
+    """A device with a hand on it, driven by the firmware image.
+
+    Attributes:
+        trace: what has happened so far.
+        board: the emulated board, a link.
+        connection: the open link to it.
+    """
+
+    def __init__(self, of: Coupling | Problem) -> None:
+        """Build the plant of the problem's scene, start the firmware, and open the link; no table runs yet.
+
+        Args:
+            of: a coupling, whose settings the firmware gets; or a problem. Sample time, encoder and force limit are
+                those of its device; where it says nothing, 2 um and 50 N.
+
+        Raises:
+            UnsupportedError: the scene has an effect that the bench does not have, or the firmware cannot run so.
+        """
+        problem = of.problem if isinstance(of, Coupling) else of
+        limits = board_limits(problem.device)
+        effects = build_effects(problem)
+        _check(problem, effects, limits)
+        plant = Plant()
+        plant.add_mass(DEVICE, problem.device.mass_kg)
+        plant.join(DEVICE, GROUND, 0.0, problem.device.damping_ns_per_m)
+        for effect in effects:
+            effect.mechanics(plant)
+        time_s = limits.sample_time_s
+        self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
+        late = sum(effect.samples for effect in effects if isinstance(effect, Delay))
+        linear = plant.linear()
+        held = f"{HANDLE}_velocity_m_per_s"
+        self._handle = linear.names.index(held) if held in linear.names else None
+        self._plant = BenchPlant(linear, time_s, delay_samples=late)
+        self._plant.place(self._target.device_start_m)
+        self._sample = -1  # the motion has not begun
+        self._limits = limits
+        self.trace = LoopTrace()
+        self.board = self._board(of)
+        self.connection = Connection(self.board, session=1)
+
+    def _board(self, of: Coupling | Problem) -> EmulatedBoard:
+        if isinstance(of, Coupling):
+            return emulated_board(of, encoder=lambda _: self._encoder(), on_force_code=self._actuate)
+        return EmulatedBoard(limits=self._limits, encoder=lambda _: self._encoder(), on_force_code=self._actuate)
+
+    def push(self, coupling: Coupling) -> PushResult:
+        """Push a coupling; the plant goes on meanwhile."""
+        return push_over(self.connection, coupling)
+
+    def run(self, seconds: float) -> LoopTrace:
+        """Let time pass; the first call begins the motion."""
+        self._sample = max(self._sample, 0)
+        self.board.machine.run_until(self.board.machine.cycle + round(seconds * CLOCK_HZ))
+        return self.trace
+
+    def status(self) -> DeviceStatus:
+        """Ask the firmware for its state."""
+        return self.connection.run(self.connection.session.ask(Kind.STATUS, b"", DeviceStatus))
+
+    def _encoder(self) -> int:
+        """Move the plant from the last tick to this one."""
+        last = len(self._target.position_m) - 1
+        before = self._sample - 1  # the interval that ends now
+        moves = self._target.velocity_m_per_s[before] if 0 <= before <= last else 0.0
+        target = np.array([self._target.position_m[min(max(before, 0), last)], moves])
+        self._plant.advance(target)
+        position_m, velocity_m_per_s = map(float, self._plant.state[:2])
+        if self._sample >= 0:
+            self._sample += 1
+            self.trace.position_m.append(position_m)
+            self.trace.velocity_m_per_s.append(velocity_m_per_s)
+            if self._handle is not None:
+                self.trace.held_m_per_s.append(float(self._plant.state[self._handle]))
+        return round(position_m / self._limits.metres_per_count)
+
+    def _actuate(self, code: int) -> None:
+        force_n = force_of_code(code, self._limits.max_force_n)
+        self._plant.hold(force_n)
+        if self._sample >= 0 and self.trace.position_m:
+            self.trace.force_n.append(force_n)
+
+
+def _check(problem: Problem, effects: tuple[SceneEffect, ...], limits: BoardLimits) -> None:
+    foreign = [effect.kind for effect in effects if effect.kind not in PLANT_KINDS | _FIRMWARE_KINDS]
+    if foreign:
+        raise UnsupportedError(
+            f"{problem.name}: the bench has no {', '.join(foreign)}; allowed: "
+            f"{', '.join(sorted(PLANT_KINDS | _FIRMWARE_KINDS))}"
+        )
+    for effect in effects:
+        if isinstance(effect, Saturation) and effect.force_n != limits.max_force_n:
+            raise UnsupportedError(
+                f"{problem.name}: the scene limits the force at {effect.force_n:g} N, the board at "
+                f"{limits.max_force_n:g} N; set device.max_force_n instead"
+            )
+
+
+@dataclass(frozen=True)
+class LoopResult:
+    """How the firmware held the wall.
+
+    Attributes:
+        seconds: that the hand pressed.
+        judgement: figures of the last half second, as scenes are judged.
+        peak_force_n: largest force on the output.
+        left_out: effects of the problem's scene that the bench does not have.
+        push: what the push came to.
+        status: of the device in the end.
+    """
+
+    seconds: float
+    judgement: Judgement
+    peak_force_n: float
+    left_out: tuple[str, ...]
+    push: PushResult
+    status: DeviceStatus
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether device and handle came to rest, by the scene's criterion, and holds the wall: it latched no fault."""
+        return bool(self.judgement.stable) and not self.status.faults
+
+    @property
+    def apparent_stiffness_n_per_m(self) -> float:
+        """Mean force over mean penetration in the end; not a number without contact."""
+        return float(self.judgement.apparent_stiffness_n_per_m)
+
+    @property
+    def sentence(self) -> str:
+        """What came of it, in one line."""
+        if self.status.faults:
+            word = DeviceFault(self.status.faults).word
+            return f"with a hand for {self.seconds:g} s it STOPPED ITSELF and gives no force: {word}"
+        stiffness = self.apparent_stiffness_n_per_m
+        felt = f", {stiffness:.4g} N/m at the sensor in the end" if self.at_rest and math.isfinite(stiffness) else ""
+        rest = "came to rest" if self.at_rest else "DID NOT COME TO REST"
+        return f"with a hand for {self.seconds:g} s it {rest}; at most {self.peak_force_n:.3g} N{felt}"
+
+    def document(self) -> dict[str, Any]:
+        """Return the figures: JSON values only."""
+        stiffness = self.apparent_stiffness_n_per_m
+        return {
+            "at_rest": self.at_rest,
+            "sentence": self.sentence,
+            "seconds": self.seconds,
+            "peak_force_n": self.peak_force_n,
+            "apparent_stiffness_n_per_m": stiffness if math.isfinite(stiffness) else None,
+            "peak_velocity_m_per_s": float(self.judgement.peak_velocity_m_per_s),
+            "mode": self.status.mode,
+            "faults": DeviceFault(self.status.faults).word if self.status.faults else "",
+            "overruns": self.status.overruns,
+            "saturated_ticks": self.status.saturated,
+            "coupling_id": self.status.coupling_id,
+            "left_out": list(self.left_out),
+        }
+
+
+def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, device: Device | None = None) -> LoopResult:
+    """Push a coupling into an emulated board of its device, and press the wall with the middle hand of ``[hands]``.
+
+    The hand moves as the problem's scene says; of the scene's effects those of the plant stay. Dry friction is left
+    out, which would only help.
+
+    Args:
+        coupling: what is to run, at its own sample time, encoder and force limit.
+        seconds: how long; None is the duration of the scene, and as much more as a hand alone swings on with a heavy
+            device, where it still moves then.
+        device: that is there in truth; None is the one that the coupling was made for.
+
+    Raises:
+        InputError: it is no coupling, or the duration is not a finite time above 0.
+        FirmwareLacksError: the coupling needs what the firmware does not have.
+        MissingExtraError: the emulator is not installed.
+    """
+    require_coupling(coupling)
+    scene = coupling.problem.scene
+    lasts = scene.duration_s if seconds is None else seconds
+    if not (math.isfinite(lasts) and lasts > 0):
+        raise InputError.of(f"{lasts:g} s; allowed: a finite time above 0", key="seconds")
+    true = coupling.problem if device is None else coupling.problem.changed(device=device)
+    there = scene_effects(true)
+    kept = tuple(effect for effect in there if effect.kind in PLANT_KINDS and EFFECTS[effect.kind].role != "hand")
+    own = PLANT_KINDS | _FIRMWARE_KINDS | {"environment"}
+    left_out = tuple(effect.kind for effect in there if effect.kind not in own)
+    bench = true.changed(
+        scene={"effects": (HandEffect(), WallEffect(), *kept), "duration_s": lasts, "integrator": "exact"}
+    )
+    loop = FirmwareInTheLoop(replace(coupling, problem=bench))
+    pushed = loop.push(coupling)
+
+    def after(more_s: float, whole_s: float) -> LoopResult:
+        trace = loop.run(more_s)
+        samples = min(len(trace.position_m), len(trace.force_n))
+        position, velocity, force = (
+            np.array(values[:samples]) for values in (trace.position_m, trace.velocity_m_per_s, trace.force_n)
+        )
+        return LoopResult(
+            seconds=whole_s,
+            judgement=judge(
+                position,
+                velocity,
+                force,
+                coupling.sample_time_s,
+                coupling.problem.device.metres_per_unit,
+                held_m_per_s=np.array(trace.held_m_per_s[:samples]) if trace.held_m_per_s else None,
+            ),
+            peak_force_n=float(np.abs(force).max(initial=0.0)),
+            left_out=left_out,
+            push=pushed,
+            status=loop.status(),
+        )
+
+    found, swings_s = after(lasts, lasts), course_of(true).longest_s - TRIAL_S
+    if seconds is None and swings_s > 0 and not (found.at_rest or found.status.faults):
+        return after(swings_s, lasts + swings_s)
+    return found

@@ -1,0 +1,119 @@
+"""Bytes: what a link is to the layers above, and the serial port as one."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol, Self
+
+import serial
+
+from avc_casadi import LinkError, PortError
+
+# Longest a single write may block: a device that takes no bytes for so long is gone.
+WRITE_TIMEOUT_S = 2.0
+
+
+class ByteLink(Protocol):
+    """A two-way byte stream with its own clock; virtual for the emulator."""
+
+    @property
+    def name(self) -> str:
+        """How the user calls it."""
+        ...
+
+    def now_s(self) -> float:
+        """Time on the link's clock, seconds."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send all bytes, or raise `LinkError`."""
+        ...
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has arrived, waiting at most ``timeout_s`` for the first byte; empty when nothing came."""
+        ...
+
+    def close(self) -> None:
+        """Give the link back; harmless when repeated."""
+        ...
+
+
+class SerialLink:
+    """A serial port through pyserial, exclusive to this process."""
+
+    def __init__(self, port: str, baud: int) -> None:
+        """Open ``port`` (a device path or a pyserial URL) at ``baud`` bits a second.
+
+        Raises:
+            PortError: it cannot be opened; says what to do.
+        """
+        self._name = port
+        try:
+            self._port = serial.serial_for_url(
+                port,
+                baudrate=baud,
+                timeout=0,
+                write_timeout=WRITE_TIMEOUT_S,
+                exclusive=True,
+                do_not_open=True,
+            )
+            # Some USB devices send only to a reader that shows itself; others are reset by that, and HELLO asks again.
+            self._port.dtr, self._port.rts = True, False
+            self._port.open()
+            self._port.reset_input_buffer()
+        except (OSError, ValueError) as error:
+            raise PortError(f"{port}: cannot be opened ({_reason(error)}); {_advice(error)}") from error
+
+    @property
+    def name(self) -> str:
+        """Path of the port."""
+        return self._name
+
+    def now_s(self) -> float:
+        """Monotonic clock of this computer."""
+        return time.monotonic()
+
+    def write(self, data: bytes) -> None:
+        """Send all bytes, or raise `LinkError`."""
+        try:
+            self._port.write(data)
+        except OSError as error:
+            raise LinkError(
+                f"{self._name}: sending failed ({_reason(error)}); is the device still plugged in?"
+            ) from error
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has arrived, waiting at most ``timeout_s`` for the first byte."""
+        try:
+            self._port.timeout = max(timeout_s, 0.0)
+            first = self._port.read(1)
+            return bytes(first + self._port.read(self._port.in_waiting)) if first else b""
+        except OSError as error:  # pyserial's own SerialException is one; in_waiting raises a bare OSError
+            raise LinkError(
+                f"{self._name}: receiving failed ({_reason(error)}); is the device still plugged in?"
+            ) from error
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _reason(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return f"{error}" if number is None else f"{getattr(error, 'strerror', None) or error}"
+
+
+def _advice(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    text = str(error).lower()
+    if number == 13 or "permission" in text:
+        return "add yourself to the group that owns it (on Debian: sudo usermod -aG dialout $USER, then log in again)"
+    if number in {11, 16} or "exclusive" in text or "busy" in text:
+        return "another program has it open; close that first"
+    return "`avc doctor --ports` lists the ports of this computer; 'emulator' needs no hardware"

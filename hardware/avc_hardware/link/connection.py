@@ -1,0 +1,234 @@
+"""Connection: runs dialogues of a session over a link, by the link's own clock."""
+
+from __future__ import annotations
+
+import math
+import secrets
+from collections import deque
+from collections.abc import Callable, Generator
+from typing import TYPE_CHECKING, Self, TypeVar
+
+from avc_casadi import InputError, LinkError
+from avc_hardware.emulator.board import EmulatedBoard, emulated_board
+from avc_hardware.link.bytes import ByteLink, SerialLink
+from avc_hardware.link.device import Device
+from avc_hardware.link.frames import DELIMITER, Decoder
+from avc_hardware.link.messages import HeartbeatSeen, Kind, Log, Message, heartbeat, parse
+from avc_hardware.link.ports import find_port
+from avc_hardware.link.session import Answer, Exchange, NoAnswerError, Session
+from avc_hardware.link.telemetry import Telemetry
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+
+
+T = TypeVar("T")
+
+EMULATOR = "emulator"
+EMULATOR_IS_FRESH = (
+    "the emulated board is a fresh one in every command: no table and no state carries over from one to the next"
+)
+USB = "usb:"
+RAMP_S = 0.1
+"""Time in which the force falls once the host is silent."""
+DEFAULT_BAUD = 115200
+# A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
+_BYTES_ON_THE_WAY = 1536 + 1024
+_THINKING_S = 0.15
+# A board that starts anew when its port is opened is quiet for longer than it takes to answer.
+_SILENCE_S = 1.0
+_DEADLINE_S = 15.0
+
+
+class Connection:
+    """An open device: use as a context manager."""
+
+    def __init__(
+        self,
+        link: ByteLink,
+        *,
+        baud: int = DEFAULT_BAUD,
+        deadline_s: float | None = None,
+        session: int | None = None,
+        on_log: Callable[[str], None] | None = None,
+        on_wait: Callable[[], None] | None = None,
+        on_silence: Callable[[str], None] | None = None,
+    ) -> None:
+        """Take over a link and say hello.
+
+        Args:
+            link: bytes; closed with this connection.
+            baud: bits a second, for time-outs.
+            deadline_s: longest that one dialogue may last, on the link's clock; default 15 s and four times the
+                time of a full table on the wire.
+            session: number of this host; random by default.
+            on_log: takes the lines of text that the firmware sends.
+            on_wait: called when a table waits for the device to be let go.
+            on_silence: told once what is waited for, and how long, where the device does not answer at once.
+
+        Raises:
+            LinkError: no answer, or firmware of another version.
+        """
+        self.link = link
+        timeout_s = _THINKING_S + _BYTES_ON_THE_WAY * 10 / baud
+        number = secrets.randbits(32) if session is None else session
+        self.session = Session(number, timeout_s=timeout_s, on_wait=on_wait)
+        self._deadline_s = _DEADLINE_S + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s
+        self._on_log = on_log
+        self._decoder = Decoder()
+        self._waiting: deque[tuple[int, Message]] = deque()
+        self._telemetry: deque[Telemetry] = deque()
+        try:
+            self.link.write(DELIMITER)
+            self.device: Device = self.run(self._told_of_silence(self.session.hello(), baud, on_silence))
+        except NoAnswerError as error:
+            self.link.close()
+            raise LinkError(
+                f"{link.name}: no answer at {baud} baud in {self.session.patience_s:.1f} s; is the avc firmware on the "
+                "device, the rate the firmware's, and is this the right port (`avc doctor --ports`)?"
+            ) from error
+        except BaseException:
+            self.link.close()
+            raise
+
+    def _told_of_silence(
+        self, dialogue: Generator[Exchange, Answer, T], baud: int, on_silence: Callable[[str], None] | None
+    ) -> Generator[Exchange, Answer, T]:
+        """Run a dialogue, and say once that nothing has answered for a while."""
+        begun, told = self.link.now_s(), on_silence is None
+        exchange = next(dialogue)
+        try:
+            while True:
+                answer = yield exchange
+                waited_s = self.link.now_s() - begun
+                if answer is None and waited_s >= _SILENCE_S and not told and on_silence is not None:
+                    told = True
+                    left_s = max(self.session.patience_s - waited_s, 0.0)
+                    on_silence(
+                        f"{self.link.name}: no answer at {baud} baud for {waited_s:.1f} s; asking again for at most "
+                        f"{left_s:.1f} s (Ctrl-C ends it)"
+                    )
+                exchange = dialogue.send(answer)
+        except StopIteration as stop:
+            result: T = stop.value
+            return result
+
+    def run(self, dialogue: Generator[Exchange, Answer, T], *, deadline_s: float | None = None) -> T:
+        """Run a dialogue to its end.
+
+        Args:
+            dialogue: of ``self.session``.
+            deadline_s: instead of the connection's.
+
+        Raises:
+            LinkError: it failed, or lasted longer than the deadline.
+        """
+        allowed_s = self._deadline_s if deadline_s is None else deadline_s
+        end = self.link.now_s() + allowed_s
+        try:
+            exchange = next(dialogue)
+            while True:
+                answer = self._exchange(exchange, end)
+                if answer is None and self.link.now_s() >= end:
+                    dialogue.close()
+                    raise LinkError(f"{self.link.name}: gave up after {allowed_s:.0f} s; the link loses too much")
+                exchange = dialogue.send(answer)
+        except StopIteration as stop:
+            result: T = stop.value
+            return result
+
+    def heartbeat(self, within_s: float) -> str:
+        """Say that this host is alive, and that it will say so again in time; without that the device fades its force.
+
+        Args:
+            within_s: longest time to the next heartbeat, at most 5 s; 0 ends the supervision.
+
+        Returns:
+            Mode of the device: table, ramp or safe.
+
+        Raises:
+            LinkError: no answer.
+        """
+        ticks = math.ceil(within_s / self.device.sample_time_s)
+        return self.run(self.session.ask(Kind.HEARTBEAT, heartbeat(ticks), HeartbeatSeen)).mode
+
+    def let_force_fall(self) -> None:
+        """End the heartbeats: the force falls to 0 within 0.1 s; returns after that.
+
+        Raises:
+            LinkError: no answer.
+        """
+        self.run(self.session.ask(Kind.HEARTBEAT, heartbeat(1), HeartbeatSeen))
+        end = self.link.now_s() + RAMP_S + 3 * self.device.sample_time_s
+        while (left := end - self.link.now_s()) > 0:
+            self._read(left)
+
+    def _exchange(self, exchange: Exchange, end: float) -> Answer:
+        if exchange.data:
+            self.link.write(exchange.data)
+        until = min(self.link.now_s() + exchange.timeout_s, end)
+        while not self._waiting:
+            left = until - self.link.now_s()
+            if left <= 0:
+                return None
+            self._read(left)
+        return self._waiting.popleft()
+
+    def telemetry(self, timeout_s: float) -> Telemetry | None:
+        """Return the next message that the device has pushed; None when none comes in time.
+
+        Raises:
+            LinkError: unplugged.
+        """
+        until = self.link.now_s() + timeout_s
+        while not self._telemetry:
+            left = until - self.link.now_s()
+            if left <= 0:
+                return None
+            self._read(left)
+        return self._telemetry.popleft()
+
+    def _read(self, timeout_s: float) -> None:
+        """Sort what comes in: answers, what is pushed, lines of text."""
+        for frame in self._decoder.feed(self.link.read(timeout_s)):
+            message = parse(frame)
+            if isinstance(message, Log):
+                if self._on_log is not None:
+                    self._on_log(message.text)
+            elif isinstance(message, Telemetry):
+                self._telemetry.append(message)
+            elif message is not None:
+                self._waiting.append((frame.sequence, message))
+
+    def close(self) -> None:
+        """Close the link."""
+        self.link.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def open_link(port: str, *, baud: int = DEFAULT_BAUD, coupling: Coupling | None = None) -> ByteLink:
+    """Open a port.
+
+    Args:
+        port: a device path, a pyserial URL, ``usb:`` and the serial number of a USB device wherever it is plugged in,
+            or ``emulator`` for the firmware image on an emulated board, a fresh one.
+        baud: rate of a serial port.
+        coupling: for which the emulated board is made: its sample time, encoder, force limit and settings.
+
+    Raises:
+        InputError: another rate than that of the emulated board.
+        PortError: it is not there or cannot be opened.
+        UnsupportedError: the emulated board cannot be made for this coupling.
+        MissingExtraError: the emulator is asked for and not installed.
+    """
+    if port == EMULATOR:
+        if baud != DEFAULT_BAUD:
+            raise InputError.of(f"is {baud}; the line of the emulated board runs at {DEFAULT_BAUD}", key="baud")
+        return EmulatedBoard() if coupling is None else emulated_board(coupling)
+    number = port.removeprefix(USB)
+    return SerialLink(find_port(number) if number != port else port, baud)

@@ -1,0 +1,300 @@
+"""Excite: a plan played by the device, its records read while it plays; stopped first, whatever happens here."""
+
+from __future__ import annotations
+
+import secrets
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi import InputError, LinkError
+from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.interrupt import uninterrupted
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import units_for
+from avc_casadi.identification.excitation.plan import Plan
+from avc_casadi.identification.excitation.signal import FULL
+from avc_hardware.emulator.bench import BenchDevice, code_of_force, force_of_code
+from avc_hardware.link import messages as m
+from avc_hardware.link.connection import DEFAULT_BAUD, EMULATOR, Connection, open_link
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.monitor import pause
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device as DeclaredDevice
+    from avc_hardware.link.bytes import ByteLink
+    from avc_hardware.link.device import Device
+
+
+_HEAD = struct.Struct("<5I5f4H33HH")
+_TONE = struct.Struct("<IHh")
+_SHAPES = ("sine", "release")
+_RUNS = 1
+ENDS = {
+    2: "played to the end",
+    3: "stopped by the host",
+    4: "stopped: the device did not hear the host in time",
+    5: "stopped: the travel limit was exceeded",
+    6: "stopped: the speed limit was exceeded",
+    7: "stopped: the device latched a fault (avc monitor)",
+}
+"""How an excitation ends, by the number that the device gives."""
+_PLAYED = 2
+# Records that are worth a question, and how long to wait for them at most.
+_WORTH = 200
+_WAIT_S = 0.1
+# Bytes of a full answer and the question for it, ten bits each on a serial line; and what a host needs to think.
+_ANSWER_BYTES, _ANSWER_RECORDS, _THINKS_S = 1050, 246, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class ExcitationLog:
+    """What a device did while it was excited.
+
+    Attributes:
+        plan: what it was asked for.
+        port: link that it was asked over.
+        end: how it ended, in words.
+        whole: whether it played to the end.
+        start_tick: the device's tick of the first record.
+        index: of each record since then, shape (records,); it jumps where records were lost.
+        position_m: as the encoder shows it, shape (records,).
+        force_n: along +position, from this tick to the next, the centring included, shape (records,).
+        lost: records that the host came too late for.
+        output_n: step of the output that the forces are rounded to; 0 where they are as commanded, and what the output
+            makes of them is not known here.
+    """
+
+    plan: Plan
+    port: str
+    end: str
+    whole: bool
+    start_tick: int
+    index: IndexArray
+    position_m: FloatArray
+    force_n: FloatArray
+    lost: int
+    output_n: float = 0.0
+
+    def through(self, full_n: float) -> ExcitationLog:
+        """Return the log with the forces that a 12-bit output of this range gives."""
+        given = -force_of_code(code_of_force(-self.force_n, full_n), full_n)
+        return replace(self, force_n=given, output_n=float(force_of_code(1 + code_of_force(0.0, full_n), full_n)))
+
+    def document(self) -> dict[str, Any]:
+        """Return the figures: JSON values only."""
+        window = self.plan.window
+        moved = np.abs(self.position_m[window:] - self.position_m[:-window]).max(initial=0.0)
+        start = self.position_m[:1]
+        return {
+            "port": self.port,
+            "end": self.end,
+            "whole": self.whole,
+            "records": int(self.index.size),
+            "lost": self.lost,
+            "seconds": float(self.index.size * self.plan.sample_time_s),
+            "peak_force_n": float(np.abs(self.force_n).max(initial=0.0)),
+            "peak_speed_m_per_s": float(moved / (window * self.plan.sample_time_s)),
+            "peak_travel_m": float(np.abs(self.position_m - start).max(initial=0.0)),
+        }
+
+    def csv(self) -> str:
+        """Return the log as `avc identify` reads it: tick, time, position, force; '#' before what is said of it."""
+        plan = self.plan
+        units = units_for(plan.motion)
+        columns = "position_um,force_N" if units.linear else "angle_urad,torque_Nm"
+        time_ms = 1e3 * plan.sample_time_s * self.index
+        given = (
+            f"given, in steps of {self.output_n:.4g} N," if self.output_n else "commanded, before the output rounds it,"
+        )
+        head = (
+            f"# avc excite: {plan.kind}, {plan.band_hz[0]:.4g} to {plan.band_hz[1]:.4g} Hz; {self.end}\n"
+            f"# the force is all that was {given} along +position, with the centring: a spring of "
+            f"{plan.spring_n_per_m:.4g} N/m and a damper of {plan.damper_ns_per_m:.4g} N.s/m to where it began\n"
+            f"tick,time_ms,{columns}\n"
+        )
+        rows = zip(self.start_tick + self.index, time_ms, 1e6 * self.position_m, self.force_n, strict=True)
+        return units.text(head) + "".join(
+            f"{tick},{time:.10g},{position:.10g},{force:.9g}\n" for tick, time, position, force in rows
+        )
+
+    def save(self, path: Path) -> None:
+        """Write the log as CSV.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        try:
+            path.write_text(self.csv(), encoding="utf-8")
+        except OSError as error:
+            raise InputError.of(f"cannot be written ({error.strerror})", file=str(path)) from error
+
+
+def excite(
+    plan: Plan,
+    port: str | ByteLink,
+    *,
+    on_bench: DeclaredDevice | None = None,
+    baud: int = DEFAULT_BAUD,
+    progress: Progress = SILENT,
+    cut: Callable[[ExcitationLog], None] | None = None,
+    on_silence: Callable[[str], None] | None = None,
+) -> ExcitationLog:
+    """Play a plan on a device and read the records.
+
+    The device checks force, speed and travel at every tick by itself. After the end, a limit exceeded, the host silent
+    for a second or a stop there is no force, until a coupling is pushed; a coupling that ran before is gone.
+
+    Args:
+        plan: of `plan_excitation`.
+        port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
+        on_bench: the device on the emulated board.
+        baud: rate of a serial port.
+        progress: who is told.
+        cut: takes what was recorded until Ctrl-C, before it goes on its way.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+
+    Raises:
+        InputError: the link is too slow for the plan.
+        KeyboardInterrupt: Ctrl-C; the device is stopped.
+        LinkError: no device, refused, lost on the way, or not the device of the plan.
+        MissingExtraError: ``emulator`` without its extra.
+    """
+    if not isinstance(port, str):
+        link = port
+    elif port == EMULATOR and on_bench is not None:
+        link = BenchDevice(on_bench).board()
+    else:
+        link = open_link(port, baud=baud)
+    with Connection(link, baud=baud, on_silence=on_silence) as connection:
+        _check_device(plan, connection.device, link.name)
+        _check_rate(plan, connection.device, baud)
+        log = excite_over(connection, plan, progress=progress, cut=cut)
+        # Of a board on a wire nobody here knows the output's step.
+        return log.through(connection.device.max_force_n) if port == EMULATOR else log
+
+
+def excite_over(
+    connection: Connection,
+    plan: Plan,
+    *,
+    progress: Progress = SILENT,
+    cut: Callable[[ExcitationLog], None] | None = None,
+) -> ExcitationLog:
+    """Do the same over an open connection, with a plan that fits its device."""
+    number = secrets.randbits(32) or 1
+    records = _Records(plan, connection.link.name)
+    try:
+        ask = connection.session.ask
+        connection.run(ask(Kind.EXCITE, plan_bytes(plan, number), m.Excited))
+        return _read(connection, records, number, progress)
+    except BaseException as error:
+        with uninterrupted():
+            with suppress(LinkError):
+                connection.run(connection.session.ask(Kind.STOP, m.stop(number), m.Excited))
+            if cut is not None and isinstance(error, KeyboardInterrupt) and records.index:
+                cut(records.log("cut by Ctrl-C"))
+        raise
+
+
+def plan_bytes(plan: Plan, number: int) -> bytes:
+    """Return a plan as it travels."""
+    signal = plan.signal
+    head = _HEAD.pack(
+        *(number, plan.ticks, plan.ramp_ticks, plan.silent_ticks, signal.growth),
+        *(plan.max_force_n, plan.max_speed_m_per_s, plan.max_travel_m, plan.spring_n_per_m, plan.damper_ns_per_m),
+        *(plan.window, _SHAPES.index(signal.shape), len(signal.step), 0),
+        *signal.knots,
+        0,
+    )
+    return head + b"".join(_TONE.pack(*tone) for tone in zip(signal.step, signal.phase, signal.amplitude, strict=True))
+
+
+@dataclass
+class _Records:
+    """Records as they come in."""
+
+    plan: Plan
+    port: str
+    index: list[int] = field(default_factory=list)
+    counts: list[int] = field(default_factory=list)
+    units: list[int] = field(default_factory=list)
+    last: m.Records | None = None
+
+    @property
+    def following(self) -> int:
+        """The record that is asked for next."""
+        return self.index[-1] + 1 if self.index else 0
+
+    def take(self, part: m.Records) -> None:
+        """Add the records of an answer."""
+        self.index += range(part.first, part.first + len(part.counts))
+        self.counts += part.counts
+        self.units += part.units
+        self.last = part
+
+    def log(self, end: str | None = None) -> ExcitationLog:
+        """Return the log of what has come in, at least one answer; `end` says why no more did."""
+        part = self.last
+        assert part is not None  # noqa: S101 - the caller has seen it
+        at = np.array(self.index, dtype=np.int64)
+        return ExcitationLog(
+            plan=self.plan,
+            port=self.port,
+            end=end or ENDS.get(part.state, f"ended in a way unknown to this program ({part.state})"),
+            whole=end is None and part.state == _PLAYED,
+            start_tick=part.start_tick,
+            index=at,
+            position_m=np.array(self.counts, dtype=np.float64) * self.plan.metres_per_count,
+            force_n=np.array(self.units, dtype=np.float64) * (float(np.float32(self.plan.max_force_n)) / FULL),
+            lost=int((part.made if end is None else self.following) - at.size),
+        )
+
+
+def _read(connection: Connection, records: _Records, number: int, progress: Progress) -> ExcitationLog:
+    """Ask for records until the last; every question tells the device that this host is there."""
+    plan = records.plan
+    while True:
+        following = records.following
+        part = connection.run(connection.session.ask(Kind.RECORDS, m.records(number, following), m.Records))
+        records.take(part)
+        progress.advance(min(records.following, plan.ticks), plan.ticks, "records")
+        waiting = part.made - records.following
+        if part.state != _RUNS and not waiting:
+            return records.log()
+        if waiting < _WORTH:
+            connection.run(pause(min(_WAIT_S, (_WORTH - waiting) * plan.sample_time_s)))
+
+
+def _check_rate(plan: Plan, device: Device, baud: int) -> None:
+    """Refuse a plan whose records would be lost on the way."""
+    carried = _ANSWER_RECORDS / (_ANSWER_BYTES * 10 / baud + _THINKS_S)
+    surplus = 1 / plan.sample_time_s - carried
+    if surplus > 0 and surplus * plan.seconds > device.kept_records:
+        raise InputError.of(
+            f"{plan.seconds:g} s at {1 / plan.sample_time_s:g} Hz are more than {baud} baud carry ({carried:.0f} "
+            f"records a second, {device.kept_records} wait on the device); allowed: at most "
+            f"{device.kept_records / surplus:.2g} s, or a faster --baud",
+            key="seconds",
+        )
+
+
+def _check_device(plan: Plan, device: Device, name: str) -> None:
+    faults = []
+    for what, wanted, found, unit in (
+        ("a sample time", plan.sample_time_s, device.sample_time_s, "s"),
+        ("encoder steps", plan.metres_per_count, device.metres_per_count, "m"),
+    ):
+        if not np.isclose(wanted, found, rtol=1e-5):
+            faults.append(f"the plan is for {what} of {wanted:g} {unit}, the device has {found:g} {unit}")
+    if plan.max_force_n > device.max_force_n * (1 + 1e-6):
+        faults.append(f"the plan asks for {plan.max_force_n:g} N, the device gives {device.max_force_n:g} N")
+    if len(plan.signal.step) > device.capacity_tones:
+        faults.append(f"the plan has {len(plan.signal.step)} tones, the device holds {device.capacity_tones}")
+    if faults:
+        raise LinkError(f"{name}: not excited: {'; '.join(faults)}; correct the device file")

@@ -1,0 +1,266 @@
+"""Monitor: what the device pushes of itself, the heartbeat of the host that watches, and a window that shows it."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterator
+from contextlib import suppress
+from typing import Any, Self
+
+from avc_casadi import InputError, LinkError, UnsupportedError
+from avc_casadi._util.interrupt import uninterrupted
+from avc_hardware.emulator.board import EmulatedBoard
+from avc_hardware.link import messages as m
+from avc_hardware.link.bytes import ByteLink
+from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
+from avc_hardware.link.device import Device, DeviceStatus
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.session import Answer, Exchange
+from avc_hardware.link.telemetry import Samples, TelemetrySample
+
+LONGEST_HEARTBEAT_S = 5.0
+"""Longest time from one heartbeat to the next that a device allows."""
+# How often to look whether an unplugged device is back.
+_LOOK_AGAIN_S = 0.2
+# A subscription holds so long without being renewed; heartbeats come three times as often as they must.
+_HOLDS_S, _RENEW_S, _BEATS = 2.0, 0.5, 3
+# A heartbeat, its answer and the head of a message of telemetry: a delimiter first, their contents, ten bytes of frame
+# and COBS each. The records of that message.
+_BEAT_BYTES, _RECORD_BYTES, _MOST_RECORDS = 1 + 4 + 8 + 20 + 3 * 10, 44, 8
+
+
+def monitor(
+    port: str | ByteLink,
+    *,
+    rate_hz: float = 20.0,
+    seconds: float | None = None,
+    heartbeat_s: float | None = None,
+    baud: int = DEFAULT_BAUD,
+    reconnect_s: float = 0.0,
+    on_device: Callable[[Device], None] | None = None,
+    on_end: Callable[[DeviceStatus], None] | None = None,
+    on_silence: Callable[[str], None] | None = None,
+) -> Generator[TelemetrySample, None, None]:
+    """Yield what the device pushes, a record every so many ticks, until ``seconds`` are over or the caller stops.
+
+    Args:
+        port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
+        rate_hz: records a second, as near as whole ticks come; what the line is too slow for is told as `lost`.
+        seconds: duration; without it for ever.
+        heartbeat_s: say that this host is alive, at least so often; when it ends, falls silent or is killed, the force
+            falls to 0 within 0.1 s and the device waits for a heartbeat (mode safe). None leaves the device alone.
+        baud: rate of a serial port.
+        reconnect_s: how long to wait for a device that was unplugged; with ``usb:NUMBER`` it may come back elsewhere.
+        on_device: takes what the device says of itself, at the beginning and after each time it was unplugged.
+        on_end: takes its state at the end, after the force has fallen.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+
+    Raises:
+        InputError: a rate or a heartbeat out of range.
+        LinkError: no device, or unplugged for longer.
+    """
+    if not (math.isfinite(rate_hz) and rate_hz > 0):
+        raise InputError.of(f"{rate_hz:g} Hz; allowed: a finite rate above 0", key="rate_hz")
+    if heartbeat_s is not None and not 0 < heartbeat_s <= LONGEST_HEARTBEAT_S:
+        message = f"{heartbeat_s:g} s; allowed: above 0, at most {LONGEST_HEARTBEAT_S:g} s"
+        raise InputError.of(message, key="heartbeat_s")
+    left: float | None = math.inf if seconds is None else None
+    give_up: float | None = None
+    while left is None or left > 0:
+        try:
+            link = open_link(port, baud=baud) if isinstance(port, str) else port
+            with Connection(link, baud=baud, on_silence=on_silence) as connection:
+                if heartbeat_s is not None:
+                    _check_heartbeat(heartbeat_s, rate_hz, connection.device, baud)
+                if on_device is not None:
+                    on_device(connection.device)
+                if left is None:
+                    between_s = _every(connection.device, rate_hz) * connection.device.sample_time_s
+                    left = math.floor((seconds or 0.0) / between_s * (1 + 1e-9)) + 1
+                try:
+                    for sample in watch(connection, rate_hz, heartbeat_s, paced=seconds is None):
+                        give_up = None
+                        left -= 1 + sample.lost
+                        yield sample
+                        if left <= 0:
+                            break
+                except LinkError:
+                    raise
+                except BaseException:
+                    with uninterrupted():
+                        _end(connection, heartbeat_s, on_end)
+                    raise
+                _end(connection, heartbeat_s, on_end)
+        except LinkError:
+            now = time.monotonic()
+            give_up = now + reconnect_s if give_up is None else give_up
+            if not isinstance(port, str) or now >= give_up:
+                raise
+            time.sleep(_LOOK_AGAIN_S)
+
+
+def watch(
+    connection: Connection, rate_hz: float, heartbeat_s: float | None = None, *, paced: bool = False
+) -> Iterator[TelemetrySample]:
+    """Keep subscription and heartbeat alive over an open connection; yield for ever."""
+    link, device = connection.link, connection.device
+    every = _every(device, rate_hz)
+    subscribe = m.subscribe(every, math.ceil(_HOLDS_S / device.sample_time_s))
+    samples = Samples(device.sample_time_s, device.metres_per_count)
+    beat_at = math.inf if heartbeat_s is None else -math.inf
+    renew_at = -math.inf
+    start = time.monotonic() - link.now_s()
+    while True:
+        if heartbeat_s is not None and link.now_s() >= beat_at:
+            beat_at = link.now_s() + heartbeat_s / _BEATS
+            connection.heartbeat(heartbeat_s)
+        if link.now_s() >= renew_at:
+            renew_at = link.now_s() + _RENEW_S
+            connection.run(connection.session.ask(Kind.SUBSCRIBE, subscribe, m.Subscribed))
+        message = connection.telemetry(min(beat_at, renew_at) - link.now_s())
+        if message is None:
+            continue
+        if paced and isinstance(link, EmulatedBoard):
+            time.sleep(max(0.0, start + link.now_s() - time.monotonic()))  # virtual time would rush past the watcher
+        yield from samples.take(message)
+
+
+def _check_heartbeat(heartbeat_s: float, rate_hz: float, device: Device, baud: int) -> None:
+    """Refuse one that this line cannot keep: a question may come in between, and its answer after a message."""
+    byte_s = 10 / baud
+    records = 1
+    while records < _MOST_RECORDS and records < rate_hz * (_BEAT_BYTES + records * _RECORD_BYTES) * byte_s:
+        records += 1  # so many are made while this is on the wire
+    least_s = _BEATS * max(device.sample_time_s, (_BEAT_BYTES + records * _RECORD_BYTES) * byte_s)
+    if heartbeat_s < least_s:
+        message = (
+            f"{heartbeat_s:g} s; allowed: {math.ceil(1e3 * least_s) / 1e3:g} to {LONGEST_HEARTBEAT_S:g} s: "
+            f"{_BEATS} heartbeats are sent in that time, and one takes up to {1e3 * least_s / _BEATS:.3g} ms beside "
+            f"records at {rate_hz:g} Hz ({baud} baud, ticks of {1e3 * device.sample_time_s:g} ms)"
+        )
+        raise InputError.of(message, key="heartbeat_s")
+
+
+def _every(device: Device, rate_hz: float) -> int:
+    """Return the ticks from one record to the next: no more than one record a tick."""
+    return max(1, round(1 / (rate_hz * device.sample_time_s)))
+
+
+def _end(connection: Connection, heartbeat_s: float | None, on_end: Callable[[DeviceStatus], None] | None) -> None:
+    """End what was begun; a device that is gone needs no more."""
+    with suppress(LinkError):
+        connection.run(connection.session.ask(Kind.SUBSCRIBE, m.subscribe(0, 0), m.Subscribed))
+        if heartbeat_s is not None:
+            connection.let_force_fall()
+        if on_end is not None:
+            on_end(connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus)))
+
+
+def pause(seconds: float) -> Generator[Exchange, Answer, None]:
+    """Let time pass, whatever arrives."""
+    if seconds > 0:
+        yield Exchange(b"", seconds)
+
+
+# Drawing takes tens of milliseconds, in which no record is read: they wait on the line.
+_EVERY_S = 0.2
+_KEPT = 20_000
+_ROWS: tuple[tuple[str, Callable[[TelemetrySample], float]], ...] = (
+    ("position, mm", lambda sample: 1e3 * sample.position_m),
+    ("force out of the wall, N", lambda sample: sample.force_n),
+    ("stiffness k, N/m", lambda sample: sample.stiffness_n_per_m),
+    ("interaction frequency, Hz", lambda sample: sample.frequency_hz),
+)
+
+
+class LivePlot:
+    """A window that follows samples; use as a context manager.
+
+    Attributes:
+        figure: the matplotlib figure.
+        closed: whether the user has closed the window.
+    """
+
+    def __init__(self, *, span_s: float = 10.0, figure: Any = None) -> None:
+        """Open the window.
+
+        Args:
+            span_s: how many seconds are shown.
+            figure: draw into this one in place of a window.
+
+        Raises:
+            UnsupportedError: this machine has no display, or matplotlib no way to open a window.
+        """
+        self.closed = False
+        self._span_s = span_s
+        self._samples: deque[TelemetrySample] = deque(maxlen=_KEPT)
+        self._drawn = 0.0
+        self._window = figure is None
+        self.figure: Any = _window() if figure is None else figure
+        self.figure.canvas.mpl_connect("close_event", self._close)
+        self._axes = self.figure.subplots(len(_ROWS), 1, sharex=True)
+        self._lines = [axes.plot([], [], linewidth=1)[0] for axes in self._axes]
+        for axes, (label, _) in zip(self._axes, _ROWS, strict=True):
+            axes.set_ylabel(label, fontsize="small")
+            axes.grid(visible=True, alpha=0.3)
+        self._axes[-1].set_xlabel("time since the device started, s")
+
+    def take(self, sample: TelemetrySample) -> None:
+        """Add a sample; the window is drawn anew a few times a second."""
+        self._samples.append(sample)
+        now = time.monotonic()
+        if now - self._drawn >= _EVERY_S:
+            self.draw()
+            self._drawn = time.monotonic()
+
+    def draw(self) -> None:
+        """Draw what is known."""
+        if not self._samples or self.closed:
+            return
+        end = self._samples[-1].time_s
+        shown = [sample for sample in self._samples if end - self._span_s <= sample.time_s <= end]
+        times = [sample.time_s for sample in shown]
+        for axes, line, (_, value) in zip(self._axes, self._lines, _ROWS, strict=True):
+            line.set_data(times, [value(sample) for sample in shown])
+            axes.relim()
+            axes.autoscale_view(scalex=False)
+        self._axes[0].set_xlim(end - self._span_s, end)
+        if self._window:
+            self.figure.canvas.draw_idle()
+            self.figure.canvas.flush_events()
+
+    def _close(self, _event: object) -> None:
+        self.closed = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._window and not self.closed:
+            import matplotlib.pyplot as plt  # noqa: PLC0415 - only where there is a window
+
+            plt.close(self.figure)
+
+
+def _window() -> Any:
+    import matplotlib.pyplot as plt  # noqa: PLC0415 - slow, and not needed without a plot
+
+    on_x11 = sys.platform not in {"win32", "darwin"}
+    if on_x11 and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise UnsupportedError(
+            "this machine has no display for --plot; write a log instead (--out log.csv, or --out log.mcap for "
+            "Foxglove), or log in with `ssh -X`"
+        )
+    figure = plt.figure("avc monitor", figsize=(9, 8))
+    if figure.canvas.required_interactive_framework is None:
+        plt.close(figure)
+        raise UnsupportedError(
+            f"matplotlib opens no window here (backend {plt.get_backend()}); install one: pip install PyQt6, and unset "
+            "MPLBACKEND; or write a log instead (--out log.csv)"
+        )
+    figure.show()
+    return figure

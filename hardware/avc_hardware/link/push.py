@@ -1,0 +1,262 @@
+"""Push: the table of a coupling to the device, checked before and read back after."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi import LinkError
+from avc_casadi.claims.deployable import require_deployable
+from avc_hardware.codegen.firmware_fit import check_runs_on
+from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
+from avc_hardware.link.faults import DeviceFault
+from avc_hardware.link.table import TableImage
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.gains import Gains
+    from avc_hardware.link.bytes import ByteLink
+    from avc_hardware.link.device import Device
+
+
+@dataclass(frozen=True)
+class PushResult:
+    """What a push came to.
+
+    Attributes:
+        port: as the user named it.
+        coupling_id: name of the coupling, 8 hexadecimal digits.
+        table_id: name of the table, made from its content.
+        rows: that the device now holds.
+        crc32: of the table's bytes.
+        readback_equal: whether the bytes read back are those sent.
+        attempts: how often the transfer was begun.
+        seconds: by the link's clock (virtual for the emulator), from opening the port to the end of the read-back.
+        rounding_max: largest relative change of a gain by rounding to single precision.
+        left_out: rows of the schedule without usable gains.
+        max_force_n: at which the device limits the force now.
+        notes: where the device differs from the loop that was certified, a sentence each.
+        device: what the device said of itself.
+    """
+
+    port: str
+    coupling_id: str
+    table_id: int
+    rows: int
+    crc32: int
+    readback_equal: bool
+    attempts: int
+    seconds: float
+    rounding_max: float
+    left_out: int
+    max_force_n: float
+    notes: tuple[str, ...]
+    device: Device
+
+    def document(self) -> dict[str, object]:
+        """Return the `push` document: JSON values only."""
+        return {
+            "port": self.port,
+            "coupling_id": self.coupling_id,
+            "table_id": self.table_id,
+            "rows": self.rows,
+            "crc32": self.crc32,
+            "readback_equal": self.readback_equal,
+            "attempts": self.attempts,
+            "seconds": self.seconds,
+            "rounding_max": self.rounding_max,
+            "left_out": self.left_out,
+            "max_force_n": self.max_force_n,
+            "notes": list(self.notes),
+            "build": self.device.build,
+            "sample_time_s": self.device.sample_time_s,
+        }
+
+
+def push(
+    coupling: Coupling,
+    port: str | ByteLink,
+    *,
+    baud: int = DEFAULT_BAUD,
+    safe: Gains | None = None,
+    deadline_s: float | None = None,
+    unsafe: bool = False,
+    device_id: str | None = None,
+    on_log: Callable[[str], None] | None = None,
+    on_wait: Callable[[], None] | None = None,
+    on_silence: Callable[[str], None] | None = None,
+) -> PushResult:
+    """Send the table of a coupling, with its wall; the device swaps it in whole between two control ticks.
+
+    It takes over out of contact, where it begins with no force; a device that is held in its wall for 10 s keeps what
+    it runs.
+
+    Args:
+        coupling: what is to run.
+        port: device path, pyserial URL, ``emulator`` for a fresh board made for the coupling, or an open link.
+        baud: rate of a serial port.
+        safe: gains after a lost heartbeat; None is no force.
+        deadline_s: longest duration on the link's clock.
+        unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
+        device_id: name of the device that it is for, or number of its chip; another device is refused.
+        on_log: takes the firmware's lines of text.
+        on_wait: called when the table waits for the device to be let go.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+
+    Raises:
+        NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
+        InputError: the table cannot be sent.
+        FirmwareLacksError: the coupling needs what the firmware does not have.
+        LinkError: no device, refused, or lost on the way; the device then runs its old table or the new one, whole.
+        MissingExtraError: ``emulator`` without its extra.
+    """
+    require_deployable(coupling, unsafe=unsafe)
+    check_runs_on(coupling)  # a coupling that cannot run is refused before a port is opened
+    TableImage.of(coupling, safe=safe)
+    link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
+    start = link.now_s()
+    with Connection(
+        link, baud=baud, on_silence=on_silence, deadline_s=deadline_s, on_log=on_log, on_wait=on_wait
+    ) as connection:
+        if device_id is not None:
+            _require_device(connection, device_id)
+        return push_over(connection, coupling, safe=safe, start_s=start, unsafe=unsafe)
+
+
+def push_over(
+    connection: Connection,
+    coupling: Coupling,
+    *,
+    safe: Gains | None = None,
+    start_s: float | None = None,
+    unsafe: bool = False,
+) -> PushResult:
+    """Do the same over an open connection; a force limit above the device's becomes the device's where unsafe."""
+    start = connection.link.now_s() if start_s is None else start_s
+    device = connection.device
+    table = TableImage.of(coupling, safe=safe)
+    if unsafe and table.max_force_n > device.max_force_n:
+        table = replace(table, max_force_n=device.max_force_n)
+    check_runs_on(coupling, device)
+    check_limits(coupling, table, device, connection.link.name)
+    upload = connection.run(connection.session.push(table, device))
+    return PushResult(
+        port=connection.link.name,
+        coupling_id=coupling.id,
+        table_id=table.table_id,
+        rows=len(table.rows),
+        crc32=table.crc32,
+        readback_equal=upload.image == table.image,
+        attempts=upload.attempts,
+        seconds=connection.link.now_s() - start,
+        rounding_max=table.rounding_max,
+        left_out=int(np.count_nonzero(~coupling.schedule.usable)),
+        max_force_n=min(table.max_force_n or device.max_force_n, device.lowered_force_n),
+        notes=_notes(coupling, device),
+        device=upload.device,
+    )
+
+
+def _require_device(connection: Connection, device_id: str) -> None:
+    name, number = connection.device.name, connection.device.unique_id
+    where = f"{connection.link.name}: not sent"
+    if not name and not number:
+        raise LinkError(f"{where}: the device has no number of its own and no name (avc device --store --name)")
+    if device_id != name and device_id.lower() != number:
+        found = " ".join(filter(None, (name, number)))
+        raise LinkError(f"{where}: this is device {found}, not {device_id}; see avc doctor --ports --ask")
+
+
+def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
+    """Say where the device is not the one that the coupling was made for."""
+    notes = []
+    if device.faults:
+        word = DeviceFault(device.faults).word
+        notes.append(f"the device gives no force until its faults are cleared (avc device --clear): {word}")
+    force, step = coupling.max_force_n, coupling.problem.device.encoder_resolution_m
+    tapped = float((coupling.trial or {}).get("tap_force_n") or 0.0)
+    if force is None and tapped > device.max_force_n:
+        notes.append(
+            f"the device limits the force at {device.max_force_n:g} N, the coupling was made without a limit, and in "
+            f"its trial a tap took {tapped:.3g} N; give device.max_force_n and make it again"
+        )
+    if force is not None and force > device.max_force_n * (1 + 1e-6):
+        notes.append(
+            f"the device limits the force at {device.max_force_n:g} N, the coupling was made for {force:g} N; its "
+            "certificate does not know the lower limit"
+        )
+    if device.lowered_force_n < min(device.max_force_n, force or device.max_force_n) * (1 - 1e-6):
+        notes.append(
+            f"the device's force is limited to {device.lowered_force_n:g} N at run time; raise it when the first touch "
+            "was good: avc device --force-n F"
+        )
+    if step and step < device.metres_per_count * (1 - 1e-6):
+        notes.append(
+            f"the device's encoder has steps of {device.metres_per_count:g} m, the coupling was made for {step:g} m; "
+            "its trial does not know the coarser steps"
+        )
+    return tuple(notes)
+
+
+# A limit that travels in single precision is the same one.
+_ROUNDED = 1 + 1e-6
+
+
+def check_limits(coupling: Coupling, table: TableImage, device: Device, port: str) -> None:
+    """Refuse a table that the device would refuse, naming everything that is wrong with it.
+
+    Raises:
+        LinkError: sample time, rows, gains, wall or force limit outside what the device reports.
+    """
+    faults = []
+    if not math.isclose(table.sample_time_s, device.sample_time_s, rel_tol=1e-5):
+        faults.append(
+            f"the coupling is for a sample time of {table.sample_time_s:g} s, the device runs at "
+            f"{device.sample_time_s:.6g} s; solve with device.sample_time_s = {device.sample_time_s:.6g}, or build "
+            "firmware for the coupling's: avc firmware"
+        )
+    if len(table.rows) > device.capacity_rows:
+        faults.append(
+            f"the coupling has {len(table.rows)} rows, the device holds {device.capacity_rows}; make a coupling for "
+            "this capacity (avc_casadi.coupling.reduce_rows) and certify that one: what runs is what was certified"
+        )
+    limits = (
+        ("damping b", "N.s/m", device.max_damping_ns_per_m, "coupling.damping_ns_per_m"),
+        ("stiffness k", "N/m", device.max_stiffness_n_per_m, "coupling.stiffness_n_per_m"),
+        ("contact damping b_p", "N.s/m", device.max_contact_damping_ns_per_m, "coupling.contact_damping_ns_per_m"),
+    )
+    for column, (name, unit, most, key) in enumerate(limits, start=1):
+        over = np.flatnonzero(table.rows[:, column] > np.float32(most))
+        if len(over):
+            worst = over[np.argmax(table.rows[over, column])]
+            faults.append(
+                f"{name} is {table.rows[worst, column]:.6g} {unit} at {table.rows[worst, 0]:.4g} Hz "
+                f"({len(over)} of {len(table.rows)} rows above the device's {most:.6g} {unit}); narrow {key}"
+            )
+    faults += _wall_faults(coupling, device)
+    if table.max_force_n > device.max_force_n * _ROUNDED:
+        faults.append(
+            f"the coupling was made for a force limit of {table.max_force_n:g} N, the device gives "
+            f"{device.max_force_n:g} N; solve with device.max_force_n = {device.max_force_n:g}, or push with --unsafe"
+        )
+    if faults:
+        raise LinkError(f"{port}: not sent: " + "; ".join(faults))
+
+
+def _wall_faults(coupling: Coupling, device: Device) -> list[str]:
+    wall = coupling.wall
+    if not wall.damping_ns_per_m + wall.stiffness_n_per_m > 0:
+        return ["the coupling has no wall; give environment.stiffness_n_per_m"]
+    limits = (
+        ("damping", wall.damping_ns_per_m, device.max_damping_ns_per_m, "N.s/m"),
+        ("stiffness", wall.stiffness_n_per_m, device.max_stiffness_n_per_m, "N/m"),
+    )
+    return [
+        f"the wall's {name} is {value:.6g} {unit}, the device's limit {most:.6g} {unit}; lower environment.{name}_*"
+        for name, value, most, unit in limits
+        if value > most
+    ]

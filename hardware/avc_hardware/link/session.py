@@ -1,0 +1,247 @@
+"""Session: the host's side of every dialogue as a pure state machine, without I/O and without time.
+
+A dialogue is a generator: it yields what to send and how long to wait, and is sent the answer, or None when the wait
+ended without one. `_connection` runs dialogues over a link; tests run them by hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import TypeVar
+
+from avc_casadi import LinkError
+from avc_hardware.link import messages as m
+from avc_hardware.link.device import Device
+from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
+from avc_hardware.link.frames import DELIMITER, Frame, encode
+from avc_hardware.link.messages import Kind, Message
+from avc_hardware.link.table import TableImage
+
+T = TypeVar("T")
+
+RETRIES = 4
+ATTEMPTS = 5
+# The device lets go of a transfer that another host left two seconds ago; four waits are longer.
+BUSY_WAIT_S = 0.7
+# A table takes over out of contact: how often to ask whether it has, and how many times before it is given up.
+CONTACT_WAIT_S = 0.25
+CONTACT_TRIALS = 40
+_ANEW = {Reason.SIZE, Reason.BUSY, Reason.NO_TRANSFER, Reason.OFFSET, Reason.CRC, Reason.NO_TABLE}
+"""What a transfer that is begun anew may get over."""
+
+
+class NoAnswerError(LinkError):
+    """The device did not answer in time."""
+
+
+class RefusedError(LinkError):
+    """The device refused, with its reason."""
+
+    def __init__(self, refusal: Refusal) -> None:
+        self.refusal = refusal
+        super().__init__(f"the device refused: {refusal}")
+
+
+class InContactError(LinkError):
+    """The device was not let go, so that the new table was taken back."""
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """One step of a dialogue: bytes to send (may be empty), then the longest wait for an answer."""
+
+    data: bytes
+    timeout_s: float
+
+
+Answer = tuple[int, Message] | None
+
+
+@dataclass(frozen=True)
+class Upload:
+    """What a push came to.
+
+    Attributes:
+        device: as HELLO described it.
+        image: the table read back.
+        attempts: how often the transfer was begun.
+        ticks: number of the tick that swapped.
+        waited: ticks that the table had waited for the device to be out of contact.
+    """
+
+    device: Device
+    image: bytes
+    attempts: int
+    ticks: int
+    waited: int
+
+
+class Session:
+    """Numbers the messages of one host and knows how to ask again."""
+
+    def __init__(self, number: int, *, timeout_s: float, on_wait: Callable[[], None] | None = None) -> None:
+        """Start a session.
+
+        Args:
+            number: random, tells this host from others.
+            timeout_s: longest wait for an answer; more than a full window takes on the wire.
+            on_wait: called once when a table waits for the device to be let go.
+        """
+        self.number = number
+        self.timeout_s = timeout_s
+        self.on_wait = on_wait
+        self._sequence = number & 0x7FFF
+
+    @property
+    def patience_s(self) -> float:
+        """How long one question is asked at most, without any answer."""
+        return self.timeout_s * RETRIES * (RETRIES + 1) / 2
+
+    def message(self, kind: Kind, payload: bytes) -> tuple[int, bytes]:
+        """Return the number and the bytes of a new message."""
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        return self._sequence, encode(Frame(kind, self._sequence, payload))
+
+    def request(self, kind: Kind, payload: bytes) -> Generator[Exchange, Answer, Message]:
+        """Send one message until it is answered; a refusal is returned like any answer."""
+        sequence, data = self.message(kind, payload)
+        for trial in range(RETRIES):
+            # Half a frame may be in the pipe: a delimiter ends it.
+            answer = yield Exchange(DELIMITER + data, self.timeout_s * (1 + trial))
+            while answer is not None:
+                if answer[0] == sequence:
+                    return answer[1]
+                answer = yield Exchange(b"", self.timeout_s)
+        raise NoAnswerError(f"no answer to {kind.name} after {RETRIES} trials")
+
+    def hello(self) -> Generator[Exchange, Answer, Device]:
+        """Ask who is there, and refuse firmware of another interface."""
+        answer = yield from self.request(Kind.HELLO, m.hello(self.number))
+        if isinstance(answer, Refusal):
+            raise RefusedError(answer)
+        if not isinstance(answer, Device):
+            raise LinkError("HELLO was answered with something else; is this a device with avc firmware?")
+        if answer.interface_version != INTERFACE_VERSION:
+            raise LinkError(
+                f"the firmware has interface version {answer.interface_version}, this program {INTERFACE_VERSION}; "
+                f"update {'the firmware' if answer.interface_version < INTERFACE_VERSION else 'avc-casadi'}"
+            )
+        return answer
+
+    def ask(self, kind: Kind, payload: bytes, expected: type[T]) -> Generator[Exchange, Answer, T]:
+        """Send one message and return its answer, which must be of the expected class."""
+        answer = yield from self.request(kind, payload)
+        if isinstance(answer, Refusal):
+            raise RefusedError(answer)
+        if not isinstance(answer, expected):
+            raise LinkError(f"{kind.name} was answered with {type(answer).__name__}")
+        return answer
+
+    def read_table(self, size: int, part: int) -> Generator[Exchange, Answer, tuple[int, bytes]]:
+        """Read ``size`` bytes of the running table in parts; returns its id and the bytes."""
+        image = b""
+        table_id = 0
+        while len(image) < size:
+            count = min(part, size - len(image))
+            answer = yield from self.ask(Kind.READBACK, m.readback(len(image), count), m.Readback)
+            if image and answer.table_id != table_id:
+                raise LinkError("the table changed while it was read back; another host has pushed")
+            if answer.offset != len(image) or len(answer.data) != count:
+                raise LinkError("READBACK answered with another part than asked for")
+            table_id = answer.table_id
+            image += answer.data
+        return table_id, image
+
+    def push(self, table: TableImage, device: Device) -> Generator[Exchange, Answer, Upload]:
+        """Send a table, have it swapped in, read it back; begun anew when the device was reset or is busy."""
+        failure: LinkError | None = None
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                if attempt > 1:
+                    device = yield from self.hello()
+                committed = yield from self._transfer(table, device)
+                table_id, image = yield from self.read_table(len(table.image), device.chunk_bytes)
+            except RefusedError as error:
+                if error.refusal.reason not in _ANEW:
+                    raise
+                failure = error
+                if error.refusal.reason is Reason.BUSY:
+                    yield from _wait(BUSY_WAIT_S)
+            else:
+                if table_id == table.table_id and image == table.image:
+                    return Upload(device, image, attempt, committed.ticks, committed.waited)
+                failure = LinkError("the table read back differs from the one sent; another host may have pushed")
+        raise LinkError(f"the table was not taken after {ATTEMPTS} attempts: {failure}") from failure
+
+    def _transfer(self, table: TableImage, device: Device) -> Generator[Exchange, Answer, m.Committed]:
+        image, table_id, crc32 = table.image, table.table_id, table.crc32
+        begin = m.begin(self.number, table_id, crc32, len(table.rows), table.states)
+        begun = yield from self.ask(Kind.BEGIN, begin, m.Acknowledged)
+        yield from self._chunks(image, table_id, begun.received, device)
+        return (yield from self._commit(table))
+
+    def _commit(self, table: TableImage) -> Generator[Exchange, Answer, m.Committed]:
+        """Have the table swapped in; while the device is in contact, wait, and in the end take it back."""
+        payload = m.commit(self.number, table.table_id, table.crc32)
+        for trial in range(CONTACT_TRIALS):
+            try:
+                return (yield from self.ask(Kind.COMMIT, payload, m.Committed))
+            except RefusedError as error:
+                if error.refusal.reason is not Reason.IN_CONTACT:
+                    raise
+            if trial == 0 and self.on_wait is not None:
+                self.on_wait()
+            yield from _wait(CONTACT_WAIT_S)
+        yield from self.ask(Kind.ABORT, m.abort(self.number), m.Acknowledged)
+        device = yield from self.hello()  # it may have been let go at the last moment
+        if (device.table_id, device.table_crc32) == (table.table_id, table.crc32):
+            return (yield from self.ask(Kind.COMMIT, payload, m.Committed))
+        raise InContactError(
+            f"the device was in contact all the time ({CONTACT_TRIALS * CONTACT_WAIT_S:.0f} s), where no other "
+            "coupling takes over; it runs what it ran before: let go of it, out of the wall, and push again"
+        )
+
+    def _chunks(self, image: bytes, table_id: int, received: int, device: Device) -> Generator[Exchange, Answer, None]:
+        """Keep the device's window full; after a loss go back to the first byte that it misses."""
+        sent = received
+        on_the_way: dict[int, tuple[int, int]] = {}  # sequence -> end in the table, bytes on the wire
+        silent = 0
+        prefix = b""
+        while received < len(image):
+            data = prefix
+            prefix = b""
+            credit = device.window_bytes - sum(size for _, size in on_the_way.values())
+            while sent < len(image):
+                part = image[sent : sent + device.chunk_bytes]
+                sequence, frame = self.message(Kind.CHUNK, m.chunk(self.number, table_id, sent, part))
+                if len(frame) > credit:
+                    self._sequence = (self._sequence - 1) & 0xFFFF
+                    break
+                credit -= len(frame)
+                sent += len(part)
+                on_the_way[sequence] = (sent, len(frame))
+                data += frame
+            answer = yield Exchange(data, self.timeout_s)
+            if answer is None:
+                silent += 1
+                if silent >= RETRIES:
+                    raise NoAnswerError(f"no answer to CHUNK after {RETRIES} trials")
+                prefix, sent, on_the_way = DELIMITER, received, {}
+                continue
+            sequence, message = answer
+            if sequence not in on_the_way:
+                continue
+            silent = 0
+            if isinstance(message, Refusal):
+                if message.reason is not Reason.OFFSET:
+                    raise RefusedError(message)
+                sent, on_the_way = received, {}
+            elif isinstance(message, m.Acknowledged):
+                received = max(received, message.received)
+                on_the_way = {key: value for key, value in on_the_way.items() if value[0] > received}
+
+
+def _wait(seconds: float) -> Generator[Exchange, Answer, None]:
+    while (yield Exchange(b"", seconds)) is not None:
+        pass

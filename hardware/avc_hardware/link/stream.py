@@ -1,0 +1,255 @@
+"""Stream: the host chooses the gains live, from the frequency that the device reports; the table is the safety net."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi import InputError, LinkError
+from avc_casadi._util.arrays import Float32Array, FloatArray
+from avc_casadi.claims.deployable import require_deployable
+from avc_hardware.codegen.firmware_fit import check_runs_on
+from avc_hardware.link import messages as m
+from avc_hardware.link.bytes import ByteLink
+from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
+from avc_hardware.link.device import MODES, Device, DeviceStatus
+from avc_hardware.link.faults import DeviceFault, Reason, Refusal
+from avc_hardware.link.messages import GainsTaken, Kind
+from avc_hardware.link.push import PushResult, push_over
+from avc_hardware.link.session import Answer, Exchange, Session
+from avc_hardware.link.table import lookup
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+
+
+MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100.0
+# A stream that lost or was late with more than this share of its messages has failed.
+_SHARE_LOST = 0.1
+# Streamed gains hold for so many periods; after that the device goes back to its table.
+HOLD_PERIODS = 3
+# Refusals that a stream outlives: what came of them is told at its end.
+_KEPT = {Reason.STALE, Reason.NO_TABLE, Reason.MODE}
+# How many such times to wait for that at the end.
+_PATIENCE = 20
+# When the host itself is late: still give the answer a chance.
+_LEAST_WAIT_S = 2e-3
+
+
+@dataclass(frozen=True)
+class StreamSample:
+    """One SET_GAINS and its answer.
+
+    Attributes:
+        number: of the message.
+        time_s: since the start, link's clock.
+        frequency_hz: the device's estimate in the answer; not a number at rest or without an answer.
+        lookup_hz: where the device would read its table; the next gains are chosen for it.
+        damping_ns_per_m: b sent.
+        stiffness_n_per_m: k sent.
+        contact_damping_ns_per_m: b_p sent.
+        force_n: output in the answer; not a number without one.
+        round_trip_s: not a number without an answer.
+    """
+
+    number: int
+    time_s: float
+    frequency_hz: float
+    lookup_hz: float
+    damping_ns_per_m: float
+    stiffness_n_per_m: float
+    contact_damping_ns_per_m: float
+    force_n: float
+    round_trip_s: float
+
+
+@dataclass(frozen=True)
+class StreamResult:
+    """A whole stream.
+
+    Attributes:
+        port: as the user named it.
+        rate_hz: asked for.
+        seconds: that it lasted, link's clock.
+        sent: SET_GAINS messages.
+        taken: answered as taken.
+        late: refused by the device, because a newer one was there.
+        lost: without an answer within their period.
+        fell_back: times that the device went back to its table in mid-stream (from its own counter).
+        round_trip_s: median.
+        round_trip_max_s: largest.
+        samples: every message.
+        push: of the table underneath.
+        status: of the device after the stream has run out: back on its table.
+        faults: what was not as it should be, a sentence each: gains lost, the device on another table, or started anew.
+    """
+
+    port: str
+    rate_hz: float
+    seconds: float
+    sent: int
+    taken: int
+    late: int
+    lost: int
+    fell_back: int
+    round_trip_s: float
+    round_trip_max_s: float
+    samples: tuple[StreamSample, ...]
+    push: PushResult
+    status: DeviceStatus
+    faults: tuple[str, ...]
+
+
+def stream(
+    coupling: Coupling,
+    port: str | ByteLink,
+    *,
+    rate_hz: float = 50.0,
+    seconds: float = 5.0,
+    baud: int = DEFAULT_BAUD,
+    unsafe: bool = False,
+    on_sample: Callable[[StreamSample], None] | None = None,
+    on_silence: Callable[[str], None] | None = None,
+) -> StreamResult:
+    """Push the coupling, then send its gains live for a time; a message that is late or lost is not repeated.
+
+    Args:
+        coupling: whose table is pushed and streamed from.
+        port: device path, pyserial URL, ``emulator`` for a fresh board made for the coupling, or an open link.
+        rate_hz: messages a second, 1 to 100.
+        seconds: duration.
+        baud: rate of a serial port.
+        unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
+        on_sample: called after each message.
+        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+
+    Raises:
+        NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
+        InputError: rate or duration out of range, or the table cannot be sent.
+        FirmwareLacksError: the coupling needs what the firmware does not have.
+        LinkError: no device, refused, unplugged.
+    """
+    if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+        raise InputError.of(f"{rate_hz:g} Hz; allowed: {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}", key="rate_hz")
+    if not (math.isfinite(seconds) and seconds > 0):
+        raise InputError.of(f"{seconds:g} s; allowed: a finite time above 0", key="seconds")
+    require_deployable(coupling, unsafe=unsafe)
+    check_runs_on(coupling)
+    link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
+    with Connection(link, baud=baud, on_silence=on_silence) as connection:
+        pushed = push_over(connection, coupling, unsafe=unsafe)
+        device = connection.device
+        rows = coupling.table.single()
+        hold_ticks = max(1, math.ceil(HOLD_PERIODS / rate_hz / device.sample_time_s))
+        ask_status = connection.session.ask
+        before = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
+        start = link.now_s()
+        samples: list[StreamSample] = []
+        refusals: list[Refusal] = []
+        frequency = before.lookup_hz
+        for number in range(max(1, round(seconds * rate_hz))):
+            end = start + (number + 1) / rate_hz
+            sample, answer = _sample(connection, number, hold_ticks, lookup(rows, np.float32(frequency)), end, start)
+            if isinstance(answer, GainsTaken):
+                frequency = answer.lookup_hz
+            elif isinstance(answer, Refusal):
+                if answer.reason not in _KEPT:
+                    raise LinkError(f"{link.name}: the device refused streamed gains: {answer}")
+                refusals.append(answer)
+            samples.append(sample)
+            if on_sample is not None:
+                on_sample(sample)
+            connection.run(_idle(connection, end))
+        lasted = link.now_s() - start
+        middle = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
+        after = middle
+        # The device counts in its own ticks, which may lag behind this computer's clock.
+        for _ in range(_PATIENCE):
+            if not after.streaming:
+                break
+            connection.run(_idle(connection, link.now_s() + HOLD_PERIODS / rate_hz))
+            after = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
+        device = connection.run(connection.session.hello())
+    trips: FloatArray = np.array([s.round_trip_s for s in samples if math.isfinite(s.round_trip_s)])
+    fell_back = middle.stream_expired - before.stream_expired
+    late = sum(one.reason is Reason.STALE for one in refusals)
+    lost = len(samples) - len(trips) - len(refusals)
+    faults = [*_faults_of_end(pushed, after, device), *faults_on_the_way(len(samples), lost, late, refusals)]
+    if fell_back > 0:
+        faults.append(f"the device went back to its table in mid-stream, {fell_back} times")
+    return StreamResult(
+        port=link.name,
+        rate_hz=rate_hz,
+        seconds=lasted,
+        sent=len(samples),
+        taken=len(trips),
+        late=late,
+        lost=lost,
+        fell_back=fell_back,
+        round_trip_s=float(np.median(trips)) if len(trips) else math.nan,
+        round_trip_max_s=float(trips.max()) if len(trips) else math.nan,
+        samples=tuple(samples),
+        push=pushed,
+        status=after,
+        faults=tuple(faults),
+    )
+
+
+def _faults_of_end(pushed: PushResult, status: DeviceStatus, device: Device) -> list[str]:
+    """Say where a device does not run the table that was pushed to it."""
+    faults = []
+    if device.boot_id != pushed.device.boot_id:
+        faults.append("the device has started anew since the push")
+    if not status.has_table:
+        faults.append("the device holds no table")
+    elif (status.table_id, status.table_crc32) != (pushed.table_id, pushed.crc32):
+        faults.append(f"the device runs table {status.table_id} of coupling {status.coupling_id}, another host's")
+    if status.streaming:
+        faults.append("the device still runs streamed gains")
+    if status.faults:
+        faults.append(f"the device has a fault: {DeviceFault(status.faults).word}")
+    if status.mode != MODES[0]:
+        faults.append(f"the device does not run its table (mode {status.mode})")
+    return faults
+
+
+def faults_on_the_way(sent: int, lost: int, late: int, refusals: list[Refusal]) -> list[str]:
+    """Say where more messages than a few did not get through, or were not taken."""
+    faults = []
+    if lost + late > _SHARE_LOST * sent:
+        faults.append(f"{lost} of {sent} messages were lost, {late} late")
+    refused = [one for one in refusals if one.reason is not Reason.STALE]
+    if len(refused) > _SHARE_LOST * sent:
+        faults.append(f"{len(refused)} of {sent} messages were refused, the last: {refused[-1]}")
+    return faults
+
+
+def _sample(
+    connection: Connection, number: int, hold_ticks: int, chosen: Float32Array, end_s: float, start_s: float
+) -> tuple[StreamSample, m.Message | None]:
+    at = connection.link.now_s()
+    b, k, b_p = map(float, chosen)
+    payload = m.set_gains(number, hold_ticks, b, k, b_p)
+    answer = connection.run(_send(connection.session, payload, max(end_s - at, _LEAST_WAIT_S)))
+    frequency = lookup_hz = force = round_trip = math.nan
+    if isinstance(answer, GainsTaken):
+        frequency, lookup_hz, force = answer.frequency_hz, answer.lookup_hz, answer.force_n
+        round_trip = connection.link.now_s() - at
+    return StreamSample(number, at - start_s, frequency, lookup_hz, b, k, b_p, force, round_trip), answer
+
+
+def _send(session: Session, payload: bytes, wait_s: float) -> Generator[Exchange, Answer, m.Message | None]:
+    sequence, data = session.message(Kind.SET_GAINS, payload)
+    answer = yield Exchange(data, wait_s)
+    while answer is not None and answer[0] != sequence:
+        answer = yield Exchange(b"", wait_s)
+    return None if answer is None else answer[1]
+
+
+def _idle(connection: Connection, until_s: float) -> Generator[Exchange, Answer, None]:
+    while (left := until_s - connection.link.now_s()) > 0:
+        yield Exchange(b"", left)

@@ -1,0 +1,163 @@
+"""TableImage: the gain table of a coupling as it travels and as the device holds it, in single precision."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import zlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avc_casadi._util.arrays import Float32Array
+from avc_casadi.model.gains import interpolate
+from avc_casadi.model.gains import single_ln as ln
+from avc_hardware.codegen.firmware_fit import single_feedback, single_rows, wall_alone
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import FloatArray
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.gains import Gains
+    from avc_casadi.model.runtime import StateFeedback
+
+
+def lookup(rows: Float32Array, frequency_hz: ArrayLike) -> Float32Array:
+    """Gains at frequencies: linear in ln(frequency), the end rows beyond the ends, the first row where undefined (NaN).
+
+    Args:
+        rows: shape (n, 4), single precision: frequency_hz, b, k, b_p, rising in frequency.
+        frequency_hz: any shape.
+
+    Returns:
+        b, k, b_p along a last axis of 3, single precision.
+    """
+    return interpolate(rows, frequency_hz, ln)
+
+
+FLAG_DAMPED = 1
+FLAG_VARIES = 2
+FLAG_GUARD = 4
+FLAG_CLIPS = 8
+STATES_BIT = 8
+HEADER = struct.Struct("<HH6fI")
+FEEDBACK_HEADER = struct.Struct("<HHff")
+
+
+@dataclass(frozen=True)
+class TableImage:
+    """A table ready to be sent.
+
+    Attributes:
+        rows: single precision, shape (n, 4): frequency_hz, b, k, b_p; rising in frequency.
+        sample_time_s: that the gains were designed for.
+        wall_damping_ns_per_m: b_e of the one-sided wall at position 0 behind the coupling.
+        wall_stiffness_n_per_m: k_e.
+        coupling_id: name of the coupling, 32 bits.
+        max_force_n: limit of the force, at most the board's; 0 is the board's own.
+        safe_damping_ns_per_m: b after a lost heartbeat.
+        safe_stiffness_n_per_m: k after a lost heartbeat; 0 means no force.
+        guard: whether the firmware's passivity controller watches the energy.
+        damped: whether b_p is in use.
+        varies: whether the gains follow the frequency.
+        clips_last: the contact law: clip-last; otherwise gated.
+        rounding_max: largest relative change of a gain by rounding to single precision.
+        feedback: observer and feedback, which follow the only row; None for the measured position as it is.
+    """
+
+    rows: Float32Array
+    sample_time_s: float
+    wall_damping_ns_per_m: float
+    wall_stiffness_n_per_m: float
+    coupling_id: int
+    max_force_n: float = 0.0
+    safe_damping_ns_per_m: float = 0.0
+    safe_stiffness_n_per_m: float = 0.0
+    guard: bool = False
+    damped: bool = False
+    varies: bool = True
+    clips_last: bool = False
+    rounding_max: float = 0.0
+    feedback: StateFeedback | None = None
+
+    @classmethod
+    def of(cls, coupling: Coupling, *, safe: Gains | None = None) -> TableImage:
+        """Take the table of a coupling, row by row, with its wall, guard and force limit.
+
+        Args:
+            coupling: what is to run.
+            safe: gains after a lost heartbeat; None is no force.
+
+        Raises:
+            InputError: a number that single precision cannot hold, or two rows that become one in it.
+            UnsupportedError: detents.
+        """
+        wall_alone(coupling)
+        feedback = coupling.runtime.state_feedback
+        rows = single_rows(coupling)
+        wall = coupling.wall
+        return cls(
+            rows=rows,
+            sample_time_s=coupling.sample_time_s,
+            wall_damping_ns_per_m=wall.damping_ns_per_m,
+            wall_stiffness_n_per_m=wall.stiffness_n_per_m,
+            coupling_id=int(coupling.id, 16),
+            max_force_n=coupling.max_force_n or 0.0,
+            safe_damping_ns_per_m=0.0 if safe is None else safe.damping_ns_per_m,
+            safe_stiffness_n_per_m=0.0 if safe is None else safe.stiffness_n_per_m,
+            guard=coupling.runtime.guard is not None,
+            damped=coupling.structure == "damped",
+            varies=not coupling.table.constant,
+            clips_last=coupling.contact == "clip-last",
+            rounding_max=_rounding(coupling.table.rows[:, 1:], rows[:, 1:]),
+            feedback=feedback,
+        )
+
+    @property
+    def states(self) -> int:
+        """Number of states that are fed back; 0 without feedback."""
+        return 0 if self.feedback is None else self.feedback.states
+
+    @property
+    def image(self) -> bytes:
+        """The bytes that travel, that are checked, and that are read back."""
+        flags = FLAG_DAMPED * self.damped | FLAG_VARIES * self.varies | FLAG_GUARD * self.guard
+        flags |= FLAG_CLIPS * self.clips_last | self.states << STATES_BIT
+        header = HEADER.pack(
+            len(self.rows),
+            flags,
+            self.sample_time_s,
+            self.wall_damping_ns_per_m,
+            self.wall_stiffness_n_per_m,
+            self.safe_damping_ns_per_m,
+            self.safe_stiffness_n_per_m,
+            self.max_force_n,
+            self.coupling_id,
+        )
+        return header + self.rows.astype("<f4").tobytes() + _feedback_image(self.feedback)
+
+    @property
+    def crc32(self) -> int:
+        """Checksum of the image, as `zlib.crc32`."""
+        return zlib.crc32(self.image)
+
+    @property
+    def table_id(self) -> int:
+        """Name of the table, from its content: the same table has the same name."""
+        return int.from_bytes(hashlib.sha256(self.image).digest()[:4], "little") or 1
+
+
+def _feedback_image(feedback: StateFeedback | None) -> bytes:
+    """Return what follows the rows: which states are positions, dead zone, face, then A by rows, B, L and R."""
+    if feedback is None:
+        return b""
+    *matrices, dead_zone_m, face_m = single_feedback(feedback)
+    positions = sum(1 << place for place in set(feedback.positions))
+    head = FEEDBACK_HEADER.pack(feedback.measures, positions, dead_zone_m, face_m)
+    return head + np.array(matrices, dtype="<f4").tobytes()
+
+
+def _rounding(wide: FloatArray, narrow: Float32Array) -> float:
+    scale = np.where(wide == 0, 1.0, np.abs(wide))
+    return float((np.abs(narrow.astype(np.float64) - wide) / scale).max())

@@ -1,0 +1,199 @@
+"""The whole control tick in numpy single precision: what the firmware computes, bit for bit, for many devices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi._util.arrays import BoolArray, Float32Array
+from avc_casadi.model.runtime import StateFeedback
+from avc_casadi.simulation.runtime.state_feedback import state_feedback_step
+from avc_casadi.simulation.runtime.step import Step
+from avc_hardware.codegen.figures import BoardLimits, RuntimeFigures
+from avc_hardware.codegen.float_program import FloatProgram
+from avc_hardware.codegen.tick_program import GAINS, RuntimeProgram, runtime_programs
+from avc_hardware.link.table import TableImage, lookup
+
+_f = np.float32
+Columns = dict[str, Float32Array]
+# Where an observer goes on believing in contact, a table takes over when the device was out of its wall for so long.
+TICKS_AWAY = 10
+
+
+@dataclass(frozen=True)
+class ReferenceTick:
+    """What one tick gives, each of shape (devices,).
+
+    Attributes:
+        force_n: output.
+        frequency_hz: estimate; NaN at rest, and where constant gains run.
+        lookup_hz: where the table is read.
+        gains: b, k, b_p in force, shape (devices, 3).
+    """
+
+    force_n: Float32Array
+    frequency_hz: Float32Array
+    lookup_hz: Float32Array
+    gains: Float32Array
+
+
+class ReferenceFeedback:
+    """The step of an observer with state feedback in single precision, its matrices as parameters, for many devices."""
+
+    def __init__(self, settings: StateFeedback, devices: int) -> None:
+        """Start them."""
+        step = state_feedback_step(settings)
+        self._numbers = settings.numbers()
+        self._states = np.zeros((len(step.states), devices), dtype=np.float32)
+        self._program = FloatProgram(_scalars(step))
+
+    def __call__(self, position_m: Float32Array, force_n: Float32Array) -> Float32Array:
+        """Run one tick; returns the position that the wall sees, of the shape (devices,) of its inputs."""
+        following, position = self._step(self._states, position_m, force_n)
+        self._states = following
+        return position
+
+    def begun(self, position_m: Float32Array) -> Float32Array:
+        """Return what the wall would see if the observer began here."""
+        return self._step(np.zeros_like(self._states), position_m, np.zeros_like(position_m))[1]
+
+    def restart(self, where: BoolArray) -> None:
+        """Begin anew in some devices, of shape (devices,)."""
+        self._states = np.where(where, np.float32(0), self._states)
+
+    def _step(
+        self, states: Float32Array, position_m: Float32Array, force_n: Float32Array
+    ) -> tuple[Float32Array, Float32Array]:
+        *following, position = self._program(*states, position_m, force_n, *self._numbers)
+        return np.array([np.broadcast_to(value, position_m.shape) for value in following]), position
+
+
+def _scalars(step: Step) -> Any:
+    """Return a step as a function of scalars: states, inputs, parameters -> next states, outputs."""
+    import casadi as ca  # noqa: PLC0415
+
+    parts = [[ca.SX.sym(name) for name in names] for names in (step.states, step.inputs, step.parameters)]
+    following, outputs = step.apply(*parts)
+    return ca.Function(step.name, [symbol for part in parts for symbol in part], [*following, *outputs])
+
+
+@dataclass
+class _Table:
+    """A table, its observer, and the devices that run it, shape (devices,)."""
+
+    table: TableImage
+    feedback: ReferenceFeedback | None
+    runs: BoolArray
+
+    def out_of_wall(self, position_m: Float32Array) -> BoolArray:
+        seen = position_m if self.feedback is None else self.feedback.begun(position_m)
+        return (position_m <= 0) & (seen <= 0)
+
+
+class ReferenceDevice:
+    """Devices that are given the same tables, each with its own motion; the host is taken to be alive."""
+
+    def __init__(self, figures: RuntimeFigures, limits: BoardLimits, devices: int) -> None:
+        """Make devices without a table."""
+        self._limits = limits
+        self._estimate, self._couple, self._guard = runtime_programs(figures)[:3]
+        self._states: dict[str, Columns] = {}
+        self._force = np.zeros(devices, dtype=np.float32)
+        self._contact = np.zeros(devices, dtype=np.bool_)
+        self._tables: list[_Table] = []
+        self._waits = np.zeros(devices, dtype=np.bool_)
+        self._estimates = np.zeros(devices, dtype=np.bool_)
+
+    def swap(self, table: TableImage) -> None:
+        """Give a table that takes over from the next tick on, in each device as soon as it is out of contact."""
+        if self._waits.any():
+            raise ValueError(f"devices {np.flatnonzero(self._waits)} have not taken over the table before")
+        devices = len(self._force)
+        feedback = None if table.feedback is None else ReferenceFeedback(table.feedback, devices)
+        self._tables = [one for one in self._tables if one.runs.any()]
+        self._tables.append(_Table(table, feedback, np.zeros(devices, dtype=np.bool_)))
+        self._waits = np.ones(devices, dtype=np.bool_)
+        self._away = np.zeros(devices, dtype=np.intp)
+
+    def tick(self, counts: NDArray[np.int32]) -> ReferenceTick:
+        """Run one tick; ``counts`` are the encoders' positions, shape (devices,)."""
+        x = counts.astype(np.float32) * _f(self._limits.metres_per_count)
+        taken = self._take_over(x) if self._waits.any() else self._waits
+        without = ~np.any([one.runs for one in self._tables], axis=0) if self._tables else np.ones(len(x), np.bool_)
+        self._rest(without | taken, x)
+        rest_hz = self._each(lambda one: one.rows[0, 0], 1.0)
+        follows = without | (self._each(lambda one: one.varies) != 0)
+        self._begin(self._estimate, follows & ~self._estimates, x)
+        self._estimates = follows
+        seen = self._run(self._estimate, {"position_m": x, "rest_hz": rest_hz})
+        frequency = np.where(follows & (seen["valid"] != 0), seen["estimate_hz"], _f(np.nan))
+        lookup_hz = np.where(follows, seen["frequency_hz"], rest_hz)
+        wanted = np.zeros((len(x), 3), dtype=np.float32)
+        y = x
+        for one in self._tables:
+            wanted = np.where(one.runs[:, np.newaxis], lookup(one.table.rows, lookup_hz), wanted)
+            if one.feedback is not None:
+                y = np.where(one.runs, one.feedback(x, self._force), y)
+        inputs: Columns = {f"wanted_{name}": wanted[..., index] for index, name in enumerate(GAINS)}
+        inputs |= {
+            "position_m": y,
+            "rest_stiffness_n_per_m": self._each(lambda one: one.rows[0, 2]),
+            "wall_damping_ns_per_m": self._each(lambda one: one.wall_damping_ns_per_m),
+            # nobody looks at the force of a device without a table
+            "wall_stiffness_n_per_m": self._each(lambda one: one.wall_stiffness_n_per_m, 1.0),
+            "relaxes": self._each(lambda one: one.varies),
+            "clips_last": self._each(lambda one: one.clips_last),
+        }
+        made = self._run(self._couple, inputs)
+        force = made["force_n"]
+        self._contact = ~without & ((made["tool_m"] > 0) | (force > 0))
+        guards = self._each(lambda one: one.guard) != 0
+        before = self._states["guard"]
+        guarded = self._run(self._guard, {"position_m": y, "force_n": force, "stored_j": made["stored_j"]})["guarded_n"]
+        after = self._states["guard"]
+        self._states["guard"] = {name: np.where(guards, after[name], before[name]) for name in before}
+        force = np.where(without, _f(0), np.where(guards, guarded, force))
+        most = np.minimum(self._each(lambda one: one.max_force_n or np.inf), _f(self._limits.max_force_n))
+        force = np.where(force > most, most, np.where(force < -most, -most, force))
+        self._states["couple"]["asked_force_n"] = force
+        self._states["guard"]["held_force_n"] = force
+        self._force = force
+        gains = np.stack([np.where(without, _f(0), made[name]) for name in GAINS], axis=-1)
+        return ReferenceTick(force, frequency, lookup_hz, gains)
+
+    def _take_over(self, x: Float32Array) -> BoolArray:
+        """Give the newest table to the devices that are out of contact and out of its wall; returns which took it."""
+        newest = self._tables[-1]
+        self._away = np.where(newest.out_of_wall(x), self._away + 1, 0)
+        taken = self._waits & (self._away > 0) & (~self._contact | (self._away >= TICKS_AWAY))
+        for one in self._tables[:-1]:
+            one.runs = one.runs & ~taken
+        newest.runs = newest.runs | taken
+        if newest.feedback is not None:
+            newest.feedback.restart(taken)
+        self._waits = self._waits & ~taken
+        return taken
+
+    def _rest(self, where: BoolArray, x: Float32Array) -> None:
+        for part in (self._couple, self._guard):
+            self._begin(part, where, x)
+
+    def _begin(self, part: RuntimeProgram, where: BoolArray, x: Float32Array) -> None:
+        begun = part.start(x)
+        states = self._states.get(part.name, begun)
+        self._states[part.name] = {name: np.where(where, begun[name], states[name]) for name in begun}
+
+    def _each(self, number: Callable[[TableImage], float], without: float = 0.0) -> Float32Array:
+        """Return a number of each device's table, shape (devices,)."""
+        values = np.full(len(self._force), without, dtype=np.float32)
+        for one in self._tables:
+            values = np.where(one.runs, _f(number(one.table)), values)
+        return values
+
+    def _run(self, part: RuntimeProgram, inputs: Columns) -> Columns:
+        self._states[part.name], outputs = part(self._states[part.name], inputs)
+        return outputs

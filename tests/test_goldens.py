@@ -1,0 +1,85 @@
+"""What release 0.2.0 answered still holds: gains, recommendations, exported C, JSON documents and errors.
+
+`tests/goldens/make.py` says what is compared, `tests/goldens/compared.py` with which tolerances and why.
+"""
+
+import copy
+import shutil
+
+import pytest
+from goldens.compared import differences
+from goldens.make import PARTS, changes, committed
+
+# By default what together takes below 25 s; the others with `pytest -m exhaustive`.
+QUICK = {
+    "gains": {
+        f"{name} {method}"
+        for name in ("figure5", "ve2", "soft", "hard/rigid", "hard/massless")
+        for method in ("closed-form", "direct", "exact")
+    },
+    "recommendations": set(),
+    "exported_c": {"wall", "knob"},
+    "documents": {"solve direct", "check rotary"},
+    "errors": {"unknown verb", "unknown key", "gain file with a hole"},
+}
+CASES = [
+    pytest.param(part, case, marks=() if case in QUICK[part] else pytest.mark.exhaustive)
+    for part in PARTS
+    for case in committed(part)
+]
+
+
+@pytest.mark.parametrize(("part", "case"), CASES)
+def test_the_answer_is_the_golden_one(part, case):
+    if part in {"exported_c", "recommendations"} and shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    counting = [one for one in changes(part, case) if one.counts]
+    assert not counting, "\n".join(f"{one.place}: {one.golden} -> {one.found}" for one in counting)
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_every_golden_is_of_a_case_that_is_computed(part):
+    assert QUICK[part] <= set(committed(part)) <= set(PARTS[part].cases)
+
+
+def first_number(value, path=()):
+    """Where the first number that is not 0 stands."""
+    steps = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    if isinstance(value, int | float) and not isinstance(value, bool) and value:
+        return path
+    return next((found for key, one in steps if (found := first_number(one, (*path, key)))), None)
+
+
+@pytest.mark.parametrize("part", ["gains", "exported_c", "documents", "errors"])
+def test_a_golden_that_is_changed_is_told(part):
+    for case, golden in committed(part).items():
+        assert differences(part, case, golden, golden) == []
+        other = copy.deepcopy(golden)
+        place = first_number(other)
+        if place is None:
+            continue
+        table = other
+        for key in place[:-1]:
+            table = table[key]
+        table[place[-1]] *= 1.1
+        assert any(one.counts for one in differences(part, case, golden, other))
+
+
+@pytest.mark.parametrize(
+    ("key", "old", "new", "told"),
+    [
+        ("rendered", 3000.0, 2920.0, False),  # 2.7 % softer
+        ("rendered", 3000.0, 2900.0, True),
+        ("plant", [400, 400], [397, 400], False),  # within the exact interval of 400 of 400
+        ("plant", [400, 400], [396, 400], True),
+        ("plant", [396, 400], [400, 400], False),
+        ("impedance_error", {"10": 0.02}, {"10": 0.01}, False),
+        ("impedance_error", {"10": 0.02}, {"10": 0.03}, True),
+        ("deployable", True, False, True),
+        ("levels", {"L5": {"passed": True}}, {"L5": {"passed": False}}, True),
+        ("levels", {"L5": {"passed": False}}, {"L5": {"passed": True}}, False),
+    ],
+)
+def test_a_worse_recommendation_is_told_and_a_better_one_is_not(key, old, new, told):
+    found = differences("recommendations", "case", {key: old}, {key: new})
+    assert any(one.counts for one in found) == told
