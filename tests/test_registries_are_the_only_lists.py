@@ -167,7 +167,7 @@ except SystemExit:
 
 def test_a_claim_is_one_file(tmp_path):
     package = "avc_casadi.claims.level"
-    told = with_file(tmp_path, package, CLAIM, COMMAND.format(["solve", "soft", "--method", "closed-form", "--json"]))
+    told = with_file(tmp_path, package, CLAIM, COMMAND.format(["solve", "soft", "--method", "exact", "--json"]))
     levels = json.loads(told)["certificate"]["levels"]
     assert list(levels) == ["L0", "L1", "L2", "L3", "L4", "T1", "L5"]
     k = np.array(json.loads(told)["stiffness_n_per_m"], dtype=float)
