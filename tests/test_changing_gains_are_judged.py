@@ -21,7 +21,7 @@ from avc_casadi.claims.prove.changing import Changing, prove_changes
 from avc_casadi.claims.prove.joint_radius import joint_spectral_radius
 from avc_casadi.claims.stability.frozen_loop import joint_rendering
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.gains import GainTable
+from avc_casadi.model.gains import Gains, GainTable
 
 INF = np.inf
 SPRING = avc.load_problem("figure5").changed(environment={"damping_ns_per_m": 0.0})
@@ -280,7 +280,7 @@ def test_what_the_proof_does_not_know_is_open_by_name():
 
 
 def test_the_level_is_there_when_it_is_asked_for():
-    gains = avc.coupling.Gains(20.0, 8e3, 0.0)
+    gains = Gains(20.0, 8e3, 0.0)
     constant = Coupling.constant(SOFT, gains, "by hand")
     level = certify(SOFT, constant, prove=True).levels["L8"]
     assert (level.outcome, level.claim) == ("proved", "no gains change")

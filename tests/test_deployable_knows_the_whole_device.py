@@ -19,6 +19,7 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_corners, no_hand, with_let_go
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation.assumptions import assumed
+from avc_casadi.recommendation.recommend import judged_as_recommended
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import Conditions
@@ -265,5 +266,5 @@ def test_what_is_recommended_for_a_resonant_device_is_told_as_it_is():
     ideal = stiffest_wall(problem().device, with_let_go(hand_corners(case.hands)))
     assert best.stiffest_wall_n_per_m < 0.5 * ideal.stiffness_n_per_m
     handle = case.changed(device={"encoder_at": "handle"})
-    judged = avc.recommendation.judged_as_recommended(handle, best.coupling.schedule, hands=2)
+    judged = judged_as_recommended(handle, best.coupling.schedule, hands=2)
     assert any("backlash_m (not seen" in line for line in judged.not_used)

@@ -15,6 +15,7 @@ from avc_casadi.claims.prove.disc import Disc, Moving, held, in_series, turned
 from avc_casadi.claims.prove.held_device import HAND, STYLUS, HeldDevice
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import Multiplier, _bounds, _Cells, _rounded, verify
+from avc_casadi.claims.prove.rest import prove_rest
 from avc_casadi.claims.prove.switching import SwitchingLoop
 from avc_casadi.claims.stability.declared_device import plants_with_forces
 from avc_casadi.claims.stability.frozen_loop import fraction_rendering, frozen_parts
@@ -246,7 +247,7 @@ def test_a_multiplier_that_fails_for_one_hand_of_the_box_is_found_out():
     problem = avc.load_problem("figure5").changed(environment={"stiffness_n_per_m": 1e5, "damping_ns_per_m": 0.0})
     law = ContactLaw.of(problem, np.inf, np.inf, 98.0)
     middle = {name: (0.5 * (low + high),) * 2 for name, (low, high) in BOX.items()}
-    found = avc.proof.prove_rest(law, "clip-last", problem.device, middle, orbits=False)
+    found = prove_rest(law, "clip-last", problem.device, middle, orbits=False)
     assert found.outcome == "proved"
     result = verify(law, HeldDevice(problem.device, BOX), found.multiplier)
     assert not result.holds

@@ -246,7 +246,7 @@ DIAGNOSE = (
         lambda _, result: result == 1,
     ),
     Rule("identification.diagnosis.causes._STEPS", math.inf, "steps beyond which no encoder swings"),
-    Rule("identification.diagnosis.causes._HELD", 0.8, "share of hands that must rest"),
+    Rule("identification.diagnosis.causes._HELD", 0.5, "share of hands that must rest"),
     Rule("identification.diagnosis.causes._DELAY", 0.0, "delay that is no finding"),
     Rule("identification.diagnosis.verdict._together", lambda *_: None, "delay together with another", _none),
     Rule(

@@ -45,7 +45,7 @@ _STEPS = 14.0
 _MISSED = 0.01
 _JITTER = 0.1
 # Share of the hands of the box with which the loop must rest for the hand to be what is missing.
-_HELD = 0.5
+_HELD = 0.8
 # From one encoder step, an oscillation fills the device's travel after so many time constants.
 _TOO_LONG = 6.0
 # Of the way to rest, what is more than this share is a part of the cause.
@@ -152,9 +152,12 @@ def _of_even_ticks(
         return {"rate": 1.0}
     if late and _rests(answer.delayed(meant - law.lag), shorter(law, meant)):
         return {"delay": 1.0}
+    gone = 0.0
     if let_go(answer, declared):
         held = worst_growth_of_hands(answer, law, declared.box())
-        if np.mean(held < 0) > _HELD or _changed(log, found, even.growth_per_s):
+        gone = 1.0 if _changed(log, found, even.growth_per_s) else float(np.mean(held < 0))
+        gone = 1.0 if gone >= _HELD else gone if gone > 1 - _HELD else 0.0
+        if gone == 1:
             return {"let-go": 1.0}
     left = _declared_itself(answer, law)
     # Neither rate or delay as declared nor a gain below its limit there mends all: each has the share that it adds.
@@ -164,7 +167,7 @@ def _of_even_ticks(
         if share > _A_PART:
             left = {cause: share} | {other: part * (1 - share) for other, part in left.items()}
             break
-    return left
+    return {cause: share * (1 - gone) for cause, share in left.items()} | ({"let-go": gone} if gone else {})
 
 
 def timing(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[bool, float, bool]:
