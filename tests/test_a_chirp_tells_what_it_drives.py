@@ -18,6 +18,7 @@ def chirp(low_hz=1.0, high_hz=300.0, sweeps=2, rms=1.0):
     return rms * np.sqrt(2) * np.sin(2 * np.pi * low_hz / rate * np.expm1(rate * (t % length)))
 
 
+@pytest.mark.thorough
 def test_a_resonance_behind_a_slow_amplifier_is_told():
     """Each alone explains so little beside the other's lack that neither was sure; the delay stood for both."""
     truth = Truth(

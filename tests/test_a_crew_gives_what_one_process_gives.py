@@ -42,6 +42,7 @@ def test_results_come_in_order_whoever_works_them_out():
     assert os.getpid() in {who for _, who in shared}
 
 
+@pytest.mark.thorough
 def test_no_task_is_done_twice(tmp_path):
     names = [f"task{number}" for number in range(6)]
     with Crew(2) as crew:
@@ -86,6 +87,7 @@ def test_what_is_no_number_of_processes_is_refused(workers):
             asked("spring" if asked is avc.recommend else avc.load_problem("spring"), workers=workers)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(processors() == 1, reason="nobody helps")
 def test_a_script_without_its_guard_is_told_of_it(tmp_path):
     script = tmp_path / "no_guard.py"
@@ -96,6 +98,7 @@ def test_a_script_without_its_guard_is_told_of_it(tmp_path):
     assert "__main__" in ended.stderr.splitlines()[-1]
 
 
+@pytest.mark.thorough
 def test_a_recommendation_does_not_depend_on_how_many_work_at_it():
     """Climbs that are given up, one that goes on from what is held, and what is tried beside."""
     problem = avc.load_problem("reference-r3").changed(environment={"stiffness_n_per_m": 3e4})

@@ -73,6 +73,7 @@ def test_what_was_let_go_and_comes_to_rest_is_none():
     assert only_feedback([Record("let go", 1e-3, position, force)]) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("changed", [{}, {"stiffness": 3000.0, "hand_stiffness": 800.0}])
 def test_a_hand_leaves_what_was_known_as_it_was(changed):
     base = DeviceFile.model_validate(BASE)
@@ -90,6 +91,7 @@ def test_a_hand_leaves_what_was_known_as_it_was(changed):
     assert "does not bias" not in told
 
 
+@pytest.mark.thorough
 def test_friction_is_not_bounded_beyond_the_force_that_acted(monkeypatch):
     record = excited(coulomb=0.0)
     assert "no evidence" in identify([record]).estimates["coulomb_friction_n"].how

@@ -81,6 +81,7 @@ def seldom(beyond, seed):
     return Record("log", SELDOM.period, position, wanted), limit
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [5, 6])
 def test_a_force_that_is_cut_seldom_is_noted_with_its_limit(seed):
     record, limit = seldom(0.02, seed)
@@ -88,6 +89,7 @@ def test_a_force_that_is_cut_seldom_is_noted_with_its_limit(seed):
     assert float(re.search(r"up to about (\S+) N", note)[1]) == pytest.approx(limit, rel=0.2)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("unusual", [{}, {"breakaway": 0.4, "slow": 0.005}, {"ground": 200.0}, {"resonance": 90.0}])
 def test_nothing_is_noted_of_a_force_that_acts_as_it_is_logged(unusual):
     found = identify([excited(replace(USUAL, **unusual), seed=4)])

@@ -36,6 +36,7 @@ def known(speeds):
     return lambda *_: lambda laws: np.array([[speeds[place]] for place in range(len(laws))])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("speeds", "tenths"),
     [
@@ -113,6 +114,7 @@ def same(one, other):
     return all(np.array_equal(value, vars(other)[name]) for name, value in vars(one).items())
 
 
+@pytest.mark.thorough
 def test_of_the_laws_that_a_search_finds_those_are_taken_with_which_all_rest():
     """Nobody rests with what is climbed to; that all loops of a law are damped is not enough."""
     assert _candidates._at_once(PROBLEM, WALL_N_PER_M, Only()) == []

@@ -87,6 +87,7 @@ def test_no_sound_motor_is_called_dead_for_a_pulse_that_was_accepted(
     assert furthest_m(own, force, plan.ticks, plan.sample_time_s) > LEAST_COUNTS * step_m
 
 
+@pytest.mark.thorough
 def test_a_heavily_damped_device_is_commissioned_and_a_dead_motor_found() -> None:
     sound = commission(DAMPED, bench(Wiring.RIGHT, DAMPED))
     assert sound.found == 0

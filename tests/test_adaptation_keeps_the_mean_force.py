@@ -48,6 +48,7 @@ def test_a_preload_does_not_sag_while_the_hand_moves(name: str) -> None:
     assert depth == pytest.approx(rest, rel=0.005)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("runtime", [{}, {"hold_s": 0.2, "slew_per_s": 20.0}], ids=["at once", "held and slewed"])
 def test_a_held_press_ends_at_the_stiffness_of_its_row(runtime: dict[str, float]) -> None:
     problem = load_problem("figure5")
@@ -104,6 +105,7 @@ def given_too_much(sample_time_s: float, damping: float) -> np.ndarray:
     return -least
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("damping", [0.0, 5.0])
 def test_jumping_gains_create_no_more_than_the_hold_of_a_force(damping: float) -> None:
     """What is missing goes to nothing with the sample time, as it does for constant gains."""

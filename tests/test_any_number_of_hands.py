@@ -21,6 +21,7 @@ def coupling():
     return Coupling.of(problem, avc.solve(problem, "static"))
 
 
+@pytest.mark.thorough
 def test_counts_are_those_of_a_trial(coupling):
     found = hands_at_rest(coupling, 40, SEED, chunk=17).run()
     trial = try_coupling(coupling, draw_hands(coupling.problem.hands, 40, SEED), SEED)

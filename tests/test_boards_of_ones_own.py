@@ -46,6 +46,7 @@ def way(tick: int) -> int:
     return round(200 * np.sin(2 * np.pi * (3 + 12 * time) * time)) - 60
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", MACHINES)
 def test_a_coupling_that_is_pushed_has_the_bits_of_every_other_board(name: str) -> None:
     made = coupling(30, seed=2, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard=GUARD))
@@ -70,6 +71,7 @@ def test_a_coupling_that_is_pushed_has_the_bits_of_every_other_board(name: str) 
     assert f"-DAVC_CAPACITY_ROWS={device.capacity_rows}" in board_of.defines
 
 
+@pytest.mark.thorough
 def test_a_table_too_long_for_it_is_refused_by_name() -> None:
     made = coupling(50, seed=2, largest=(300.0, 1e5, 50.0), runtime=Runtime(estimator="zero-crossing"))
     with (
@@ -80,6 +82,7 @@ def test_a_table_too_long_for_it_is_refused_by_name() -> None:
         push_over(connection, made)
 
 
+@pytest.mark.thorough
 def test_the_command_takes_a_folder_copied_anywhere_and_the_installed_package_alone(tmp_path: Path) -> None:
     """As PORTING.md says: a folder outside the repository, and the packages as a wheel lays them out."""
     require("arm-none-eabi-gcc")
@@ -147,6 +150,7 @@ def copied(tmp_path: Path, name: str = "cortex-m0", **replaced: str) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("replaced", "key", "told"),
     [

@@ -42,6 +42,7 @@ def image(of: Coupling) -> Path:
     return build_firmware(of, "netduinoplus2", folder, built_in=True, unsafe=True).files[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rows", RUNTIMES)
 def test_every_force_has_the_bits_of_the_exported_coupling(rows: int) -> None:
     of = made(rows)
@@ -73,6 +74,7 @@ def test_every_force_has_the_bits_of_the_exported_coupling(rows: int) -> None:
     assert (forces > 0).sum() > 50
 
 
+@pytest.mark.thorough
 def test_it_tells_its_name_and_takes_no_other_coupling() -> None:
     of = made()
     with Connection(EmulatedBoard(image(of), motion_m=lambda _: -1e-3), session=1) as connection:
@@ -88,6 +90,7 @@ def test_it_tells_its_name_and_takes_no_other_coupling() -> None:
         push(coupling(1, seed=3), EmulatedBoard(image(of), motion_m=lambda _: -1e-3))
 
 
+@pytest.mark.thorough
 def test_it_takes_over_out_of_contact_and_fades_with_a_silent_host() -> None:
     place, goal = [1e-3], [1e-3]
 
@@ -113,6 +116,7 @@ def test_it_takes_over_out_of_contact_and_fades_with_a_silent_host() -> None:
         assert after(0.3, -2e-4)[0] == "table"
 
 
+@pytest.mark.thorough
 def test_the_command_builds_what_a_push_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     require("arm-none-eabi-gcc")
     file = tmp_path / "c.json"

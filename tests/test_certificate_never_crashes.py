@@ -4,6 +4,7 @@ import dataclasses
 import json
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,6 +26,7 @@ gain = st.one_of(
 )
 
 
+@pytest.mark.thorough
 @settings(max_examples=60)
 @given(
     mass=st.one_of(st.just(0.0), decades(-4, 2)),

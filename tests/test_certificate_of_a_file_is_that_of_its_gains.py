@@ -59,6 +59,7 @@ def test_of_the_methods_that_search_longer(name, method):
     assert assert_same_certificates(problem, gains) == gains
 
 
+@pytest.mark.thorough
 @settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_over_drawn_problems(seed):

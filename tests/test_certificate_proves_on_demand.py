@@ -51,6 +51,7 @@ def outcome(coupling, level="L7"):
     return proved(coupling)[level]
 
 
+@pytest.mark.thorough
 def test_the_same_gains_are_proved_clipped_last_and_refuted_behind_the_gate():
     clipped, gated = outcome(coupling_of(STIFF)), outcome(coupling_of(STIFF, "gated"))
     assert (clipped.outcome, clipped.passed, clipped.word) == ("proved", True, "proved")
@@ -60,6 +61,7 @@ def test_the_same_gains_are_proved_clipped_last_and_refuted_behind_the_gate():
     assert orbit.enclosed
 
 
+@pytest.mark.thorough
 def test_a_gated_coupling_without_orbit_is_open_and_the_gate_is_named():
     found = outcome(coupling_of(contact="gated"))
     assert found.outcome == "open"
@@ -89,6 +91,7 @@ def vars_of(law):
     return {name: getattr(law, name) for name in law.__dataclass_fields__}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("runtime", "word"),
     [
@@ -118,6 +121,7 @@ def test_an_observer_is_proved_without_its_dead_zone_and_open_with_it():
     assert (found["plain"].outcome == "proved") == (found["zone"].multiplier is not None)
 
 
+@pytest.mark.thorough
 def test_levels_stand_in_table_and_document_and_survive_json():
     coupling = coupling_of()
     whole = dataclasses.replace(certify(coupling.problem, coupling), levels=proved(coupling))
@@ -132,6 +136,7 @@ def test_levels_stand_in_table_and_document_and_survive_json():
     assert again.verified()
 
 
+@pytest.mark.thorough
 def test_rows_of_a_table_are_proved_one_by_one_and_switching_is_not():
     problem = avc.load_problem("figure5").changed(
         coupling={"contact": "clip-last"}, frequency={"start_hz": 1.0, "stop_hz": 30.0, "points": 2}
@@ -143,6 +148,7 @@ def test_rows_of_a_table_are_proved_one_by_one_and_switching_is_not():
     assert found["L9"].outcome == "open"
 
 
+@pytest.mark.thorough
 def test_the_command_proves_when_asked(tmp_path):
     coupling = coupling_of()
     file, out = tmp_path / "c.json", tmp_path / "proofs"
@@ -170,6 +176,7 @@ def test_files_of_proofs_are_only_written_where_proofs_are_asked_for(tmp_path):
     assert not (tmp_path / "proofs").exists()
 
 
+@pytest.mark.thorough
 def test_ctrl_c_ends_a_search_for_proofs_as_itself_and_writes_nothing(tmp_path, monkeypatch, capsys):
     """It comes while cells are verified, and again while patterns of rows are looked at."""
     schedule = Coupling.of(SPRING_OF_TWO, avc.solve(SPRING_OF_TWO, "exact"))
@@ -190,6 +197,7 @@ def test_ctrl_c_ends_a_search_for_proofs_as_itself_and_writes_nothing(tmp_path, 
         assert not out.exists()
 
 
+@pytest.mark.thorough
 def test_state_feedback_is_not_proved_and_says_why():
     runtime = Runtime(state_feedback=believer(0))
     coupling = coupling_of(Gains(0.0, 1e8), runtime=runtime, environment={"stiffness_n_per_m": 2e3})
@@ -217,6 +225,7 @@ def test_the_claim_says_which_device_it_covers():
     assert "an amplifier of 900 Hz, 0.25 to 0.5 samples of delay; left out: dry friction (0.3 N)" in found.sentence
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("device", [{"backlash_m": 1e-4}, {"range": {"backlash_m": (0.0, 1e-5)}}])
 def test_nothing_is_proved_of_a_device_with_play(device):
     """Play is a hysteresis in the loop: what comes to rest without it may bounce for ever with it."""
@@ -279,6 +288,7 @@ def test_ripple_is_a_bound_that_the_worst_noise_comes_near_to():
     assert (pushed <= size * ripple["force_per_error_n_per_m"]).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("device", "b_p", "wall", "word"),
     [

@@ -104,6 +104,7 @@ def test_nearer_rows_do_not_and_their_bounds_are_tight():
     assert "no proof for the whole box was sought" in found.sentence
 
 
+@pytest.mark.thorough
 def test_near_rows_may_jump_with_every_hand_of_the_box():
     pytest.importorskip("clarabel")
     found = prove_changes(SPRING, dampers(95.0, 105.0))
@@ -242,6 +243,7 @@ def test_what_is_between_is_a_mixture_of_what_is_proved(seed):
         assert least_distance(some[:, :2], entries(problem, way[:, None])[:, 0]) > 1e-9
 
 
+@pytest.mark.thorough
 def test_gains_that_wander_in_a_box_that_is_proved_come_to_rest():
     """In a simulator of its own, pressed into the wall: b, k and b_p drawn anew at every sample."""
     pytest.importorskip("clarabel")

@@ -100,6 +100,7 @@ def feasible_with(frequency_hz, more_damping):
     return solve(problem.model_copy(update={"device": device, "frequency": frequency}), "exact").usable[0]
 
 
+@pytest.mark.thorough
 def test_infeasible_box_names_the_constraint_and_the_smallest_relaxation():
     done = avc("solve", "hard/infeasible-box")
     assert done.returncode == 1
@@ -114,6 +115,7 @@ def test_infeasible_box_names_the_constraint_and_the_smallest_relaxation():
     assert avc("compare", "hard/infeasible-box", "--json").returncode == 1
 
 
+@pytest.mark.thorough
 def test_what_is_not_deployable_is_refused_and_names_the_claim(tmp_path):
     few = load_problem("figure5").changed(frequency={"points": 20})
     (tmp_path / "few.toml").write_text(dump_problem(few))
@@ -154,6 +156,7 @@ values_hz = [5.0, 50.0]
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("scope", "level"), [("pointwise", "L0"), ("band", "L1"), ("all", "L3"), ("hands", "L5")])
 def test_certify_says_no_to_what_may_not_be_deployed_whatever_the_problem_claims(scope, level, tmp_path):
     (tmp_path / "weak.toml").write_text(WEAK.format(scope=scope))
@@ -174,6 +177,7 @@ def test_certify_says_no_to_what_may_not_be_deployed_whatever_the_problem_claims
     assert document["claimed"] == level
 
 
+@pytest.mark.thorough
 def test_the_problem_that_diverges_is_not_deployable(tmp_path):
     assert avc("solve", "diverging", "--method", "exact", "--out", "c.json", cwd=tmp_path).returncode == 0
     done = avc("certify", "c.json", cwd=tmp_path)
@@ -182,6 +186,7 @@ def test_the_problem_that_diverges_is_not_deployable(tmp_path):
     assert "let-go: linearly unstable let go" in done.stdout.decode()
 
 
+@pytest.mark.thorough
 def test_the_coupling_file_holds_the_solve_document(tmp_path):
     done = avc("solve", "soft", "--out", "c.json", "--json", cwd=tmp_path)
     solved, written = strict_json(done.stdout), json.loads((tmp_path / "c.json").read_text())
@@ -244,10 +249,12 @@ def _read(terminal):
         return b""
 
 
+@pytest.mark.thorough
 def test_no_progress_in_a_pipe():
     assert avc("solve", "figure5").stderr == b""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("arguments", [("list",), ("--help",), ("solve", "figure5", "--json")], ids=" ".join)
 def test_broken_pipe(arguments):
     reader, writer = os.pipe()
@@ -287,6 +294,7 @@ def test_version(capsys):
     assert capsys.readouterr().out == "avc-casadi 0.2.0\n"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("scope", "level"), [("pointwise", ""), ("band", "L1"), ("all", "L3")])
 def test_solve_says_yes_where_gains_were_found_and_tells_whether_they_are_deployable(scope, level, tmp_path):
     (tmp_path / "weak.toml").write_text(WEAK.format(scope=scope).replace("0.01", "2.0"))

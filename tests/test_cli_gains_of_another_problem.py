@@ -45,6 +45,7 @@ def test_another_sample_time_is_refused(arguments, gains, capsys):
     assert "0.001" in out.err
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("arguments", VERBS, ids=lambda arguments: arguments[0])
 def test_another_problem_model_and_structure_are_noted(arguments, gains, capsys):
     other = "paper" if gains["model"] == "sampled-data" else "sampled-data"
@@ -58,6 +59,7 @@ def test_another_problem_model_and_structure_are_noted(arguments, gains, capsys)
         assert f"note: {note}" in out.out
 
 
+@pytest.mark.thorough
 def test_simulate_says_from_which_row_its_gains_are(gains, capsys):
     _, out = call(capsys, *VERBS[1])
     assert f"the table at {gains['frequency_hz'][0]:g} Hz" in out.out
@@ -72,6 +74,7 @@ def test_simulate_says_at_which_frequency_the_scene_reads_the_gains(gains, capsy
     assert f"the table at {gains['frequency_hz'][7]:.4g} Hz" in out.out
 
 
+@pytest.mark.thorough
 def test_constant_gains_are_read_at_no_frequency(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     _, out = call(capsys, "simulate", "scenes/stiff-wall-pressed")

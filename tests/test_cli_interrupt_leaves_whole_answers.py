@@ -102,6 +102,7 @@ sys.exit(code)
     assert done.stderr == b""
 
 
+@pytest.mark.thorough
 def test_monitor_keeps_what_it_saw(monkeypatch, capsys):
     seen = list(avc_hardware.monitor(HostLink(host_core()), seconds=0.1, rate_hz=20))
 

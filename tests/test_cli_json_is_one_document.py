@@ -32,6 +32,7 @@ SOLVE_KEYS = {
 DEVICE = ("--port", "emulator", "--json")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "options",
     [
@@ -60,6 +61,7 @@ def test_solve(options, tmp_path):
     assert bool(done.stderr) == any(without)
 
 
+@pytest.mark.thorough
 def test_compare(tmp_path):
     done = avc("compare", "figure5", "--mine", "7000,10", "--plot", "c.png", "--json", cwd=tmp_path)
     assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
@@ -70,6 +72,7 @@ def test_compare(tmp_path):
     assert document["mine"]["stiffness_n_per_m"] == 7000
 
 
+@pytest.mark.thorough
 def test_certify(tmp_path):
     assert avc("solve", "figure5", "--out", "gains.json", cwd=tmp_path).returncode == 0
     done = avc("certify", "figure5", "gains.json", "--json", cwd=tmp_path)
@@ -96,6 +99,7 @@ def test_other_verbs(verb, schema):
     assert done.stderr == b""
 
 
+@pytest.mark.thorough
 def test_device_verbs(tmp_path):
     assert avc("solve", "soft", "--method", "static-tuned", "--out", "c.json", cwd=tmp_path).returncode == 0
     push = strict_json(avc("push", "c.json", *DEVICE, cwd=tmp_path).stdout)
@@ -113,6 +117,7 @@ def test_device_verbs(tmp_path):
     assert len(monitor["samples"]) == 3
 
 
+@pytest.mark.thorough
 def test_recommend(tmp_path):
     done = avc("recommend", "ve3", "--hands", "16", "--out", "c.json", "--json", cwd=tmp_path)
     assert done.returncode == 0

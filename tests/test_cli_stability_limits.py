@@ -13,6 +13,7 @@ def answer(capsys, *arguments):
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.thorough
 def test_zwidth_gives_the_known_values(capsys, tmp_path):
     plot = tmp_path / "z.png"
     code, document = answer(capsys, "zwidth", "figure5", "--method", "exact", "--plot", str(plot))
@@ -36,6 +37,7 @@ def test_zwidth_gives_the_known_values(capsys, tmp_path):
     assert len(document["gains"]["wall_stiffness_n_per_m"]) == len(document["gains"]["frequency_hz"]) == 200
 
 
+@pytest.mark.thorough
 def test_zwidth_of_a_device_without_damping(capsys):
     code, document = answer(capsys, "zwidth", "hard/undamped-device", "--method", "exact")
     assert code == 0
@@ -44,6 +46,7 @@ def test_zwidth_of_a_device_without_damping(capsys):
     assert document["passive_limit_n_per_m"] == 0.0
 
 
+@pytest.mark.thorough
 def test_zwidth_text_tells_what_is_below_each_curve(capsys):
     assert main(["zwidth", "soft", "--method", "exact"]) == 0
     text = capsys.readouterr().out
@@ -51,6 +54,7 @@ def test_zwidth_text_tells_what_is_below_each_curve(capsys):
     assert "9.3505" in text
 
 
+@pytest.mark.thorough
 def test_certificate_of_requested_closed_form_gains(capsys, tmp_path):
     gains = str(tmp_path / "gains.json")
     assert main(["solve", "figure5", "--method", "closed-form", "--out", gains]) == 1

@@ -24,6 +24,7 @@ def both(capsys, *arguments):
     return text, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.thorough
 def test_solve(capsys):
     text, document = both(capsys, "solve", "figure5")
     for row in (0, 199):
@@ -38,6 +39,7 @@ def test_solve(capsys):
     assert document["counts"]["solved"] == 95
 
 
+@pytest.mark.thorough
 def test_as_printed_tells_every_error_of_the_paper(capsys):
     text, document = both(capsys, "solve", "figure5", "--as-printed")
     assert document["paper_errors"] == [vars(error) for error in PAPER_ERRORS]
@@ -47,6 +49,7 @@ def test_as_printed_tells_every_error_of_the_paper(capsys):
     assert "paper_errors" not in both(capsys, "solve", "figure5", "--method", "closed-form")[1]
 
 
+@pytest.mark.thorough
 def test_compare(capsys):
     text, document = both(capsys, "compare", "figure5", "--mine", "7000,10")
     counts = {verdict: count for verdict, count in document["counts"].items() if count}
@@ -59,6 +62,7 @@ def test_compare(capsys):
     assert "direct and exact agree" in text
 
 
+@pytest.mark.thorough
 def test_what_rounding_leaves_of_a_scene_is_told_as_nothing():
     document = avc.simulate(avc.load_problem("figure5")).document() | {
         "effects": [],
@@ -75,6 +79,7 @@ def test_what_rounding_leaves_of_a_scene_is_told_as_nothing():
     assert "force at the end              2e-09 N" in text
 
 
+@pytest.mark.thorough
 def test_a_stiffest_wall_that_is_not_found_is_told_with_what_was_assumed(capsys, tmp_path, monkeypatch):
     # The backlash is behind the encoder.
     device = {"delay_samples": 9, "backlash_m": 1e-5, "encoder_at": "handle", "resonance": MODE}
@@ -95,6 +100,7 @@ def test_a_stiffest_wall_that_is_not_found_is_told_with_what_was_assumed(capsys,
         assert f"not used: {what}" in text
 
 
+@pytest.mark.thorough
 def test_list_and_check(capsys):
     text, document = both(capsys, "list")
     names = [entry["name"] for entry in document["problems"]]

@@ -57,6 +57,7 @@ def test_a_negative_zero_is_a_zero():
     assert number(-0.5) == "-0.5"
 
 
+@pytest.mark.thorough
 def test_the_dash_of_zwidth_is_explained(capsys):
     assert main(["zwidth", "soft"]) == 0
     assert "-: no stiffness meets the claim" in capsys.readouterr().out

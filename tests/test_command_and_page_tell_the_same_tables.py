@@ -35,6 +35,7 @@ def cells(html):
     return [[unescape(cell) for cell in re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row)] for row in rows]
 
 
+@pytest.mark.thorough
 def test_the_page_holds_every_table_of_the_comparison(told):
     document, certificate, page = told
     for table in (*comparison_tables(document), levels_table(certificate)):
@@ -43,6 +44,7 @@ def test_the_page_holds_every_table_of_the_comparison(told):
             assert note in unescape(page)
 
 
+@pytest.mark.thorough
 def test_the_command_prints_every_table_of_the_comparison(told, capsys):
     document, _, _ = told
     assert main(["compare", "figure5", "--mine", "2000,7"]) == 0

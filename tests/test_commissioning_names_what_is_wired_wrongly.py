@@ -51,6 +51,7 @@ FOUND = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wiring", Wiring)
 @pytest.mark.parametrize(
     "declared", [DECLARED, pytest.param(SLOW, marks=pytest.mark.exhaustive)], ids=["light", "slow"]
@@ -83,6 +84,7 @@ def test_each_wiring_is_named_and_latched(wiring: Wiring, declared: Device) -> N
         assert link.core.image() is None
 
 
+@pytest.mark.thorough
 def test_the_emulated_board_tells_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     require("unicorn")
     assert main(["commission", "reference-r1", "--port", "emulator", "--on-bench", "motor-reversed"]) == 1
@@ -101,6 +103,7 @@ def test_a_hand_that_does_nothing_or_too_little_is_told() -> None:
         commission(DECLARED, bench(Wiring.RIGHT), force_n=9.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("force_n", [1.25, 3.0])
 @pytest.mark.parametrize("friction_n", [0.05, 0.5])
 def test_a_pulse_little_above_the_friction_moves_the_device(force_n: float, friction_n: float) -> None:
@@ -153,6 +156,7 @@ def test_zero_is_where_the_device_stands_and_ends_what_ran() -> None:
         connection.run(connection.session.ask(Kind.ZERO, b"", m.Zeroed))
 
 
+@pytest.mark.thorough
 @settings(max_examples=25, deadline=None)
 @given(
     st.lists(
@@ -236,6 +240,7 @@ def test_a_higher_force_waits_for_the_device_to_be_let_go(capsys: pytest.Capture
     assert "force, N" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_an_excitation_keeps_the_lowered_force() -> None:
 
     there = BenchDevice(device())

@@ -22,6 +22,7 @@ def perceived(k, b):
     return device.mass_kg * s + device.damping_ns_per_m + (z + 1) / (2 * z) / (1 / environment + 1 / coupling)
 
 
+@pytest.mark.thorough
 @settings(max_examples=15)
 @given(k=st.floats(1, 1e7), b=st.floats(0.1, 1e4))
 def test_judged_by_the_same_equations(k, b):

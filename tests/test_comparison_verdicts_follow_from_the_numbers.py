@@ -32,6 +32,7 @@ def documents():
     return {name: comparison_document(avc.compare(thinned(name))) for name in PROBLEMS}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_verdicts(documents, name):
     document, problem = documents[name], avc.load_problem(name)
@@ -141,6 +142,7 @@ def test_what_cannot_be_compared_is_refused(methods):
         avc.compare(avc.load_problem("soft"), methods=methods)
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("seed", range(20))
 def test_random_problems(seed):

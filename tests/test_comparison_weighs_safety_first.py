@@ -21,6 +21,7 @@ def soft():
     return avc.compare(PROBLEM, METHODS, mine=(2000.0, 7.0))
 
 
+@pytest.mark.thorough
 def test_a_stable_pair_beats_a_nearer_one_that_is_not(soft):
     mine, levels = soft.mine, soft.judged["direct"].certificate.levels
     assert levels["L5"].passed is False
@@ -31,6 +32,7 @@ def test_a_stable_pair_beats_a_nearer_one_that_is_not(soft):
     assert mine.safety_reason == f"mine is stable with every hand, direct is not ({failed}): do not deploy direct"
 
 
+@pytest.mark.thorough
 def test_errors_decide_among_equally_unsafe_ones():
     mine = avc.compare(PROBLEM, METHODS, mine=(1e6, 1.0)).mine
     assert mine.safer == "equal"
@@ -65,6 +67,7 @@ def test_a_level_that_is_refused_on_a_device_is_neither_passed_nor_failed():
     assert {row[column] for row in rows} == {"refused"}
 
 
+@pytest.mark.thorough
 def test_the_command_says_so_before_it_speaks_of_errors(capsys):
     assert main(["compare", "figure5", "--mine", "2000,7"]) == 0
     text = capsys.readouterr().out

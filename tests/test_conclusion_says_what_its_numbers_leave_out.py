@@ -52,6 +52,7 @@ def test_the_edge_of_a_device_that_turns_is_told_in_its_own_units():
     assert [depth * radius for depth in of_turn.values()] == pytest.approx(list(at_rim.values()), rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_wall_that_begins_elsewhere_is_told(document):
     changed = copy.deepcopy(document)
     for edges, said in (({"0.1": 1e-5, "0.4": -4e-4}, False), ({"0.1": 1e-5, "0.4": -6e-4}, True), ({}, False)):

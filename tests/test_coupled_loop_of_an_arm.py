@@ -86,6 +86,7 @@ def test_free_tangent_moves_as_the_lighter_mass_and_held_as_the_heavier():
     assert values.radius(k, b)[0] == pytest.approx(slow[0, 0], abs=2e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("factor", "grows"), [(0.96, False), (1.04, True)])
 def test_the_arm_itself_is_unstable_where_the_frozen_loop_is(premium, factor, grows):
     """The nonlinear arm, its joints driven by the coupling's force from samples, let go at the worst contact."""
@@ -126,6 +127,7 @@ def test_the_arm_itself_is_unstable_where_the_frozen_loop_is(premium, factor, gr
     assert max(size) < 1
 
 
+@pytest.mark.thorough
 def test_gains_keep_the_reserve_on_contacts_that_had_no_part(design):
     gains, certificate = design.gains, design.certificate
     assert certificate.stable
@@ -143,6 +145,7 @@ def test_gains_keep_the_reserve_on_contacts_that_had_no_part(design):
     assert again.worst.factor == pytest.approx(certificate.worst.factor / 1.5, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_map_is_never_too_stiff_and_hardly_softer():
     found = workspace_map(PANTOGRAPH, 9)
     subjects = with_let_go(hand_corners(PANTOGRAPH.file.hands))
@@ -153,6 +156,7 @@ def test_map_is_never_too_stiff_and_hardly_softer():
             assert 0.92 * exact < found.stiffness_n_per_m[row, column] <= 1.0002 * exact
 
 
+@pytest.mark.thorough
 def test_a_resonance_is_refused_by_name():
     file = PREMIUM.file
     bending = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
@@ -252,6 +256,7 @@ def test_example_applies_them_along_the_axes_of_the_arm(regional):
     assert "does not keep the sample time" in said
 
 
+@pytest.mark.thorough
 def test_command_writes_what_it_tells(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert (

@@ -52,6 +52,7 @@ def test_what_runs_is_within_the_thinning_of_every_row(name):
     assert len(made.table) <= 256
 
 
+@pytest.mark.thorough
 def test_constant_gains_are_one_row():
     made = coupling("figure5", "static")
     assert made.table.constant
@@ -183,6 +184,7 @@ def test_every_key_that_is_written_is_known_and_a_mistyped_one_is_told(tmp_path)
         avc.read_coupling(tmp_path / "c.json")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "verb",
     [("recommend", "knob"), ("solve", "knob"), ("recommend", "soft"), ("solve", "figure5", "--method", "static-tuned")],

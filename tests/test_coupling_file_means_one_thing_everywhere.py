@@ -83,6 +83,7 @@ def test_keys_that_stand_twice_in_inner_tables_are_all_named(folder):
     assert [fault.key for fault in refused.value.faults] == ["b", "d"]
 
 
+@pytest.mark.thorough
 def test_what_runs_beside_the_table_runs_beside_a_problem_too(capsys):
     """The observer's coupling: the same document with the file alone, beside its problem, and from Python."""
     problem = avc.load_problem("figure5")

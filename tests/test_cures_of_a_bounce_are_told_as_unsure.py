@@ -27,6 +27,7 @@ def told(**changed):
     return diagnose(Columns("log", *columns), device=DEVICE)
 
 
+@pytest.mark.thorough
 def test_a_bounce_is_told_beside_its_cures():
     found = told(damper=200.0, keep=math.exp(-2 * math.pi * 40.0 * LATE.period))
     assert found.oscillation.contact_share < 0.2
@@ -34,6 +35,7 @@ def test_a_bounce_is_told_beside_its_cures():
     assert "it bounces" in found.notes[-1]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("two_sided", [0.0, 1.0])
 def test_a_swing_that_stays_in_contact_is_no_bounce(two_sided):
     found = told(stiffness=3000.0, damper=5.0, delay=6.0, two_sided=two_sided, end=0.02)

@@ -26,6 +26,7 @@ def base(**device):
     return DeviceFile.model_validate({"name": "guess.toml", "device": nominal | device})
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("bandwidth", "ratio", "friction"),
@@ -54,6 +55,7 @@ def test_its_bandwidth_ratio_and_delay_are_inside_their_intervals(bandwidth, rat
     assert found.amplifier_order == 2
 
 
+@pytest.mark.thorough
 def test_the_device_file_says_it_with_its_range_and_source():
     _, found = told(3, coulomb=0.3, bandwidth=250.0, loop_damping=0.4)
     device = found.device.device
@@ -64,6 +66,7 @@ def test_the_device_file_says_it_with_its_range_and_source():
     assert not any("damping ratio" in note for note in found.notes)
 
 
+@pytest.mark.thorough
 def test_where_it_makes_no_difference_it_is_a_gap_at_what_the_file_of_the_device_says():
     """A ratio of 0.7 is not told from one that is a little off; the interval of the bandwidth holds such."""
     _, found = told(5, coulomb=0.3, bandwidth=200.0, loop_damping=0.7)
@@ -76,6 +79,7 @@ def test_where_it_makes_no_difference_it_is_a_gap_at_what_the_file_of_the_device
     assert believed.device.device.amplifier_damping_ratio == pytest.approx(0.6, abs=0.02 if told_so else 0.0)
 
 
+@pytest.mark.thorough
 def test_a_lag_has_none():
     _, found = told(3, coulomb=0.3, bandwidth=300.0)
     assert found.amplifier_order == 1
@@ -83,6 +87,7 @@ def test_a_lag_has_none():
     assert "amplifier_damping_ratio" not in found.device.device.model_fields_set
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("hertz", "ratio", "noisy"), [(90.0, 0.25, False), (150.0, 0.35, True), (100.0, 0.4, True)])
 def test_a_resonance_of_a_structure_stays_one(hertz, ratio, noisy):
     """With the encoder at the handle it differs from a loop that rings by a zero, and by what friction meets."""

@@ -166,6 +166,7 @@ RANGES = {
 }
 
 
+@pytest.mark.thorough
 def test_every_corner_of_the_device_is_judged():
     device = {"mass_kg": 0.1, "delay_samples": 1, "amplifier_bandwidth_hz": 1000.0, "resonance": MODE}
     case = problem(2e3, 0.0, **device, range=RANGES)
@@ -246,6 +247,7 @@ def test_a_gain_box_that_nobody_stated_is_not_told():
     assert "k of 1e+08 N/m lies outside [0, 1000]" in told[1][0]
 
 
+@pytest.mark.thorough
 def test_what_is_recommended_for_a_resonant_device_is_told_as_it_is():
     case = problem(800.0, 0.0, resonance=MODE, amplifier_bandwidth_hz=1000.0, delay_samples=0.5, backlash_m=1e-5)
     case = case.changed(

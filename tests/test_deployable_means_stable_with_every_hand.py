@@ -92,6 +92,7 @@ def random_coupling(rng):
     return Coupling(problem, schedule_of(problem, table, "drawn"), table)
 
 
+@pytest.mark.thorough
 def test_the_verdict_is_that_of_a_loop_marched_by_other_code():
     rng = np.random.default_rng(7)
     verdicts = []
@@ -193,6 +194,7 @@ def test_a_table_that_is_written_to_is_judged_anew():
     assert not avc.deployable(coupling).passed
 
 
+@pytest.mark.thorough
 def test_a_verdict_is_worked_out_once_though_others_have_the_same_gains(monkeypatch):
     """A wall's laws differ in what runs beside the gains alone."""
     rung = next(robust_at(avc.load_problem("reference-r1"), 3000.0))

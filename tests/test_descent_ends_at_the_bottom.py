@@ -123,6 +123,7 @@ def test_slopes_foretell_the_values_nearby(case, found):
             assert after.values.max() == pytest.approx(foretold, abs=0.02 * change + 1e-6)
 
 
+@pytest.mark.thorough
 def test_the_law_that_is_found_is_nearly_the_best_of_a_long_search(case, found):
     """14.5 is what 30 times as many laws and brute force found on this case; polished without derivatives here."""
     space, loops, rendering = case

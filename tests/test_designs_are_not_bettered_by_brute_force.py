@@ -26,6 +26,7 @@ from avc_casadi.paper.loop import loop_at
 WALL = {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 2e3}
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("number", [4, 6, 13, 53])
 def test_rows_that_hold_every_hand(number):
@@ -38,6 +39,7 @@ def test_rows_that_hold_every_hand(number):
         assert scope_slack(problem, gains.frequency_hz[row], *gain_rows(gains)[:, row]).met.all()
 
 
+@pytest.mark.thorough
 def test_pair_without_spring_betters_no_row_of_figure_5():
     problem = figure5(points=50, stability={"scope": "hands"})
     gains = solve(problem)
@@ -55,12 +57,14 @@ def test_schedule_against_the_paths_of_a_lattice(number):
     assert own <= 1.01 * lattice_schedule_cost(problem, (120, 120))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [47])
 def test_schedule_that_holds_every_hand_against_the_paths_of_a_lattice(number):
     problem = drawn_schedule_problem(np.random.default_rng((0, number)), "damped", number)
     assert schedule_cost(problem, solve(problem, "schedule")) <= 1.01 * lattice_schedule_cost(problem, (16, 16, 6))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("damping", "most"), [(1.0, 60.0), (2.0, 500.0)])
 def test_schedule_is_found_where_constant_gains_are(damping, most):
     """With two samples of delay IPOPT reports an infeasible problem, though constant gains hold every hand."""
@@ -81,6 +85,7 @@ def test_schedule_is_found_where_constant_gains_are(damping, most):
     assert schedule_cost(problem, gains) <= error.mean(axis=1).min()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 def test_scope_that_only_its_border_meets_is_met(model):
     """A device without damping leaves nothing to spare at zero frequency, whatever the gains."""
@@ -114,6 +119,7 @@ def test_constant_gains_where_several_frequencies_decide_together():
     assert found.margin_ns_per_m >= 0
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("number", [1, 2, 3])
 @pytest.mark.parametrize("condition", ["llewellyn", "all"])
@@ -126,6 +132,7 @@ def test_constant_gains_against_drawn_ones(condition, number):
     assert found.error <= best * (1 + 1e-3)
 
 
+@pytest.mark.thorough
 def test_a_wider_box_costs_nothing():
     """The table of the whole box is coarser there: once the goal of a wide box was 1.7 times that of a narrow one."""
     narrow = load_problem("figure5").changed(

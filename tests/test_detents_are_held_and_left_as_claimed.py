@@ -146,6 +146,7 @@ def test_a_table_refuses_detents_by_name():
         TableImage.of(Coupling.constant(problem, Gains(0.0, 1e8, 0.002), "rigid"))
 
 
+@pytest.mark.thorough
 def test_a_run_ends_whole_where_the_firmware_renders_only_a_part(tmp_path):
     """Detents: everything is written, and the push is skipped with the reason."""
     done = command("run", "knob", "--json", cwd=tmp_path)

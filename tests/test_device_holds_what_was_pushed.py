@@ -53,6 +53,7 @@ def test_the_same_run_twice_is_the_same_to_the_last_cycle() -> None:
     assert run() == run()
 
 
+@pytest.mark.thorough
 def test_preemption_at_any_instruction_changes_no_byte() -> None:
     """The main loop is interrupted after every few instructions, also inside conditional blocks."""
     images = []
@@ -88,6 +89,7 @@ def test_at_rest_the_frequency_is_undefined_and_the_lowest_row_runs() -> None:
     assert last.contact
 
 
+@pytest.mark.thorough
 def test_the_emulated_board_is_made_for_the_coupling() -> None:
     """Its sample time, encoder, force limit, guard and settings, all at once."""
     runtime = Runtime(guard="passivity-controller", hold_s=0.31, slew_per_s=7.0)
@@ -105,6 +107,7 @@ def test_the_emulated_board_is_made_for_the_coupling() -> None:
     assert 0.3 < ticks < streamed.seconds + streamed.push.seconds + 1.0
 
 
+@pytest.mark.thorough
 def test_the_emulated_board_knows_how_far_a_handle_is_that_turns() -> None:
     """On it the estimator follows a knob that is turned by up to 40 rad/s, eight times what 5 m/s would be."""
     turns = {"motion": "rotary", "handle_radius_m": 0.02, "encoder_resolution_m": 1e-4}
@@ -145,6 +148,7 @@ def test_every_emulated_board_is_fresh() -> None:
     assert "carries over" in EMULATOR_IS_FRESH
 
 
+@pytest.mark.thorough
 def test_stream_follows_the_frequency_and_ends_on_the_table() -> None:
     made = coupling(50, seed=7)
     result = stream(made, "emulator", rate_hz=100, seconds=2.0)
@@ -159,6 +163,7 @@ def test_stream_follows_the_frequency_and_ends_on_the_table() -> None:
     assert result.status.stream_expired == 1
 
 
+@pytest.mark.thorough
 def test_lost_gains_are_counted_and_the_table_takes_over() -> None:
     board = EmulatedBoard()
     made = coupling(20)

@@ -125,6 +125,7 @@ def test_firmware_feels_like_the_scene() -> None:
     assert np.mean(trace.force_n[-500:]) == pytest.approx(scene.force_n[-500:].mean(), rel=0.01)
 
 
+@pytest.mark.thorough
 def test_table_pushed_in_contact_does_not_come_into_force() -> None:
     """The hand does not let go: the push is taken back, and the forces are those without it."""
     pushed, plain = (FirmwareInTheLoop(wall()) for _ in range(2))
@@ -194,6 +195,7 @@ def tried(name: str, sample_time_s: float = 1e-3) -> LoopResult:
     return tried_in_the_loop(tuned(name, sample_time_s))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "time_s"), [("ve3", 1e-3), ("soft", 1e-3), ("ve3", 0.25e-3)])
 def test_coupling_of_any_wall_and_rate_is_at_rest_with_its_own_wall(name: str, time_s: float) -> None:
     found, coupling = tried(name, time_s), tuned(name, time_s)
@@ -231,6 +233,7 @@ def test_a_handle_that_swings_on_a_motor_that_stands_is_not_at_rest() -> None:
     assert not found.at_rest
 
 
+@pytest.mark.thorough
 def test_a_lower_force_limit_is_the_board_s() -> None:
     coupling = tuned("ve3")
     weak = with_gains(coupling.problem.changed(device={"max_force_n": 1.5}), 0.0, 1e5)
@@ -239,6 +242,7 @@ def test_a_lower_force_limit_is_the_board_s() -> None:
     assert found.status.saturated > 1000
 
 
+@pytest.mark.thorough
 def test_a_heavy_device_is_watched_for_as_long_as_it_swings_in_a_hand_alone() -> None:
     heavy = {"mass_kg": 5.0, "damping_ns_per_m": 0.0}
     problem = wall().changed(device=heavy, hands={"mass_kg": (0.1, 0.1), "damping_ns_per_m": (5.0, 12.0)})

@@ -97,6 +97,7 @@ def test_who_confirms_it_bounds_the_share_that_rests():
     assert "so at least 83.2 % of all such hands" in document["reason"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "device",
     [

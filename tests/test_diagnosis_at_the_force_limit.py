@@ -54,6 +54,7 @@ def device():
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("stiffness", "damping", "delay"), [(3000.0, 10.0, 6), (1500.0, 10.0, 10), (8000.0, 30.0, 3)])
 def test_a_delay_is_named_with_its_number_where_nobody_holds_the_device(stiffness, damping, delay, device):
     log = swinging(stiffness, damping, delay)
@@ -65,6 +66,7 @@ def test_a_delay_is_named_with_its_number_where_nobody_holds_the_device(stiffnes
     assert any(f"with the force at its limit of {LIMIT_N:g} N, which bounds it" in line for line in found.evidence)
 
 
+@pytest.mark.thorough
 def test_a_delay_and_a_hand_that_is_missing_are_both_named(device):
     """With the declared delay the loop would swing still, let go."""
     found = diagnose(swinging(3000.0, 4.0, 6, push_n=1.0), device=device)
@@ -86,6 +88,7 @@ def test_a_device_that_nobody_declared_is_not_taken_for_the_assumed_one(mass):
     assert any("device and hand, which the log does not tell apart" in line for line in found.evidence)
 
 
+@pytest.mark.thorough
 def test_a_declared_limit_that_the_log_exceeds_is_told_and_is_no_limit_of_it(device):
     found = diagnose(swinging(3000.0, 10.0, 6), device=device.model_copy(update={"max_force_n": 3.0}))
     assert any("commands up to 8 N, and max_force_n declares 3 N" in note for note in found.notes)

@@ -25,6 +25,7 @@ RELAYS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("law", RELAYS.values(), ids=RELAYS)
 def test_a_force_that_a_sign_switches_is_named(law):
     log = held_log(law, mass=0.1, damping=0.5, friction=0.1, delay=4, start=0.01)
@@ -50,6 +51,7 @@ def frames(every, late, stiffness, damping):
     return law
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("every", "late"), [(16, 1), (10, 1), (33, 0)])
 def test_a_spring_of_every_frame_beside_a_damper_of_every_tick_is_named_with_both_rates(every, late):
     law = frames(every, late, 8.0, 0.1)
@@ -74,6 +76,7 @@ def test_a_spring_of_every_frame_beside_a_damper_of_every_tick_is_named_with_bot
     assert all(cure.growth_per_s < 0 for cure in found.cures)
 
 
+@pytest.mark.thorough
 def test_a_plain_spring_and_damper_are_neither():
     log = held_log(lambda _, z, u: -4000 * z - 5 * u, mass=0.1, damping=0.5, friction=0.02, delay=4, start=0.01)
     assert diagnose(log, device=declared(delay_samples=1)).cause not in {"relay", "rates"}

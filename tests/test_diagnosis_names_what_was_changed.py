@@ -54,6 +54,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("cause", CHANGES)
 def test_one_number_too_large_is_named_with_a_cure_that_rests(cause):
@@ -80,6 +81,7 @@ def test_a_delay_is_measured():
     assert found.measured.delay_samples == pytest.approx(6.4, abs=0.15)
 
 
+@pytest.mark.thorough
 def test_a_resonance_that_nobody_declared_is_found():
     found = found_of(replace(HEALTHY, resonance=110.0, ratio=0.02, damper=40.0), replace(HEALTHY, damper=40.0))
     assert found.cause == "resonance", found.conclusion
@@ -101,6 +103,7 @@ def test_missed_ticks_are_counted_and_named():
     assert found.cause == "ticks", found.conclusion
 
 
+@pytest.mark.thorough
 def test_an_encoder_swings_a_loop_over_few_steps():
     loop = Buzzing(encoder=6e-5, stiffness=7000.0, damper=3.5, hand_mass=0.09, hand_damping=7.0, hand_stiffness=300.0)
     loop = replace(loop, mass=0.14, damping=0.75, delay=0.9)
@@ -219,6 +222,7 @@ def write(path, log, header="time_s,position_m,force_N"):
     np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt="%.9g")
 
 
+@pytest.mark.thorough
 def test_the_verb_tells_text_json_picture_and_page(tmp_path, capsys):
     log, page, picture = tmp_path / "log.csv", tmp_path / "page.html", tmp_path / "picture.png"
     write(log, columns(replace(HEALTHY, delay=7.0)))
@@ -235,6 +239,7 @@ def test_the_verb_tells_text_json_picture_and_page(tmp_path, capsys):
     assert picture.stat().st_size > 10_000
 
 
+@pytest.mark.thorough
 def test_a_log_with_a_pause_is_read_and_one_without_force_refused(tmp_path, capsys):
     log = columns(replace(HEALTHY, delay=7.0))
     keep = (log.time_s < 0.8) | (log.time_s > 1.0)

@@ -32,6 +32,7 @@ def jump_of(loop):
     return find_jump(log, find_oscillation(log), find_law(log, loop.limit), loop.limit)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("changed", [{}, {"damper": 180.0, "end": 0.004}, {"damper": 150.0, "hand_stiffness": 300.0}])
 def test_a_damper_that_lets_go_of_the_wall_is_no_force_that_is_switched_on(changed):
     loop = replace(LIGHT, **changed)
@@ -43,6 +44,7 @@ def test_a_damper_that_lets_go_of_the_wall_is_no_force_that_is_switched_on(chang
     assert diagnose(columns(loop), device=declared_of(replace(loop, damper=30.0))).cause == "damping"
 
 
+@pytest.mark.thorough
 def test_a_filtered_damper_that_strikes_the_wall_at_its_limit_is_none():
     loop = replace(LIGHT, stiffness=1300.0, damper=26.0, keep=0.6, limit=8.0, resonance=107.0, ratio=0.02, share=0.28)
     loop = replace(loop, delay=1.25, hand_mass=0.24, hand_damping=7.0, hand_stiffness=280.0, end=0.004)
@@ -82,6 +84,7 @@ def answer_of(loop):
     return Hypothesis(device, Hand(loop.hand_mass, loop.hand_damping, loop.hand_stiffness))
 
 
+@pytest.mark.thorough
 def test_ticks_that_are_missed_are_the_cause_of_a_growth_that_is_hardly_there_with_all_of_them():
     loop = Buzzing(mass=0.05, stiffness=9000.0, damper=1.5, delay=1.0, friction=0.08, encoder=5e-6, hand_damping=4.0)
     law = find_law(log_of(columns(loop))[0], None)
@@ -96,6 +99,7 @@ def test_ticks_that_are_missed_are_the_cause_of_a_growth_that_is_hardly_there_wi
     assert found.cause == "ticks", found.conclusion
 
 
+@pytest.mark.thorough
 def test_a_rate_that_was_halved_is_the_cause_of_a_growth_that_is_hardly_there_at_the_one_that_was_meant():
     meant = Buzzing(mass=0.05, stiffness=6000.0, damper=1.5, delay=1.0, friction=0.08, encoder=5e-6, hand_damping=4.0)
     law = find_law(log_of(columns(meant))[0], None)
@@ -107,6 +111,7 @@ def test_a_rate_that_was_halved_is_the_cause_of_a_growth_that_is_hardly_there_at
     assert found.cause == "rate", found.conclusion
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("encoder", "end"), [(1e-4, 0.0045), (1.3e-4, 0.005)])
 def test_a_hand_over_few_steps_is_not_taken_for_none(encoder, end):
     loop = Buzzing(mass=0.21, damping=1.5, delay=1.6, encoder=encoder, stiffness=4500.0, damper=4.0, limit=8.0)
@@ -117,6 +122,7 @@ def test_a_hand_over_few_steps_is_not_taken_for_none(encoder, end):
     assert found.cause == "encoder" or found.candidates[0] == "encoder"
 
 
+@pytest.mark.thorough
 def test_a_resonance_is_no_stiff_grip():
     # A grip of 6 kN/m explained it so well that no resonance was looked for.
     case = case_of("resonance", 8484, 22)
@@ -138,6 +144,7 @@ GRIPPED = Buzzing(
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("cause", "changed"),
     [
