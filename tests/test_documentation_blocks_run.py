@@ -10,8 +10,7 @@ import pytest
 from documentation import PAGES, Block, blocks
 
 import avc_casadi
-from avc_casadi.cli import main
-from avc_casadi.cli._main import parse
+from avc_casadi.cli import main, parse
 from avc_casadi.recommendation import recommend as answering
 
 # The README first: what it writes, others read.

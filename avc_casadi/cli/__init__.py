@@ -2,5 +2,6 @@
 
 from avc_casadi.cli._certify import _beside_hands as _beside_hands
 from avc_casadi.cli._main import main as main
+from avc_casadi.cli._main import parse as parse
 from avc_casadi.cli._text import number as number
 from avc_casadi.cli._verbs import VERBS as VERBS
