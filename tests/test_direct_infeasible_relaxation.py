@@ -34,6 +34,7 @@ def test_the_catalogue_case_becomes_feasible_by_what_the_message_says(method):
     assert "infeasible" in solve(relaxed(problem, device=0.99 * needed), method).status
 
 
+@pytest.mark.thorough
 def test_random_problems_become_feasible_by_just_that_relaxation():
     rng = np.random.default_rng(23)
     tried = margins = 0

@@ -48,6 +48,7 @@ def lattice(problem: Problem) -> list[np.ndarray]:
     return [grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("scope", "changes"), CASES)
 def test_scope_is_met_exactly_and_no_lattice_point_is_better(scope: str, changes: dict[str, dict[str, Any]]) -> None:
     problem = problem_with(scope, changes)
@@ -70,6 +71,7 @@ def test_scope_is_met_exactly_and_no_lattice_point_is_better(scope: str, changes
             assert not slack.met.any(), f"{frequency} Hz: {error[better][slack.met].min()} < {own}"
 
 
+@pytest.mark.thorough
 def test_wider_scope_never_has_the_smaller_error() -> None:
     errors = [solve(problem_with(scope, {}, 24)).magnitude_error for scope in ("pointwise", "band", "all")]
     scale = 1e-6 * np.abs(solve(problem_with("pointwise", {}, 24)).target)
@@ -77,6 +79,7 @@ def test_wider_scope_never_has_the_smaller_error() -> None:
     assert (errors[2] >= errors[1] - scale).all()
 
 
+@pytest.mark.thorough
 def test_certificate_of_the_scope_passes() -> None:
     for scope, level in (("band", "L1"), ("all", "L2"), ("hands", "L5")):
         problem = problem_with(scope, {}, 24)
@@ -100,6 +103,7 @@ def test_solver_that_knows_no_scope_is_refused_by_name() -> None:
         solve(problem_with("band", {}), solver="ipopt")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scope", ["band", "all"])
 def test_no_frequency_is_worse_than_in_the_schedule(scope: str) -> None:
     problem = problem_with(scope, {}, 200)
@@ -109,6 +113,7 @@ def test_no_frequency_is_worse_than_in_the_schedule(scope: str) -> None:
 
 
 # The bound of the hands is known to a few 1e-6 of spectral radius.
+@pytest.mark.thorough
 @pytest.mark.parametrize(("scope", "tolerance"), [("band", 1e-6), ("all", 1e-5), ("hands", 1e-4)])
 def test_no_frequency_is_better_served_by_the_gains_of_another(scope: str, tolerance: float) -> None:
     problem = problem_with(scope, {}, 60)

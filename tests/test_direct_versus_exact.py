@@ -34,6 +34,7 @@ def test_every_frequency_of_the_catalogue_within_1e_8(name):
     agree(avc.load_problem(name), error_within=lambda _: 1e-8)
 
 
+@pytest.mark.thorough
 def test_300_random_problems_end_at_the_optimum_or_say_that_they_do_not():
     rng = np.random.default_rng(0)
     usable = failed = 0

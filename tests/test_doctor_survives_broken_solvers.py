@@ -1,5 +1,6 @@
 """A solver that crashes, hangs or lies is told as such, and the others are tried all the same."""
 
+import pytest
 from avc_process import avc, strict_json
 
 from avc_casadi.cli import _solver_trial
@@ -49,6 +50,7 @@ def test_each_outcome_is_told(monkeypatch):
     ]
 
 
+@pytest.mark.thorough
 def test_the_installed_casadi_solves(tmp_path):
     done = avc("doctor", "--json", cwd=tmp_path)
     outcomes = {(trial["kind"], trial["name"]): trial["outcome"] for trial in strict_json(done.stdout)["solvers"]}

@@ -54,6 +54,7 @@ def test_recorded_findings_say_what_made_them():
         assert start_of(about["command"]).is_file(), name
 
 
+@pytest.mark.thorough
 def test_code_of_a_study_is_followed_through_late_imports():
     names = {path.name for path in code_of(ROOT / "tests" / "benchmarks" / "guide_figures.py")}
     # solve names its methods in strings; certify is taken from the package's top.

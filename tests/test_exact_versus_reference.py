@@ -51,6 +51,7 @@ def test_catalogue_optimum_is_that_of_50_digits(problem):
     agrees(problem, series_error, rows)
 
 
+@pytest.mark.thorough
 def test_damped_optimum_is_that_of_50_digits():
     """The reference scans contact damping: an upper bound, which 'exact' may undercut only by what a scan misses."""
     rng = np.random.default_rng(11)

@@ -26,6 +26,7 @@ def _tools():
     require("gcc")
 
 
+@pytest.mark.thorough
 @settings(max_examples=18, deadline=None)
 @given(
     kind=st.sampled_from(["multisine", "chirp"]),

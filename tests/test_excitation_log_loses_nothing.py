@@ -34,6 +34,7 @@ def faded(plan):
     return np.clip(np.sign(units) * (np.abs(units) * share // 32768), -FULL, FULL)
 
 
+@pytest.mark.thorough
 @settings(max_examples=12, deadline=None)
 @given(
     tones=st.lists(
@@ -90,6 +91,7 @@ def test_what_was_recorded_until_an_interrupt_is_kept(tmp_path):
     assert record.position_m.size == size
 
 
+@pytest.mark.thorough
 @settings(max_examples=15, deadline=None)
 @given(
     st.lists(st.tuples(st.booleans(), st.integers(700, 9000), st.sampled_from(KINDS), st.integers(1, 40)), max_size=6)

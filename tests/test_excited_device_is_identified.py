@@ -47,6 +47,7 @@ def document(capsys, *arguments, code=0):
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.thorough
 def test_commands_find_the_device_on_the_board(tmp_path, capsys):
     require("unicorn")
     base, there = file_of(tmp_path / "base.toml", GUESS, RANGES), file_of(tmp_path / "there.toml", HIDDEN)
@@ -69,6 +70,7 @@ def test_commands_find_the_device_on_the_board(tmp_path, capsys):
     assert "the value of base is written" in limit["why"]
 
 
+@pytest.mark.thorough
 def test_lighter_device_than_declared_ends_with_advice(tmp_path, capsys):
     require("unicorn")
     base = file_of(tmp_path / "base.toml", GUESS)
@@ -82,6 +84,7 @@ def test_lighter_device_than_declared_ends_with_advice(tmp_path, capsys):
     assert log.read_text().count("\n") > 10
 
 
+@pytest.mark.thorough
 def test_the_log_of_the_board_holds_the_forces_that_acted(monkeypatch):
     require("unicorn")
     acted = []
@@ -97,6 +100,7 @@ def test_the_log_of_the_board_holds_the_forces_that_acted(monkeypatch):
     np.testing.assert_allclose(whole[first : first + log.force_n.size], log.force_n, rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_device_that_did_not_move_is_no_success(tmp_path, capsys):
     require("unicorn")
     base = file_of(tmp_path / "base.toml", GUESS)
@@ -109,6 +113,7 @@ def test_a_device_that_did_not_move_is_no_success(tmp_path, capsys):
     assert log.exists()
 
 
+@pytest.mark.thorough
 def test_plan_is_told_before_anything_moves(tmp_path, capsys):
     base = file_of(tmp_path / "base.toml", GUESS, RANGES)
     told = document(capsys, "excite", base, "--seconds", "2", "--plan-only", "--port", "/dev/nothing")
@@ -136,6 +141,7 @@ def expected(plan, counts):
     return np.clip(np.sign(whole) * (np.abs(whole) * share // 32768), -FULL, FULL)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("where", ["host", "cortex-m4f", "cortex-m3"])
 def test_force_has_the_same_bits_on_every_processor(where):
     """Floats in hardware or in software: every force is what the plan and the positions make it."""

@@ -85,6 +85,7 @@ def shown(driver, figure):
     return driver.execute_script(f"return document.querySelector('#{figure} svg')?.getAttribute('aria-label') ?? ''")
 
 
+@pytest.mark.thorough
 def test_a_slider_moves_the_picture_and_undo_brings_it_back(page):
     before = shown(page, "c-magnitude")
     slider = page.find_element("css selector", "[aria-label='Wall: stiffness']")
@@ -97,6 +98,7 @@ def test_a_slider_moves_the_picture_and_undo_brings_it_back(page):
     settled(page)
 
 
+@pytest.mark.thorough
 def test_faults_stand_beside_their_fields_all_at_once(page):
     typed(page, WALL, "-8000")
     typed(page, "f-device-mass_kg", "heavy")
@@ -110,6 +112,7 @@ def test_faults_stand_beside_their_fields_all_at_once(page):
     settled(page)
 
 
+@pytest.mark.thorough
 def test_settings_survive_a_reload_and_stay_in_their_own_tab(page, server):
     typed(page, WALL, "9000")
     by_id(page, "compare").click()
@@ -129,6 +132,7 @@ def test_settings_survive_a_reload_and_stay_in_their_own_tab(page, server):
     assert [cell.text for cell in page.find_elements("css selector", "#verdict thead th")] == ["what", "A", "B"]
 
 
+@pytest.mark.thorough
 def test_an_address_with_unknown_names_says_which_and_shows_the_rest(page, server):
     odd = '{"a":{"values":{"environment.stiffness_n_per_m":8000,"environment.colour":3},"method":"magic","odd":1}}'
     page.get("about:blank")
@@ -151,6 +155,7 @@ def test_what_was_said_of_a_file_goes_with_the_settings_it_was_about(page):
     until(lambda: by_id(page, "file-says").text == "")
 
 
+@pytest.mark.thorough
 def test_the_star_of_the_wanted_wall_stands_whole_inside_the_axes(page):
     for wall in ("5e6", "10"):
         typed(page, WALL, wall)
@@ -165,6 +170,7 @@ def test_the_star_of_the_wanted_wall_stands_whole_inside_the_axes(page):
         assert inside, wall
 
 
+@pytest.mark.thorough
 def test_a_slow_server_is_waited_for_and_the_last_setting_wins(page, server, monkeypatch):
     whole, seen = server.explorer.schedule, threading.Event()
 
@@ -183,6 +189,7 @@ def test_a_slow_server_is_waited_for_and_the_last_setting_wins(page, server, mon
     assert "5000 N/m" in shown(page, "c-region")
 
 
+@pytest.mark.thorough
 def test_files_are_saved_as_they_were_set(page, tmp_path):
     page.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
     page.find_element("css selector", "#device option[value='novint-falcon']").click()
@@ -202,6 +209,7 @@ def test_files_are_saved_as_they_were_set(page, tmp_path):
     assert "avc compare novint-falcon-explored.toml --mine 900,0" in until(lambda: by_id(page, "command").text)
 
 
+@pytest.mark.thorough
 def test_faults_are_told_in_the_unit_of_the_field_and_open_its_group(page):
     typed(page, "f-device-sample_time_s", "-2")
     page.execute_script("document.getElementById('f-device-range-mass_kg-1').closest('details').open = true")
@@ -216,6 +224,7 @@ def test_faults_are_told_in_the_unit_of_the_field_and_open_its_group(page):
     until(lambda: by_id(page, "f-device-range-mass_kg-0").get_attribute("value") == "0.1")
 
 
+@pytest.mark.thorough
 def test_a_run_goes_on_beside_other_settings_and_can_be_cancelled(page, monkeypatch):
     monkeypatch.setattr(_explorer, "_worked", endless)
     monkeypatch.setattr(_explorer, "_UNASKED_S", 9.0)
@@ -263,6 +272,7 @@ def test_an_address_is_read_though_the_page_was_about_to_write_its_own(page):
     settled(page)
 
 
+@pytest.mark.thorough
 def test_the_pointer_presses_the_wall_and_its_vibration_is_heard(page):
     """Without a coupling this wall buzzes: what is played is the shaking of the force."""
     page.execute_script(
@@ -312,6 +322,7 @@ def test_a_gain_at_one_frequency_alone_is_a_mark(page):
     assert drawn[1].count("M") == drawn[1].count("L") == 1
 
 
+@pytest.mark.thorough
 def test_a_knob_is_shown_and_pressed_in_its_own_units(driver):
     with ExploreServer(Explorer(avc.load_problem("knob").changed(frequency={"points": 30}), "knob")) as turning:
         threading.Thread(target=turning.serve_forever, daemon=True).start()
@@ -337,6 +348,7 @@ def found_at_once(task, progress):
     return Coupling.constant(problem, Gains(0.0, 1000.0, 5.0), "recommend"), ["deploy: a softened wall"]
 
 
+@pytest.mark.thorough
 def test_a_newcomer_gets_from_the_page_to_both_files(page, tmp_path, monkeypatch):
     """As it was tried: device, wall, what the page says to do next, and Save."""
     monkeypatch.setattr(_explorer, "_worked", found_at_once)
@@ -361,6 +373,7 @@ def test_a_newcomer_gets_from_the_page_to_both_files(page, tmp_path, monkeypatch
     assert coupling.table.rows[0, 1:].tolist() == [0.0, 1000.0, 5.0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("size", "scheme"),
     [("desktop", "light"), ("desktop", "dark"), ("tablet", "light"), ("phone", "light"), ("phone", "dark")],
@@ -380,6 +393,7 @@ def test_nothing_sticks_out_and_nothing_is_hidden_from_anybody(page, size, schem
     resize(page, WIDTHS["desktop"])
 
 
+@pytest.mark.thorough
 def test_a_finger_moves_a_slider_on_a_phone(page):
     resize(page, WIDTHS["phone"])
     page.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True})

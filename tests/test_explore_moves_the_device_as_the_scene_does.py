@@ -28,6 +28,7 @@ def page(tmp_path_factory):
         started.shutdown()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("gains", [None, (0.0, 6e3, 12.0), (4.0, 2e4, 0.0)])
 def test_the_page_moves_the_device_as_the_scene_does(page, gains):
     """The toy's own loop against the compiled scene, on a device with all that the toy knows."""

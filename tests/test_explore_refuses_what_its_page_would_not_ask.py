@@ -138,6 +138,7 @@ def test_no_two_servers_share_an_address():
         assert len(one.token) >= 20
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
 def test_ctrl_c_ends_it_in_peace():
     command = [sys.executable, "-m", "avc_casadi", "explore", "soft"]

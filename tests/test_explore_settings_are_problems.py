@@ -33,6 +33,7 @@ def test_nothing_changed_is_the_problem_itself():
     assert problem.changed(scene={}) == BASE.changed(scene=problem.scene)
 
 
+@pytest.mark.thorough
 @given(
     st.dictionaries(
         st.sampled_from([field.key for field in FIELDS]),
@@ -251,6 +252,7 @@ def test_a_device_file_that_is_wrong_says_where():
 KNOB = avc.load_problem("knob").changed(frequency={"points": 30})
 
 
+@pytest.mark.thorough
 def test_a_device_that_turns_has_its_units_everywhere():
     begun, found = told("start", KNOB), told("now", KNOB, values={"environment.stiffness_n_per_m": 0.5})
     units = {field["key"]: field["unit"] for field in begun["fields"]}

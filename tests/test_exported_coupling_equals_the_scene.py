@@ -37,6 +37,7 @@ def check_bits(seed: int, compiler: tuple[str, ...], precision: str) -> None:
         assert device.forces(way).tobytes() == forces.tobytes()
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_compiled_coupling_gives_the_bits_of_the_expressions(seed: int) -> None:
@@ -44,6 +45,7 @@ def test_compiled_coupling_gives_the_bits_of_the_expressions(seed: int) -> None:
         check_bits(seed, compiler, "single")
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("seed", SEEDS[1::4])
 def test_double_precision_gives_the_bits_of_the_expressions(seed: int) -> None:
@@ -63,6 +65,7 @@ def test_force_is_a_number_within_its_limit_and_pushes(seed: int) -> None:
         assert forces.min() >= 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [1, 4, 7, 10])
 def test_an_int_of_16_bits_is_enough(seed: int) -> None:
     """Where an int is a short the bits stay: no index and no number of the program needs more."""

@@ -121,6 +121,7 @@ def rocked(coupling: Coupling) -> float:
     return sum(depths) / len(depths)
 
 
+@pytest.mark.thorough
 def test_gains_that_follow_a_moving_hand_do_not_sag_under_its_mean_force() -> None:
     """The mean depth is that of the row of rest, where the row of 8 Hz alone would give way by 4 %."""
     problem = avc.load_problem("ve3").changed(device={"delay_samples": 1})

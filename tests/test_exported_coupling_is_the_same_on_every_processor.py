@@ -26,6 +26,7 @@ def checked(board: str, made: Coupling, ways: FloatArray) -> Ran:
     return result
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize(("board", "seed", "samples"), CASES)
 def test_forces_have_the_bits_of_the_expressions(board: str, seed: int, samples: int) -> None:

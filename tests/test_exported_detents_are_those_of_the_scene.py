@@ -27,6 +27,7 @@ def forces_of(seed: int, precision: str = "single") -> np.ndarray:
     return np.stack([devices.step(column) for column in ways.T], axis=1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", SEEDS)
 def test_compiled_detents_have_the_bits_of_the_expressions(seed: int) -> None:
     compiler = (C99, CPP11, CLANG_CPP17)[seed % 3]
@@ -36,6 +37,7 @@ def test_compiled_detents_have_the_bits_of_the_expressions(seed: int) -> None:
         assert device.forces(way).tobytes() == forces.tobytes()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("board", "seed"), [("Cortex-M0", 0), ("ATmega328P", 2)])
 def test_a_small_processor_has_the_same_bits(board: str, seed: int) -> None:
     ways = motions(notched(seed))[:, :60]

@@ -51,6 +51,7 @@ def by(method: str) -> Coupling:
     return dataclasses.replace(PLAIN, schedule=dataclasses.replace(PLAIN.schedule, method=method))
 
 
+@pytest.mark.thorough
 @given(title=TEXTS, method=ANY, file=TEXTS)
 @example(title="*\\ int planted; /*", method="*/", file="??/\n*/")
 @example(title="*\\/ int planted; /\\*", method="*?\u200b?//", file="\\")

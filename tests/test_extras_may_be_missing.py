@@ -36,6 +36,7 @@ print(reference_errors(avc.load_problem("soft"), np.array([1.0, 30.0])).source)
 )
 
 
+@pytest.mark.thorough
 def test_every_module_is_imported():
     done = avc(program=EVERY_MODULE)
     assert done.returncode == 0, done.stderr.decode()

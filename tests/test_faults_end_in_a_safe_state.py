@@ -301,6 +301,7 @@ def test_on_the_emulated_board_a_supply_that_sank_is_told_from_switching_on(why:
     assert bench.status().faults == fault
 
 
+@pytest.mark.thorough
 def test_in_qemu_a_glitch_and_a_runaway() -> None:
     require("qemu-system-arm", "arm-none-eabi-gcc")
     image = build_image("bench-m4f", scratch())

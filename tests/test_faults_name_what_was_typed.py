@@ -65,6 +65,7 @@ def test_a_wrong_capstan_is_one_fault(folder, capsys, radius):
     assert "wrong.toml:5: device.capstan_radius_m: is " in said
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("verb", ["identify", "diagnose"])
 def test_a_problem_says_of_its_device_what_a_device_file_would(capsys, verb):

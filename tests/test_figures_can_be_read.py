@@ -73,6 +73,7 @@ def texts(figure):
     return [(text.get_text(), text.get_window_extent(renderer)) for text in found if text.get_text().strip()]
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 def test_no_text_covers_another(texts):
     assert len(texts) > 15
@@ -92,6 +93,7 @@ def test_no_text_leaves_the_picture(figure, texts):
         assert box.y1 <= height + 1, text
 
 
+@pytest.mark.thorough
 def test_axes_have_labels_with_units(figure):
     bottom = min(axes.get_position().y0 for axes in figure.axes)
     for axes in figure.axes:
@@ -104,6 +106,7 @@ def test_axes_have_labels_with_units(figure):
         assert re.match(r"\([a-f]\) ", axes.get_title(loc="left"))
 
 
+@pytest.mark.thorough
 def test_delivered_gains_are_drawn_in_every_panel_of_figure_5(comparison):
     gains = comparison.methods[comparison.delivered]
     label = "direct" if comparison.scope == "pointwise" else f"direct, scope {comparison.scope}"
@@ -144,6 +147,7 @@ def test_nothing_that_exists_is_left_undrawn(comparison):
         assert np.all((known >= low) & (known <= high))
 
 
+@pytest.mark.thorough
 def test_files_repeat_byte_for_byte(tmp_path):
     comparison = avc.compare(avc.load_problem("soft"))
     for ending in ("png", "svg", "pdf"):
@@ -154,6 +158,7 @@ def test_files_repeat_byte_for_byte(tmp_path):
         assert len(first) > 5000
 
 
+@pytest.mark.thorough
 def test_settings_of_matplotlib_are_left_alone(tmp_path):
     before = dict(mpl.rcParams)
     save_figure(draw_comparison(avc.compare(avc.load_problem("soft"))), tmp_path / "f.svg")

@@ -152,6 +152,7 @@ def look(axes):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("name", CALLS)
 @pytest.mark.parametrize("part", [False, True], ids=["figure", "part of a figure"])
@@ -186,6 +187,7 @@ def test_the_same_curves_appear_and_nothing_else_changes(name, part):
     FigureCanvasAgg(mine).draw()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CALLS)
 def test_another_number_of_axes_is_refused_by_the_panels(name):
     count, draw = CALLS[name]

@@ -23,6 +23,7 @@ from avc_hardware.codegen.image import read_elf
 PATH = os.pathsep.join(str(Path(one.__file__).parents[1]) for one in (avc_casadi, avc_hardware))
 
 
+@pytest.mark.thorough
 def test_packaged_image_is_what_the_sources_give(tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
     made = build.build_image("netduinoplus2", tmp_path)
@@ -37,6 +38,7 @@ def test_image_was_built_from_these_sources() -> None:
     assert build.source_hash().encode() in IMAGE.read_bytes()
 
 
+@pytest.mark.thorough
 def test_generated_sources_are_the_same_in_every_process(tmp_path: Path) -> None:
     made = []
     for seed in ("1", "2"):
@@ -51,6 +53,7 @@ def test_generated_sources_are_the_same_in_every_process(tmp_path: Path) -> None
     )
 
 
+@pytest.mark.thorough
 def test_build_does_not_depend_on_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     require("arm-none-eabi-gcc")
     here = build.build_image("netduinoplus2", tmp_path / "a").read_bytes()
@@ -60,6 +63,7 @@ def test_build_does_not_depend_on_its_place(tmp_path: Path, monkeypatch: pytest.
     assert build.build_image("netduinoplus2", tmp_path / "b").read_bytes() == here
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("target", TARGETS)
 def test_every_board_builds_without_warnings(target: str, tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
@@ -74,12 +78,14 @@ def test_every_board_builds_without_warnings(target: str, tmp_path: Path) -> Non
     assert memory - board.ram[0] < 48_000
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("cc", ["gcc", "clang"])
 def test_core_compiles_without_warnings(cc: str, tmp_path: Path) -> None:
     require(cc)
     assert build.build_host(tmp_path, cc=cc).stat().st_size > 0
 
 
+@pytest.mark.thorough
 def test_a_warning_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     require("gcc")
     copy = tmp_path / "firmware"

@@ -95,6 +95,7 @@ def exported(coupling: Coupling, ways: Counts) -> Forces:
     return np.stack([devices.step(column) for column in (ways.astype(np.float32) * np.float32(STEP_M)).T], axis=1)
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 @pytest.mark.parametrize("feedback", FEEDBACKS, ids=lambda found: f"{found.states} states")
 @pytest.mark.parametrize(
@@ -131,6 +132,7 @@ def test_firmware_feels_like_the_exported_coupling_for_any_gains(seed: int) -> N
         assert np.abs(forces(coupling, way) - force).max() < 1e-4 * LIMIT_N
 
 
+@pytest.mark.thorough
 def test_observer_begins_anew_with_every_table() -> None:
     """Given in contact: the table before runs on; where it is left, the forces are those of a fresh start."""
     way = motions()[0]
@@ -232,6 +234,7 @@ def instructions(feedback: StateFeedback | None) -> tuple[int, int]:
     return max(tick.functions.get("avc_feedback_step", 0) for tick in ticks), max(tick.total for tick in ticks)
 
 
+@pytest.mark.thorough
 def test_observer_keeps_the_budget_of_a_tick() -> None:
     require("unicorn")
     counted = [instructions(found) for found in (None, believer(2), believer(3), dense_believer(8))]

@@ -79,6 +79,7 @@ def in_qemu(folder: Path) -> list[int]:
     return totals[start : start + TICKS]
 
 
+@pytest.mark.thorough
 def test_both_emulators_count_the_same(tmp_path: Path) -> None:
     require("unicorn", "qemu-system-arm", "arm-none-eabi-gcc")
     assert in_qemu(tmp_path) == [tick.total for tick in in_unicorn()]
@@ -93,6 +94,7 @@ def test_tick_keeps_its_budget() -> None:
     assert max(tick.total for tick in ticks) <= TICK_BUDGET
 
 
+@pytest.mark.thorough
 def test_rows_that_are_not_evenly_spaced_keep_the_same_budget() -> None:
     """Evenly in Hz, all over the range; only where rows crowd does a jump take more, by halving."""
     require("unicorn")

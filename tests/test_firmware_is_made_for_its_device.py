@@ -20,6 +20,7 @@ DEVICE = {"sample_time_s": 2.5e-4, "encoder_resolution_m": 2e-5, "max_force_n": 
 RUNTIME = Runtime(guard="passivity-controller", hold_s=0.31, slew_per_s=7.0)
 
 
+@pytest.mark.thorough
 def test_built_and_patched_images_are_the_same_bytes(tmp_path: Path) -> None:
     """The emulated board is given other numbers in the packaged image; a build for the device has just those."""
     require("arm-none-eabi-gcc")
@@ -32,6 +33,7 @@ def test_built_and_patched_images_are_the_same_bytes(tmp_path: Path) -> None:
     assert read_elf(built.files[0]).segments == patched.segments
 
 
+@pytest.mark.thorough
 def test_it_takes_the_coupling_of_its_device_and_no_other() -> None:
     require("arm-none-eabi-gcc", "unicorn")
     made = coupling(9, runtime=dataclasses.replace(RUNTIME, estimator="zero-crossing", slew_per_s=None), **DEVICE)
@@ -50,6 +52,7 @@ def plain_board(elf: Path) -> EmulatedBoard:
     return EmulatedBoard(elf, encoder=lambda _: 0)
 
 
+@pytest.mark.thorough
 def test_flash_files_hold_what_the_linker_made(tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
     built = build_firmware(load_problem("reference-r1"), "stm32f405", tmp_path)
@@ -66,6 +69,7 @@ def test_flash_files_hold_what_the_linker_made(tmp_path: Path) -> None:
             assert file.read_bytes() == theirs
 
 
+@pytest.mark.thorough
 def test_numbers_for_another_sample_time_do_not_compile(tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
     other = {MADE_FOR: made_for(BoardLimits(sample_time_s=2.5e-4))}
@@ -83,6 +87,7 @@ def test_an_exported_coupling_does_not_compile_for_another_loop(tmp_path: Path) 
         run("gcc", "-fsyntax-only", "-DAVC_LOOP_SAMPLE_TIME_NS=1000000", source)
 
 
+@pytest.mark.thorough
 def test_the_command_tells_what_it_made_and_how_to_flash_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     require("arm-none-eabi-gcc")
     out = str(tmp_path / "made")
@@ -95,6 +100,7 @@ def test_the_command_tells_what_it_made_and_how_to_flash_it(tmp_path: Path, caps
     assert "allowed: netduinoplus2, stm32f405, mps2-an386, lm3s6965evb" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_device_is_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     require("arm-none-eabi-gcc")
     device = tmp_path / "mine.toml"

@@ -33,6 +33,7 @@ def board(folder: Path, **changes: tuple[str, str]) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_the_build_that_is_told_stands_in_the_image(tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
     made = coupling(1)
@@ -48,6 +49,7 @@ def test_the_build_that_is_told_stands_in_the_image(tmp_path: Path) -> None:
     assert len(names) == 3
 
 
+@pytest.mark.thorough
 def test_flags_of_a_board_do_not_undo_exact_floats(tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
     hard = (
@@ -99,6 +101,7 @@ def test_a_stream_tells_refused_messages_from_lost_ones() -> None:
     assert faults_on_the_way(10, 0, 0, []) == []
 
 
+@pytest.mark.thorough
 def test_the_rate_of_the_line_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     require("arm-none-eabi-gcc")
     asked = ["firmware", "reference-r1", "--board", "stm32f405", "--out", str(tmp_path / "f"), "--baud", "921600"]
@@ -111,6 +114,7 @@ def knob(**more: object) -> Coupling:
     return Coupling.constant(problem, Gains(0.0, 0.5), "static")
 
 
+@pytest.mark.thorough
 def test_detents_are_built_in_or_refused(tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
     with pytest.raises(UnsupportedError, match="detent has no place in the table"):
@@ -118,6 +122,7 @@ def test_detents_are_built_in_or_refused(tmp_path: Path) -> None:
     assert build_firmware(knob(), "stm32f405", tmp_path, built_in=True, unsafe=True).size > 0
 
 
+@pytest.mark.thorough
 def test_a_knobs_firmware_is_told_in_its_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     require("arm-none-eabi-gcc")
     file = tmp_path / "knob.json"

@@ -167,6 +167,7 @@ def library(board: str, estimator: str = "fused", cc: str = "gcc") -> Path:
     return build_host(scratch() / f"{cc}-{estimator}-{board}", cc=cc, estimator=estimator, figures=figures)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("board", "estimator", "cc"),
     [
@@ -208,6 +209,7 @@ def send_all(link: EmulatedBoard | LockStepBoard, board: str = "1 ms") -> tuple[
     return tuple(swaps)
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("board", "motion"),
@@ -248,6 +250,7 @@ def test_packaged_image_gives_the_same_bits(board: str, motion: int) -> None:
     assert got[:, 1].tobytes() == frequency[ticks].tobytes()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("target", ["bench-m4f", "bench-m3"])
 def test_qemu_gives_the_same_bits(target: str) -> None:
     require("qemu-system-arm", "arm-none-eabi-gcc", "gcc")

@@ -132,6 +132,7 @@ def test_what_knows_whole_samples_only_says_so_by_name():
     assert np.isnan(passive_limit_n_per_m(case.device))
 
 
+@pytest.mark.thorough
 def test_a_scene_that_names_no_coupling_gets_one_for_the_next_whole_sample(tmp_path, capsys):
     case = problem(1.5)
     assert "coupling" not in case.scene.model_fields_set

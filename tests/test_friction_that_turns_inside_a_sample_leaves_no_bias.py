@@ -8,6 +8,7 @@ from avc_casadi.identification.identify import identify
 from avc_casadi.identification.record import Record
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("delay", [0.1, 0.4, 1.7])
 def test_what_is_left_is_the_rounding(delay):
     # A twelfth of the velocity decays in a sample: taken to change evenly it misses mass and friction by 3e-4.

@@ -147,6 +147,7 @@ def test_of_equally_near_tables_the_shortest_is_taken():
     np.testing.assert_array_equal(straight.kept, [0, 8])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
 def test_tolerance_holds_on_long_tables_too(tolerance):
     gains = solve(figure5(points=900), "schedule")

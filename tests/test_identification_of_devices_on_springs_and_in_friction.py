@@ -30,6 +30,7 @@ def holds(found, key, value, share):
     return one.low * (1 - 1e-3) <= value <= one.high * (1 + 1e-3) and abs(one.value / value - 1) < share
 
 
+@pytest.mark.thorough
 def test_a_device_on_a_spring_is_found_below_its_resonance():
     found = identify(of(held_log(sines(0.22, 6.0), **HELD)))
     assert "stiffness" in found.terms
@@ -49,6 +50,7 @@ def nearly_all_friction():
     return held_log(law, mass=0.005, damping=2.0, friction=1.2, period=2.5e-3, ticks=6000, step=4e-5)
 
 
+@pytest.mark.thorough
 def test_friction_is_found_where_it_is_nearly_all_and_the_untold_mass_is_a_gap_with_a_range():
     device = {
         "mass_kg": 0.02,
@@ -71,6 +73,7 @@ def test_friction_is_found_where_it_is_nearly_all_and_the_untold_mass_is_a_gap_w
     assert "gaps" in device_text(file)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("period", "scatter"), [(0.005, 0.002), (0.01, 0.004), (0.0025, 0.001)])
 def test_a_clock_that_scatters_is_taken_as_it_is(period, scatter):
     truth = {"mass": 0.2, "damping": 2.0, "friction": 0.3}

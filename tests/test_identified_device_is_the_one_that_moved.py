@@ -40,6 +40,7 @@ def flexible():
     return identify([record(truth, seconds=5.0)])
 
 
+@pytest.mark.thorough
 def test_resonance_friction_and_fractional_delay(flexible):
     holds(flexible, mass_kg=0.1, damping_ns_per_m=2.0, delay_samples=1.4, coulomb_friction_n=0.4)
     holds(flexible, mode_frequency_hz=140.0, mode_damping_ratio=0.05, mode_mass_ratio=0.35, encoder_resolution_m=2e-5)
@@ -49,6 +50,7 @@ def test_resonance_friction_and_fractional_delay(flexible):
     assert {"amplifier_bandwidth_hz", "force_scale", "friction_asymmetry_n", "max_force_n"} <= refused(flexible)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lost", [True, False])
 def test_what_drifts_goes_on_over_lost_samples_and_between_the_pieces_of_a_long_log(lost):
     truth = Truth(coulomb=0.2, delay=1.0, offset=0.1, drift=0.05, encoder=1e-5)
@@ -65,6 +67,7 @@ def test_what_drifts_goes_on_over_lost_samples_and_between_the_pieces_of_a_long_
     assert found.estimates["offset_drift_n_per_s"].value == pytest.approx(0.05, rel=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("bandwidth", "delay"), [(400.0, 1.0), (60.0, None)])
 def test_the_lag_of_an_amplifier_that_is_known_already_counts_once(bandwidth, delay, tmp_path):
     """Told with the delay by the log, it stays in the amplifier; one that lags more than the log tells is none."""
@@ -101,6 +104,7 @@ def test_device_file_is_usable_at_once(flexible, tmp_path):
     assert avc.load_problem(tmp_path / "p.toml").device == read.device
 
 
+@pytest.mark.thorough
 def test_encoder_at_the_handle_tells_the_resonance_but_not_how_the_mass_divides():
     """Nothing but viscous damping acts on the motor: other shares with another damping ratio predict the same."""
     truth = Truth(delay=1.0, resonance=150.0, ratio=0.04, share=0.3, at_handle=1.0, encoder=1e-5, spring=50.0)
@@ -114,6 +118,7 @@ def test_encoder_at_the_handle_tells_the_resonance_but_not_how_the_mass_divides(
     assert "resonance" not in found.device.gaps
 
 
+@pytest.mark.thorough
 def test_rigid_device_without_friction_claims_neither():
     found = identify([record(Truth(delay=0.6, encoder=5e-6, spring=30.0), seed=3)])
     holds(found, mass_kg=0.1, damping_ns_per_m=2.0, delay_samples=0.6)
@@ -121,6 +126,7 @@ def test_rigid_device_without_friction_claims_neither():
     assert found.estimates.get("coulomb_friction_n") is None or found.estimates["coulomb_friction_n"].low == 0
 
 
+@pytest.mark.thorough
 def test_stiff_controller_in_a_loop_does_not_lean_the_estimates():
     """A wall of 2 kN/m with damping, noise of the encoder fed back through it: least squares is biased, this is not."""
     truth = Truth(mass=0.2, coulomb=0.3, delay=1.0, encoder=5e-5, spring=2000.0, damper=4.0)
@@ -130,6 +136,7 @@ def test_stiff_controller_in_a_loop_does_not_lean_the_estimates():
     assert any("closed loop" in note for note in found.notes)
 
 
+@pytest.mark.thorough
 def test_known_added_mass_tells_the_scale_of_the_force():
     plain = Truth(mass=0.15, damping=3.0, scale=0.8, delay=1.0, encoder=1e-5, spring=50.0)
     loaded = Truth(mass=0.35, damping=3.0, scale=0.8, delay=1.0, encoder=1e-5, spring=50.0)
@@ -138,12 +145,14 @@ def test_known_added_mass_tells_the_scale_of_the_force():
     assert "force_scale" not in refused(found)
 
 
+@pytest.mark.thorough
 def test_something_that_holds_the_device_is_named():
     found = identify([record(Truth(ground=400.0, delay=1.0, encoder=5e-6), seed=8)])
     holds(found, stiffness_n_per_m=400.0, mass_kg=0.1)
     assert any("holds the device" in note for note in found.notes)
 
 
+@pytest.mark.thorough
 def test_slow_log_refuses_what_it_does_not_tell():
     """Up to 4 Hz nothing is said of a delay below a sample; the mass goes under in friction."""
     found = identify([record(Truth(coulomb=0.5, delay=1.0, encoder=6e-5, spring=200.0), high=4.0, rms=1.0, seed=9)])
@@ -156,6 +165,7 @@ def test_slow_log_refuses_what_it_does_not_tell():
     assert "resonance" in refused(found)
 
 
+@pytest.mark.thorough
 def test_verb_writes_device_document_and_page(tmp_path, capsys):
     random = np.random.default_rng(1)
     truth = Truth(delay=1.0, encoder=1e-5, spring=50.0)
@@ -177,6 +187,7 @@ def test_verb_writes_device_document_and_page(tmp_path, capsys):
     assert "http://" not in text.replace("http://www.w3.org", "")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("hertz", "size", "coulomb"), [(3.0, 2.0, 0.2), (4.0, 3.0, 0.1)])
 def test_friction_that_one_sine_does_not_tell_from_damping_is_not_said_to_be_none(hertz, size, coulomb):
     truth = Truth(damping=0.5, coulomb=coulomb, delay=1.0, encoder=2e-5)
@@ -189,6 +200,7 @@ def test_friction_that_one_sine_does_not_tell_from_damping_is_not_said_to_be_non
         assert key in refused(found) or found.estimates[key].low <= value <= found.estimates[key].high
 
 
+@pytest.mark.thorough
 def test_forces_that_the_device_does_not_give_and_ticks_that_are_not_logged_are_refused(tmp_path):
     (tmp_path / "d.toml").write_text(
         "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\nsample_time_s = 5e-4\nmax_force_n = 3.0\n"

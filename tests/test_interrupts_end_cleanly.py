@@ -71,6 +71,7 @@ def _ended(process):
 
 
 # Wherever in the command these times fall: the end must be the same.
+@pytest.mark.thorough
 @pytest.mark.parametrize(("verb", "after_s"), [*zip(LONG, (0.3, 1.5, 0.3, 1.5), strict=True)])
 def test_interrupt_ends_the_command(verb, after_s, tmp_path):
     (tmp_path / "slow.toml").write_text(SLOW)
@@ -82,6 +83,7 @@ def test_interrupt_ends_the_command(verb, after_s, tmp_path):
     assert err == b""
 
 
+@pytest.mark.thorough
 def test_interrupt_of_the_command_alone_ends_its_workers_too(tmp_path):
     process = started("table1", tmp_path, 0.5, workers=2)
     process.send_signal(signal.SIGINT)
@@ -89,6 +91,7 @@ def test_interrupt_of_the_command_alone_ends_its_workers_too(tmp_path):
     assert process.returncode == 130
 
 
+@pytest.mark.thorough
 def test_workers_end_when_the_command_is_killed(tmp_path):
     process = started("table1", tmp_path, 0.5, workers=2)
     process.kill()
@@ -172,6 +175,7 @@ def test_interrupt_is_seen_in_an_error_that_it_caused(words, cause, monkeypatch,
     assert capsys.readouterr() == ("", "avc: interrupted\n")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("options", [(), ("--json",)])
 def test_an_interrupted_stream_says_what_the_device_does_without_it(options, tmp_path):
     process = started("stream", tmp_path, 0.0, *options)

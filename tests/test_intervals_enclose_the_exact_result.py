@@ -89,6 +89,7 @@ def test_square_roots_are_enclosed(number, share):
     assert np.isnan(Interval.of([-1.0], [1.0]).sqrt().low).all()
 
 
+@pytest.mark.thorough
 @given(interval(st.floats(-1e4, 1e4)), SHARE)
 @settings(max_examples=400)
 def test_sine_and_cosine_are_enclosed(angle, share):

@@ -17,6 +17,7 @@ def told(seed, **device):
     return truth, identify([Record("log", truth.period, position, force)])
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("friction", "delay", "bandwidth", "encoder"),
@@ -31,6 +32,7 @@ def test_both_intervals_hold_what_was_there(friction, delay, bandwidth, encoder)
     assert abs(late.value - delay) < 0.012
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("friction", "delay", "bandwidth", "encoder"), [(0.5, 0.8, 700.0, 2e-6), (1.0, 1.3, 600.0, 5e-6)]
 )
@@ -41,6 +43,7 @@ def test_a_fast_lag_does_not_lean_by_the_parts_that_a_sample_is_cut_into(frictio
     assert abs(found.estimates["delay_samples"].value - delay) < 1e-3
 
 
+@pytest.mark.thorough
 def test_a_fast_lag_beside_little_friction_is_told():
     """It and the delay do nearly the same: what either adds is worth a hundred times its own."""
     _, found = told(4, coulomb=0.05, delay=1.3, bandwidth=600.0, encoder=2e-6)
@@ -50,6 +53,7 @@ def test_a_fast_lag_beside_little_friction_is_told():
     assert found.terms == ("base", "coulomb", "amplifier")
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("friction", "delay", "bandwidth", "ring"),
@@ -68,11 +72,13 @@ def test_a_current_loop_of_the_second_order_is_no_lag_of_the_first(friction, del
     assert found.estimates["amplifier_bandwidth_hz"].value == pytest.approx(bandwidth, rel=0.03)
 
 
+@pytest.mark.thorough
 def test_a_lag_of_the_first_order_stays_one():
     _, found = told(3, coulomb=0.3, delay=1.0, bandwidth=300.0, encoder=10e-6)
     assert (found.amplifier_order, found.device.device.amplifier_order) == (1, 1)
 
 
+@pytest.mark.thorough
 def test_a_lag_that_hides_is_counted_as_delay_and_said_to_be():
     truth, found = told(5, delay=1.7, bandwidth=750.0, encoder=20e-6)
     assert "amplifier_bandwidth_hz" in {one.key for one in found.refused}
@@ -81,6 +87,7 @@ def test_a_lag_that_hides_is_counted_as_delay_and_said_to_be():
     assert found.estimates["mass_kg"].value == pytest.approx(truth.mass, rel=1e-4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("ranges", "leans"), [({}, True), ({"range": {"amplifier_bandwidth_hz": [200, 900]}}, False)])
 def test_a_delay_beside_a_lag_that_is_only_declared_is_told_to_lean_on_it(ranges, leans):
     truth, random = Truth(mass=0.3, delay=2.0, encoder=20e-6), np.random.default_rng(3)
@@ -92,6 +99,7 @@ def test_a_delay_beside_a_lag_that_is_only_declared_is_told_to_lean_on_it(ranges
     assert any("600, which base gives without a range" in note for note in found.notes) == leans
 
 
+@pytest.mark.thorough
 def test_an_order_of_the_amplifier_that_the_logs_contradict_is_told():
     truth, random = Truth(mass=0.1, damping=0.5, coulomb=0.3, bandwidth=300.0, encoder=10e-6), np.random.default_rng(3)
     _, position, force = measured(truth, multisine(random, 10.0, truth.period, 0.5, 300.0, 1.3), random)

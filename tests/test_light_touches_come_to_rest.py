@@ -27,6 +27,7 @@ def touched():
     return avc.recommend(avc.load_problem("reference-r1").changed(device=device, environment=wall), hands=40)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("end_m", [2e-4, 5e-4, 1e-3, 2e-3])
 def test_loose_hands_that_touch_lightly_come_to_rest(touched, end_m):
     coupling = touched.coupling

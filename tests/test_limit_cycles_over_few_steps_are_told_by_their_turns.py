@@ -77,6 +77,7 @@ def test_what_is_no_cycle_does_not():
     assert toggling(pulses(0.2), stiffness=0.0) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("loop", [WALL, replace(GRASP, end=0.0073)])
 def test_a_loop_that_its_encoder_swings_until_the_last_row_is_not_healthy(loop):
     log = columns(loop)
@@ -88,6 +89,7 @@ def test_a_loop_that_its_encoder_swings_until_the_last_row_is_not_healthy(loop):
     assert found_of(finer).verdict == "nothing wrong"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("loop", [WALL, GRASP])
 def test_a_log_that_begins_within_the_cycle_is_read(loop):
     log = columns(loop)
@@ -107,6 +109,7 @@ def test_a_counter_that_wraps_around_jumps_by_more_than_a_few_counts():
     assert "wraps around" not in str(faults[1])
 
 
+@pytest.mark.thorough
 def test_a_light_hand_over_few_counts_is_not_taken_for_none():
     found = found_of(LIGHT)
     assert found.cause != "let-go", found.conclusion

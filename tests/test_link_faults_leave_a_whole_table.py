@@ -90,6 +90,7 @@ def test_one_fault_at_any_byte(kind: FaultKind, to_device: bool, pair: str, size
             assert done
 
 
+@pytest.mark.thorough
 @settings(max_examples=SCHEDULES)
 @given(st.lists(faults, max_size=12), st.sampled_from(sorted(PAIRS)))
 def test_random_faults(schedule_of_faults: list[LinkFault], pair: str) -> None:

@@ -47,6 +47,7 @@ def port(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
         process.wait()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("port", "board"), [(board, board) for board in BOARDS], indirect=["port"])
 def test_push_stream_and_monitor(port: str, board: str) -> None:
     estimator = TARGETS[board].estimator

@@ -32,6 +32,7 @@ def record(columns):
     return Record(columns.file, 1e-3, columns.position_m, columns.force_n)
 
 
+@pytest.mark.thorough
 def test_a_device_turned_over_is_the_same_device():
     found = identify([record(log("up", 1, offset=0.27)), record(log("down", 2, offset=-0.33))])
     for key, truth in (
@@ -49,6 +50,7 @@ def test_a_device_turned_over_is_the_same_device():
     assert "log_2.offset_n" in identification_document(found)["estimates"]
 
 
+@pytest.mark.thorough
 def test_pieces_of_one_log_have_one_constant_force():
     whole = log("whole", 3, offset=0.2)
     kept = np.ones(whole.time_s.size, dtype=bool)
@@ -63,6 +65,7 @@ def test_pieces_of_one_log_have_one_constant_force():
     assert not any(name.startswith("log_") for name in found.names)
 
 
+@pytest.mark.thorough
 def test_the_weight_of_a_known_mass_is_no_scale_of_the_force(tmp_path):
     paths = []
     for index, added in enumerate((0.0, 0.05)):
@@ -80,6 +83,7 @@ def test_the_weight_of_a_known_mass_is_no_scale_of_the_force(tmp_path):
     assert found.estimates["mass_kg"].value == pytest.approx(0.12, rel=2e-3)
 
 
+@pytest.mark.thorough
 def test_a_share_that_is_assumed_at_the_end_of_its_interval_is_written():
     """Found on a log of a thousand: its two digits lay outside of what the log allowed."""
     found = identify([record(log("log", 1))])
@@ -93,6 +97,7 @@ def test_a_share_that_is_assumed_at_the_end_of_its_interval_is_written():
     assert written.range.resonance.mass_ratio == (0.1, 0.42)
 
 
+@pytest.mark.thorough
 def test_a_file_of_another_device_is_doubted():
     said = "[device]\nsample_time_s = 2e-3\nmass_kg = 5.0\ndamping_ns_per_m = 0.7\nencoder_resolution_m = 1e-4\n"
     graded = "".join(
@@ -108,6 +113,7 @@ def test_a_file_of_another_device_is_doubted():
     assert "damping" not in note
 
 
+@pytest.mark.thorough
 def test_logs_of_two_devices_are_told():
     found = identify([record(log("light", 1)), record(log("heavy", 2, mass=0.2))])
     (note,) = (one for one in found.notes if "do not agree" in one)
@@ -115,6 +121,7 @@ def test_logs_of_two_devices_are_told():
     assert "by heavy" in note
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize(("side", "resonance"), [("rooted", 30.0), ("rooted", 60.0), ("ground", 60.0)])
 def test_a_spring_may_be_on_either_side_of_a_resonance(side, resonance):

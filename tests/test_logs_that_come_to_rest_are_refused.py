@@ -29,6 +29,7 @@ def test_motion_in_the_first_part_only_is_refused_by_what_is_asked_for(seconds):
         identify([record_of(seconds, moving_s=0.09 * min(seconds, 10.0))])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("start", [-0.04, -0.08, -0.15])
 def test_a_log_that_stands_still_for_the_most_part_is_answered(start):
     """Most stretches are predicted exactly there, by every model."""

@@ -58,6 +58,7 @@ def test_table_that_the_schedule_is_solved_with():
     assert np.abs(found - hands_slack(problem(2.0, 0.0), states, at)).max() > 1e-4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["direct", "schedule"])
 def test_gains_that_keep_it(method):
     margin, case = 1.5, problem(2.0, 1.5)

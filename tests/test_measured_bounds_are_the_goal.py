@@ -39,6 +39,7 @@ def measured(error=None):
     return FIGURE5.changed(boundaries={"measured": found})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["closed-form", "direct", "exact", "schedule", "static"])
 def test_every_method_takes_them_as_it_takes_springs_and_dampers(method):
     by_file, by_numbers = avc.solve(measured(), method), avc.solve(FIGURE5, method)

@@ -82,6 +82,7 @@ def test_same_peak_force_tells_more(values):
     assert log_det(plan, device) > log_det(even, device) + 0.5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("values", DEVICES[:2], ids=lambda values: f"{values['mass_kg']} kg")
 def test_within_the_same_speed_and_travel_it_tells_more(values):
     require("gcc")

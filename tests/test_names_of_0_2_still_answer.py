@@ -55,6 +55,7 @@ def test_a_study_is_answered_with_where_it_stands(room):
         import_module(f"avc_casadi.study.{room}")
 
 
+@pytest.mark.thorough
 def test_pareto_answers_and_says_that_it_is_a_study():
     problem = avc.load_problem("soft").changed(frequency={"points": 2})
     with pytest.warns(DeprecationWarning, match="avc study pareto"):

@@ -47,6 +47,7 @@ def test_the_certificate_shows_that_hand_and_the_proof_stores_it():
     assert all(low <= value <= high for value, (low, high) in zip(proof.hand.values(), ranges, strict=True))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["direct", "schedule"])
 def test_designs_with_scope_hands_hold_the_whole_box(method):
     table = avc.solve(INSIDE, method)
@@ -65,6 +66,7 @@ def test_the_search_finds_what_a_lattice_finds():
         assert np.all(found.radius >= brute_force(problem, *gains) - 1e-6)
 
 
+@pytest.mark.thorough
 def test_no_proof_is_contradicted_and_no_refutation_fails_to_replay():
     generator = np.random.default_rng(11)
     outcomes = []
@@ -82,6 +84,7 @@ def test_no_proof_is_contradicted_and_no_refutation_fails_to_replay():
     assert outcomes.count("refuted") > 2
 
 
+@pytest.mark.thorough
 def test_ranges_of_the_device_are_part_of_the_box():
     wide = FIGURE5.changed(
         device={"range": {"delay_samples": (0.0, 1.3), "mass_kg": (0.08, 0.12), "damping_ns_per_m": (1.0, 3.0)}}

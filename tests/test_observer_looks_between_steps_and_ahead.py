@@ -65,6 +65,7 @@ def test_without_steps_it_is_the_measurement():
     np.testing.assert_allclose(found, position, rtol=0, atol=1e-15)
 
 
+@pytest.mark.thorough
 def test_one_sample_of_delay_is_predicted_away():
     problem = load_problem("scenes/adaptive-press-delayed")
     gains = solve(problem, "schedule")

@@ -57,6 +57,7 @@ def test_what_is_kept_takes_over_after_the_power_was_off() -> None:
     assert Connection(board).device.flash_bytes == SECTOR_BYTES
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("stored", [0, 1])
 def test_the_power_may_be_cut_in_every_erase_and_every_word(stored: int) -> None:
     before = kept_twice()[stored]

@@ -14,6 +14,7 @@ def random_loop(generator, delay, model):
     return SampledLoop(float(generator.uniform(0.1, 20)), float(generator.uniform(0, 30)), stiffness, T, delay, model)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 def test_no_grid_point_lies_below_the_worst_margin(model):
     generator = np.random.default_rng(1)

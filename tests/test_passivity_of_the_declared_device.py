@@ -117,6 +117,7 @@ DECLARED = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("device", DECLARED.values(), ids=DECLARED)
 def test_what_l3_passes_every_passive_hand_holds_still(device):
@@ -236,6 +237,7 @@ def test_a_level_without_a_proof_is_refused_by_name(device, model, refused):
     assert {name for name, word in words.items() if word == "refused"} == refused
 
 
+@pytest.mark.thorough
 def test_every_corner_of_the_declared_device_counts():
     ranges = {"mass_kg": (0.05, 0.2), "amplifier_bandwidth_hz": (60.0, 900.0), "delay_samples": (0, 1.5)}
     case = problem(amplifier_bandwidth_hz=600.0, resonance=MODE, range=ranges)

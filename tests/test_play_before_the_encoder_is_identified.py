@@ -40,6 +40,7 @@ def loose():
     return identify([logged(USUAL, 1e-4, seed=3)])
 
 
+@pytest.mark.thorough
 def test_play_is_told_with_the_device_beside_it(loose):
     assert loose.terms == ("base", "coulomb", "play")
     for key, true in (
@@ -64,6 +65,7 @@ def test_the_user_is_told_what_it_is_and_the_file_holds_it(loose):
     assert "backlash_m = [" in device_text(loose.device)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("play", "of"),
     [(5e-5, {}), (2e-4, {"coulomb": 0.0}), (4e-4, {}), (1e-4, {"coulomb": 0.3, "mass": 0.25})],
@@ -74,6 +76,7 @@ def test_more_and_less_play_is_found(play, of):
     assert one.value == pytest.approx(play, rel=0.2)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "other",
     [
@@ -93,6 +96,7 @@ def test_a_device_without_play_is_not_said_to_have_any(other):
     assert "backlash_m" not in found.estimates
 
 
+@pytest.mark.thorough
 def test_a_log_that_hardly_turns_tells_of_none():
     time = np.arange(3000) * 1e-3
     force = 0.6 + 0.2 * np.sin(2 * np.pi * 0.6 * time)

@@ -47,6 +47,7 @@ def predictor():
     return Predictor([Record("simulated", 1e-3, position, force)], 0.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("terms", MODELS.values(), ids=MODELS)
 def test_compiled_and_evaluated_agree(predictor, terms, monkeypatch):
     structure = Structure(terms, {}, {"backlash_m": 2e-5})
@@ -77,6 +78,7 @@ def test_a_compiler_that_does_not_know_the_machine_s_own_vectors_will_do(predict
     np.testing.assert_array_equal(own.slopes, common.slopes)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("side", ["motor", "handle"])
 def test_slopes_are_those_of_differences(predictor, side, order):

@@ -50,6 +50,7 @@ def check(text):
         assert fault.line is None or 1 <= fault.line <= text.count("\n") + 1
 
 
+@pytest.mark.thorough
 @settings(max_examples=400)
 @given(st.data())
 def test_random_edits_of_a_valid_file(data):
@@ -82,6 +83,7 @@ def test_random_names(name):
 
 
 # Without the guards each of these takes minutes, or all memory.
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     "text",

@@ -48,6 +48,7 @@ def test_frequencies_are_told_and_do_not_depend_on_their_neighbours(search, poin
         np.testing.assert_array_equal(gain[-30:], own)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["direct", "exact", "schedule", "static-tuned"])
 def test_methods_that_take_long_tell_of_it(method):
     listener = Listener()
@@ -70,6 +71,7 @@ def test_a_certificate_tells_of_its_levels():
     assert {"passivity", "Llewellyn", "spectral radius", "switching"} <= {what for _, _, what in listener.told}
 
 
+@pytest.mark.thorough
 def test_the_region_tells_of_its_curves():
     listener = Listener()
     region = zwidth(avc.load_problem("soft"), listener)
@@ -83,6 +85,7 @@ def test_the_verdict_on_deployment_tells_of_each_claim():
     assert all(done == total for done, total, _ in listener.told)
 
 
+@pytest.mark.thorough
 def test_a_recommendation_tells_of_candidates_that_are_tried():
     listener = Listener()
     found = avc.recommend("soft", hands=2, progress=listener)
@@ -92,6 +95,7 @@ def test_a_recommendation_tells_of_candidates_that_are_tried():
     assert all(1 <= done <= total <= found.considered for done, total in tried)
 
 
+@pytest.mark.thorough
 def test_the_trial_of_a_method_tells_of_its_motions():
     listener, problem = Listener(), many(3)
     judged_as_recommended(problem, avc.solve(problem, "static"), hands=2, progress=listener)

@@ -7,6 +7,7 @@ import pytest
 from avc_casadi.cli import main
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("without", "hole"),

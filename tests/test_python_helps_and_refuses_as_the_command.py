@@ -32,6 +32,7 @@ def test_the_names_are_sorted_and_complete():
     assert dir(avc) == sorted(dir(avc))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [name for name in avc.__all__ if name != "figures"])
 def test_every_name_shows_a_call_that_does_what_it_says(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -72,6 +73,7 @@ def test_an_unknown_keyword_is_pythons_own_error(call):
         call("soft", metod="exact")
 
 
+@pytest.mark.thorough
 def test_a_problem_is_taken_as_it_is_by_name_and_by_path():
     assert as_problem(SOFT) is SOFT
     by_name = as_problem("soft")
@@ -101,6 +103,7 @@ SAME_WORDS = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("arguments", "key", "call"), SAME_WORDS, ids=[" ".join(row[0]) for row in SAME_WORDS])
 def test_python_and_the_command_refuse_in_the_same_words(arguments, key, call, capsys):
     with pytest.raises(avc.InputError) as error:

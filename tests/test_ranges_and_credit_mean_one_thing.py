@@ -42,6 +42,7 @@ def test_every_device_of_the_range_keeps_the_margin(method, require, coupling):
         assert least_real_part(problem, solve(figure5(points=20, coupling=coupling), method), 0.8) < -0.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("coupling", [{}, DAMPED], ids=["series", "damped"])
 def test_constant_gains_are_safe_with_every_device_of_the_range(coupling):
     problem, known = ranged(coupling=coupling), figure5(points=20, coupling=coupling)

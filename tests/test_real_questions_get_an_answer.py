@@ -37,6 +37,7 @@ def test_falcon_vibrates_when_5_n_are_switched_on_in_contact(stiffness, damper):
         assert answer(wall).verdict == "nothing wrong"
 
 
+@pytest.mark.thorough
 def test_motors_shake_when_an_object_is_grabbed_over_one_step_of_the_encoder():
     """The damper makes 1.6 N of every step: it is the encoder, though the swing has but one of its steps."""
     found = answer(replace(GRIPPER, stiffness=2000.0, damper=80.0), GRIPPER)
@@ -47,6 +48,7 @@ def test_motors_shake_when_an_object_is_grabbed_over_one_step_of_the_encoder():
     assert rests(logged(cured, 1.5)[1], cured.period, cured.encoder)
 
 
+@pytest.mark.thorough
 def test_knob_twitches_at_rest():
     """Nobody holds it, and its damper swings it without a hand, whatever the encoder: four steps of it tell so much."""
     found = answer(replace(KNOB, stiffness=300.0, damper=25.0))
@@ -59,6 +61,7 @@ def test_knob_twitches_at_rest():
     assert left < 0.5 * swung
 
 
+@pytest.mark.thorough
 def test_device_oscillates_since_its_rate_was_halved():
     meant = Buzzing(encoder=5e-6, stiffness=10000.0, damper=12.0)
     found = answer(replace(meant, period=2e-3), meant)
