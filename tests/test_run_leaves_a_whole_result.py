@@ -49,6 +49,8 @@ def test_conclusion_first_then_the_papers_question_and_every_file(results):
         "wall ",
         "direct: 200 of 200 frequencies",
     )
+    # The law is searched: how soft it is in motion, and so whether that is said, is the processor's last digits.
+    lines = [line for line in lines if not line.startswith("in motion: ")]
     assert len(lines) == 17
     assert all(line.startswith(start) for line, start in zip(lines, starts, strict=False))
     assert "agree" in lines[11]
