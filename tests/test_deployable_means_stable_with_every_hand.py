@@ -8,12 +8,12 @@ from itertools import product
 import numpy as np
 import pytest
 import scipy.linalg
+from robust_steps import step_at
 
 import avc_casadi as avc
 from avc_casadi.claims import deployable as _deployable
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.coupling import Coupling, schedule_of
-from avc_casadi.design.robust.ladder import robust_at
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.runtime import Runtime
 
@@ -197,9 +197,11 @@ def test_a_table_that_is_written_to_is_judged_anew():
 @pytest.mark.thorough
 def test_a_verdict_is_worked_out_once_though_others_have_the_same_gains(monkeypatch):
     """A wall's laws differ in what runs beside the gains alone."""
-    rung = next(robust_at(avc.load_problem("reference-r1"), 3000.0))
-    problem, laws = avc.load_problem("reference-r1"), [rung.found.law, *(one.law for one in rung.found.others)][:2]
-    couplings = [Coupling.constant(problem, rung.gains, "x", Runtime(state_feedback=law)) for law in laws]
+    problem = avc.load_problem("reference-r1")
+    steps = [step_at(problem, wall) for wall in (3000.0, 2000.0)]
+    couplings = [
+        Coupling.constant(problem, steps[0].gains, "x", Runtime(state_feedback=step.best.law)) for step in steps
+    ]
     judged = []
     monkeypatch.setattr(_deployable, "_verdict", lambda one, _: judged.append(one.runtime) or len(judged))
     for _ in range(2):

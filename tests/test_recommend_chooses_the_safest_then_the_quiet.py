@@ -14,7 +14,7 @@ import avc_casadi as avc
 from avc_casadi._util.progress import SILENT
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.lqg import Space
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.hands import hand_corners, with_let_go

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from robust_steps import step_at
 
 import avc_casadi as avc
 from avc_casadi.claims.stability.state_feedback import Laws
-from avc_casadi.design.robust.ladder import robust_at
-from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.moved import moved
 
 STIFFNESS = 5000.0
@@ -43,16 +43,16 @@ def test_a_longer_sample_does_not_ask_for_more_in_a_sample():
 def test_a_law_moves_to_a_device_much_like_it(change):
     before = avc.load_problem("reference-r1").changed(environment={"stiffness_n_per_m": 1e6})
     changed = before.changed(device=change)
-    rung = next(robust_at(before, STIFFNESS))
-    found = moved(rung, before, changed)
+    step = step_at(before, STIFFNESS)
+    found = moved(step, before, changed)
     assert found is not None
     assert found.stiffness_n_per_m == STIFFNESS
     old, new = Space(before.device, before.hands), Space(changed.device, changed.hands)
-    away = dict(zip([knob.name for knob in old.knobs], rung.found.logarithms - old.starts[0], strict=True))
+    away = dict(zip([knob.name for knob in old.knobs], step.best.logarithms - old.starts[0], strict=True))
     low, high = new.bounds
-    inside = (found.found.logarithms > low) & (found.found.logarithms < high)
-    there = found.found.logarithms - new.starts[0]
+    inside = (found.best.logarithms > low) & (found.best.logarithms < high)
+    there = found.best.logarithms - new.starts[0]
     assert inside.sum() > 4
     for place in np.flatnonzero(inside):
         assert there[place] == pytest.approx(away[new.knobs[place].name], abs=1e-12)
-    assert np.isfinite(Laws.of(found.found.law).innovation).all()
+    assert np.isfinite(Laws.of(found.best.law).innovation).all()

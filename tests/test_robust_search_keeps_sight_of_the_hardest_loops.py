@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
+from robust_steps import step_at
 
 import avc_casadi as avc
 from avc_casadi.claims.stability.declared_device import plants_with_forces
 from avc_casadi.claims.stability.frozen_loop import frozen_rendering
 from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
+from avc_casadi.design.robust.cma_continuation import continuation
 from avc_casadi.design.robust.goal import DECAY_PER_S, RANGED_DECAY_PER_S, cost_of
-from avc_casadi.design.robust.law import Space
-from avc_casadi.design.robust.loops import Loops
-from avc_casadi.design.robust.search import search
+from avc_casadi.design.robust.lqg import Space
+from avc_casadi.design.robust.uncertainty_set import Loops
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.gains import spring_before
 from avc_casadi.model.hands import hand_corners
@@ -40,9 +41,10 @@ def rendered(problem, stiffness):
 def test_a_stiffer_wall_is_reached_from_a_softer_one_on_a_device_of_many_corners(known_to_a_tenth):
     problem = known_to_a_tenth
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
-    soft, stiff = (rendered(problem, stiffness) for stiffness in (2500.0, 5000.0))
-    start = search(space, loops, soft).logarithms
-    found = search(space, loops, stiff, start)
+    stiff = rendered(problem, 5000.0)
+    steps = continuation(problem, space.starts[0], (2500.0, 5000.0))
+    assert steps[-1].stiffness_n_per_m == 5000.0
+    found = steps[-1].best
     assert found.cost.holds
     for plants in (loops.nominal, loops.varied, loops.free):
         assert largest_radius(state_feedback_loop(plants, found.law, stiff)).max() < 1
@@ -55,7 +57,7 @@ def test_on_devices_within_the_ranges_any_share_of_the_innovation_may_pass():
     ranged = alone.changed(device={"range": {"delay_samples": (0.5, 1.5), "mass_kg": (0.08, 0.12)}})
     before, loops = (Loops.of(one.device, one.hands) for one in (alone, ranged))
     rendering = rendered(alone, 6000.0)
-    law = search(Space(alone.device, alone.hands), before, rendering).law
+    law = step_at(alone, 6000.0).best.law
     assert before.ranged is None
     hands, devices = hand_corners(ranged.hands), device_corners(ranged.device)
     plants = plants_with_forces(sampled_plant(devices, hands))

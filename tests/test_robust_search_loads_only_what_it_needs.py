@@ -6,7 +6,7 @@ import sys
 SEARCHED = """
 import sys
 import numpy as np
-from avc_casadi.design.robust.evolve import evolution
+from avc_casadi.design.robust.cma_continuation import evolution
 search = evolution(np.ones(2), (-2 * np.ones(2), 2 * np.ones(2)), 0.3, np.random.default_rng(0))
 for _ in range(20):
     points = search.ask()

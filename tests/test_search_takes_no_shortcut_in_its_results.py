@@ -14,8 +14,8 @@ from avc_casadi.claims.stability.frozen_loop import frozen_rendering
 from avc_casadi.claims.stability.state_feedback import Laws, stiffness_at_rest
 from avc_casadi.claims.stability.stiffest_wall import loop_radius, stiffest_wall
 from avc_casadi.design.robust.goal import cost_of, costs_of
-from avc_casadi.design.robust.law import Space
-from avc_casadi.design.robust.loops import Loops
+from avc_casadi.design.robust.lqg import Space
+from avc_casadi.design.robust.uncertainty_set import Loops
 from avc_casadi.model.hands import hand_corners, with_let_go
 
 

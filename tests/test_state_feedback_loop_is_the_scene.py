@@ -13,7 +13,7 @@ from avc_casadi.claims.stability.declared_device import plants_with_forces
 from avc_casadi.claims.stability.frozen_loop import Rendering, frozen_rendering
 from avc_casadi.claims.stability.state_feedback import Laws, force_over_innovation, largest_radius, state_feedback_loop
 from avc_casadi.coupling import Coupling, schedule_of
-from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.lqg import Space
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import StateFeedbackEffect
 from avc_casadi.model.gains import Gains

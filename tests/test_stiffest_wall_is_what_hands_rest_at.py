@@ -13,8 +13,8 @@ from avc_casadi.recommendation.stiffest import stiffest
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import draw_hands
 
-# Anew, from the law of the device as it is on, and that as it is.
-WAYS = ("_anew", "_further", "_kept")
+# From the law of the device as it is on, and that as it is.
+WAYS = ("_changed", "_kept")
 DEVICE = {"encoder_resolution_m": 1e-5, "backlash_m": 1e-5, "max_force_n": 8.0}
 
 

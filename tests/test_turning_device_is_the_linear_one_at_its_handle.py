@@ -17,8 +17,8 @@ from avc_casadi.claims.stability.frozen_loop import Rendering
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust.goal import costs_of
-from avc_casadi.design.robust.law import Space
-from avc_casadi.design.robust.loops import Loops
+from avc_casadi.design.robust.lqg import Space
+from avc_casadi.design.robust.uncertainty_set import Loops
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem

@@ -4,18 +4,21 @@ import dataclasses
 
 import numpy as np
 import pytest
+from robust_steps import step_at
 
 import avc_casadi as avc
+from avc_casadi.claims.stability.declared_device import plants_with_forces
 from avc_casadi.claims.stability.frozen_loop import frozen_rendering
+from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.robust.climb import climb
+from avc_casadi.design.robust.cma_continuation import continuation, refined
 from avc_casadi.design.robust.goal import cost_of
-from avc_casadi.design.robust.ladder import robust_at
-from avc_casadi.design.robust.law import Space
-from avc_casadi.design.robust.loops import Loops
-from avc_casadi.design.robust.search import search
+from avc_casadi.design.robust.lqg import Space
+from avc_casadi.design.robust.uncertainty_set import Loops
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
+from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.runtime import Runtime
+from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.model.scene import Press
 from avc_casadi.simulation.population.coupling_trial import TRIAL_S, try_coupling
 from avc_casadi.simulation.population.motions import course_of
@@ -25,21 +28,22 @@ from avc_casadi.simulation.population.trial import Conditions, Ends
 
 HANDS = 20
 PROBLEM = avc.load_problem("reference-r1")
+HELD = plants_with_forces(sampled_plant(PROBLEM.device, hand_corners(PROBLEM.hands)))
 FAR = 1e6
 BEFORE_FAR = PROBLEM.changed(environment={"stiffness_n_per_m": FAR, "damping_ns_per_m": 0.0})
 
 
 @pytest.fixture(scope="module")
-def rung():
-    return next(robust_at(PROBLEM, 3000.0))
+def step():
+    return step_at(PROBLEM, 3000.0)
 
 
-def laws(rung):
-    return [rung.found.law, *(one.law for one in rung.found.others)]
+def laws(step):
+    return [one.law for one in step.candidates]
 
 
-def coupling(rung, law):
-    return Coupling.constant(PROBLEM, rung.gains, "robust", Runtime(state_feedback=law))
+def coupling(step, law):
+    return Coupling.constant(PROBLEM, step.gains, "robust", Runtime(state_feedback=law))
 
 
 class OneHand:
@@ -60,13 +64,13 @@ class OneHand:
         return ends
 
 
-def start_of(rung):
-    return rung.found.logarithms
+def start_of(step):
+    return step.best.logarithms
 
 
-def test_walls_rise_up_to_the_one_that_nobody_rests_at(rung):
+def test_walls_rise_up_to_the_one_that_nobody_rests_at(step):
     hand = OneHand(lambda wall, _: 0.2 if wall < 4200 else 2.0)
-    held = climb(BEFORE_FAR, start_of(rung), (3000.0, 1e5), hand.at, close=1.05)
+    held = continuation(BEFORE_FAR, start_of(step), (3000.0, 1e5), hand.at, close=1.05)
     walls = [one.stiffness_n_per_m for one in held]
     assert walls == sorted(walls)
     assert walls[0] == pytest.approx(3000)
@@ -74,44 +78,44 @@ def test_walls_rise_up_to_the_one_that_nobody_rests_at(rung):
     for one in held:
         space, loops = Space(BEFORE_FAR.device, BEFORE_FAR.hands), Loops.of(BEFORE_FAR.device, BEFORE_FAR.hands)
         rendering = frozen_rendering(BEFORE_FAR, 0.0, one.gains.stiffness_n_per_m)
-        for law in (one.found, *one.found.others):
+        for law in one.candidates:
             assert law.cost.holds
             assert cost_of(space.law(law.logarithms, one.stiffness_n_per_m), rendering, loops).holds
 
 
-def test_a_climb_ends_at_the_wanted_wall(rung):
+def test_a_continuation_ends_at_the_wanted_wall(step):
     hand = OneHand(lambda *_: 0.2)
-    held = climb(BEFORE_FAR, start_of(rung), (3000.0, 3900.0), hand.at)
+    held = continuation(BEFORE_FAR, start_of(step), (3000.0, 3900.0), hand.at)
     assert held[-1].stiffness_n_per_m == pytest.approx(3900)
     assert max(hand.walls) == pytest.approx(3900)
 
 
-def test_a_climb_begins_softer_where_the_first_wall_is_too_stiff(rung):
+def test_a_continuation_begins_softer_where_the_first_wall_is_too_stiff(step):
     hand = OneHand(lambda wall, _: 0.2 if wall < 1700 else 2.0)
-    held = climb(BEFORE_FAR, start_of(rung), (3000.0, 3000.0), hand.at)
+    held = continuation(BEFORE_FAR, start_of(step), (3000.0, 3000.0), hand.at)
     assert 1700 / 1.1 < held[-1].stiffness_n_per_m < 1700
-    assert climb(BEFORE_FAR, start_of(rung), (3000.0, 3000.0), hand.at, softer=0) == []
+    assert continuation(BEFORE_FAR, start_of(step), (3000.0, 3000.0), hand.at, softer=0) == []
 
 
-def test_the_speed_of_the_hands_leads_the_search(rung):
+def test_the_speed_of_the_hands_leads_the_search(step):
     """The law of the start moves somebody; laws with less feedback, which are near, do not."""
-    before = rung.found.law.feedback[0]
+    before = step.best.law.feedback[0]
     hand = OneHand(lambda _, law: law.feedback[0] / before / 0.97)
-    held = climb(BEFORE_FAR, start_of(rung), (3000.0, 3000.0), hand.at)
+    held = continuation(BEFORE_FAR, start_of(step), (3000.0, 3000.0), hand.at)
     assert held
     assert all(law.feedback[0] / before < 0.97 for law in laws(held[-1]))
 
 
-def test_a_simulation_that_ends_in_no_number_is_no_rest(rung):
+def test_a_simulation_that_ends_in_no_number_is_no_rest(step):
     hand = OneHand(lambda *_: np.nan)
-    assert climb(BEFORE_FAR, start_of(rung), (3000.0, 3000.0), hand.at, softer=0) == []
+    assert continuation(BEFORE_FAR, start_of(step), (3000.0, 3000.0), hand.at, softer=0) == []
 
 
-def test_laws_of_one_scene_end_as_each_alone(rung):
+def test_laws_of_one_scene_end_as_each_alone(step):
     plain = Coupling.constant(PROBLEM, Gains(0.0, 2000.0, 2.0), "plain")
-    restless = dataclasses.replace(rung.found.law, feedback=tuple(4.0 * one for one in rung.found.law.feedback))
-    stiff = coupling(rung, restless)
-    several = [coupling(rung, law) for law in laws(rung)[:2]] + [stiff, plain]
+    restless = dataclasses.replace(step.best.law, feedback=tuple(12.0 * one for one in step.best.law.feedback))
+    stiff = coupling(step, restless)
+    several = [coupling(step, law) for law in laws(step)[:2]] + [stiff, plain]
     people = people_of(PROBLEM.hands, HANDS)
     for friction, rests in ((True, "stable"), (False, "stable_without_friction")):
         speeds = unrest(several, people, friction=friction)
@@ -123,12 +127,12 @@ def test_laws_of_one_scene_end_as_each_alone(rung):
     assert (speeds[2] > 1).any()
 
 
-def test_who_strikes_and_touches_lightly_too_ends_as_fast_as_in_the_fastest_motion(rung):
+def test_who_strikes_and_touches_lightly_too_ends_as_fast_as_in_the_fastest_motion(step):
     """A strike drives the device to its force limit: a law that is hardly damped there does not come back.
 
     The lightest touch has the declared friction in any case.
     """
-    one, people = coupling(rung, rung.found.law), people_of(PROBLEM.hands, HANDS)
+    one, people = coupling(step, step.best.law), people_of(PROBLEM.hands, HANDS)
     laws_asked = [one.runtime.state_feedback]
     rough, gains = Conditions.of(one), one.table.at_rest
     smooth = rough.without_friction()
@@ -145,11 +149,11 @@ def test_who_strikes_and_touches_lightly_too_ends_as_fast_as_in_the_fastest_moti
     assert rough.friction_n > 0
 
 
-def test_a_law_with_which_somebody_moves_is_out_of_the_race_and_with_another_all_try_everything(rung):
+def test_a_law_with_which_somebody_moves_is_out_of_the_race_and_with_another_all_try_everything(step):
     """Who is left ends as without a race; who is out ends as in the motions so far, and somebody is not at rest."""
-    one, people = coupling(rung, rung.found.law), people_of(PROBLEM.hands, HANDS)
+    one, people = coupling(step, step.best.law), people_of(PROBLEM.hands, HANDS)
     law = one.runtime.state_feedback
-    both = [law, dataclasses.replace(law, feedback=tuple(4.0 * value for value in law.feedback))]
+    both = [law, dataclasses.replace(law, feedback=tuple(12.0 * value for value in law.feedback))]
     everything = ends_of(one, people, beyond=True)(both)
     raced = ends_of(one, people, beyond=True, racing=True)(both)
     assert (everything[0] < 1).all()
@@ -179,24 +183,50 @@ def test_a_search_that_begins_with_a_growing_loop_finds_a_damped_one(stiffness):
         frequency={"stop_hz": 300.0},
     )
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
-    found = search(space, loops, frozen_rendering(problem, 0.0, near_rigid_n_per_m(problem.device)))
-    assert found.cost.lacks_per_s == 0
-    assert found.cost.holds
+    rendering = frozen_rendering(problem, 0.0, near_rigid_n_per_m(problem.device))
+    assert not cost_of(space.law(space.starts[0], stiffness), rendering, loops).holds
+    found = continuation(problem, space.starts[0], (stiffness / 3, stiffness))[-1]
+    assert found.stiffness_n_per_m == stiffness
+    assert found.best.cost.lacks_per_s == 0
+    assert found.best.cost.holds
 
 
-def test_a_law_whose_press_settles_too_slowly_holds_no_wall(rung):
+def test_a_law_whose_press_settles_too_slowly_holds_no_wall(step):
     """An observer that hardly believes in a push that changes takes seconds until the wall is as stiff as at rest."""
-    space, loops = Space(PROBLEM.device, PROBLEM.hands), Loops.of(PROBLEM.device, PROBLEM.hands)
-    rendering = frozen_rendering(PROBLEM, 0.0, rung.gains.stiffness_n_per_m)
+    space, loops, step = (
+        Space(PROBLEM.device, PROBLEM.hands),
+        Loops.of(PROBLEM.device, PROBLEM.hands),
+        refined(PROBLEM, step),
+    )
+    rendering = frozen_rendering(PROBLEM, 0.0, step.gains.stiffness_n_per_m)
     walk = [knob.name for knob in space.knobs].index("walk of the push")
     felt, costs = [], []
-    for quicker in (0.0, -3.0):
-        point = rung.found.logarithms + quicker * (np.arange(len(space.knobs)) == walk)
-        law = space.law(point, rung.stiffness_n_per_m)
+    for quicker in (0.0, -5.0):
+        point = step.best.logarithms + quicker * (np.arange(len(space.knobs)) == walk)
+        law = space.law(point, step.stiffness_n_per_m)
         costs.append(cost_of(law, rendering, loops))
-        pressed = try_coupling(coupling(rung, law), people_of(PROBLEM.hands, HANDS)).stiffness
-        felt.append(pressed / rung.stiffness_n_per_m)
-    assert felt[0] > 0.95 > felt[1]
+        pressed = try_coupling(coupling(step, law), people_of(PROBLEM.hands, HANDS)).stiffness
+        felt.append(pressed / step.stiffness_n_per_m)
+    assert felt[0] > 0.98 > felt[1]
     assert [cost.holds for cost in costs] == [True, False]
     assert [cost.radius < 1 and cost.radius_any_share < 1 for cost in costs] == [True, True]
     assert costs[0].lacks_per_s == 0 < costs[1].lacks_per_s
+
+
+def test_a_refined_law_gives_way_less_and_all_who_are_asked_still_settle(step):
+    """Nobody is asked, then hands who settle only with laws of less feedback than the first."""
+    nearer = refined(PROBLEM, step)
+    assert nearer.stiffness_n_per_m == step.stiffness_n_per_m
+    softness = [one.cost.softness for one in nearer.candidates]
+    assert softness == sorted(softness)
+    assert softness[0] < 0.9 * step.best.cost.softness
+    before = step.best.law.feedback[0]
+    hand = OneHand(lambda _, law: law.feedback[0] / before / 1.001)
+    asked = refined(PROBLEM, dataclasses.replace(step, candidates=(step.best,)), hand.at)
+    loops = Loops.of(PROBLEM.device, PROBLEM.hands)
+    rendering = frozen_rendering(PROBLEM, 0.0, step.gains.stiffness_n_per_m)
+    for one in (*nearer.candidates, *asked.candidates):
+        assert cost_of(one.law, rendering, loops).holds
+        assert one.cost.softness <= step.best.cost.softness
+        assert largest_radius(state_feedback_loop(HELD, one.law, rendering)).max() < 1
+    assert all(one.law.feedback[0] / before <= 1.001 for one in asked.candidates)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.design.robust.loops import assumed_devices
+from avc_casadi.design.robust.uncertainty_set import assumed_devices
 from avc_casadi.model.corners import device_corners, device_set, linear_values
 from avc_casadi.model.hands import Hand
 from avc_casadi.simulation.population.settled import ends_of, unrest
@@ -16,7 +16,7 @@ from avc_casadi.simulation.population.settled import ends_of, unrest
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
     from avc_casadi.coupling import Coupling
-    from avc_casadi.design.robust.climb import Unrest
+    from avc_casadi.design.robust.cma_continuation import ResidualSpeed
     from avc_casadi.model.device import Device
     from avc_casadi.model.runtime import StateFeedback
     from avc_casadi.simulation.population.trial import Ends
@@ -97,7 +97,7 @@ class AskedFirst:
         """Return those on devices that are a little off their file alone."""
         return AskedFirst((self.off,), self.friction)
 
-    def ends(self, coupling: Coupling) -> Unrest:
+    def ends(self, coupling: Coupling) -> ResidualSpeed:
         """Prepare to ask how fast they end with laws of the structure of one.
 
         Who is not asked is taken to end as those before.

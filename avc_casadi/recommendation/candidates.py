@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -15,10 +16,10 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.stability.stiffest_wall import DampingRange, damping_range
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.constant.static_tuned import tuned_margin
-from avc_casadi.design.robust.between import between
-from avc_casadi.design.robust.climb import climb
-from avc_casadi.design.robust.ladder import robust_at, why_no_law
-from avc_casadi.design.robust.law import Space
+from avc_casadi.design.robust.cma_continuation import continuation, refined
+from avc_casadi.design.robust.lqg import Space
+from avc_casadi.design.robust.preconditions import why_no_law
+from avc_casadi.design.robust.solve import FIRST
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import with_let_go
 from avc_casadi.model.runtime import Runtime
@@ -27,9 +28,7 @@ from avc_casadi.recommendation.reach import tuned
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
     from avc_casadi._util.parallel import Crew
-    from avc_casadi.design.robust.climb import EndsAt, Unrest
-    from avc_casadi.design.robust.ladder import Rung
-    from avc_casadi.design.robust.search import Found
+    from avc_casadi.design.robust.cma_continuation import ResidualSpeed, ResidualSpeedAt, Step
     from avc_casadi.model.hands import Hand, StylusHand
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.runtime import StateFeedback
@@ -46,17 +45,14 @@ SAFER = (0.6, 0.45, 0.33, 0.24, 0.15)
 SOFTENED = "softened wall"
 Alternatives = list[Coupling]
 """Couplings that are equally stiff, the likeliest first: the first that is safe and quiet will do."""
-# Laws for the wanted wall are searched at once if it is no more than so many times what spring and damper hold. Climbs
-# begin at this share of that, or of the wanted wall where that is softer.
-_AT_ONCE, _FIRST, _SOFT = 4.0, 0.9, 0.25
+# A continuation begins at this share of a wall that spring and damper hold.
+_SOFT = 0.25
 # A climb ends so near to a wall that is not held; what is held is climbed on from in smaller steps.
 _ROUGHLY, _NEARLY, _ONWARDS = 1.12, 1.06, 1.15
 # Numbers of their draws.
 _OTHERS = 100
 # From a law that was given no much softer wall is tried: what is near it is no good then.
 _NEAR: dict[str, Any] = {"softer": 2}
-# Laws with which all surely rest are drawn so often, while those found are so many times as soft in motion.
-_SURE_DRAWS, _AS_SOFT = 3, 1.1
 # How much stiffer another wall is at least.
 _BARELY = 1.02
 
@@ -115,147 +111,115 @@ class RobustCandidates:
     """Walls behind an observer with state feedback; none for a device without a law, nor beside detents.
 
     Attributes:
-        rungs: walls and laws that were found so far.
+        steps: walls and laws that were found so far.
 
     Args:
         problem: device, wall and hands.
         stiffest: the stiffest wall that is stable with everybody and let go.
         crew: who searches.
-        start: a wall, and the law for it, from which to climb; None begins where spring and damper end.
+        start: a wall, and the law for it, from which to continue; None begins where spring and damper end.
     """
 
-    def __init__(self, problem: Problem, stiffest: DampingRange, crew: Crew, start: Rung | None = None) -> None:
+    def __init__(self, problem: Problem, stiffest: DampingRange, crew: Crew, start: Step | None = None) -> None:
         self._problem, self._crew, self._start = problem, crew, start
-        self.rungs: list[Rung] = []
+        self.steps: list[Step] = []
         self._wanted = problem.environment.stiffness_n_per_m
         # Whose slopes nobody judges behind an observer.
         self._possible = problem.detent is None and not why_no_law(problem)
-        self._plain = stiffest.stiffness_n_per_m
+        first = FIRST * stiffest.stiffness_n_per_m
+        self._first = first if self._wanted > first else _SOFT * self._wanted
 
-    def climbs(self, asked: AskedFirst, numbers: range) -> Iterator[list[Rung]]:
-        """Yield walls up to the wanted one, the softest of a climb first.
-
-        Laws for the wanted wall itself, if it is not far, come before those.
+    def continuations(self, asked: AskedFirst, numbers: range) -> Iterator[list[Step]]:
+        """Yield walls up to the wanted one, the softest of a continuation first.
 
         Args:
-            asked: who must all rest.
-            numbers: of the climbs: from each of the places where laws begin in turn, and with other draws of laws.
+            asked: who must all settle.
+            numbers: of the continuations: from each of the places where laws begin in turn, and with other draws.
         """
-        # Mostly enough where it is tried.
-        if self._possible and self._start is None and self._wanted <= _AT_ONCE * self._plain:
-            yield self._kept(_at_once(self._problem, self._wanted, asked))
-        tasks: list[Callable[[], list[Rung]]] = []
-        places = self._beginnings() if self._possible else []
-        for number in numbers if places else ():
-            draw, place = divmod(number, len(places))
-            point, first = places[place]
+        if not self._possible:
+            return
+        first, starts = self._first, Space(self._problem.device, self._problem.hands).starts
+        how: dict[str, Any] = {"close": _ROUGHLY}
+        if self._start is not None:
+            first, starts, how = self._start.stiffness_n_per_m, (self._start.best.logarithms,), how | _NEAR
+        tasks: list[Callable[[], list[Step]]] = []
+        for number in numbers:
+            draw, place = divmod(number, len(starts))
             walls = (min(first, self._wanted), self._wanted)
-            how: dict[str, Any] = {"seed": draw, "close": _ROUGHLY} | ({} if self._start is None else _NEAR)
-            tasks.append(partial(_climbed, self._problem, point, walls, asked, **how))
+            tasks.append(partial(_continued, self._problem, starts[place], walls, asked, seed=draw, **how))
         yield from map(self._kept, self._crew.each(tasks))
 
     def onwards(
         self, coupling: Coupling, felt_n_per_m: float, asked: AskedFirst, numbers: range
-    ) -> Iterator[list[Rung]]:
+    ) -> Iterator[list[Step]]:
         """Yield stiffer walls, up to the wanted one, from one that is held on; none where its law is not of here.
 
         Args:
             coupling: that holds it.
             felt_n_per_m: its stiffness.
-            asked: who must all rest.
-            numbers: of the climbs: each has its own draw of laws.
+            asked: who must all settle.
+            numbers: of the continuations: each has its own draw of laws.
         """
         law = coupling.runtime.state_feedback
-        laws = (one for rung in self.rungs for one in (rung.found, *rung.found.others))
-        point = next((one.logarithms for one in laws if one.law is law), None)
+        point = next((one.logarithms for step in self.steps for one in step.candidates if one.law is law), None)
         if point is None:
             return
         walls = (min(felt_n_per_m, self._wanted), self._wanted)
         how: dict[str, Any] = {"rise": _ONWARDS, "close": _NEARLY, "softer": 0}
-        tasks = [partial(_climbed, self._problem, point, walls, asked, seed=_OTHERS + one, **how) for one in numbers]
+        tasks = [partial(_continued, self._problem, point, walls, asked, seed=_OTHERS + one, **how) for one in numbers]
         yield from map(self._kept, self._crew.each(tasks))
 
-    def alternatives(self, rung: Rung) -> Alternatives:
+    def refinements(self, coupling: Coupling, asked: AskedFirst) -> Iterator[list[Step]]:
+        """Yield the wall of a coupling with laws that give way less in motion; none where its law is not of here.
+
+        Where they can be, these are laws with which all settle on devices a little off their file too.
+
+        Args:
+            coupling: that holds it.
+            asked: who must all settle.
+        """
+        law = coupling.runtime.state_feedback
+        pairs = ((step, one) for step in self.steps for one in step.candidates if one.law is law)
+        for step, one in itertools.islice(pairs, 1):
+            task = partial(_refined, self._problem, replace(step, candidates=(one,)), asked)
+            yield from map(self._kept, self._crew.each([task]))
+
+    def alternatives(self, step: Step) -> Alternatives:
         """Return the couplings of a wall."""
-        laws = (rung.found.law, *(one.law for one in rung.found.others))
-        return [_robust(self._problem, rung.gains, law) for law in laws]
+        return [_robust(self._problem, step.gains, one.law) for one in step.candidates]
 
-    def _beginnings(self) -> list[tuple[FloatArray, float]]:
-        """Return where laws begin, and the first wall from each."""
-        usual = Space(self._problem.device, self._problem.hands).starts
-        if self._start is None:
-            first = _FIRST * self._plain
-            return [(point, first if self._wanted > first else _SOFT * self._wanted) for point in usual]
-        return [(self._start.found.logarithms, self._start.stiffness_n_per_m)]
-
-    def _kept(self, rungs: list[Rung]) -> list[Rung]:
-        self.rungs += rungs
-        return rungs
+    def _kept(self, steps: list[Step]) -> list[Step]:
+        self.steps += steps
+        return steps
 
 
-def _at_once(problem: Problem, wanted_n_per_m: float, asked: AskedFirst) -> list[Rung]:
-    """Return laws for a wall with which everybody rests, near those that a search finds or among them; none may be."""
-    found = list(robust_at(problem, wanted_n_per_m))
-    for rung in found:
-        climbed = _climbed(problem, rung.found.logarithms, (wanted_n_per_m, wanted_n_per_m), asked, softer=0)
-        if climbed:
-            return [_surely(problem, climbed[-1], asked) if asked.off else climbed[-1]]
-    return [rung for rung in (_resting(problem, rung, asked) for rung in found) if rung is not None]
+def _refined(problem: Problem, step: Step, asked: AskedFirst) -> list[Step]:
+    """Search laws for a wall that give way less in motion, on devices a little off their file where one is found."""
+    everybody, wall = asked.and_off(), step.stiffness_n_per_m
+    if asked.off:
+        best = step.best
+        off = asked.only_off().ends(_robust(problem, step.gains, best.law))([best.law])
+        sure = [step]
+        if not (off < 1).all():
+            sure = _continued(problem, best.logarithms, (wall, wall), everybody, softer=0)
+        if sure:
+            return [refined(problem, sure[-1], _residual_speed_at(problem, everybody))]
+    return [refined(problem, step, _residual_speed_at(problem, asked))]
 
 
-def _resting(problem: Problem, rung: Rung, asked: AskedFirst) -> Rung | None:
-    """Return a wall with those of its laws with which everybody rests, if there are any."""
-    laws = (rung.found, *rung.found.others)
-    ends = asked.ends(_robust(problem, rung.gains, laws[0].law))([one.law for one in laws])
-    rest = [laws[row] for row in np.flatnonzero((ends < 1).all(axis=1)).tolist()]
-    return replace(rung, found=rest[0].beside(rest[1:])) if rest else None
-
-
-def _surely(problem: Problem, rung: Rung, asked: AskedFirst) -> Rung:
-    """Return a wall with laws with which all rest on devices a little off their file too, before those it has.
-
-    Such a law may give way more in motion, so a few are searched; of those on the line between the best of them and
-    the best of all the nearest to that comes first.
-    """
-    best, wall = rung.found, rung.stiffness_n_per_m
-    laws, everybody = (best, *best.others), asked.and_off()
-    ends = asked.only_off().ends(_robust(problem, rung.gains, best.law))([one.law for one in laws])
-    rest = np.flatnonzero((ends < 1).all(axis=1)).tolist()
-    if 0 in rest:
-        return rung
-    sure, others = [laws[row] for row in rest], [law for row, law in enumerate(laws) if row not in rest]
-    for draw in range(_SURE_DRAWS):
-        # Where one draw finds nobody at rest, another hardly does, and takes as long.
-        if (draw > 0 and not sure) or any(_softness(one) <= _AS_SOFT * _softness(best) for one in sure):
-            break
-        rungs = _climbed(problem, best.logarithms, (wall, wall), everybody, seed=draw, softer=0)
-        sure += [law for one in rungs for law in (one.found, *one.found.others)]
-    if not sure:
-        return rung
-    sure.sort(key=_softness)
-    nearer = between(problem, wall, best, sure[0], _ends_at(problem, everybody))
-    found = [*([] if nearer is None else [nearer]), *sure, *others]
-    return replace(rung, found=found[0].beside(found[1:]))
-
-
-def _softness(law: Found) -> float:
-    """Return by what share of the wall a law gives way in motion, at 3 and at 10 Hz together."""
-    return law.cost.facts["softness_3hz"] + law.cost.facts["softness_10hz"]
-
-
-def _climbed(
+def _continued(
     problem: Problem, point: FloatArray, walls_n_per_m: tuple[float, float], asked: AskedFirst, **how: Any
-) -> list[Rung]:
+) -> list[Step]:
     with suppress(np.linalg.LinAlgError):
-        return climb(problem, point, walls_n_per_m, _ends_at(problem, asked), **how)
+        return continuation(problem, point, walls_n_per_m, _residual_speed_at(problem, asked), **how)
     return []
 
 
-def _ends_at(problem: Problem, asked: AskedFirst) -> EndsAt:
-    def ends_at(gains: Gains, law: StateFeedback) -> Unrest:
+def _residual_speed_at(problem: Problem, asked: AskedFirst) -> ResidualSpeedAt:
+    def residual_speed_at(gains: Gains, law: StateFeedback) -> ResidualSpeed:
         return asked.ends(_robust(problem, gains, law))
 
-    return ends_at
+    return residual_speed_at
 
 
 def _robust(problem: Problem, gains: Gains, law: StateFeedback) -> Coupling:

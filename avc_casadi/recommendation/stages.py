@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from avc_casadi._util.progress import Progress
     from avc_casadi.claims.stability.stiffest_wall import DampingRange
-    from avc_casadi.design.robust.ladder import Rung
+    from avc_casadi.design.robust.cma_continuation import Step
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
     from avc_casadi.recommendation.choice import Judged
@@ -53,7 +53,7 @@ def judged_candidates(
     lean_on_friction: bool,
     executor: Executor | None = None,
     crew: Crew = ALONE,
-    start: Rung | None = None,
+    start: Step | None = None,
     climbs: range = CLIMBS,
     onwards: range = ONWARDS,
 ) -> Candidates:
@@ -102,7 +102,7 @@ def judged_candidates(
         if not behind_a_law or jury.reached_n_per_m() < plainly:
             _closer(problem, jury, limit)
         jury.confirm()
-    return Candidates(jury.judged, jury.considered, tuple(robust.rungs))
+    return Candidates(jury.judged, jury.considered, tuple(robust.steps))
 
 
 @dataclass(frozen=True)
@@ -112,12 +112,12 @@ class Candidates:
     Attributes:
         judged: what was tried, and how.
         considered: how many couplings there were.
-        rungs: walls for which laws were found.
+        steps: walls for which laws were found.
     """
 
     judged: list[Judged]
     considered: int
-    rungs: tuple[Rung, ...]
+    steps: tuple[Step, ...]
 
 
 def _plainly(jury: Jury, plain: list[Alternatives], stiffness_n_per_m: float) -> None:
@@ -129,27 +129,30 @@ def _plainly(jury: Jury, plain: list[Alternatives], stiffness_n_per_m: float) ->
 
 def _behind_laws(jury: Jury, robust: RobustCandidates, wall_n_per_m: float, climbs: range, onwards: range) -> None:
     """Climb to the wanted wall, then on from what is held, with those who moved among the first to try."""
-    if _held(jury, robust, robust.climbs(jury.asked_first(), climbs), wall_n_per_m):
-        return
+    held = _held(jury, robust, robust.continuations(jury.asked_first(), climbs), wall_n_per_m)
     best = jury.stiffest()
-    if best is not None:
+    if best is not None and not held:
         more = robust.onwards(best.coupling, best.felt_n_per_m, jury.asked_first(), onwards)
         _held(jury, robust, more, wall_n_per_m)
+        best = jury.stiffest()
+    if best is not None:
+        for steps in robust.refinements(best.coupling, jury.asked_first()):
+            jury.ask([robust.alternatives(steps[-1])], f"the same wall, nearer in motion, {best.felt_n_per_m:.4g} N/m")
 
 
-def _held(jury: Jury, robust: RobustCandidates, climbs: Iterable[list[Rung]], wall_n_per_m: float) -> bool:
+def _held(jury: Jury, robust: RobustCandidates, climbs: Iterable[list[Step]], wall_n_per_m: float) -> bool:
     """Ask for what each climb reached; say whether one holds the wanted wall, which makes the next ones needless."""
-    for rungs in climbs:
-        _stiffest_held(jury, robust, rungs)
+    for steps in climbs:
+        _stiffest_held(jury, robust, steps)
         if jury.holds(wall_n_per_m):
             return True
     return False
 
 
-def _stiffest_held(jury: Jury, robust: RobustCandidates, rungs: list[Rung]) -> None:
+def _stiffest_held(jury: Jury, robust: RobustCandidates, steps: list[Step]) -> None:
     """Ask for the stiffest of some walls that is held, also with people who had no part in the choice."""
     asked = math.inf
-    for rung in reversed(rungs):
+    for rung in reversed(steps):
         felt = rung.stiffness_n_per_m
         if jury.holds(felt):
             return

@@ -29,15 +29,15 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from avc_casadi.claims.stability.stiffest_wall import DampingRange
-    from avc_casadi.design.robust.ladder import Rung
+    from avc_casadi.design.robust.cma_continuation import Step
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
 
 # A wall out of reach, over what spring and damper hold.
 _FAR = 1e3
 # Climbs, by their numbers, and those on from what they hold: of a recommendation for such a wall, and of another
-# search beside it, on the device as it is; and climbs anew on a changed one.
-_AS_IT_IS, _ANEW = ((CLIMBS, ONWARDS), (range(CLIMBS.stop, CLIMBS.stop + 2), range(1))), range(1)
+# search beside it, on the device as it is; and one on a changed device.
+_AS_IT_IS, _ONCE = ((CLIMBS, ONWARDS), (range(CLIMBS.stop, CLIMBS.stop + 2), range(1))), range(1)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def stiffest(
     """Search the stiffest wall at which simulated hands rest as safely as with a recommendation, and what would help.
 
     The search is that of `recommend`, for a wall that is out of reach: everything that the device declares is
-    simulated. Each change is searched anew, and from the law of the device as it is on: either may lead astray. It is
+    simulated. Each change is searched from the law of the device as it is on, which may lead astray. It is
     tried with the best coupling of the device as it is too, so that an improvement never counts as a loss where that
     coupling goes on to hold.
 
@@ -91,9 +91,9 @@ def stiffest(
             begun: list[_Task] = [partial(_as_it_is, problem, asked, *numbers) for numbers in _AS_IT_IS]
             best = _best_of(_done(begun, executor, progress), asked)
         reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g} N/m"
-        changed: list[_Task] = [partial(_anew, one, asked) for one in better.values()]
+        changed: list[_Task] = [partial(_changed, best, one, asked) for one in better.values()]
         if best is not None:
-            changed += [partial(way, best, one, asked) for way in (_further, _kept) for one in better.values()]
+            changed += [partial(_kept, best, one, asked) for one in better.values()]
         with progress.step(f"{reached} as it is; what would help"):
             found = _done(changed, executor, progress)
     helps = []
@@ -133,11 +133,11 @@ class _Best:
 
     Attributes:
         judged: the coupling, and how it was tried.
-        rung: the wall and the law behind it; None behind a spring and damper.
+        step: the wall and the law behind it; None behind a spring and damper.
     """
 
     judged: Judged
-    rung: Rung | None
+    step: Step | None
 
 
 _Task = Callable[[], "_Best | None"]
@@ -160,7 +160,7 @@ def _best(
     *,
     climbs: range,
     onwards: range = range(0),
-    start: Rung | None = None,
+    start: Step | None = None,
 ) -> _Best | None:
     """Search the stiffest, where one can be held; arguments as for `judged_candidates`."""
     if hopeless(problem):
@@ -181,9 +181,9 @@ def _best(
         return None
     best = best_of(found.judged, lean_on_friction=lean)
     law = best.coupling.runtime.state_feedback
-    laws = ((rung, one) for rung in found.rungs for one in (rung.found, *rung.found.others))
-    rungs = (replace(rung, found=one.beside(())) for rung, one in laws if one.law is law)
-    return _Best(best, next(rungs, None))
+    laws = ((step, one) for step in found.steps for one in step.candidates if one.law is law)
+    steps = (replace(step, candidates=(one,)) for step, one in laws)
+    return _Best(best, next(steps, None))
 
 
 def _as_it_is(problem: Problem, asked: _Asked, climbs: range, onwards: range) -> _Best | None:
@@ -192,19 +192,13 @@ def _as_it_is(problem: Problem, asked: _Asked, climbs: range, onwards: range) ->
     return _best(walled, simple, asked, climbs=climbs, onwards=onwards)
 
 
-def _anew(changed: Problem, asked: _Asked) -> _Best | None:
-    """Search on a changed device for laws of its own, which may lie elsewhere."""
+def _changed(before: _Best | None, changed: Problem, asked: _Asked) -> _Best | None:
+    """Search on a changed device, from the law of the device as it is where there is one."""
     simple, walled = _out_of_reach(changed)
-    return _best(walled, simple, asked, climbs=_ANEW)
-
-
-def _further(before: _Best, changed: Problem, asked: _Asked) -> _Best | None:
-    """Search on a changed device from the law of the device as it is on."""
-    if before.rung is None:
-        return None
-    simple, walled = _out_of_reach(changed)
-    law = moved(before.rung, before.judged.coupling.problem, walled)
-    return None if law is None else _best(walled, simple, asked, climbs=range(1), start=law)
+    start = None
+    if before is not None and before.step is not None:
+        start = moved(before.step, before.judged.coupling.problem, walled)
+    return _best(walled, simple, asked, climbs=_ONCE, start=start)
 
 
 def _kept(before: _Best, changed: Problem, asked: _Asked) -> _Best | None:

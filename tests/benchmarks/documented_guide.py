@@ -1,4 +1,4 @@
-"""The measured figures of the guide, from results/guide_figures.json and results/robust_optimality.json."""
+"""The measured figures of the guide, from results/guide_figures.json."""
 
 from __future__ import annotations
 
@@ -88,18 +88,4 @@ def thinned(found: Document) -> str:
     return (
         f"For figure 5 with band 2 in the paper's model, {part['rows']} of {found['figure5']['rows']} rows hold Z_h "
         f"to 1 % and miss the band by {-part['slack_ns_per_m']:.1g} N.s/m at worst."
-    )
-
-
-def best_of_search(found: Document) -> str:
-    cases = found["cells"].values()
-    own = [cell["found"]["the design's search"] for cell in cases]
-    longer = [cell["found"]["3 longer searches, the best"] for cell in cases]
-    costs = " and ".join(f"{one['cost']:.1f}" for one in own)
-    best = [min(one["cost"] for one in cell["found"].values()) for cell in cases]
-    times = [f"{one['cpu_s'] / first['cpu_s']:.0f}" for one, first in zip(longer, own, strict=True)]
-    return (
-        "The robust design is the best of a search. [On two small cases](RESULTS_robust_optimality.md) its cost is "
-        f"{costs} where searches of {' and '.join(times)} times "
-        f"the processor time, or brute force, find {' and '.join(f'{one:.1f}' for one in best)}."
     )

@@ -332,7 +332,6 @@ BLOCKS: Mapping[str, ResultBlock] = {
     "constant-couplings": ResultBlock("guide_figures", guide.constant_couplings),
     "certificate-levels": ResultBlock("guide_figures", guide.certificate_levels),
     "diverging": ResultBlock("guide_figures", guide.diverging, quiet=True),
-    "best-of-search": ResultBlock("robust_optimality", guide.best_of_search),
     "thinned": ResultBlock("guide_figures", guide.thinned, quiet=True),
     "device-wire": ResultBlock("hardware", hardware.wire, quiet=True),
     "device-ticks": ResultBlock("hardware", hardware.ticks, quiet=True),

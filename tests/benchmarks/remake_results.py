@@ -65,7 +65,6 @@ STUDIES = (
     Study("recommended.py", 12, ("recommended",)),
     Study("tampered_proofs.py", 5.4, ("tampered_proofs",)),
     Study("realism_ladder.py", 6.8, ("realism_ladder",)),
-    Study("robust_optimality.py 3 10000", 6.9, ("robust_optimality",)),
     Study("clip_last.py 200", 7.5, ("clip_last",)),
     Study("catalogue_walls.py", 62, ("catalogue_walls",)),
     Study("proofs_of_rest.py", 18, ("proofs_of_rest_walls", "proofs_of_rest_designs", "proofs_of_rest_references")),

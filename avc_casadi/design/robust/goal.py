@@ -21,7 +21,7 @@ from avc_casadi.claims.stability.state_feedback import (
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
     from avc_casadi.claims.stability.frozen_loop import Rendering
-    from avc_casadi.design.robust.loops import Loops
+    from avc_casadi.design.robust.uncertainty_set import Loops
     from avc_casadi.model.runtime import StateFeedback
 
 DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.6, 0.025: 3.4, 0.01: 0.0}
@@ -75,6 +75,11 @@ class Cost:
     def holds(self) -> bool:
         """Whether all loops that were looked at are damped, and presses settle."""
         return self.radius < 1 and self.radius_any_share < 1 and self.lacks_per_s <= 0
+
+    @property
+    def softness(self) -> float:
+        """By what share of the wall the law gives way in motion, at 3 and at 10 Hz together."""
+        return self.facts["softness_3hz"] + self.facts["softness_10hz"]
 
 
 def cost_of(law: StateFeedback, rendering: Rendering, loops: Loops) -> Cost:

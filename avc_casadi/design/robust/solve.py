@@ -7,16 +7,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.design.robust.ladder import Rung, ladder_n_per_m, robust_at
+from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m, stiffest_wall
+from avc_casadi.design.robust.cma_continuation import Step, continuation, refined
+from avc_casadi.design.robust.lqg import Space
+from avc_casadi.design.robust.preconditions import why_no_law
+from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.rendered import gain_schedule
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
-# Above the stiffest of the ladder, this much more is tried.
-_BETWEEN = 1.18
+FIRST = 0.9
+"""The first wall of a continuation, as a share of what spring and damper hold."""
 
 
 def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
@@ -28,25 +33,16 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
 
     Args:
         problem: device, hands and wall; scope, structure, gain box and frequencies do not matter.
-        progress: told of the walls.
+        progress: told of the continuations.
 
     Raises:
         UnsupportedError: no mass, no stiffness to be felt, or too long a delay.
     """
-    started, wanted = time.perf_counter(), problem.environment.stiffness_n_per_m
-    known: list[Rung] = []
-    walls = ladder_n_per_m(problem)
-    for done, wall in enumerate(walls):
-        progress.advance(done, len(walls), f"walls, search of a law for {wall:.4g} N/m")
-        found = _cheapest(problem, wall, known)
-        known += [] if found is None else [found]
-        if wall == wanted and found is not None:
-            break
-        if found is None and not (done == 0 and wall == wanted):
-            break
-    best = known[-1] if known else None
-    if best is not None and best.stiffness_n_per_m * _BETWEEN < wanted:
-        best = _cheapest(problem, best.stiffness_n_per_m * _BETWEEN, known) or best
+    why = why_no_law(problem)
+    if why:
+        raise UnsupportedError(f"{problem.name}: robust: {why}; take another method, such as static")
+    started = time.perf_counter()
+    best = _stiffest(problem, progress)
     n = len(problem.frequencies_hz())
     values = (np.nan,) * 3 if best is None else tuple(vars(best.gains).values())
     reason = "no law is found that holds every hand; soften the wall, or narrow [hands] or [device.range]"
@@ -58,22 +54,33 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
         (Status.INFEASIBLE if best is None else Status.SOLVED,) * n,
         reason=(reason if best is None else "",) * n,
         solve_seconds=time.perf_counter() - started,
-        notes=() if best is None else (told(best),),
-        state_feedback=None if best is None else best.found.law,
+        notes=() if best is None else (_told(best),),
+        state_feedback=None if best is None else best.best.law,
     )
 
 
-def _cheapest(problem: Problem, stiffness_n_per_m: float, known: list[Rung]) -> Rung | None:
-    found = robust_at(problem, stiffness_n_per_m, known)
-    return min(found, key=lambda rung: rung.found.cost.total, default=None)
+def _stiffest(problem: Problem, progress: Progress) -> Step | None:
+    """Continue from each start up to the wanted wall, until one reaches it; refine the law of the stiffest."""
+    wanted = problem.environment.stiffness_n_per_m
+    plain = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands))).stiffness_n_per_m
+    first = min(wanted, FIRST * max(plain, softest_wall_n_per_m(problem.device)))
+    starts = Space(problem.device, problem.hands).starts
+    best: Step | None = None
+    for done, start in enumerate(starts):
+        progress.advance(done, len(starts), "robust laws for stiffer and stiffer walls")
+        for step in continuation(problem, start, (first, wanted)):
+            best = step if best is None or step.stiffness_n_per_m > best.stiffness_n_per_m else best
+        if best is not None and best.stiffness_n_per_m >= wanted:
+            break
+    return None if best is None else refined(problem, best)
 
 
-def told(rung: Rung) -> str:
+def _told(step: Step) -> str:
     """Say what a law is."""
-    law, cost = rung.found.law, rung.found.cost
+    law, cost = step.best.law, step.best.cost
     return (
         f"observer of {law.states} states with a dead zone of +-{1e6 * law.dead_zone_m:.4g} um, and feedback: "
-        f"{rung.stiffness_n_per_m:.5g} N/m at rest; spectral radius {cost.radius:.5f} at most over hands, let go and "
+        f"{step.stiffness_n_per_m:.5g} N/m at rest; spectral radius {cost.radius:.5f} at most over hands, let go and "
         f"devices about the declared one, {cost.radius_any_share:.5f} over all shares of the innovation; the best that "
         "a search found, not the best there is"
     )

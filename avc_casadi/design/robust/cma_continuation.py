@@ -1,0 +1,332 @@
+"""Robust laws for stiffer and stiffer walls: covariance matrix adaptation, continued from wall to wall.
+
+The goal of a law looks at linear loops. What else keeps a hand moving, the step of the encoder or the force limit, it
+does not see; laws near each other differ in it. So the laws whose loops are all damped are simulated, where somebody
+simulates, and the residual speeds of the hands lead the search from wall to wall.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.abc import MetaPathFinder
+from threading import get_ident
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.claims.stability.frozen_loop import Rendering
+from avc_casadi.claims.stability.state_feedback import stiffness_at_rest
+from avc_casadi.design.robust.goal import PER_SOFTNESS, cost_of, costs_of
+from avc_casadi.design.robust.lqg import Space
+from avc_casadi.design.robust.preconditions import softened
+from avc_casadi.design.robust.uncertainty_set import Loops
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.stability.state_feedback import Laws
+    from avc_casadi.design.robust.goal import Cost
+    from avc_casadi.model.gains import Gains
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.runtime import StateFeedback
+
+ResidualSpeed = Callable[[Sequence["StateFeedback"]], FloatArray]
+"""Laws to the residual speed of each hand, over the threshold of rest, shape (laws, hands)."""
+ResidualSpeedAt = Callable[["Gains", "StateFeedback"], ResidualSpeed]
+"""What prepares that for a wall behind its spring, and laws of the structure of one."""
+
+CLOSE = 1.04
+"""A continuation ends where the next wall would be nearer than that."""
+MOST_SOFTER = 12
+"""How often a softer wall is tried where none is held yet."""
+_POPULATION = 10
+# How far the first laws lie around the start, in logarithms, and, the widest way, those before a wall at least.
+_SPREAD, _LEAST_SPREAD, _WIDER = 0.3, 0.08, 1.5
+# The next wall over one that is held: at first, and at most where that took no longer than so many generations.
+_RISE, _MOST_RISE, _AT_ONCE = 1.3, 1.4, 2
+# What makes the rise larger.
+_FASTER = 1.5
+# A wall is given up after so many generations; where none is held yet one is tried that is so much softer.
+_PATIENCE, _SOFTER = 12, 1.4
+# The residual speed that is aimed at, over the threshold of rest; beyond the fastest all are as bad. The price of a
+# factor of e between them, of a law's own cost, and of what loops lack of their decay for each 1/s.
+_AIM, _FASTEST = 0.5, 1e3
+_PER_UNREST, _PER_COST, _PER_DECAY = 4.0, 0.02, 10.0
+# What no law costs that is simulated: one whose loops lack some of their decay is not.
+_NEVER = 1e4
+_MOST_LAWS = 3
+# Generations of a refinement.
+_REFINED = 16
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A law, where it stands in the search space, and what it costs.
+
+    Attributes:
+        law: observer and feedback.
+        logarithms: of its parameters.
+        cost: before all loops of the uncertainty set.
+    """
+
+    law: StateFeedback
+    logarithms: FloatArray
+    cost: Cost
+
+
+@dataclass(frozen=True)
+class Step:
+    """A wall, and laws that hold it.
+
+    Attributes:
+        gains: the spring in series with the wall, rigid where the wall itself is rendered.
+        stiffness_n_per_m: of both at rest.
+        candidates: laws, the best first. The goal tells little of the last hand in a hundred: where one law loses it,
+            another may not.
+    """
+
+    gains: Gains
+    stiffness_n_per_m: float
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def best(self) -> Candidate:
+        """The first law."""
+        return self.candidates[0]
+
+
+def candidate_at(space: Space, loops: Loops, rendering: Rendering, logarithms: FloatArray) -> Candidate:
+    """Weigh the law of one point before all loops.
+
+    Args:
+        space: of the parameters.
+        loops: what the law must hold.
+        rendering: coupling and wall behind it.
+        logarithms: of the parameters.
+
+    Raises:
+        numpy.linalg.LinAlgError: the point has no law.
+    """
+    law = space.law(logarithms, stiffness_at_rest(rendering))
+    return Candidate(law, logarithms, cost_of(law, rendering, loops))
+
+
+def continuation(
+    problem: Problem,
+    start: FloatArray,
+    walls_n_per_m: tuple[float, float],
+    residual_speed_at: ResidualSpeedAt | None = None,
+    *,
+    seed: int = 0,
+    rise: float = _RISE,
+    close: float = CLOSE,
+    softer: int = MOST_SOFTER,
+) -> list[Step]:
+    """Search laws for stiffer and stiffer walls.
+
+    Args:
+        problem: device with what is known of it, hands and wall.
+        start: logarithms of the parameters from which to begin.
+        walls_n_per_m: stiffness at rest of the first wall, and of the last.
+        residual_speed_at: simulates hands, who must all settle; None asks for damped loops alone.
+        seed: of the draw of laws.
+        rise: the second wall over the first.
+        close: a wall that is not held ends the continuation if it is no more than so many times the last that is.
+        softer: how often a softer wall is tried where none is held yet.
+
+    Returns:
+        The walls that are held, the softest first, with laws whose loops are all damped.
+
+    Raises:
+        numpy.linalg.LinAlgError: the start has no law.
+    """
+    first, last = walls_n_per_m
+    search = _Search(problem, start, residual_speed_at, np.random.default_rng(seed))
+    held: list[Step] = []
+    wall, point, lowered = first, start, 0
+    while True:
+        step, took = search.held(point, wall)
+        if step is not None:
+            held.append(step)
+            if wall >= last:
+                return held
+            point = step.best.logarithms
+            rise = min(_MOST_RISE, rise**_FASTER) if took <= _AT_ONCE else rise
+            wall = min(last, wall * rise)
+        elif held:
+            reached = held[-1].stiffness_n_per_m
+            if wall < close * reached:
+                return held
+            rise = math.sqrt(wall / reached)
+            wall = reached * rise
+        elif lowered < softer:
+            lowered, wall = lowered + 1, wall / _SOFTER
+        else:
+            return held
+
+
+def refined(problem: Problem, step: Step, residual_speed_at: ResidualSpeedAt | None = None, *, seed: int = 0) -> Step:
+    """Return a step with the laws that give way least in motion, of those of some more generations and its own.
+
+    Args:
+        problem: device with what is known of it, hands and wall.
+        step: a wall and laws that hold it.
+        residual_speed_at: as for `continuation`.
+        seed: of the draw of laws.
+    """
+    search = _Search(problem, step.best.logarithms, residual_speed_at, np.random.default_rng(seed))
+    return search.nearer(step)
+
+
+class _Search:
+    """The search for laws with which all hands settle, wall by wall; arguments as for `continuation`.
+
+    It is one evolution: what it learned before one wall, held or not, is worth as much before the next.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        start: FloatArray,
+        residual_speed_at: ResidualSpeedAt | None,
+        draw: np.random.Generator,
+    ) -> None:
+        self._problem, self._residual_speed_at = problem, residual_speed_at
+        self._space, self._loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+        self._evolution = evolution(start, self._space.bounds, _SPREAD, draw)
+
+    def held(self, point: FloatArray, stiffness_n_per_m: float) -> tuple[Step | None, int]:
+        """Search laws for one wall, a given one among the first; return how many generations it took.
+
+        Args:
+            point: logarithms of the parameters of that one.
+            stiffness_n_per_m: of the wall at rest.
+        """
+        space, loops = self._space, self._loops
+        gains, rendering = softened(self._problem, stiffness_n_per_m)
+        stiffness = stiffness_at_rest(rendering)
+        law = space.law(point, stiffness)
+        hardest = loops.hardest(law, rendering)
+        residual_speed = None if self._residual_speed_at is None else self._residual_speed_at(gains, law)
+        search = self._evolution
+        for done in range(1, _PATIENCE + 1):
+            if search.stds.max() < _LEAST_SPREAD:
+                search.sigma *= _WIDER
+            points = search.ask()
+            if done == 1:
+                points[0] = np.clip(point, *space.bounds)
+            laws = space.laws(np.array(points), stiffness)
+            value, settled = _weighed(space, laws, costs_of(laws, rendering, hardest), residual_speed)
+            found = _weighed_by_all(space, loops, rendering, [np.asarray(points[row]) for row in settled])
+            search.tell(points, value.tolist())
+            whole = sorted((one for one in found if one.cost.holds), key=lambda one: one.cost.total)[:_MOST_LAWS]
+            if whole:
+                return Step(gains, stiffness_n_per_m, tuple(whole)), done
+            # The loops that are hardest for these were not among those that were for the first.
+            for one in found:
+                hardest = hardest.and_of(loops.hardest(one.law, rendering))
+        return None, _PATIENCE
+
+    def nearer(self, step: Step) -> Step:
+        """Continue at a wall that is held; return it with the laws that give way least in motion."""
+        space, loops, search = self._space, self._loops, self._evolution
+        gains, rendering = softened(self._problem, step.stiffness_n_per_m)
+        stiffness, law = stiffness_at_rest(rendering), step.best.law
+        hardest = loops.hardest(law, rendering)
+        residual_speed = None if self._residual_speed_at is None else self._residual_speed_at(gains, law)
+        best = list(step.candidates)
+        for _ in range(_REFINED):
+            points = search.ask()
+            laws = space.laws(np.array(points), stiffness)
+            costs = costs_of(laws, rendering, hardest)
+            value, settled = _weighed(space, laws, costs, residual_speed)
+            damped = np.flatnonzero([cost.holds for cost in costs])
+            value[damped] += [PER_SOFTNESS * costs[row].softness for row in damped]
+            search.tell(points, value.tolist())
+            likely = [np.asarray(points[row]) for row in settled if costs[row].softness < best[0].cost.softness]
+            for one in _weighed_by_all(space, loops, rendering, likely):
+                if one.cost.holds:
+                    best.append(one)
+                else:
+                    hardest = hardest.and_of(loops.hardest(one.law, rendering))
+            best.sort(key=lambda one: one.cost.softness)
+        return Step(step.gains, step.stiffness_n_per_m, tuple(best[:_MOST_LAWS]))
+
+
+def _weighed(
+    space: Space, laws: Laws, costs: list[Cost], residual_speed: ResidualSpeed | None
+) -> tuple[FloatArray, list[int]]:
+    """Return what laws are worth, the less the better, and with which of them all hands settle."""
+    total = np.array([cost.total for cost in costs])
+    lacks = np.nan_to_num([cost.lacks_per_s for cost in costs], posinf=0.0)
+    value: FloatArray = _NEVER + np.minimum(total + _PER_DECAY * lacks, _NEVER)
+    damped = np.flatnonzero([cost.holds for cost in costs])
+    if len(damped) == 0:
+        return value, []
+    if residual_speed is None:
+        value[damped] = total[damped]
+        return value, damped.tolist()
+    ends = residual_speed([space.one_of(laws, row) for row in damped.tolist()])
+    paid = np.log(np.clip(np.nan_to_num(ends, nan=_FASTEST), _AIM, _AIM * _FASTEST) / _AIM).sum(axis=1)
+    value[damped] = _PER_UNREST * paid + _PER_COST * total[damped]
+    return value, damped[(ends < 1).all(axis=1)].tolist()
+
+
+def _weighed_by_all(space: Space, loops: Loops, rendering: Rendering, points: list[FloatArray]) -> list[Candidate]:
+    """Weigh points before all loops, without those that have no law."""
+    found: list[Candidate] = []
+    for point in points:
+        with suppress(np.linalg.LinAlgError):
+            found.append(candidate_at(space, loops, rendering, point))
+    return found
+
+
+class _Without(MetaPathFinder):
+    """Modules that this thread does not find, unless they are loaded already."""
+
+    def __init__(self, *names: str) -> None:
+        self._names, self._thread = names, get_ident()
+
+    def find_spec(self, fullname: str, path: object = None, target: object = None) -> None:  # noqa: ARG002
+        """Find nothing, for everybody else to look on."""
+        if fullname in self._names and get_ident() == self._thread:
+            raise ModuleNotFoundError(f"{fullname} is left out", name=fullname)
+
+
+def _cma() -> Any:
+    """Import the package without what it can do without: plotting and statistics cost a second and are not used."""
+    unused = _Without("matplotlib", "matplotlib.pyplot", "scipy.stats")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what is left out
+        sys.meta_path.insert(0, unused)
+        try:
+            import cma  # noqa: PLC0415
+        finally:
+            sys.meta_path.remove(unused)
+    return cma
+
+
+def evolution(
+    start: FloatArray, bounds: tuple[FloatArray, FloatArray], spread: float, draw: np.random.Generator
+) -> Any:
+    """Prepare covariance matrix adaptation (Hansen 2016): an object that is asked for points and told their values.
+
+    Args:
+        start: where to begin, shape (parameters,).
+        bounds: lower and upper.
+        spread: of the first points.
+        draw: its random numbers; its own generator would seed numpy's, which belongs to the caller.
+    """
+    options = {
+        "bounds": [bound.tolist() for bound in bounds],
+        "popsize": _POPULATION,
+        "randn": lambda *shape: draw.standard_normal(shape),
+        "seed": np.nan,
+        "verbose": -9,
+        "verb_log": 0,
+    }
+    return _cma().CMAEvolutionStrategy(np.clip(start, *bounds), spread, options)
