@@ -6,7 +6,7 @@ from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi.model.gains import Gains
-from avc_casadi.recommendation.error_curve import error_curve
+from avc_casadi.recommendation.impedance_error import error_curve
 
 T, STEPS = 1e-3, 20
 STIFFNESS, DAMPING = 1200.0, 1.0

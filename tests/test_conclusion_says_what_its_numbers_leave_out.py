@@ -7,7 +7,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
-from avc_casadi.recommendation.edge import NOTICED_N, edges_m
+from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
 from avc_casadi.recommendation.told import conclusion_lines
 
 
@@ -29,7 +29,7 @@ def test_a_contact_damper_that_pushes_early_is_told(damping, soft):
     )
     coupling = Coupling.constant(problem, Gains(0.0, 6000.0 if soft else 1e8, damping), "x")
     felt = 1500.0 if soft else 2000.0
-    for speed, depth in edges_m(coupling).items():
+    for speed, depth in contact_onset_m(coupling).items():
         # A sample late at most, and the force grows from 0 to what is noticed.
         assert depth == pytest.approx((NOTICED_N - damping * float(speed)) / felt, abs=2e-4 * float(speed) + 2e-5)
 
@@ -46,8 +46,8 @@ def test_the_edge_of_a_device_that_turns_is_told_in_its_own_units():
         device={"motion": "rotary", "handle_radius_m": radius, **turn},
     )
     own = Gains(0.0, gains.stiffness_n_per_m * radius**2, gains.contact_damping_ns_per_m * radius**2)
-    at_rim = edges_m(Coupling.constant(rim, gains, "x"))
-    of_turn = edges_m(Coupling.constant(wheel, own, "x"))
+    at_rim = contact_onset_m(Coupling.constant(rim, gains, "x"))
+    of_turn = contact_onset_m(Coupling.constant(wheel, own, "x"))
     assert [float(speed) * radius for speed in of_turn] == pytest.approx([float(speed) for speed in at_rim])
     assert [depth * radius for depth in of_turn.values()] == pytest.approx(list(at_rim.values()), rel=1e-3)
 

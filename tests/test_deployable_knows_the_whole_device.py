@@ -18,7 +18,7 @@ from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_corners, no_hand, with_let_go
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.assumptions import assumed
+from avc_casadi.recommendation.preconditions import assumed
 from avc_casadi.recommendation.recommend import judged_as_recommended
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of

@@ -9,7 +9,7 @@ from avc_casadi.cli import main
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.model.declared import declared
 from avc_casadi.model.device import DeviceRange
-from avc_casadi.recommendation.assumptions import assumed
+from avc_casadi.recommendation.preconditions import assumed
 
 PLAIN = {"mass_kg": 0.1, "damping_ns_per_m": 2.0, "sample_time_s": 1e-3}
 MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}

@@ -9,7 +9,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.corners import device_corners, linear_values
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.hands import hand_corners, with_let_go
-from avc_casadi.recommendation.off_file import _off, off_file
+from avc_casadi.recommendation.perturbed_devices import _off, off_file
 from avc_casadi.recommendation.told import conclusion_lines
 
 WALL_N_PER_M = 20e3

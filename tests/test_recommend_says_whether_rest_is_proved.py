@@ -15,7 +15,7 @@ from avc_casadi.cli._recommend import recommendation_lines
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.rest import proved_first, with_rest
+from avc_casadi.recommendation.limit_cycle_freedom import proved_first, with_rest
 from avc_casadi.recommendation.told import rest_line
 
 WALL = 8.9e4

@@ -148,11 +148,13 @@ def test_a_method_is_one_file(tmp_path):
     assert document["method"] == "toy"
     assert set(document["stiffness_n_per_m"]) == {100.0}
     assert document["certificate"]["levels"]["L5"]["pass"] is not None
-    lists = """
+    lists = (
+        f"import sys\nsys.path.append({str(ROOT / 'tests' / 'benchmarks')!r})"
+        """
 from avc_casadi.cli import main
 from avc_casadi.model.scene import Scene
 from avc_casadi.present.explore.settings import LIVE
-from avc_casadi.recommendation.designs import COUPLINGS, design
+from studies.designs import COUPLINGS, design
 from avc_casadi.files.problem_file import load_problem
 assert "toy" in LIVE and list(COUPLINGS)[2:5] == ["static-sampled", "direct", "toy"], list(COUPLINGS)
 assert Scene(coupling="toy").coupling == "toy"
@@ -162,6 +164,7 @@ try:
 except SystemExit:
     pass
 """
+    )
     assert "exact, toy, schedule" in " ".join(with_file(tmp_path, package, METHOD, lists).split())
 
 

@@ -8,7 +8,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.cli._recommend import stiffest_text
 from avc_casadi.recommendation import stiffest as _stiffest
-from avc_casadi.recommendation.stages import CLIMBS, ONWARDS
+from avc_casadi.recommendation.search_schedule import CLIMBS, ONWARDS
 from avc_casadi.recommendation.stiffest import stiffest
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import draw_hands

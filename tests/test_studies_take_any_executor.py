@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from studies.accuracy.study import study_accuracy
+from studies.reach import reach
 from studies.table1 import table as _table
 from studies.table1.table import table1, table1_study
 
@@ -13,7 +14,6 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.corners import device_set
 from avc_casadi.model.gains import Gains
 from avc_casadi.recommendation import reach as _reach
-from avc_casadi.recommendation.reach import reach
 from avc_casadi.simulation.population import coupling_trial as _coupling_trial
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
 from avc_casadi.simulation.population.operators import draw_subjects

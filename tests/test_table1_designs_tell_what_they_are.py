@@ -3,10 +3,10 @@
 import math
 
 import pytest
+from studies.designs import COUPLINGS, design
 
 import avc_casadi as avc
 from avc_casadi.model.gains import Gains
-from avc_casadi.recommendation.designs import COUPLINGS, design
 
 
 def test_a_design_holds_the_problem_that_was_solved():

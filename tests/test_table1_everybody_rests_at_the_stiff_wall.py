@@ -4,11 +4,12 @@ import json
 from pathlib import Path
 
 import pytest
+from studies.reach import reach, with_observer
 from studies.table1.adversary import worst_case
 
 import avc_casadi as avc
+from avc_casadi.design.tuning import tuned
 from avc_casadi.model.gains import NO_COUPLING
-from avc_casadi.recommendation.reach import reach, tuned, with_observer
 from avc_casadi.simulation.population.operators import draw_subjects
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions

@@ -13,7 +13,7 @@ from avc_casadi._util.units import LINEAR, ROTARY
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
-from avc_casadi.recommendation.assumptions import assumed
+from avc_casadi.recommendation.preconditions import assumed
 
 KNOB = """
 title = "a knob, N and mm in its own words"

@@ -22,7 +22,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.model.declared import declared
-    from avc_casadi.recommendation.hopeless import hopeless
+    from avc_casadi.recommendation.preconditions import hopeless
 
     if is_device(args.problem):
         return check_device(args.problem)

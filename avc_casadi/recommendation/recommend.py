@@ -22,16 +22,15 @@ from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.problem import Problem
-from avc_casadi.recommendation.assumptions import assumed, not_used
-from avc_casadi.recommendation.candidates import felt_at_rest_n_per_m
-from avc_casadi.recommendation.choice import ERROR_HZ, Judged, best_of, devices_of, reason_of
-from avc_casadi.recommendation.edge import NOTICED_N, edges_m
-from avc_casadi.recommendation.error_curve import error_curve
-from avc_casadi.recommendation.helps import Help, what_would_help
-from avc_casadi.recommendation.hopeless import hopeless
-from avc_casadi.recommendation.off_file import OffFile, off_file
-from avc_casadi.recommendation.rest import RestKnown, with_rest
-from avc_casadi.recommendation.stages import judged_candidates
+from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
+from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
+from avc_casadi.recommendation.impedance_error import error_curve
+from avc_casadi.recommendation.limit_cycle_freedom import LimitCycleFreedom, with_rest
+from avc_casadi.recommendation.perturbed_devices import PerturbedDevices, off_file
+from avc_casadi.recommendation.preconditions import assumed, hopeless, not_used
+from avc_casadi.recommendation.rank import ERROR_HZ, Judged, best_of, devices_of, reason_of
+from avc_casadi.recommendation.search_schedule import judged_candidates
+from avc_casadi.recommendation.sensitivity import Help, what_would_help
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling
 from avc_casadi.simulation.population.operators import Population, draw_subjects, people_of
 
@@ -79,9 +78,9 @@ class Recommendation(Comparable):
     trial: CouplingTrial | None
     confirmed: CouplingTrial | None
     beside: Mapping[str, CouplingTrial]
-    off_file: OffFile | None
+    off_file: PerturbedDevices | None
     deployable: bool
-    rest: RestKnown | None
+    rest: LimitCycleFreedom | None
     stiffest_wall_n_per_m: float
     plain_wall_n_per_m: float
     with_friction_n_per_m: float | None
@@ -110,7 +109,7 @@ class Recommendation(Comparable):
             "complex_error": {f"{hz:g}": curve.at(curve.physical, hz) for hz in ERROR_HZ},
             "tap_force_n": tried["tap_force_n"],
             "tap_depth_m": tried["tap_depth_m"],
-            "edge_m": edges_m(self.coupling) if springy else {},
+            "edge_m": contact_onset_m(self.coupling) if springy else {},
             "edge_force_n": NOTICED_N * self.problem.device.metres_per_unit,
             "vibration": tried["felt_vibration"],
             "friction_n": self.problem.device.coulomb_friction_n,

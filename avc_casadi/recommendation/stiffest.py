@@ -16,12 +16,11 @@ from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.design.robust.moved import moved
 from avc_casadi.model.hands import hand_corners, with_let_go
-from avc_casadi.recommendation.assumptions import assumed, not_used
-from avc_casadi.recommendation.choice import Judged, best_of, devices_of
-from avc_casadi.recommendation.helps import linear_changes, simulated_changes
-from avc_casadi.recommendation.hopeless import hopeless
+from avc_casadi.recommendation.preconditions import assumed, hopeless, not_used
+from avc_casadi.recommendation.rank import Judged, best_of, devices_of
 from avc_casadi.recommendation.recommend import SCHEMA
-from avc_casadi.recommendation.stages import CLIMBS, ONWARDS, judged_candidates
+from avc_casadi.recommendation.search_schedule import CLIMBS, ONWARDS, judged_candidates
+from avc_casadi.recommendation.sensitivity import linear_changes, simulated_changes
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
 

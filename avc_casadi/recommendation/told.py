@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from avc_casadi._util.text import number
-from avc_casadi.recommendation.edge import NOTICED_N
+from avc_casadi.recommendation.contact_onset import NOTICED_N
 from avc_casadi.simulation.population.motions import TRIAL_S
 
 # Shares of the force limit and of the stiffness felt from which it is worth a line.

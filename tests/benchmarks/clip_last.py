@@ -24,17 +24,18 @@ from studied import about, computed, made_by, rounded, table
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from robust_goals import GOALS, rested
+from studies.designs import design
+from studies.reach import with_observer
 from whole_device import WholeDevice, people
 
 import avc_casadi as avc
 import avc_hardware
 from avc_casadi.coupling import Coupling
+from avc_casadi.design.tuning import tuned
 from avc_casadi.model.effects import NotchEffect, VelocityFilterEffect
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.schedule import GainSchedule
-from avc_casadi.recommendation.designs import design
-from avc_casadi.recommendation.reach import tuned, with_observer
 from avc_casadi.simulation.judge import Judgement
 from avc_casadi.simulation.population.motions import MOTIONS
 from avc_casadi.simulation.population.operators import draw_subjects

@@ -13,17 +13,18 @@ from pathlib import Path
 import numpy as np
 from script_arguments import PRINTED, script_arguments
 from studied import about, run_campaign
+from studies.designs import design
+from studies.reach import reach
 from studies.table1.frontier_figure import draw_frontier
 
 import avc_casadi as avc
 from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
 from avc_casadi.design.methods import solve
+from avc_casadi.design.tuning import tuned, tuning_problem
 from avc_casadi.model.effects import AdaptationEffect, EstimatorEffect
 from avc_casadi.model.gains import gains_at
 from avc_casadi.present.figures.layout import save_figure
-from avc_casadi.recommendation.designs import design, tuning_problem
-from avc_casadi.recommendation.error_curve import error_curve
-from avc_casadi.recommendation.reach import reach, tuned
+from avc_casadi.recommendation.impedance_error import error_curve
 from avc_casadi.simulation.population.operators import corner_subjects, draw_subjects
 from avc_casadi.simulation.population.trial import Conditions
 

@@ -24,6 +24,7 @@ from studied import about, computed, made_by, rounded, table
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from clip_last_simulator import Simulator, at_rest
+from studies.designs import design
 
 import avc_casadi as avc
 from avc_casadi.claims.prove.held_device import HAND, HeldDevice
@@ -32,7 +33,6 @@ from avc_casadi.claims.prove.walls import rigid_with_damper, wall_gap
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.hands import STYLUS_RANGES
-from avc_casadi.recommendation.designs import design
 
 HERE = Path(__file__).parent
 OUT = HERE / "results" / "proofs_of_rest.json"

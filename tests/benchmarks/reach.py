@@ -11,10 +11,11 @@ from pathlib import Path
 
 from script_arguments import PRINTED, script_arguments
 from studied import about, run_campaign
+from studies.reach import reach, with_observer
 
 import avc_casadi as avc
 from avc_casadi.design.constant.static_tuned import tuned_margin
-from avc_casadi.recommendation.reach import reach, tuned, with_observer
+from avc_casadi.design.tuning import tuned
 from avc_casadi.simulation.population.operators import draw_subjects
 from avc_casadi.simulation.population.trial import Conditions
 

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from studied import about, computed, cpu_seconds, expected_n_per_m, felt_n_per_m, made_by, rounded, table
+from studies.designs import design
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Boundaries, GainBox, Impedance, Problem, Realism, Stability
-from avc_casadi.recommendation.designs import design
 from avc_casadi.recommendation.recommend import Recommendation
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of

@@ -15,11 +15,11 @@ from pathlib import Path
 
 from script_arguments import PRINTED, script_arguments
 from studied import about, run_campaign
+from studies.designs import design
 from studies.table1.adversary import WIDER_BOUNDS, worst_case
 
 import avc_casadi as avc
 from avc_casadi.model.effects import ObserverEffect
-from avc_casadi.recommendation.designs import design
 from avc_casadi.simulation.population.operators import draw_subjects
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions, all_motions

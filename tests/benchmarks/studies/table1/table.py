@@ -13,17 +13,17 @@ from avc_casadi._util.checkpoint import Chunked
 from avc_casadi._util.parallel import processors
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.constant.static_tuned import TUNED_MARGIN_SHARE
-from avc_casadi.recommendation.designs import COUPLINGS, MEET_OTHERS, CandidateName
 from avc_casadi.simulation.population.operators import Population, draw_subjects
 from avc_casadi.simulation.population.settled import CONFIDENCE
 from avc_casadi.simulation.population.trial import PEOPLE_AT_ONCE
+from studies.designs import COUPLINGS, MEET_OTHERS, CandidateName
 from studies.table1.matching import WEBER, WEBER_SWEEP
 from studies.table1.paper import PAPER, PEOPLE
 from studies.table1.wall import Outcome, all_designs, design_documents, rows, try_wall
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
-    from avc_casadi.recommendation.designs import Design
+    from studies.designs import Design
 
 SCHEMA = "avc-table1/1"
 DEFAULT_HANDS = 200

@@ -12,10 +12,10 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import packed, plain, unpacked
-from avc_casadi.recommendation.designs import COUPLINGS, CandidateName, Design, design
 from avc_casadi.simulation.population.motions import MOTIONS
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import PEOPLE_AT_ONCE, Conditions, Traces, judged, traces
+from studies.designs import COUPLINGS, CandidateName, Design, design
 from studies.table1.matching import WEBER, WEBER_SWEEP, choose, distance, reference_traces
 from studies.table1.paper import PAPER
 

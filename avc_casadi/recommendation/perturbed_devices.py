@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.model.corners import device_with, linear_values
 from avc_casadi.model.declared import declared
-from avc_casadi.recommendation.choice import FIRST
+from avc_casadi.recommendation.evaluate import FIRST
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_on_devices
 from avc_casadi.simulation.population.operators import people_of
 
@@ -25,7 +25,7 @@ _DEVICES = 8
 
 
 @dataclass(frozen=True)
-class OffFile:
+class PerturbedDevices:
     """What is seen where the file is a little wrong; nothing is promised of it.
 
     Attributes:
@@ -44,7 +44,7 @@ class OffFile:
         return told | {"linearly_unstable": self.unstable, **self.trial.counts()}
 
 
-def off_file(coupling: Coupling, seed: int = 0) -> OffFile | None:
+def off_file(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:
     """Let the corner hands try a coupling on devices a tenth off their file, each number up or down at random.
 
     Args:
@@ -63,7 +63,7 @@ def off_file(coupling: Coupling, seed: int = 0) -> OffFile | None:
     each_on_all = people.pick(np.repeat(np.arange(len(people)), len(devices)))
     theirs = [replace(coupling, problem=problem.changed(device=device)) for device in devices]
     unstable = sum(not deployable(one).passed for one in theirs)
-    return OffFile(keys, try_on_devices(coupling, each_on_all, devices, seed), unstable)
+    return PerturbedDevices(keys, try_on_devices(coupling, each_on_all, devices, seed), unstable)
 
 
 def _without_range(problem: Problem) -> tuple[str, ...]:

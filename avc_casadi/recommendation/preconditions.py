@@ -1,4 +1,4 @@
-"""What a recommendation takes for granted, and what of the problem nothing here uses."""
+"""Preconditions of a recommendation: what no coupling mends, what is taken for granted, and what nothing uses."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.claims.detent import detent_verdict
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.model.corners import LINEAR_KEYS
 from avc_casadi.model.declared import declared, declared_effects
@@ -19,6 +20,27 @@ if TYPE_CHECKING:
 
 _RANGE = "device.range."
 _BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"), (-np.inf, np.inf)
+
+
+def hopeless(problem: Problem) -> str:
+    """Return why no coupling is deployable, whatever its gains; empty where one may be.
+
+    Args:
+        problem: device, wall, hands and detents.
+    """
+    device, wall = problem.device, problem.environment
+    if device.mass_kg == 0:
+        return (
+            "the device has no mass (device.mass_kg is 0): let go, nothing is there that a coupling could hold; give "
+            "the mass of what moves"
+        )
+    if not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
+        return "the wall gives no force: there is nothing to couple to; give [environment] a stiffness or a damping"
+    if problem.detent is not None:
+        passed, sentence, advice, _ = detent_verdict(problem)
+        if not passed:
+            return f"whatever the coupling, {sentence}; {advice}"
+    return ""
 
 
 def assumed(

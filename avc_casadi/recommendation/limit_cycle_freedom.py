@@ -12,7 +12,7 @@ from avc_casadi.claims.proof_levels import promises_rest, proved_wall_n_per_m, q
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.recommendation.choice import Judged
+    from avc_casadi.recommendation.rank import Judged
 
 Word = Literal["proved", "refuted", "open", "simulated"]
 # What was found of couplings that are still in use.
@@ -20,7 +20,7 @@ _PROMISED: WeakKeyDictionary[Coupling, bool] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
-class RestKnown:
+class LimitCycleFreedom:
     """Rest of a coupling with every hand, making and breaking contact (level L7).
 
     Attributes:
@@ -40,7 +40,9 @@ class RestKnown:
         return found
 
 
-def with_rest(coupling: Coupling, felt_n_per_m: float, progress: Progress = SILENT) -> tuple[Coupling, RestKnown]:
+def with_rest(
+    coupling: Coupling, felt_n_per_m: float, progress: Progress = SILENT
+) -> tuple[Coupling, LimitCycleFreedom]:
     """Return a certified coupling with L7 in its certificate, where that takes a second or two, and what it says.
 
     Args:
@@ -53,7 +55,7 @@ def with_rest(coupling: Coupling, felt_n_per_m: float, progress: Progress = SILE
     if "L7" not in levels:
         level = quick_rest_level(coupling, progress)
         if level is None:
-            return coupling, RestKnown(
+            return coupling, LimitCycleFreedom(
                 "simulated", "no proof was asked for; avc recommend P --prove asks for one, in minutes"
             )
         levels["L7"] = level.document()
@@ -64,7 +66,7 @@ def with_rest(coupling: Coupling, felt_n_per_m: float, progress: Progress = SILE
     wall = felt_n_per_m if word == "proved" else None
     if word == "open" and quickly_proved(coupling):
         wall = proved_wall_n_per_m(coupling, progress)
-    return coupling, RestKnown(word, claim, wall)
+    return coupling, LimitCycleFreedom(word, claim, wall)
 
 
 def proved_first(judged: list[Judged]) -> list[Judged]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Executor
 from dataclasses import asdict, fields, replace
 from functools import partial
@@ -10,13 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.checkpoint import Chunked
-from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.design.methods import solve
 from avc_casadi.model.effects import ObserverEffect
 from avc_casadi.model.gains import Gains, gains_at
-from avc_casadi.recommendation.designs import tuning_problem
-from avc_casadi.recommendation.error_curve import TOLERANCE, error_curve
+from avc_casadi.recommendation.impedance_error import TOLERANCE, error_curve
 from avc_casadi.simulation.judge import Judgement
 from avc_casadi.simulation.population.motions import motions_at
 from avc_casadi.simulation.population.settled import exact_interval
@@ -24,7 +22,7 @@ from avc_casadi.simulation.population.trial import Conditions, judged
 
 if TYPE_CHECKING:
     from avc_casadi.model.hands import Hand, StylusHand
-    from avc_casadi.model.problem import Impedance, Problem, Structure
+    from avc_casadi.model.problem import Impedance, Problem
     from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.simulation.population.operators import Population
 
@@ -32,30 +30,6 @@ if TYPE_CHECKING:
 STIFFNESS_TOLERANCE = 0.08
 # People whom a worker is given at a time.
 _AT_ONCE = 1000
-
-
-def tuned(
-    problem: Problem,
-    *,
-    scheduled: bool,
-    margin_ns_per_m: float,
-    structure: Structure = "damped",
-    progress: Progress = SILENT,
-) -> Gains | GainSchedule | None:
-    """Tune constant or scheduled gains for the training hands; None where the margin cannot be met.
-
-    Args:
-        problem: device and wall.
-        scheduled: gains that follow frequency; otherwise the best constant gains of the same problem.
-        margin_ns_per_m: damping that the device is robbed of while the frozen loop must stay stable.
-        structure: series or damped.
-        progress: told of the starts or reserves that are tried.
-    """
-    stated = tuning_problem(problem, structure, margin_ns_per_m)
-    table = solve(stated, "schedule" if scheduled else "static-tuned", progress=progress)
-    if not table.usable.all():
-        return None
-    return table if scheduled else gains_at(table)
 
 
 def reach(
@@ -118,7 +92,7 @@ def reach(
             "highest": float(felt.max()) if len(felt) else None,
             "within_8_percent": int(stiff.sum()),
         },
-        "gains_at_rest": plain(vars(first)),
+        "gains_at_rest": {key: value if math.isfinite(value) else None for key, value in vars(first).items()},
         "error_within_hz": {
             "tolerance": TOLERANCE,
             "sampled": curve.within_hz(curve.sampled),

@@ -22,7 +22,7 @@ _FIRM = Hand(np.array([1.0]), np.array([600.0]), np.array([1e5]))
 _FROM_M, _TO_M = -0.04, 0.01
 
 
-def edges_m(coupling: Coupling) -> dict[str, float | None]:
+def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
     """Return how deep a hand is when the device first pushes back, by its speed; below 0 before the wall.
 
     Depth and speed are those of the device, of a turn in rad and rad/s; what pushes back is noticed at its handle.

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from avc_casadi._util.parallel import ALONE, Crew
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.recommendation.candidates import (
+from avc_casadi.recommendation.evaluate import Evaluator
+from avc_casadi.recommendation.generate import (
     SAFER,
     Alternatives,
     RobustCandidates,
@@ -19,7 +20,6 @@ from avc_casadi.recommendation.candidates import (
     stiffer_n_per_m,
     tuned_candidates,
 )
-from avc_casadi.recommendation.jury import Jury
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from avc_casadi.design.robust.cma_continuation import Step
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
-    from avc_casadi.recommendation.choice import Judged
+    from avc_casadi.recommendation.rank import Judged
 
 # The way from the stiffest that is held to the next stiffer wall is halved until it is so short, or so often.
 _CLOSE, _MOST_HALVED = 1.05, 3
@@ -75,7 +75,7 @@ def judged_candidates(
     wall = problem.environment.stiffness_n_per_m
     # Where springs and dampers hold nothing, laws begin at the softest wall there is.
     limit = replace(limit, stiffness_n_per_m=max(limit.stiffness_n_per_m, softest_wall_n_per_m(problem.device)))
-    jury = Jury(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
+    evaluator = Evaluator(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
     robust = RobustCandidates(problem, limit, crew, start)
     plainly = min(wall, limit.stiffness_n_per_m)
     corners = hand_corners(problem.hands)
@@ -85,24 +85,24 @@ def judged_candidates(
     # spring and damper back holds them back too.
     held_plainly = wall <= limit.stiffness_n_per_m
     if held_plainly:
-        _plainly(jury, plain, wall)
-    if not jury.holds(wall):
-        _behind_laws(jury, robust, wall, climbs, onwards)
-    if not (held_plainly or jury.holds(limit.stiffness_n_per_m)):
-        _plainly(jury, plain, limit.stiffness_n_per_m)
+        _plainly(evaluator, plain, wall)
+    if not evaluator.holds(wall):
+        _behind_laws(evaluator, robust, wall, climbs, onwards)
+    if not (held_plainly or evaluator.holds(limit.stiffness_n_per_m)):
+        _plainly(evaluator, plain, limit.stiffness_n_per_m)
     for share in SAFER:
-        if not jury.holds(share * plainly):
-            jury.ask(softened_to(problem, corners, share * plainly), "softer springs")
-    if not jury.holds(0.0):
-        jury.ask(tuned_candidates(problem, progress), "tuned gains")
-    if jury.judged:
-        best = jury.stiffest()
+        if not evaluator.holds(share * plainly):
+            evaluator.ask(softened_to(problem, corners, share * plainly), "softer springs")
+    if not evaluator.holds(0.0):
+        evaluator.ask(tuned_candidates(problem, progress), "tuned gains")
+    if evaluator.judged:
+        best = evaluator.stiffest()
         # Climbs have come as near as that to what is not held, where springs end before laws do.
         behind_a_law = best is not None and best.coupling.runtime.state_feedback is not None
-        if not behind_a_law or jury.reached_n_per_m() < plainly:
-            _closer(problem, jury, limit)
-        jury.confirm()
-    return Candidates(jury.judged, jury.considered, tuple(robust.steps))
+        if not behind_a_law or evaluator.reached_n_per_m() < plainly:
+            _closer(problem, evaluator, limit)
+        evaluator.confirm()
+    return Candidates(evaluator.judged, evaluator.considered, tuple(robust.steps))
 
 
 @dataclass(frozen=True)
@@ -120,60 +120,64 @@ class Candidates:
     steps: tuple[Step, ...]
 
 
-def _plainly(jury: Jury, plain: list[Alternatives], stiffness_n_per_m: float) -> None:
+def _plainly(evaluator: Evaluator, plain: list[Alternatives], stiffness_n_per_m: float) -> None:
     """Try springs and dampers, and behind an observer where for somebody without one it is too soft or not quiet."""
-    jury.ask(plain, _PLAIN)
-    if not (jury.pleases(stiffness_n_per_m) and jury.holds(stiffness_n_per_m)):
-        jury.ask(behind_observers(plain), _OBSERVED)
+    evaluator.ask(plain, _PLAIN)
+    if not (evaluator.pleases(stiffness_n_per_m) and evaluator.holds(stiffness_n_per_m)):
+        evaluator.ask(behind_observers(plain), _OBSERVED)
 
 
-def _behind_laws(jury: Jury, robust: RobustCandidates, wall_n_per_m: float, climbs: range, onwards: range) -> None:
+def _behind_laws(
+    evaluator: Evaluator, robust: RobustCandidates, wall_n_per_m: float, climbs: range, onwards: range
+) -> None:
     """Climb to the wanted wall, then on from what is held, with those who moved among the first to try."""
-    held = _held(jury, robust, robust.continuations(jury.asked_first(), climbs), wall_n_per_m)
-    best = jury.stiffest()
+    held = _held(evaluator, robust, robust.continuations(evaluator.screening(), climbs), wall_n_per_m)
+    best = evaluator.stiffest()
     if best is not None and not held:
-        more = robust.onwards(best.coupling, best.felt_n_per_m, jury.asked_first(), onwards)
-        _held(jury, robust, more, wall_n_per_m)
-        best = jury.stiffest()
+        more = robust.onwards(best.coupling, best.felt_n_per_m, evaluator.screening(), onwards)
+        _held(evaluator, robust, more, wall_n_per_m)
+        best = evaluator.stiffest()
     if best is not None:
-        for steps in robust.refinements(best.coupling, jury.asked_first()):
-            jury.ask([robust.alternatives(steps[-1])], f"the same wall, nearer in motion, {best.felt_n_per_m:.4g} N/m")
+        for steps in robust.refinements(best.coupling, evaluator.screening()):
+            evaluator.ask(
+                [robust.alternatives(steps[-1])], f"the same wall, nearer in motion, {best.felt_n_per_m:.4g} N/m"
+            )
 
 
-def _held(jury: Jury, robust: RobustCandidates, climbs: Iterable[list[Step]], wall_n_per_m: float) -> bool:
+def _held(evaluator: Evaluator, robust: RobustCandidates, climbs: Iterable[list[Step]], wall_n_per_m: float) -> bool:
     """Ask for what each climb reached; say whether one holds the wanted wall, which makes the next ones needless."""
     for steps in climbs:
-        _stiffest_held(jury, robust, steps)
-        if jury.holds(wall_n_per_m):
+        _stiffest_held(evaluator, robust, steps)
+        if evaluator.holds(wall_n_per_m):
             return True
     return False
 
 
-def _stiffest_held(jury: Jury, robust: RobustCandidates, steps: list[Step]) -> None:
+def _stiffest_held(evaluator: Evaluator, robust: RobustCandidates, steps: list[Step]) -> None:
     """Ask for the stiffest of some walls that is held, also with people who had no part in the choice."""
     asked = math.inf
     for rung in reversed(steps):
         felt = rung.stiffness_n_per_m
-        if jury.holds(felt):
+        if evaluator.holds(felt):
             return
         if felt <= _LESS * asked:
             asked = felt
             search = f"walls behind an observer, {felt:.4g} N/m"
-            if jury.finds([robust.alternatives(rung)], felt, search) and jury.holds(felt):
+            if evaluator.finds([robust.alternatives(rung)], felt, search) and evaluator.holds(felt):
                 return
 
 
-def _closer(problem: Problem, jury: Jury, limit: DampingRange) -> None:
+def _closer(problem: Problem, evaluator: Evaluator, limit: DampingRange) -> None:
     """Halve the way to the next stiffer wall behind a spring, a few times.
 
     So that what is felt hardly depends on where the walls stand that were looked at, and thus on the one wanted.
     """
     corners = hand_corners(problem.hands)
-    low = jury.reached_n_per_m()
+    low = evaluator.reached_n_per_m()
     high = None if low < 0 else stiffer_n_per_m(problem, limit, low)
     for _ in range(_MOST_HALVED):
         if high is None or high < _CLOSE * low:
             return
         felt = math.sqrt(low * high)
-        jury.ask(softened_to(problem, corners, felt), _BETWEEN)
-        low, high = (felt, high) if jury.holds(felt) else (low, felt)
+        evaluator.ask(softened_to(problem, corners, felt), _BETWEEN)
+        low, high = (felt, high) if evaluator.holds(felt) else (low, felt)

@@ -19,13 +19,14 @@ from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.runtime import Runtime, StateFeedback
-from avc_casadi.recommendation import candidates as _candidates
-from avc_casadi.recommendation import choice as _choice
-from avc_casadi.recommendation import jury as _jury
-from avc_casadi.recommendation import stages as _stages
-from avc_casadi.recommendation.candidates import felt_at_rest_n_per_m
-from avc_casadi.recommendation.choice import Judged, best_of, confirmed
-from avc_casadi.recommendation.stages import judged_candidates
+from avc_casadi.recommendation import evaluate as _evaluate
+from avc_casadi.recommendation import generate as _generate
+from avc_casadi.recommendation import rank as _rank
+from avc_casadi.recommendation import search_schedule as _stages
+from avc_casadi.recommendation.evaluate import confirmed
+from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
+from avc_casadi.recommendation.rank import Judged, best_of
+from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling, try_on_devices
 from avc_casadi.simulation.population.operators import people_of
 
@@ -101,7 +102,7 @@ def test_nothing_that_is_safer_or_as_safe_and_better_is_passed_over(candidates, 
                 assert felt_at_rest_n_per_m(best.coupling) >= 0.99 * felt_at_rest_n_per_m(one.coupling)
 
 
-def test_hands_that_had_no_part_in_the_choice_can_refute_it(monkeypatch):
+def test_hands_that_had_no_part_in_the_evaluate_can_refute_it(monkeypatch):
     lucky, honest = judged(0, 0.95, 10, 10, 10), judged(1, 0.5, 10, 10, 10)
     failing = {lucky.coupling.id: trial(9, 9, 9)}
     asked = []
@@ -110,7 +111,7 @@ def test_hands_that_had_no_part_in_the_choice_can_refute_it(monkeypatch):
         asked.append((coupling.id, people, len(devices), seed))
         return failing.get(coupling.id, trial(10, 10, 10))
 
-    monkeypatch.setattr(_choice, "try_on_devices", tried)
+    monkeypatch.setattr(_evaluate, "try_on_devices", tried)
     others = iter(["some others", "still others"])
     found = confirmed([lucky, honest], range(HANDS), others, 3, lean_on_friction=False)
     best = best_of(found)
@@ -132,10 +133,10 @@ def test_where_others_refute_a_softened_wall_a_softer_one_is_looked_for(held, mo
         everybody = HANDS if felt_at_rest_n_per_m(coupling) < most * limit.stiffness_n_per_m else HANDS - 1
         return trial(everybody, everybody, everybody)
 
-    monkeypatch.setattr(_choice, "try_coupling", lambda coupling, *_, **__: rests(coupling, 0.9))
-    monkeypatch.setattr(_choice, "try_on_devices", lambda coupling, *_, **__: rests(coupling, held))
-    monkeypatch.setattr(_choice, "proved_first", lambda left: left)
-    monkeypatch.setattr(_candidates, "why_no_law", lambda *_: "springs and dampers alone")
+    monkeypatch.setattr(_evaluate, "try_coupling", lambda coupling, *_, **__: rests(coupling, 0.9))
+    monkeypatch.setattr(_evaluate, "try_on_devices", lambda coupling, *_, **__: rests(coupling, held))
+    monkeypatch.setattr(_rank, "proved_first", lambda left: left)
+    monkeypatch.setattr(_generate, "why_no_law", lambda *_: "springs and dampers alone")
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
     found = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False).judged
     best = best_of(found)
@@ -158,12 +159,12 @@ def test_springs_between_a_law_and_what_they_do_not_hold_are_tried(law, held, be
         everybody = HANDS - 1 if springs else HANDS
         return trial(everybody, everybody, everybody)
 
-    monkeypatch.setattr(_choice, "try_coupling", lambda coupling, *_, **__: rests(coupling, 0.9))
-    monkeypatch.setattr(_choice, "try_on_devices", lambda coupling, *_, **__: rests(coupling, held))
-    monkeypatch.setattr(_choice, "deployable", lambda _: SimpleNamespace(passed=True))
-    monkeypatch.setattr(_choice, "proved_first", lambda left: left)
-    monkeypatch.setattr(_jury, "likeliest", lambda alternatives, *_, **__: (alternatives, True))
-    monkeypatch.setattr(_stages, "_behind_laws", lambda jury, *_: jury.ask([[behind]], "laws"))
+    monkeypatch.setattr(_evaluate, "try_coupling", lambda coupling, *_, **__: rests(coupling, 0.9))
+    monkeypatch.setattr(_evaluate, "try_on_devices", lambda coupling, *_, **__: rests(coupling, held))
+    monkeypatch.setattr(_evaluate, "deployable", lambda _: SimpleNamespace(passed=True))
+    monkeypatch.setattr(_rank, "proved_first", lambda left: left)
+    monkeypatch.setattr(_evaluate, "likeliest", lambda alternatives, *_, **__: (alternatives, True))
+    monkeypatch.setattr(_stages, "_behind_laws", lambda evaluator, *_: evaluator.ask([[behind]], "laws"))
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
     found = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False).judged
     best = best_of(found)
@@ -188,10 +189,10 @@ def test_a_vibration_that_only_others_feel_counts():
 def test_what_is_best_is_confirmed_though_nobody_rests_without_friction(monkeypatch):
     people = people_of(PROBLEM.hands, HANDS)
     limit = stiffest_wall(PROBLEM.device, with_let_go(hand_corners(PROBLEM.hands)))
-    monkeypatch.setattr(_choice, "try_coupling", lambda *_, **__: trial(10, 0, 10))
-    monkeypatch.setattr(_choice, "try_on_devices", lambda *_, **__: trial(10, 0, 10))
-    monkeypatch.setattr(_choice, "proved_first", lambda left: left)
-    monkeypatch.setattr(_candidates, "why_no_law", lambda *_: "springs and dampers alone")
+    monkeypatch.setattr(_evaluate, "try_coupling", lambda *_, **__: trial(10, 0, 10))
+    monkeypatch.setattr(_evaluate, "try_on_devices", lambda *_, **__: trial(10, 0, 10))
+    monkeypatch.setattr(_rank, "proved_first", lambda left: left)
+    monkeypatch.setattr(_generate, "why_no_law", lambda *_: "springs and dampers alone")
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
     found = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False).judged
     assert best_of(found).safety == 1
@@ -226,11 +227,11 @@ def test_an_observer_meets_devices_whose_delay_it_does_not_look_over():
 
 def test_who_confirms_it_does_so_on_devices_all_over_the_declared_ranges():
     problem = avc.load_problem("spring").changed(device={"range": {"delay_samples": [0.0, 3.0]}})
-    devices = _choice._devices(problem.device, 0)
+    devices = _evaluate._devices(problem.device, 0)
     assert devices[0] == problem.device
     assert {one.delay_samples for one in devices[1:]} >= {0.0, 3.0}
     assert len(devices) == 16
-    assert len(_choice._devices(avc.load_problem("spring").device, 0)) == 1
+    assert len(_evaluate._devices(avc.load_problem("spring").device, 0)) == 1
 
 
 def test_a_law_is_made_for_the_coarsest_encoder_of_the_declared_range():

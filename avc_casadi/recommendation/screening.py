@@ -76,7 +76,7 @@ class _Asked:
 
 
 @dataclass(frozen=True)
-class AskedFirst:
+class Screening:
     """Groups of people in stages: who comes later only tries what all before rest with.
 
     Attributes:
@@ -89,13 +89,13 @@ class AskedFirst:
     friction: bool
     off: tuple[Group, ...] = ()
 
-    def and_off(self) -> AskedFirst:
+    def and_off(self) -> Screening:
         """Return them with those on devices that are a little off their file as the last."""
-        return AskedFirst((*self.stages, self.off), self.friction)
+        return Screening((*self.stages, self.off), self.friction)
 
-    def only_off(self) -> AskedFirst:
+    def only_off(self) -> Screening:
         """Return those on devices that are a little off their file alone."""
-        return AskedFirst((self.off,), self.friction)
+        return Screening((self.off,), self.friction)
 
     def ends(self, coupling: Coupling) -> ResidualSpeed:
         """Prepare to ask how fast they end with laws of the structure of one.

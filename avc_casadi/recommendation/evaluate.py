@@ -3,32 +3,44 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.deployable import deployable
+from avc_casadi.model.corners import device_corners, device_set
 from avc_casadi.model.hands import Hand
-from avc_casadi.recommendation.asked_first import AskedFirst, Group, elsewhere, off_file, together
-from avc_casadi.recommendation.candidates import felt_at_rest_n_per_m
-from avc_casadi.recommendation.choice import AS_STIFF, FIRST, Judged, confirmed, likeliest, tried
+from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
+from avc_casadi.recommendation.rank import AS_STIFF, Judged, best_of
+from avc_casadi.recommendation.screening import SURELY, Group, Screening, elsewhere, off_file, together
+from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
 from avc_casadi.simulation.population.operators import draw_hands, loose_hands
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator, Sequence
     from concurrent.futures import Executor
 
-    from avc_casadi._util.progress import Progress
     from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.hands import StylusHand
     from avc_casadi.model.problem import Problem
-    from avc_casadi.recommendation.candidates import Alternatives
+    from avc_casadi.recommendation.generate import Alternatives
 
+FIRST = 16
+"""So many hands, the corners among them, try a coupling before the others do; only what these can use is for all."""
+# Of equally stiff ones no more are tried: one after the other, where others refute the one before.
+_MOST_TRIED = 5
+# Devices of the declared ranges among which those who confirm it are divided.
+_DEVICES = 16
 # Of those who hold on loosely so many try a law before the others.
 _ONE_IN = 4
 # Share of the people who move, up to which those are asked first from then on.
 _FEW_MOVE = 0.05
 
 
-class Jury:
+class Evaluator:
     """Who tries the candidates.
 
     Attributes:
@@ -83,14 +95,14 @@ class Jury:
         self._candidates = [one for one in self._candidates if id(one[0]) not in gone]
         self.judged = [one for one in self.judged if id(one.coupling) not in gone]
 
-    def asked_first(self) -> AskedFirst:
+    def screening(self) -> Screening:
         """Return who tries a law first: now, as they may be others after the next ones were tried."""
         few = np.arange(len(self._loose)) % _ONE_IN == 0
         loose = Group(self._loose)
         likely = Group(together(self._first, loose.pick(few).people))
         others = loose.pick(~few)
         stages = ((likely,), self._elsewhere, (others,) if len(others.people) else ())
-        return AskedFirst(tuple(stage for stage in stages if stage), self._lean, self._off)
+        return Screening(tuple(stage for stage in stages if stage), self._lean, self._off)
 
     def finds(self, more: Iterable[Alternatives], stiffness_n_per_m: float, search: str) -> bool:
         """Try more candidates until something so stiff is safe and quiet, as far as is known; say whether there is."""
@@ -169,3 +181,129 @@ class Jury:
         if len(judged) > len(self.judged):
             before, self.judged = self.judged, judged
             self._learn(before)
+
+
+def tried(
+    candidates: Iterable[Alternatives],
+    before: list[Judged],
+    people: Hand | StylusHand,
+    seed: int,
+    progress: Progress = SILENT,
+    *,
+    lean_on_friction: bool,
+    executor: Executor | None = None,
+    search: str = "",
+) -> list[Judged]:
+    """Try those that are deployable, the stiffest first, until nothing that is left could win.
+
+    Args:
+        candidates: the simpler ones first; some may have been judged already.
+        before: what was judged already.
+        people: who tries them.
+        seed: of their draw, to be told.
+        progress: told of the candidates.
+        lean_on_friction: as in `best_of`.
+        executor: as in `try_coupling`.
+        search: which one the candidates come from that are new, to be told.
+
+    Returns:
+        What was judged before, and now.
+    """
+    ranked = sorted(enumerate(candidates), key=lambda pair: (-felt_at_rest_n_per_m(pair[1][0]), pair[0]))
+    judged = list(before)
+    for done, (order, alternatives) in enumerate(ranked, start=1):
+        enough = [found for found in judged if found.complete(lean_on_friction=lean_on_friction)]
+        if enough and felt_at_rest_n_per_m(alternatives[0]) < (1 - 2 * AS_STIFF) * max(
+            found.felt_n_per_m for found in enough
+        ):
+            break
+        for one in alternatives:
+            known = next((found for found in judged if found.coupling is one), None)
+            if known is not None and known.complete(lean_on_friction=lean_on_friction):
+                break
+            if known is not None or not deployable(one).passed:
+                continue
+            found = Judged(one, try_coupling(one, people.pick(slice(FIRST)), seed, executor=executor), order)
+            if found.safety <= int(lean_on_friction) and len(people) > FIRST:
+                found = replace(found, trial=try_coupling(one, people, seed, executor=executor))
+            judged.append(found)
+            if found.complete(lean_on_friction=lean_on_friction):
+                break
+        # Those that were tried before stand among the new ones.
+        progress.advance(max(done, min(len(judged), len(ranked))), len(ranked), f"candidates tried, {search}")
+    return judged
+
+
+def likeliest(
+    alternatives: Alternatives, groups: Iterable[Group], elsewhere: Sequence[Group] = (), *, lean_on_friction: bool
+) -> tuple[Alternatives, bool]:
+    """Take those with which everybody comes to rest, or the one with which most do; say whether everybody does.
+
+    A single one without state feedback is taken as it is.
+
+    Args:
+        alternatives: equally stiff ones.
+        groups: who try them: who follows only tries what all before came to rest with.
+        elsewhere: who try them on other devices: with whom fewest of these move come first.
+        lean_on_friction: whether the declared dry friction may help.
+    """
+    left = alternatives
+    # Where only friction brings somebody to rest, another hand may be a little faster.
+    slow = SURELY if lean_on_friction else 1.0
+    asked = len(left) > 1 or left[0].runtime.state_feedback is not None
+    for group in groups if asked else ():
+        restless = (~(group.unrest(left, friction=lean_on_friction) < slow)).sum(axis=1)
+        if restless.min() > 0:
+            return [left[int(restless.argmin())]], False
+        left = [one for one, moving in zip(left, restless, strict=True) if not moving]
+    moving = np.zeros(len(left))
+    for group in elsewhere if asked else ():
+        moving += (~(group.unrest(left, friction=lean_on_friction) < slow)).sum(axis=1)
+    fewest = np.argsort(moving, kind="stable")[:_MOST_TRIED]
+    return [left[place] for place in fewest if moving[place] == 0 or moving.min() > 0], not moving.min()
+
+
+def confirmed(
+    judged: list[Judged],
+    people: Hand | StylusHand,
+    others: Iterator[Hand],
+    seed: int,
+    *,
+    lean_on_friction: bool,
+    executor: Executor | None = None,
+) -> list[Judged]:
+    """Let everybody try what is best, then people who had no part in the choice, until it stays the best.
+
+    Who is best of many before the same hands may owe it to these. Where the device has ranges, the others try it on
+    devices all over them.
+
+    Args:
+        judged: at least one.
+        people: who tries them.
+        others: other people, each time they are asked for.
+        seed: of their draws, to be told.
+        lean_on_friction: as in `best_of`.
+        executor: as in `try_coupling`.
+    """
+    while True:
+        best = best_of(judged, lean_on_friction=lean_on_friction)
+        if best.trial.hands < len(people):
+            asked = replace(best, trial=try_coupling(best.coupling, people, seed, executor=executor))
+        elif best.others is None:
+            devices = _devices(best.coupling.problem.device, seed)
+            strangers = next(others)
+            found = try_on_devices(best.coupling, strangers, devices, seed, executor)
+            asked = replace(best, others=found, asked=strangers, devices=tuple(devices))
+        else:
+            return judged
+        judged = [asked if one is best else one for one in judged]
+
+
+def _devices(device: Device, seed: int) -> list[Device]:
+    """Take some of the devices that the declared ranges allow, in corners and within; the nominal one comes first."""
+    corners = device_corners(device)
+    if len(corners) == 1:
+        return [device]
+    some = np.random.default_rng(seed).permutation(len(corners))[: _DEVICES // 2]
+    within = device_set(device, draws=_DEVICES - 1 - len(some), seed=seed)[len(corners) :]
+    return [device, *(corners[place] for place in some), *within]

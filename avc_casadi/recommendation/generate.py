@@ -20,10 +20,10 @@ from avc_casadi.design.robust.cma_continuation import continuation, refined
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.preconditions import why_no_law
 from avc_casadi.design.robust.solve import FIRST
+from avc_casadi.design.tuning import tuned
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import with_let_go
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.reach import tuned
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.hands import Hand, StylusHand
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.runtime import StateFeedback
-    from avc_casadi.recommendation.asked_first import AskedFirst
+    from avc_casadi.recommendation.screening import Screening
 
 # Damping kept in reserve, as multiples of the tuned designs' own: a coarse encoder asks for more.
 _RESERVES = (1.0, 3.0)
@@ -129,7 +129,7 @@ class RobustCandidates:
         first = FIRST * stiffest.stiffness_n_per_m
         self._first = first if self._wanted > first else _SOFT * self._wanted
 
-    def continuations(self, asked: AskedFirst, numbers: range) -> Iterator[list[Step]]:
+    def continuations(self, asked: Screening, numbers: range) -> Iterator[list[Step]]:
         """Yield walls up to the wanted one, the softest of a continuation first.
 
         Args:
@@ -150,7 +150,7 @@ class RobustCandidates:
         yield from map(self._kept, self._crew.each(tasks))
 
     def onwards(
-        self, coupling: Coupling, felt_n_per_m: float, asked: AskedFirst, numbers: range
+        self, coupling: Coupling, felt_n_per_m: float, asked: Screening, numbers: range
     ) -> Iterator[list[Step]]:
         """Yield stiffer walls, up to the wanted one, from one that is held on; none where its law is not of here.
 
@@ -169,7 +169,7 @@ class RobustCandidates:
         tasks = [partial(_continued, self._problem, point, walls, asked, seed=_OTHERS + one, **how) for one in numbers]
         yield from map(self._kept, self._crew.each(tasks))
 
-    def refinements(self, coupling: Coupling, asked: AskedFirst) -> Iterator[list[Step]]:
+    def refinements(self, coupling: Coupling, asked: Screening) -> Iterator[list[Step]]:
         """Yield the wall of a coupling with laws that give way less in motion; none where its law is not of here.
 
         Where they can be, these are laws with which all settle on devices a little off their file too.
@@ -193,7 +193,7 @@ class RobustCandidates:
         return steps
 
 
-def _refined(problem: Problem, step: Step, asked: AskedFirst) -> list[Step]:
+def _refined(problem: Problem, step: Step, asked: Screening) -> list[Step]:
     """Search laws for a wall that give way less in motion, on devices a little off their file where one is found."""
     everybody, wall = asked.and_off(), step.stiffness_n_per_m
     if asked.off:
@@ -208,14 +208,14 @@ def _refined(problem: Problem, step: Step, asked: AskedFirst) -> list[Step]:
 
 
 def _continued(
-    problem: Problem, point: FloatArray, walls_n_per_m: tuple[float, float], asked: AskedFirst, **how: Any
+    problem: Problem, point: FloatArray, walls_n_per_m: tuple[float, float], asked: Screening, **how: Any
 ) -> list[Step]:
     with suppress(np.linalg.LinAlgError):
         return continuation(problem, point, walls_n_per_m, _residual_speed_at(problem, asked), **how)
     return []
 
 
-def _residual_speed_at(problem: Problem, asked: AskedFirst) -> ResidualSpeedAt:
+def _residual_speed_at(problem: Problem, asked: Screening) -> ResidualSpeedAt:
     def residual_speed_at(gains: Gains, law: StateFeedback) -> ResidualSpeed:
         return asked.ends(_robust(problem, gains, law))
 

@@ -11,10 +11,10 @@ from avc_casadi._util.progress import SILENT
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.corners import RIGID_KEYS, device_corners
 from avc_casadi.model.gains import Gains
-from avc_casadi.recommendation import asked_first as _asked_first
-from avc_casadi.recommendation import choice as _choice
-from avc_casadi.recommendation.asked_first import SURELY, AskedFirst, Group, elsewhere, off_file
-from avc_casadi.recommendation.jury import Jury
+from avc_casadi.recommendation import evaluate as _evaluate
+from avc_casadi.recommendation import screening as _asked_first
+from avc_casadi.recommendation.evaluate import Evaluator
+from avc_casadi.recommendation.screening import SURELY, Group, Screening, elsewhere, off_file
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
 
@@ -24,7 +24,7 @@ HANDS = 40
 
 def jury():
     people = people_of(PROBLEM.hands, HANDS)
-    return Jury(PROBLEM, people, 0, SILENT, lean_on_friction=False, executor=None), people
+    return Evaluator(PROBLEM, people, 0, SILENT, lean_on_friction=False, executor=None), people
 
 
 def coupling(stiffness):
@@ -47,7 +47,7 @@ def masses_asked(one, monkeypatch):
         groups.append(people.mass_kg)
 
     monkeypatch.setattr(_asked_first, "ends_of", noted)
-    one.asked_first().ends(coupling(300.0))
+    one.screening().ends(coupling(300.0))
     first, others = groups
     return first, others
 
@@ -59,7 +59,7 @@ def test_one_of_many_who_moves_is_among_the_first(monkeypatch):
     def with_one_who_moves(one, some, *_, **__):
         return moving(try_coupling(one, some), *([30] if len(some) == HANDS else []))
 
-    monkeypatch.setattr(_choice, "try_coupling", with_one_who_moves)
+    monkeypatch.setattr(_evaluate, "try_coupling", with_one_who_moves)
     hall.ask([[coupling(200.0)]], "springs")
     first, others = masses_asked(hall, monkeypatch)
     np.testing.assert_array_equal(np.sort(first), np.sort([*before, people.mass_kg[30]]))
@@ -70,14 +70,14 @@ def test_one_of_many_who_moves_is_among_the_first(monkeypatch):
 def test_others_who_refute_it_are_among_the_first_and_the_next_are_others_again(rows, learned, monkeypatch):
     hall, _ = jury()
     before, _ = masses_asked(hall, monkeypatch)
-    met, real = [], _choice.try_on_devices
+    met, real = [], _evaluate.try_on_devices
 
     def refuted(one, people, *rest):
         met.append(people)
         found = real(one, people, *rest)
         return moving(found, *rows) if len(met) == 1 else found
 
-    monkeypatch.setattr(_choice, "try_on_devices", refuted)
+    monkeypatch.setattr(_evaluate, "try_on_devices", refuted)
     hall.ask([[coupling(300.0)], [coupling(150.0)]], "springs")
     assert hall.holds(100.0)
     first, _ = masses_asked(hall, monkeypatch)
@@ -94,7 +94,7 @@ RANGED = PROBLEM.changed(
 
 def groups_asked(one):
     """Return who tries a law on other devices."""
-    few, elsewhere, others = one.asked_first().stages
+    few, elsewhere, others = one.screening().stages
     assert all(group.device is None for group in (*few, *others))
     return elsewhere
 
@@ -105,7 +105,7 @@ def test_where_the_device_has_ranges_some_try_a_law_on_light_devices_and_on_some
     light = {
         (one.damping_ns_per_m, one.delay_samples) for one in corners if one.mass_kg == min(RANGED.device.range.mass_kg)
     }
-    groups = groups_asked(Jury(RANGED, people, 0, SILENT, lean_on_friction=False, executor=None))
+    groups = groups_asked(Evaluator(RANGED, people, 0, SILENT, lean_on_friction=False, executor=None))
     met = [group.device for group in groups]
     assert {(one.damping_ns_per_m, one.delay_samples) for one in met if one in corners} == light
     within = [one for one in met if one not in corners]
@@ -133,15 +133,15 @@ def test_of_many_light_corners_those_that_differ_most_are_tried():
 
 def test_who_moves_on_another_device_tries_the_next_laws_on_that_one(monkeypatch):
     people = people_of(RANGED.hands, HANDS)
-    hall = Jury(RANGED, people, 0, SILENT, lean_on_friction=False, executor=None)
-    before, met, real = groups_asked(hall), [], _choice.try_on_devices
+    hall = Evaluator(RANGED, people, 0, SILENT, lean_on_friction=False, executor=None)
+    before, met, real = groups_asked(hall), [], _evaluate.try_on_devices
 
     def refuted(one, some, devices, *rest):
         met.append((some, devices))
         found = real(one, some, devices, *rest)
         return moving(found, 5, 7 + len(devices)) if len(met) == 1 else found
 
-    monkeypatch.setattr(_choice, "try_on_devices", refuted)
+    monkeypatch.setattr(_evaluate, "try_on_devices", refuted)
     ask = [[Coupling.constant(RANGED, Gains(0.0, stiffness, 0.5), "x")] for stiffness in (60.0, 30.0)]
     hall.ask(ask, "springs")
     assert hall.holds(25.0)
@@ -164,10 +164,10 @@ def test_with_whom_fewest_move_on_other_devices_is_tried_first():
 
     some = [coupling(stiffness) for stiffness in (1.0, 2.0, 3.0)]
     first, slow = Known({1.0: 0.1, 2.0: 0.1, 3.0: 2.0}), Known({1.0: 3.0, 2.0: 0.2, 3.0: 0.1})
-    assert _choice.likeliest(some, (first,), (slow,), lean_on_friction=False) == ([some[1]], True)
+    assert _evaluate.likeliest(some, (first,), (slow,), lean_on_friction=False) == ([some[1]], True)
     all_move = Known({1.0: 3.0, 2.0: 3.0, 3.0: 3.0})
-    assert _choice.likeliest(some, (first,), (slow, all_move), lean_on_friction=False) == ([some[1], some[0]], False)
-    assert _choice.likeliest(some, (first,), lean_on_friction=False) == (some[:2], True)
+    assert _evaluate.likeliest(some, (first,), (slow, all_move), lean_on_friction=False) == ([some[1], some[0]], False)
+    assert _evaluate.likeliest(some, (first,), lean_on_friction=False) == (some[:2], True)
 
 
 def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_they_move(monkeypatch):
@@ -183,7 +183,7 @@ def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_
             return np.array([[law + 0.001 * hand for hand in range(self.people)] for law in laws])
 
     monkeypatch.setattr(_asked_first, "ends_of", lambda _, people, **__: Known(len(people)))
-    found = hall.asked_first().ends(coupling(300.0))([0.1, 2.0, 0.2])
+    found = hall.screening().ends(coupling(300.0))([0.1, 2.0, 0.2])
     first, others = 16 + HANDS // 4, HANDS - HANDS // 4
     assert asked == [(first, 3), (others, 2)]
     assert found.shape == (3, first + others)
@@ -194,10 +194,10 @@ def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_
 
 @pytest.mark.parametrize("hands", [1, 2])
 def test_few_who_are_asked_are_all_among_the_first(hands):
-    one = Jury(PROBLEM, people_of(PROBLEM.hands, hands), 0, SILENT, lean_on_friction=False, executor=None)
-    stages = one.asked_first().stages
+    one = Evaluator(PROBLEM, people_of(PROBLEM.hands, hands), 0, SILENT, lean_on_friction=False, executor=None)
+    stages = one.screening().stages
     assert all(len(group.people) for stage in stages for group in stage)
-    ends = one.asked_first().ends(coupling(300.0))
+    ends = one.screening().ends(coupling(300.0))
     assert ends([None]).shape == (1, sum(len(group.people) for stage in stages for group in stage))
 
 
@@ -243,8 +243,8 @@ def test_nobody_tries_a_law_on_other_devices_where_the_file_bounds_all_that_may_
 def test_on_devices_off_the_file_they_rest_only_where_they_surely_do():
     """With the same hands and device: what is just at rest on the one is not on the other."""
     group = Group(people_of(PROBLEM.hands, HANDS))
-    ends = AskedFirst(((group,),), friction=False).ends(coupling(300.0))([None])
-    surely = AskedFirst(((group,),), friction=False, off=(replace(group, slow=SURELY),))
+    ends = Screening(((group,),), friction=False).ends(coupling(300.0))([None])
+    surely = Screening(((group,),), friction=False, off=(replace(group, slow=SURELY),))
     np.testing.assert_array_equal(surely.ends(coupling(300.0))([None]), ends)
     found = surely.and_off().ends(coupling(300.0))([None])
     np.testing.assert_allclose(found, np.concatenate([ends, ends / SURELY], axis=1), rtol=1e-12)

@@ -1,0 +1,142 @@
+"""Which of the candidates to deploy: the safest, of these the quiet, of these the stiffest and nearest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
+from avc_casadi.recommendation.impedance_error import error_curve
+from avc_casadi.recommendation.limit_cycle_freedom import proved_first
+from avc_casadi.simulation.population.coupling_trial import CouplingTrial
+from avc_casadi.simulation.population.settled import exact_interval
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.hands import Hand
+
+# Stiffnesses closer than this share are equal: the coupling nearer to the wall in motion wins.
+AS_STIFF = 0.01
+# What a press feels of the stiffness at rest, below which it is what counts.
+_SLOW = 0.95
+# Share of the hands for whom a quiet coupling is quiet: a stiff wall is not given up for the last of the light ones.
+QUIET_SHARE = 0.9
+ERROR_HZ = (1.0, 10.0, 50.0)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A deployable coupling and how simulated hands fared with it.
+
+    Attributes:
+        coupling: what was tried.
+        trial: how they fared.
+        order: place among the candidates: the simpler ones come first.
+        others: how people fared who had no part in the choice; None before they were asked.
+        asked: these people.
+        devices: among which they were dealt out in turn.
+    """
+
+    coupling: Coupling
+    trial: CouplingTrial
+    order: int
+    others: CouplingTrial | None = None
+    asked: Hand | None = None
+    devices: tuple[Device, ...] = ()
+
+    @cached_property
+    def safety(self) -> int:
+        """0: everybody rests without dry friction and with it; 1: with the declared friction; 2: not everybody."""
+        everybody = all(bool(trial.stable.all()) for trial in self.trials)
+        if everybody and all(bool(trial.stable_without_friction.all()) for trial in self.trials):
+            return 0
+        return 1 if everybody else 2
+
+    @property
+    def trials(self) -> tuple[CouplingTrial, ...]:
+        """All that was seen of it."""
+        return (self.trial,) if self.others is None else (self.trial, self.others)
+
+    @property
+    def at_rest(self) -> float:
+        """Share of the hands that come to rest."""
+        return sum(int(one.stable.sum()) for one in self.trials) / sum(one.hands for one in self.trials)
+
+    @property
+    def quiet(self) -> bool:
+        """Whether next to nobody feels a vibration at rest, on the declared device and on those of its ranges."""
+        return sum(int(one.quiet.sum()) for one in self.trials) >= QUIET_SHARE * sum(one.hands for one in self.trials)
+
+    @property
+    def felt_n_per_m(self) -> float:
+        """Stiffness at rest, or that at the end of a press where a slow observer is still far from it."""
+        at_rest, pressed = felt_at_rest_n_per_m(self.coupling), self.trial.stiffness
+        return pressed if pressed < _SLOW * at_rest else at_rest
+
+    def complete(self, *, lean_on_friction: bool) -> bool:
+        """Whether it is as safe as is asked for, and quiet."""
+        return self.safety <= int(lean_on_friction) and self.quiet
+
+
+def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
+    """Take the safest, of these the quiet, of these the stiffest, then the quietest, the provable and the nearest.
+
+    Args:
+        judged: at least one.
+        lean_on_friction: whether rest by the declared dry friction is as good as rest without it.
+    """
+
+    def safety(one: Judged) -> int:
+        return max(one.safety, 1) if lean_on_friction else one.safety
+
+    safest = min(safety(one) for one in judged)
+    left = [one for one in judged if safety(one) == safest]
+    if safest == 2:
+        most = max(one.at_rest for one in left)
+        left = [one for one in left if one.at_rest == most]
+    left = [one for one in left if one.quiet] or left
+    if judged[0].coupling.wall.stiffness_n_per_m == 0:  # nothing is stiff: what is felt is noise
+        return min(left, key=lambda one: (round(_error(one.coupling), 3), one.order))
+    stiffness = [one.felt_n_per_m for one in left]
+    as_stiff = [one for one, felt in zip(left, stiffness, strict=True) if felt >= (1 - AS_STIFF) * max(stiffness)]
+    quiet = max(int(one.trial.quiet.sum()) for one in as_stiff)
+    quietest = [one for one in as_stiff if int(one.trial.quiet.sum()) == quiet]
+    return min(proved_first(quietest), key=lambda one: (round(_error(one.coupling), 3), one.order))
+
+
+def devices_of(best: Judged | None) -> int:
+    """Return among how many devices those were dealt out who confirmed a coupling, if there is one."""
+    return 1 if best is None or best.others is None else best.others.devices
+
+
+def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str:
+    """Say why this one, or why none."""
+    if best is None:
+        return f"none of {considered} couplings is linearly stable with every hand of [hands] and let go"
+    trial, device = best.trial, best.coupling.problem.device
+    rough = device.coulomb_friction_n > 0 or device.range.coulomb_friction_n is not None
+    who = {
+        0: f"all of {trial.hands} simulated hands come to rest{', with and without dry friction' if rough else ''}",
+        1: f"all of {trial.hands} simulated hands come to rest, but only thanks to the declared dry friction",
+        2: f"{int(trial.stable.sum())} of {trial.hands} simulated hands come to rest, as many as with any candidate",
+    }[best.safety]
+    if best.others is not None:
+        rest, free = best.others.stable, best.others.stable_without_friction
+        where = "" if best.others.devices == 1 else f" on {best.others.devices} devices of [device.range]"
+        who += f"; of {len(rest)} others{where} {int(rest.sum())}"
+        who += f", without dry friction {int(free.sum())}" if rough else ""
+        fewest = int((free if best.safety == 0 else rest).sum())
+        who += f", so at least {100 * exact_interval(fewest, len(rest))[0]:.3g} % of all such hands, to 95 %"
+    if len(judged) == 1:
+        return f"the only deployable candidate that was tried, nothing stiffer being asked for: {who}"
+    return f"the stiffest of {len(judged)} deployable candidates that are as safe: {who}"
+
+
+def _error(coupling: Coupling) -> float:
+    """Root of the mean squared complex error against the physical wall at the frequencies that are told."""
+    curve = error_curve(coupling.problem, coupling)
+    return float(np.sqrt(np.mean([curve.at(curve.physical, hz) ** 2 for hz in ERROR_HZ])))
