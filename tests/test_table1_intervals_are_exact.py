@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
+from mpmath import mp
 
 from avc_casadi.simulation.population.settled import exact_interval
 
@@ -11,12 +11,19 @@ from avc_casadi.simulation.population.settled import exact_interval
 @given(
     st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))), st.sampled_from([0.9, 0.95, 0.99])
 )
-def test_ends_are_beta_quantiles(counted, confidence):
+def test_at_its_ends_as_much_is_as_unlikely_as_stated(counted, confidence):
+    """By sums of binomial terms in 50 digits: P(X >= count) at the lower end, P(X <= count) at the upper one."""
     count, trials = counted
     low, high = exact_interval(count, trials, confidence)
+
+    def probability(of, at):
+        with mp.workdps(50):
+            at = mp.mpf(at)
+            return float(mp.fsum(mp.binomial(trials, k) * at**k * (1 - at) ** (trials - k) for k in of))
+
     rest = (1 - confidence) / 2
-    assert low == pytest.approx(stats.beta.ppf(rest, count, trials - count + 1) if count else 0.0, abs=1e-11)
-    assert high == pytest.approx(stats.beta.isf(rest, count + 1, trials - count) if count < trials else 1.0, abs=1e-11)
+    assert (low == 0) if count == 0 else probability(range(count, trials + 1), low) == pytest.approx(rest, rel=1e-9)
+    assert (high == 1) if count == trials else probability(range(count + 1), high) == pytest.approx(rest, rel=1e-9)
 
 
 def test_all_of_ten_thousand():
