@@ -122,22 +122,21 @@ def test_every_hand_rests_at_the_recommended_coupling(name):
 
 
 def test_as_many_hands_rest_as_the_trial_says():
-    """All of them as declared; with the structure's resonance 30 % lower a few, and they are the same few."""
+    """All of them as declared; a sample and a half later, without friction, some, and they are the same."""
     found = recommended("reference-r1")
     device = found.problem.device
     people = people_of(found.problem.hands, 32)
     hands = list(zip(*vars(people).values(), strict=True))
     counts = []
-    for mode in (device.resonance, device.resonance.model_copy(update={"frequency_hz": 105.0})):
-        met = dataclasses.replace(found.coupling, problem=found.problem.changed(device={"resonance": mode}))
+    for delay in (device.delay_samples, device.delay_samples + 1.5):
+        met = dataclasses.replace(found.coupling, problem=found.problem.changed(device={"delay_samples": delay}))
         trial = try_coupling(met, people)
         for told, friction in ((trial.stable, None), (trial.stable_without_friction, 0.0)):
             rest = rests_as_tried(bench("reference-r1"), met.problem.device, hands, friction)
             assert (rest == told).sum() >= 31
             counts.append(int(told.sum()))
     assert counts[:2] == [32, 32]
-    assert 0 < counts[2] < 32
-    assert counts[3] <= counts[2]
+    assert 0 < counts[3] < counts[2]
 
 
 @pytest.mark.parametrize("name", NAMES)
