@@ -58,9 +58,11 @@ _AIM, _FASTEST = 0.5, 1e3
 _PER_UNREST, _PER_COST, _PER_DECAY = 4.0, 0.02, 10.0
 # What no law costs that is simulated: one whose loops lack some of their decay is not.
 _NEVER = 1e4
+# What none costs that hands are asked about: one about which they are not is worth less.
+_UNASKED = 5e3
 _MOST_LAWS = 3
-# Generations of a refinement.
-_REFINED = 16
+# Generations of a refinement, and how far its first laws lie around the start.
+_REFINED, _NEAR = 20, 0.15
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,7 @@ def refined(problem: Problem, step: Step, residual_speed_at: ResidualSpeedAt | N
         residual_speed_at: as for `continuation`.
         seed: of the draw of laws.
     """
-    search = _Search(problem, step.best.logarithms, residual_speed_at, np.random.default_rng(seed))
+    search = _Search(problem, step.best.logarithms, residual_speed_at, np.random.default_rng(seed), _NEAR)
     return search.nearer(step)
 
 
@@ -194,10 +196,11 @@ class _Search:
         start: FloatArray,
         residual_speed_at: ResidualSpeedAt | None,
         draw: np.random.Generator,
+        spread: float = _SPREAD,
     ) -> None:
         self._problem, self._residual_speed_at = problem, residual_speed_at
         self._space, self._loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
-        self._evolution = evolution(start, self._space.bounds, _SPREAD, draw)
+        self._evolution = evolution(start, self._space.bounds, spread, draw)
 
     def held(self, point: FloatArray, stiffness_n_per_m: float) -> tuple[Step | None, int]:
         """Search laws for one wall, a given one among the first; return how many generations it took.
@@ -243,11 +246,10 @@ class _Search:
             points = search.ask()
             laws = space.laws(np.array(points), stiffness)
             costs = costs_of(laws, rendering, hardest)
-            value, settled = _weighed(space, laws, costs, residual_speed)
-            damped = np.flatnonzero([cost.holds for cost in costs])
-            value[damped] += [PER_SOFTNESS * costs[row].softness for row in damped]
+            # Whatever hands say of a law that gives way more, it is none to be returned.
+            value, settled = _weighed(space, laws, costs, residual_speed, softness=best[0].cost.softness)
             search.tell(points, value.tolist())
-            likely = [np.asarray(points[row]) for row in settled if costs[row].softness < best[0].cost.softness]
+            likely = [np.asarray(points[row]) for row in settled]
             for one in _weighed_by_all(space, loops, rendering, likely):
                 if one.cost.holds:
                     best.append(one)
@@ -258,21 +260,33 @@ class _Search:
 
 
 def _weighed(
-    space: Space, laws: Laws, costs: list[Cost], residual_speed: ResidualSpeed | None
+    space: Space,
+    laws: Laws,
+    costs: list[Cost],
+    residual_speed: ResidualSpeed | None,
+    softness: float = math.inf,
 ) -> tuple[FloatArray, list[int]]:
-    """Return what laws are worth, the less the better, and with which of them all hands settle."""
+    """Return what laws are worth, the less the better, and with which of them all hands settle.
+
+    Where a softness is given, laws that give way as much are not simulated, and softness counts.
+    """
     total = np.array([cost.total for cost in costs])
     lacks = np.nan_to_num([cost.lacks_per_s for cost in costs], posinf=0.0)
     value: FloatArray = _NEVER + np.minimum(total + _PER_DECAY * lacks, _NEVER)
     damped = np.flatnonzero([cost.holds for cost in costs])
+    soft = np.zeros(len(costs))
+    if softness < math.inf:
+        soft[damped] = [costs[row].softness for row in damped]
+        value[damped] = _UNASKED + PER_SOFTNESS * soft[damped]
+        damped = damped[soft[damped] < softness]
     if len(damped) == 0:
         return value, []
     if residual_speed is None:
-        value[damped] = total[damped]
+        value[damped] = total[damped] + PER_SOFTNESS * soft[damped]
         return value, damped.tolist()
     ends = residual_speed([space.one_of(laws, row) for row in damped.tolist()])
     paid = np.log(np.clip(np.nan_to_num(ends, nan=_FASTEST), _AIM, _AIM * _FASTEST) / _AIM).sum(axis=1)
-    value[damped] = _PER_UNREST * paid + _PER_COST * total[damped]
+    value[damped] = _PER_UNREST * paid + _PER_COST * total[damped] + PER_SOFTNESS * soft[damped]
     return value, damped[(ends < 1).all(axis=1)].tolist()
 
 
