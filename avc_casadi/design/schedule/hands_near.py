@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from avc_casadi.design.schedule.hands_table import hands_spline
-from avc_casadi.design.schedule.program import solve_program
+from avc_casadi.design.schedule.nlp import solve_program
 from avc_casadi.design.schedule.refine import Outcome, refined
 from avc_casadi.design.schedule.task import Task
 

@@ -9,12 +9,10 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.design.schedule.hands_radii import HandsRadii, admissible_states
 from avc_casadi.design.schedule.infeasible import Missing
-from avc_casadi.design.schedule.lattice import lattice_nodes
-from avc_casadi.design.schedule.program import Data, Solution, solve_program
-from avc_casadi.design.schedule.realism import realism_slack
+from avc_casadi.design.schedule.initial_guess import Found, lattice_nodes
+from avc_casadi.design.schedule.nlp import Data, Solution, solve_program
 from avc_casadi.design.schedule.refine import Outcome, refined
-from avc_casadi.design.schedule.scope import worst_slack
-from avc_casadi.design.schedule.starts import Found
+from avc_casadi.design.schedule.scope import realism_slack, worst_slack
 from avc_casadi.design.schedule.task import Task
 
 _MISSED = 1e6

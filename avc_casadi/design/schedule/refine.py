@@ -9,9 +9,8 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.claims.stability.scope import ScopeSlack
 from avc_casadi.design.schedule.infeasible import Missing
-from avc_casadi.design.schedule.program import Solution, solve_program
-from avc_casadi.design.schedule.realism import REALISM_BACKOFF, realism_slack
-from avc_casadi.design.schedule.scope import Slots, worst_slack
+from avc_casadi.design.schedule.nlp import Solution, solve_program
+from avc_casadi.design.schedule.scope import REALISM_BACKOFF, Slots, realism_slack, worst_slack
 from avc_casadi.design.schedule.task import Task
 from avc_casadi.paper.rows import GainArrays
 

@@ -16,11 +16,11 @@ import numpy as np
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.schedule.hands_near import improved_about
 from avc_casadi.design.schedule.infeasible import missing_rows, steep_reason
+from avc_casadi.design.schedule.initial_guess import from_starts
 from avc_casadi.design.schedule.plain import from_constants, from_lattice
 from avc_casadi.design.schedule.quality import quality_notes
 from avc_casadi.design.schedule.refine import Outcome, refined
 from avc_casadi.design.schedule.scope import Slots
-from avc_casadi.design.schedule.starts import from_starts
 from avc_casadi.design.schedule.task import Task
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.schedule import GainSchedule, Status

@@ -10,10 +10,8 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.design.schedule.hands_table import hands_spline
-from avc_casadi.design.schedule.program import Data
-from avc_casadi.design.schedule.realism import REALISM_BACKOFF, REALISM_ROWS, relative_bounds
-from avc_casadi.design.schedule.scope import Slots
-from avc_casadi.design.schedule.stage import loop_parameters, stage_functions
+from avc_casadi.design.schedule.nlp import Data, stage_functions
+from avc_casadi.design.schedule.scope import REALISM_BACKOFF, REALISM_ROWS, Slots, loop_parameters, relative_bounds
 from avc_casadi.design.schedule.states import States
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.loop import Loop, loop_at

@@ -6,9 +6,8 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.design.schedule.infeasible import Missing
-from avc_casadi.design.schedule.lattice import lattice_nodes
-from avc_casadi.design.schedule.realism import realism_slack
-from avc_casadi.design.schedule.scope import worst_slack
+from avc_casadi.design.schedule.initial_guess import lattice_nodes
+from avc_casadi.design.schedule.scope import realism_slack, worst_slack
 from avc_casadi.design.schedule.task import Task
 from avc_casadi.paper.rows import GainArrays
 
