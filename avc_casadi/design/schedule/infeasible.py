@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi.design.schedule.hands_radii import HandsRadii, admissible_states
-from avc_casadi.design.schedule.hands_table import hands_slack
+from avc_casadi.design.schedule.hands import HandsRadii, admissible_states, hands_slack
 from avc_casadi.design.schedule.nlp import GOAL_ROWS, PENALTY_ROW, solve_program
 from avc_casadi.design.schedule.scope import REALISM_BACKOFF, Slots, realism_slack, worst_slack
 from avc_casadi.design.schedule.task import Task

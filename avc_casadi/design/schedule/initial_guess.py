@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.design.schedule.hands_table import TABLE_POINTS
+from avc_casadi.design.schedule.hands import TABLE_POINTS
 from avc_casadi.design.schedule.infeasible import Missing
 from avc_casadi.design.schedule.nlp import Solution, solve_program
 from avc_casadi.design.schedule.scope import Slots, worst_slack

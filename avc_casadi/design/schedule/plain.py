@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi.design.schedule.hands_radii import HandsRadii, admissible_states
+from avc_casadi.design.schedule.coarse_to_fine import Outcome, refined
+from avc_casadi.design.schedule.hands import HandsRadii, admissible_states
 from avc_casadi.design.schedule.infeasible import Missing
 from avc_casadi.design.schedule.initial_guess import Found, lattice_nodes
 from avc_casadi.design.schedule.nlp import Data, Solution, solve_program
-from avc_casadi.design.schedule.refine import Outcome, refined
 from avc_casadi.design.schedule.scope import realism_slack, worst_slack
 from avc_casadi.design.schedule.task import Task
 

@@ -18,10 +18,10 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.design.schedule.coarse_to_fine import Outcome, refined
 from avc_casadi.design.schedule.hands_direct import hands_optima
 from avc_casadi.design.schedule.infeasible import Missing, missing_rows
 from avc_casadi.design.schedule.nlp import Solution, solve_program
-from avc_casadi.design.schedule.refine import Outcome, refined
 from avc_casadi.design.schedule.scope import Slots, realism_slack, worst_slack
 from avc_casadi.design.schedule.states import States
 from avc_casadi.design.schedule.task import Task

@@ -1,13 +1,14 @@
-"""From a solution of the NLP to one whose every row meets scope and realism: frequencies are added until all do."""
+"""From a solution of the NLP to one whose every row meets scope and realism, and that to a finer table of the hands."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.claims.stability.scope import ScopeSlack
+from avc_casadi.design.schedule.hands import hands_spline
 from avc_casadi.design.schedule.infeasible import Missing
 from avc_casadi.design.schedule.nlp import Solution, solve_program
 from avc_casadi.design.schedule.scope import REALISM_BACKOFF, Slots, realism_slack, worst_slack
@@ -17,6 +18,11 @@ from avc_casadi.paper.rows import GainArrays
 _ROUNDS = 20
 _NEARLY = 1e-4
 """Misses below this share of the scale are made good by asking for more; larger ones need their frequency first."""
+_BEYOND = (0.15, 0.05)
+"""How far beyond the path each table goes, as shares of the box."""
+_POINTS = {2: (32, 32), 3: (16, 16, 14)}
+_ENOUGH = 1e-3
+"""A gain below which the next table is not made."""
 
 
 @dataclass(frozen=True)
@@ -95,3 +101,49 @@ def _tightened(task: Task, solution: Solution, worst: ScopeSlack, backoff: Float
         return np.where(missed, np.maximum(table, backoff) - 1.1 * worst.slack + task.tolerance, backoff)
     short = -worst.slack / task.scale_ns_per_m
     return np.where(missed, backoff + np.where(short < _NEARLY, 2 * short, 0.0) + task.tolerance, backoff)
+
+
+def improved_about(task: Task, outcome: Outcome) -> Outcome:
+    """Solve again about an outcome, with a finer table, as long as that helps; the same for what is not for hands.
+
+    Args:
+        task: the problem, with the table of the whole box.
+        outcome: found with it.
+    """
+    best = outcome
+    solved = outcome.solution.success and not outcome.missing.rows.all()
+    for beyond in _BEYOND if task.hands is not None and solved else ():
+        better = _better(_about(task, best, beyond), best)
+        if better is None:
+            continue
+        gained = 1 - better.solution.cost / best.solution.cost
+        best = better
+        if gained < _ENOUGH:
+            break
+    return best
+
+
+def _about(task: Task, outcome: Outcome, beyond: float) -> Task:
+    """Bound the states by a box about a path, its ends on a grid: paths near each other share a table."""
+    states = task.states.states(outcome.gains)
+    kept = ~outcome.missing.rows
+    step = beyond * (task.states.high - task.states.low)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        first = np.floor((states[:, kept].min(axis=1) - task.states.low) / step) - 1
+        last = np.ceil((states[:, kept].max(axis=1) - task.states.low) / step) + 1
+    low, high = (task.states.low + np.where(step > 0, place * step, 0.0) for place in (first, last))
+    near = task.states.within(low, high)
+    return replace(task, states=near, hands=hands_spline(task.problem, near, _POINTS))
+
+
+def _better(near: Task, best: Outcome) -> Outcome | None:
+    missing, slots = best.missing, best.slots
+    data = near.data(slots, near.backoff(missing.rows, missing.tight))
+    start = near.states.states(best.gains)
+    solution = solve_program(data, near.objective, start, extra=near.hands, patient=False)
+    if not solution.success:
+        return None
+    found = refined(near, solution, slots, missing, best.costs, solved=True)
+    if found is None or found.solution.cost >= best.solution.cost:
+        return None
+    return replace(found, plain=best.plain)
