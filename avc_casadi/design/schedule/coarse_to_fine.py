@@ -1,4 +1,8 @@
-"""From a solution of the NLP to one whose every row meets scope and realism, and that to a finer table of the hands."""
+"""The stages of a schedule's solution: few frequencies before many, more of the scope, a finer table of the hands.
+
+`solved_from_guesses` solves the NLP, `refined` adds frequencies of the scope until every row meets it exactly, and
+`with_finer_tables` repeats both with tables of what lies about the solution.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +11,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.stability.scope import ScopeSlack
 from avc_casadi.design.schedule.hands import hands_spline
 from avc_casadi.design.schedule.infeasible import Missing
+from avc_casadi.design.schedule.initial_guess import constant_candidates, initial_guesses
 from avc_casadi.design.schedule.nlp import Solution, solve_program
 from avc_casadi.design.schedule.scope import REALISM_BACKOFF, Slots, realism_slack, worst_slack
 from avc_casadi.design.schedule.task import Task
 from avc_casadi.paper.rows import GainArrays
 
+_STAGES = 200
+"""Stages on which the guesses of a schedule of more than twice as many are compared."""
 _ROUNDS = 20
 _NEARLY = 1e-4
 """Misses below this share of the scale are made good by asking for more; larger ones need their frequency first."""
@@ -35,7 +43,7 @@ class Outcome:
         gains: (b, k, b_p), (n,) each.
         missing: rows that no gains can satisfy.
         costs: what the starts had cost before frequencies were added; empty after a warm start.
-        plain: what stands in where the NLP found nothing or nothing better; empty where it did.
+        constant: whether constant gains stand in, because the NLP found nothing.
     """
 
     solution: Solution
@@ -43,7 +51,60 @@ class Outcome:
     gains: GainArrays
     missing: Missing
     costs: tuple[float, ...]
-    plain: str = ""
+    constant: bool = False
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the guesses led to.
+
+    Attributes:
+        solutions: of the NLP, the cheapest that converged first.
+        slots: the frequencies that they bounded.
+        costs: of those that converged.
+    """
+
+    solutions: tuple[Solution, ...]
+    slots: Slots
+    costs: tuple[float, ...]
+
+
+def solved_from_guesses(task: Task, missing: Missing, progress: Progress = SILENT) -> Found:
+    """Solve from each guess, and long schedules on some of their stages first.
+
+    Frequencies at which a guess has its worst Re Z_h are bounded from the beginning.
+    """
+    n = len(task.frequency_hz)
+    if n <= 2 * _STAGES:
+        return _over_all_stages(task, missing, progress)
+    some = np.unique(np.linspace(0, n - 1, _STAGES).round().astype(int))
+    few = task.at(task.frequency_hz[some])
+    found = _over_all_stages(few, missing.at(some), progress)
+    start = np.array([np.interp(task.log_frequency, few.log_frequency, row) for row in found.solutions[0].states])
+    slots = _seeded(task, missing, [start])
+    data = task.data(slots, task.backoff(missing.rows, missing.tight))
+    return Found((solve_program(data, task.objective, start, extra=task.hands),), slots, found.costs)
+
+
+def _over_all_stages(task: Task, missing: Missing, progress: Progress) -> Found:
+    guesses = initial_guesses(task, missing)
+    slots = _seeded(task, missing, guesses[:2])
+    data = task.data(slots, task.backoff(missing.rows, missing.tight))
+    solutions: list[Solution] = []
+    for guess in guesses:
+        progress.advance(len(solutions), len(guesses), "starts")
+        solutions.append(solve_program(data, task.objective, guess, extra=task.hands))
+    progress.advance(len(guesses), len(guesses), "starts")
+    ranked = sorted(solutions, key=lambda solution: (not solution.success, solution.cost))
+    return Found(tuple(ranked), slots, tuple(solution.cost for solution in ranked if solution.success))
+
+
+def _seeded(task: Task, missing: Missing, guesses: list[FloatArray]) -> Slots:
+    slots = Slots.of(task.problem, task.frequency_hz)
+    for guess in guesses:
+        gains = task.states.gains(guess)
+        slots.add(task.problem, gains, worst_slack(task.problem, task.frequency_hz, gains), ~missing.rows)
+    return slots
 
 
 def refined(
@@ -103,7 +164,7 @@ def _tightened(task: Task, solution: Solution, worst: ScopeSlack, backoff: Float
     return np.where(missed, backoff + np.where(short < _NEARLY, 2 * short, 0.0) + task.tolerance, backoff)
 
 
-def improved_about(task: Task, outcome: Outcome) -> Outcome:
+def with_finer_tables(task: Task, outcome: Outcome) -> Outcome:
     """Solve again about an outcome, with a finer table, as long as that helps; the same for what is not for hands.
 
     Args:
@@ -140,10 +201,31 @@ def _better(near: Task, best: Outcome) -> Outcome | None:
     missing, slots = best.missing, best.slots
     data = near.data(slots, near.backoff(missing.rows, missing.tight))
     start = near.states.states(best.gains)
-    solution = solve_program(data, near.objective, start, extra=near.hands, patient=False)
+    solution = solve_program(data, near.objective, start, extra=near.hands)
     if not solution.success:
         return None
     found = refined(near, solution, slots, missing, best.costs, solved=True)
     if found is None or found.solution.cost >= best.solution.cost:
         return None
-    return replace(found, plain=best.plain)
+    return replace(found, constant=best.constant)
+
+
+def constant_gains(task: Task, missing: Missing, found: Found) -> Outcome | None:
+    """Take the best constant gains that meet scope and realism at every row: of a lattice, then improved from there."""
+    data = task.data(found.slots, task.backoff(missing.rows, missing.tight))
+    alike = replace(task, constant=True)
+    for each in constant_candidates(task, missing, data).T:
+        states = np.repeat(each[:, None], len(task.frequency_hz), axis=1)
+        gains = task.states.gains(states)
+        met = worst_slack(task.problem, task.frequency_hz, gains).met
+        met &= realism_slack(task.problem, task.loop, gains) >= 0
+        if not (met | missing.rows).all():
+            continue
+        first = Solution(states, task.cost_of(data, states), True, "constant gains", 0, (0.0, 0.0))
+        plain = Outcome(first, found.slots, gains, missing, found.costs, constant=True)
+        better = solve_program(replace(data, constant=True), task.objective, states, extra=task.hands)
+        improved = refined(alike, better, found.slots, missing, found.costs, solved=True)
+        if improved is None or improved.solution.cost > first.cost:
+            return plain
+        return replace(improved, constant=True)
+    return None

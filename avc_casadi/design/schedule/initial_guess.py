@@ -1,4 +1,4 @@
-"""Where the NLP starts: a dynamic programme over a lattice, the best constant gains, the separate optima smoothed."""
+"""Where the NLP starts: the path of a dynamic programme over a lattice, constant gains, the separate optima."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.design.schedule.hands import TABLE_POINTS
+from avc_casadi.design.schedule.hands import TABLE_POINTS, HandsRadii, admissible_states
 from avc_casadi.design.schedule.infeasible import Missing
-from avc_casadi.design.schedule.nlp import Solution, solve_program
-from avc_casadi.design.schedule.scope import Slots, worst_slack
+from avc_casadi.design.schedule.nlp import Data
+from avc_casadi.design.schedule.scope import Slots
 from avc_casadi.design.schedule.task import Task
 from avc_casadi.paper.exact import exact_gains
 
-_LATTICE_STAGES = 40
+_STAGES = 40
 _CONSTANTS = 4
 _POINTS = {2: (64, 64), 3: (22, 22, 10)}
-
 _SMOOTHING = 0.1
 """Width in ln(omega) over which the separate optima are averaged: they jump, and the NLP would follow each jump."""
-_STAGES = 200
-"""Stages on which the starts of a schedule of more than twice as many are compared."""
+_MISSED = 1e6
+"""Cost of missing anything at all, where constant gains are ordered."""
+_TRIED = 40
+"""Constant gains that are checked exactly, the cheapest first."""
 
 StageCosts = Callable[[FloatArray], Callable[[int], FloatArray]]
 """states (d, m) -> stage -> cost of each, (m,), with a penalty where it misses a constraint."""
@@ -65,7 +65,7 @@ def lattice_path(
     """
     low, high = box
     n = len(log_frequency)
-    chosen = np.unique(np.linspace(0, n - 1, min(n, _LATTICE_STAGES)).round().astype(int))
+    chosen = np.unique(np.linspace(0, n - 1, min(n, _STAGES)).round().astype(int))
     axes, nodes = lattice_nodes(low, high, points)
     shape = tuple(len(axis) for axis in axes)
     span = max(log_frequency[-1] - log_frequency[0], 1e-12)
@@ -158,48 +158,14 @@ def _trace(value: FloatArray, values: list[FloatArray], moves: list[FloatArray],
     return np.array(states[::-1]).T
 
 
-@dataclass(frozen=True)
-class Found:
-    """What the starts led to.
+def initial_guesses(task: Task, missing: Missing) -> list[FloatArray]:
+    """Return states (d, n) to start from: the lattice's path, its best constant gains, the separate optima.
 
-    Attributes:
-        solutions: of the NLP, the cheapest that converged first.
-        slots: the frequencies that they bounded.
-        costs: of those that converged.
-        path: states along the best path of the lattice, (d, n).
-        lattice: what that path costs.
+    Args:
+        task: the problem; where its gains may not vary with frequency, all guesses are constant.
+        missing: stages of which nothing is asked.
     """
-
-    solutions: tuple[Solution, ...]
-    slots: Slots
-    costs: tuple[float, ...]
-    path: FloatArray
-    lattice: float
-
-
-def from_starts(task: Task, missing: Missing, progress: Progress = SILENT) -> Found:
-    """Solve from each start, and long schedules on some of their stages first.
-
-    Frequencies at which a start has its worst Re Z_h are bounded from the beginning.
-    """
-    n = len(task.frequency_hz)
-    if n <= 2 * _STAGES:
-        return _over_all_stages(task, missing, progress)
-    some = np.unique(np.linspace(0, n - 1, _STAGES).round().astype(int))
-    few = task.at(task.frequency_hz[some])
-    found = _over_all_stages(few, missing.at(some), progress)
-    x, y = task.log_frequency, few.log_frequency
-    start = np.array([np.interp(x, y, state) for state in found.solutions[0].states])
-    slots = _seeded(task, missing, [start])
-    data = task.data(slots, task.backoff(missing.rows, missing.tight))
-    best = solve_program(data, task.objective, start, extra=task.hands)
-    path = np.array([np.interp(x, y, state) for state in found.path])
-    return Found((best,), slots, found.costs, path, task.cost_of(data, path))
-
-
-def _over_all_stages(task: Task, missing: Missing, progress: Progress) -> Found:
-    backoff = task.backoff(missing.rows, missing.tight)
-    data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), backoff)
+    data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), task.backoff(missing.rows, missing.tight))
     lattice = lattice_path(
         task.lattice_costs(data),
         (task.states.low, task.states.high),
@@ -210,28 +176,7 @@ def _over_all_stages(task: Task, missing: Missing, progress: Progress) -> Found:
         None if task.hands is None else TABLE_POINTS[len(task.states.low)],
     )
     constants = [np.repeat(state[:, None], len(task.frequency_hz), axis=1) for state in lattice.constant.T]
-    starts = constants if task.constant else [lattice.path, constants[0], _smoothed_optima(task)]
-    slots = _seeded(task, missing, starts[:2])
-    data = task.data(slots, backoff)
-    solutions: list[Solution] = []
-    for start in starts:
-        progress.advance(len(solutions), len(starts), "starts")
-        solutions.append(solve_program(data, task.objective, start, extra=task.hands, patient=False))
-    progress.advance(len(starts), len(starts), "starts")
-    if not any(solution.success for solution in solutions):
-        solutions = [solve_program(data, task.objective, start, extra=task.hands) for start in starts[:2]]
-    ranked = sorted(solutions, key=lambda solution: (not solution.success, solution.cost))
-    path = starts[0]
-    costs = tuple(solution.cost for solution in ranked if solution.success)
-    return Found(tuple(ranked), slots, costs, path, task.cost_of(data, path))
-
-
-def _seeded(task: Task, missing: Missing, starts: list[FloatArray]) -> Slots:
-    slots = Slots.of(task.problem, task.frequency_hz)
-    for start in starts:
-        gains = task.states.gains(start)
-        slots.add(task.problem, gains, worst_slack(task.problem, task.frequency_hz, gains), ~missing.rows)
-    return slots
+    return constants if task.constant else [lattice.path, constants[0], _smoothed_optima(task)]
 
 
 def _smoothed_optima(task: Task) -> FloatArray:
@@ -256,3 +201,16 @@ def _smoothed_optima(task: Task) -> FloatArray:
         total[:, own] += share * states[:, own + shift]
         weight[own] += share
     return np.asarray(total / weight)
+
+
+def constant_candidates(task: Task, missing: Missing, data: Data) -> FloatArray:
+    """Return states (d, m) of the cheapest constant gains of a lattice, and those of stages without interior."""
+    if task.hands is not None:
+        nodes = admissible_states(HandsRadii(task.problem, task.states))
+    else:
+        nodes = lattice_nodes(task.states.low, task.states.high)[1]
+    at_stage, cost = task.lattice_costs(data, _MISSED)(nodes), np.zeros(nodes.shape[1])
+    for stage in np.flatnonzero(~missing.rows):
+        cost += data.weight[stage] * at_stage(int(stage))
+    cheapest = nodes[:, np.argsort(cost, kind="stable")[:_TRIED]]
+    return np.concatenate((cheapest, missing.states[:, missing.tight]), axis=1)

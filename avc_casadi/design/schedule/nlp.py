@@ -45,7 +45,6 @@ _COLD: dict[str, Any] = {
 }
 _PUSH = 1e-9
 _OPTIONS: dict[str, dict[str, Any]] = {
-    "start": {**_COLD, "ipopt.max_iter": 120},
     "cold": _COLD,
     # A warm start is lost unless the barrier parameter and the distances to the bounds start small.
     "warm": {
@@ -384,8 +383,6 @@ def solve_program(
     start: FloatArray,
     warm: Solution | None = None,
     extra: Any = None,
-    *,
-    patient: bool = True,
 ) -> Solution:
     """Solve from given states (d, n).
 
@@ -395,13 +392,12 @@ def solve_program(
         start: states, (d, n).
         warm: a solution of a problem of the same size whose multipliers are a good start, or None.
         extra: sigma -> one more bounded value, a CasADi function, or None.
-        patient: whether a cold start may take many iterations.
 
     Raises:
         KeyboardInterrupt: Ctrl-C, which IPOPT hides in its return status.
     """
     d, n = start.shape
-    kind = "warm" if warm is not None else "cold" if patient else "start"
+    kind = "cold" if warm is None else "warm"
     size = data.size(objective)
     solver = _solver(size, extra, kind)
     step = data.step if n > 1 else np.ones(1)

@@ -14,10 +14,14 @@ from dataclasses import replace
 import numpy as np
 
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.design.schedule.coarse_to_fine import Outcome, improved_about, refined
+from avc_casadi.design.schedule.coarse_to_fine import (
+    Outcome,
+    constant_gains,
+    refined,
+    solved_from_guesses,
+    with_finer_tables,
+)
 from avc_casadi.design.schedule.infeasible import missing_rows, steep_reason
-from avc_casadi.design.schedule.initial_guess import from_starts
-from avc_casadi.design.schedule.plain import from_constants, from_lattice
 from avc_casadi.design.schedule.scope import Slots
 from avc_casadi.design.schedule.task import Task
 from avc_casadi.model.problem import Problem
@@ -63,7 +67,7 @@ class ScheduleSolver:
             outcome = _from_before(task, self._memory[1])
         if outcome is None:
             outcome = _from_scratch(task, progress)
-        outcome = improved_about(task, outcome)
+        outcome = with_finer_tables(task, outcome)
         self._memory = (kind, outcome) if _may_be_warm(outcome) else None
         solved = time.perf_counter()
         return replace(_schedule(task, outcome), build_seconds=built - started, solve_seconds=solved - built)
@@ -82,7 +86,7 @@ def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progre
 
 def _may_be_warm(outcome: Outcome) -> bool:
     """Whether an outcome has multipliers to start the next problem from."""
-    return outcome.solution.success and not outcome.missing.rows.any() and not outcome.plain
+    return outcome.solution.success and not outcome.missing.rows.any() and not outcome.constant
 
 
 def _kind(problem: Problem, task: Task) -> tuple[object, ...]:
@@ -101,19 +105,14 @@ def _from_before(task: Task, before: Outcome) -> Outcome | None:
 
 
 def _from_scratch(task: Task, progress: Progress) -> Outcome:
-    """Solve from several starts; add what violates the scope to the cheapest solution, or else to the next.
-
-    Where none of them can be solved, or costs more than the best path of the lattice, what needs no NLP stands in.
-    """
+    """Solve from several guesses; refine the cheapest solution, or else the next, or else take constant gains."""
     missing = missing_rows(task)
-    found = from_starts(task, missing, progress)
+    found = solved_from_guesses(task, missing, progress)
     outcome = None
     for solution in found.solutions:
         outcome = outcome or refined(task, solution, found.slots, missing, found.costs, solved=solution.success)
-    if outcome is None or outcome.solution.cost > found.lattice:
-        outcome = from_lattice(task, missing, found) or outcome
     if outcome is None and not missing.rows.all():
-        outcome = from_constants(task, missing, found)
+        outcome = constant_gains(task, missing, found)
     if outcome is not None:
         return outcome
     best = found.solutions[0]
@@ -150,10 +149,8 @@ def _quality_notes(task: Task, outcome: Outcome) -> tuple[str, ...]:
         return ("no row can meet its scope: no schedule",)
     notes = [f"cost {solution.cost:.6g}: mean squared {task.objective} error and slope penalty"]
     starts = "best cells of a lattice" if task.constant else "lattice programme, constant gains, separate optima"
-    if outcome.plain:
-        notes.append(
-            f"{outcome.plain}: from its own starts ipopt found nothing cheaper that meets the scope at every row"
-        )
+    if outcome.constant:
+        notes.append("constant gains: ipopt found no schedule that meets the scope at every row")
     elif costs:
         notes.append(
             f"best of {len(costs)} starts that converged ({starts});"

@@ -38,7 +38,6 @@ class Task:
         objective: what counts as error: the problem's, or tied, the magnitude with a small share of the rest.
         weight: of the whole goal; a large one makes the solver's tolerance finer.
         constant: whether the gains may not vary with frequency.
-        near: ends of the states at each stage, (d, n) each, in place of the whole box; or None.
     """
 
     problem: Problem
@@ -50,7 +49,6 @@ class Task:
     objective: str
     weight: float = 1.0
     constant: bool = False
-    near: tuple[FloatArray, FloatArray] | None = None
 
     @classmethod
     def of(
@@ -112,7 +110,7 @@ class Task:
         else:
             least, parameters = backoff[:1], np.empty((0, len(self.frequency_hz)))
         n = len(self.frequency_hz)
-        low, high = self.near or (np.repeat(end[:, None], n, axis=1) for end in (self.states.low, self.states.high))
+        low, high = (np.repeat(end[:, None], n, axis=1) for end in (self.states.low, self.states.high))
         real = np.repeat(backoff[1:], REALISM_ROWS[self.problem.realism.require], axis=0)
         return Data(
             cost=self._cost_parameters(),
