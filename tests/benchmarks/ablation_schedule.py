@@ -109,6 +109,7 @@ RULES = {
     "next": Rule("next solution if the cheapest cannot be refined", "solver.solved_from_guesses", _first_alone),
     "tightened": Rule("more asked of rows that just miss", "coarse_to_fine._tightened", _given(3)),
     "constants": Rule("constant gains in place of no schedule", "solver.constant_gains", _always(None)),
+    "lattice": Rule("path of the lattice in place of a dearer NLP", "solver.as_guessed", _always(None)),
     "about": Rule("finer tables of the hands about a schedule", "solver.with_finer_tables", _given(1)),
     "unreal": Rule("rows that cannot be real told first", "infeasible.unrealistic_rows", _always({})),
     "tight": Rule("lattice where a scope has no interior", "scoped._best_without_room", _given(2)),

@@ -29,6 +29,7 @@ _NEARLY = 1e-4
 _BEYOND = (0.15, 0.05)
 """How far beyond the path each table goes, as shares of the box."""
 _POINTS = {2: (32, 32), 3: (16, 16, 14)}
+_SLOPE_ROUNDING = 1e-9
 _ENOUGH = 1e-3
 """A gain below which the next table is not made."""
 
@@ -43,7 +44,7 @@ class Outcome:
         gains: (b, k, b_p), (n,) each.
         missing: rows that no gains can satisfy.
         costs: what the starts had cost before frequencies were added; empty after a warm start.
-        constant: whether constant gains stand in, because the NLP found nothing.
+        guess: what stands in where the NLP found nothing, or nothing cheaper; empty where it did.
     """
 
     solution: Solution
@@ -51,7 +52,7 @@ class Outcome:
     gains: GainArrays
     missing: Missing
     costs: tuple[float, ...]
-    constant: bool = False
+    guess: str = ""
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,13 @@ class Found:
         solutions: of the NLP, the cheapest that converged first.
         slots: the frequencies that they bounded.
         costs: of those that converged.
+        path: states along the best path of the lattice, (d, n).
     """
 
     solutions: tuple[Solution, ...]
     slots: Slots
     costs: tuple[float, ...]
+    path: FloatArray
 
 
 def solved_from_guesses(task: Task, missing: Missing, progress: Progress = SILENT) -> Found:
@@ -80,10 +83,13 @@ def solved_from_guesses(task: Task, missing: Missing, progress: Progress = SILEN
     some = np.unique(np.linspace(0, n - 1, _STAGES).round().astype(int))
     few = task.at(task.frequency_hz[some])
     found = _over_all_stages(few, missing.at(some), progress)
-    start = np.array([np.interp(task.log_frequency, few.log_frequency, row) for row in found.solutions[0].states])
+    start, path = (
+        np.array([np.interp(task.log_frequency, few.log_frequency, row) for row in states])
+        for states in (found.solutions[0].states, found.path)
+    )
     slots = _seeded(task, missing, [start])
     data = task.data(slots, task.backoff(missing.rows, missing.tight))
-    return Found((solve_program(data, task.objective, start, extra=task.hands),), slots, found.costs)
+    return Found((solve_program(data, task.objective, start, extra=task.hands),), slots, found.costs, path)
 
 
 def _over_all_stages(task: Task, missing: Missing, progress: Progress) -> Found:
@@ -96,7 +102,8 @@ def _over_all_stages(task: Task, missing: Missing, progress: Progress) -> Found:
         solutions.append(solve_program(data, task.objective, guess, extra=task.hands))
     progress.advance(len(guesses), len(guesses), "starts")
     ranked = sorted(solutions, key=lambda solution: (not solution.success, solution.cost))
-    return Found(tuple(ranked), slots, tuple(solution.cost for solution in ranked if solution.success))
+    costs = tuple(solution.cost for solution in ranked if solution.success)
+    return Found(tuple(ranked), slots, costs, guesses[0])
 
 
 def _seeded(task: Task, missing: Missing, guesses: list[FloatArray]) -> Slots:
@@ -207,25 +214,33 @@ def _better(near: Task, best: Outcome) -> Outcome | None:
     found = refined(near, solution, slots, missing, best.costs, solved=True)
     if found is None or found.solution.cost >= best.solution.cost:
         return None
-    return replace(found, constant=best.constant)
+    return replace(found, guess=best.guess)
+
+
+def as_guessed(task: Task, missing: Missing, found: Found, states: FloatArray, guess: str) -> Outcome | None:
+    """Take states (d, n) as they are, if every row meets scope and realism and the slopes keep their limit."""
+    data = task.data(found.slots, task.backoff(missing.rows, missing.tight))
+    gains = task.states.gains(states)
+    met = worst_slack(task.problem, task.frequency_hz, gains).met
+    met &= realism_slack(task.problem, task.loop, gains) >= 0
+    steep = np.abs(np.diff(states, axis=1)) > data.slope_limit * (1 + _SLOPE_ROUNDING) * data.step
+    if steep.any() or not (met | missing.rows).all():
+        return None
+    solution = Solution(states, task.cost_of(data, states), True, guess, 0, (0.0, 0.0))
+    return Outcome(solution, found.slots, gains, missing, found.costs, guess)
 
 
 def constant_gains(task: Task, missing: Missing, found: Found) -> Outcome | None:
     """Take the best constant gains that meet scope and realism at every row: of a lattice, then improved from there."""
     data = task.data(found.slots, task.backoff(missing.rows, missing.tight))
-    alike = replace(task, constant=True)
     for each in constant_candidates(task, missing, data).T:
         states = np.repeat(each[:, None], len(task.frequency_hz), axis=1)
-        gains = task.states.gains(states)
-        met = worst_slack(task.problem, task.frequency_hz, gains).met
-        met &= realism_slack(task.problem, task.loop, gains) >= 0
-        if not (met | missing.rows).all():
+        outcome = as_guessed(task, missing, found, states, "constant gains")
+        if outcome is None:
             continue
-        first = Solution(states, task.cost_of(data, states), True, "constant gains", 0, (0.0, 0.0))
-        plain = Outcome(first, found.slots, gains, missing, found.costs, constant=True)
         better = solve_program(replace(data, constant=True), task.objective, states, extra=task.hands)
-        improved = refined(alike, better, found.slots, missing, found.costs, solved=True)
-        if improved is None or improved.solution.cost > first.cost:
-            return plain
-        return replace(improved, constant=True)
+        improved = refined(replace(task, constant=True), better, found.slots, missing, found.costs, solved=True)
+        if improved is None or improved.solution.cost > outcome.solution.cost:
+            return outcome
+        return replace(improved, guess=outcome.guess)
     return None

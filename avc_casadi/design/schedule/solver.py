@@ -16,6 +16,7 @@ import numpy as np
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.schedule.coarse_to_fine import (
     Outcome,
+    as_guessed,
     constant_gains,
     refined,
     solved_from_guesses,
@@ -86,7 +87,7 @@ def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progre
 
 def _may_be_warm(outcome: Outcome) -> bool:
     """Whether an outcome has multipliers to start the next problem from."""
-    return outcome.solution.success and not outcome.missing.rows.any() and not outcome.constant
+    return outcome.solution.success and not outcome.missing.rows.any() and not outcome.guess
 
 
 def _kind(problem: Problem, task: Task) -> tuple[object, ...]:
@@ -105,12 +106,17 @@ def _from_before(task: Task, before: Outcome) -> Outcome | None:
 
 
 def _from_scratch(task: Task, progress: Progress) -> Outcome:
-    """Solve from several guesses; refine the cheapest solution, or else the next, or else take constant gains."""
+    """Solve from several guesses and refine the cheapest solution, or else the next.
+
+    The lattice's path stands in for a dearer solution, constant gains for none.
+    """
     missing = missing_rows(task)
     found = solved_from_guesses(task, missing, progress)
-    outcome = None
+    data, outcome = task.data(found.slots, task.backoff(missing.rows, missing.tight)), None
     for solution in found.solutions:
         outcome = outcome or refined(task, solution, found.slots, missing, found.costs, solved=solution.success)
+    if outcome is None or outcome.solution.cost > task.cost_of(data, found.path):
+        outcome = as_guessed(task, missing, found, found.path, "the best path of a lattice") or outcome
     if outcome is None and not missing.rows.all():
         outcome = constant_gains(task, missing, found)
     if outcome is not None:
@@ -149,8 +155,8 @@ def _quality_notes(task: Task, outcome: Outcome) -> tuple[str, ...]:
         return ("no row can meet its scope: no schedule",)
     notes = [f"cost {solution.cost:.6g}: mean squared {task.objective} error and slope penalty"]
     starts = "best cells of a lattice" if task.constant else "lattice programme, constant gains, separate optima"
-    if outcome.constant:
-        notes.append("constant gains: ipopt found no schedule that meets the scope at every row")
+    if outcome.guess:
+        notes.append(f"{outcome.guess}: ipopt found nothing cheaper that meets the scope at every row")
     elif costs:
         notes.append(
             f"best of {len(costs)} starts that converged ({starts});"
