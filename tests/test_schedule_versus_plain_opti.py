@@ -7,7 +7,7 @@ import pytest
 from plain_schedule import PlainSchedule
 from schedule_problems import figure5
 
-from avc_casadi.design.schedule import lattice as _lattice
+from avc_casadi.design.schedule import initial_guess as _initial_guess
 from avc_casadi.design.schedule.solver import ScheduleSolver
 from avc_casadi.design.schedule.states import States
 from avc_casadi.paper.loop import loop_at
@@ -46,7 +46,7 @@ def staged(cost):
 @pytest.mark.parametrize("limit", [np.inf, 3.0])
 @pytest.mark.parametrize("seed", range(4))
 def test_lattice_programme_equals_all_paths(monkeypatch, seed, limit, penalty):
-    monkeypatch.setattr(_lattice, "_POINTS", {2: (3, 4)})
+    monkeypatch.setattr(_initial_guess, "_POINTS", {2: (3, 4)})
     rng = np.random.default_rng(seed)
     low, high, x = np.zeros(2), np.array([3.0, 6.0]), np.array([0.0, 0.7, 1.0, 2.0])
     nodes = np.array(list(itertools.product([0.0, 1.5, 3.0], [0.0, 2.0, 4.0, 6.0]))).T
@@ -56,7 +56,7 @@ def test_lattice_programme_equals_all_paths(monkeypatch, seed, limit, penalty):
         at = [int(np.flatnonzero((nodes == state[:, None]).all(axis=0))[0]) for state in states.T]
         return costs[stage, at]
 
-    found = _lattice.lattice_path(staged(cost), (low, high), x, penalty, limit).path
+    found = _initial_guess.lattice_path(staged(cost), (low, high), x, penalty, limit).path
     share = np.array([0.35, 0.5, 0.65, 0.5]) / 2.0
 
     def total(path):
@@ -74,12 +74,12 @@ def test_lattice_programme_equals_all_paths(monkeypatch, seed, limit, penalty):
 
 
 def test_best_constant_of_the_lattice(monkeypatch):
-    monkeypatch.setattr(_lattice, "_POINTS", {2: (3, 4)})
+    monkeypatch.setattr(_initial_guess, "_POINTS", {2: (3, 4)})
     x = np.array([0.0, 1.0, 3.0])
 
     def cost(states, stage):
         return (states[0] - [0.0, 1.5, 3.0][stage]) ** 2 + 0 * states[1]
 
-    constant = _lattice.lattice_path(staged(cost), (np.zeros(2), np.array([3.0, 6.0])), x, 0.0, np.inf).constant
+    constant = _initial_guess.lattice_path(staged(cost), (np.zeros(2), np.array([3.0, 6.0])), x, 0.0, np.inf).constant
     # Weights 1/6, 1/2, 1/3 about 0, 1.5, 3: the mean 1.75 is nearest to 1.5.
     assert constant[0, 0] == 1.5

@@ -27,8 +27,7 @@ from schedule_problems import changed, figure5  # noqa: E402
 from script_arguments import script_arguments  # noqa: E402
 
 from avc_casadi.claims.stability.scope import scope_slack  # noqa: E402
-from avc_casadi.design.schedule import program as _program  # noqa: E402
-from avc_casadi.design.schedule.assembly import schedule_nlp  # noqa: E402
+from avc_casadi.design.schedule import nlp as _nlp  # noqa: E402
 from avc_casadi.design.schedule.solver import ScheduleSolver  # noqa: E402
 from avc_casadi.design.schedule.states import States  # noqa: E402
 from avc_casadi.model.problem import Problem  # noqa: E402
@@ -53,8 +52,8 @@ def softened(problem: Problem, share: float) -> Problem:
 
 def cold(problem: Problem) -> Timed:
     """Solve with nothing kept from before."""
-    _program._solver.cache_clear()
-    schedule_nlp.cache_clear()
+    _nlp._solver.cache_clear()
+    _nlp.schedule_nlp.cache_clear()
     return timed(lambda: ScheduleSolver().solve(problem))
 
 

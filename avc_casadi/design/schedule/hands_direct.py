@@ -12,10 +12,9 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.design.schedule.hands_radii import HandsRadii, admissible_states
+from avc_casadi.design.schedule.hands import HandsRadii, admissible_states
 from avc_casadi.design.schedule.polish import Evaluate, polished
-from avc_casadi.design.schedule.realism import realism_slack
-from avc_casadi.design.schedule.scope import worst_slack
+from avc_casadi.design.schedule.scope import realism_slack, worst_slack
 from avc_casadi.design.schedule.states import States
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.loop import loop_at

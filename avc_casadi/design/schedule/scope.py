@@ -1,4 +1,4 @@
-"""What each stage must meet, named: frequencies of its scope, credit for hand and device, and the hands' table."""
+"""What each stage must meet: Re Z_h over its scope, or every hand, and what `realism.require` asks of Z_h."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.claims.stability.scope import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
-from avc_casadi.design.schedule.stage import loop_parameters
 from avc_casadi.model.corners import corner_problems, least_damped
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.loop import Loop, loop_at
+from avc_casadi.paper.numbers import Complex, Real, abs2
+from avc_casadi.paper.realism import bound_magnitudes
 from avc_casadi.paper.rows import GainArrays
 
 _FREE = {"pointwise": 0, "band": 3, "all": 3, "hands": 0}
@@ -21,8 +22,14 @@ _SPREAD = {"pointwise": 0, "band": 5, "all": 23, "hands": 0}
 """How many there are for the lattice, which has a first look at the scope."""
 _LOWEST_SHARE = 1e-4
 """Lowest frequency, as a share of Nyquist, at which scope all is looked at first."""
+LOOP_ROWS = 9
+"""Parameters of a loop at a frequency."""
 _INSIDE = 1 - 1e-9
 """Share of Nyquist at which a slot stands for Nyquist itself, where Im Z_d is infinite."""
+REALISM_ROWS = {"none": 0, "jnd": 1, "bounds": 2}
+"""How many values each requirement keeps from being negative."""
+REALISM_BACKOFF = 1e-7
+"""How far inside its requirement each stage is asked to stay, relative: the NLP's tolerance then never leaves it."""
 
 
 def deciding_corners(problem: Problem) -> tuple[Problem, ...]:
@@ -114,7 +121,54 @@ class Slots:
         return np.concatenate([loop_parameters(loop) for loop in self.loops(problem)])
 
 
+def loop_parameters(loop: Loop, damping_credit_ns_per_m: float = 0.0) -> FloatArray:
+    """Parameters of a numeric loop, shape (9, ...); the credit is added to the damping of the device."""
+    device = loop.device + damping_credit_ns_per_m
+    columns = (loop.angle.sample_time_s, loop.angle.sin, loop.angle.cos, device.real, device.imag)
+    rest = (loop.hold.real, loop.hold.imag, loop.environment.real, loop.environment.imag)
+    return np.array(np.broadcast_arrays(*columns, *rest), dtype=np.float64)
+
+
 def _evaluable(problem: Problem, frequency_hz: FloatArray) -> FloatArray:
     """Frequencies just inside 0 and Nyquist, where an impedance is infinite though its real part is not."""
     nyquist = 0.5 / problem.device.sample_time_s
     return np.asarray(np.clip(frequency_hz, 1e-7 * nyquist, _INSIDE * nyquist))
+
+
+def realism_values(require: str, z: Complex, target: Complex, jnd: Real, bounds: tuple[Real, Real]) -> list[Real]:
+    """Return what must not be negative, of symbols or arrays.
+
+    Args:
+        require: none, jnd or bounds.
+        z: Z_h.
+        target: Z_h_ds.
+        jnd: the just-noticeable difference as a share of |Z_h_ds|.
+        bounds: least and largest |Z_h|^2 over |Z_h_ds|^2.
+    """
+    goal2 = abs2(target)
+    if require == "jnd":
+        return [1 - abs2(z - target) / (goal2 * jnd**2)]
+    size2 = abs2(z) / goal2
+    return [size2 - bounds[0], bounds[1] - size2] if require == "bounds" else []
+
+
+def relative_bounds(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray]:
+    """Least and largest |Z_h|^2 that the problem's bounds allow, over |Z_h_ds|^2, (n,); 0 where nobody asks."""
+    if problem.realism.require != "bounds":
+        return np.zeros(1), np.zeros(1)
+    low, high = bound_magnitudes(problem, loop)
+    radius = np.abs(loop.target)
+    return (low / radius) ** 2, (high / radius) ** 2
+
+
+def realism_slack(problem: Problem, loop: Loop, gains: GainArrays) -> FloatArray:
+    """How far gains, each (..., n), are inside what is required at the n frequencies, relative; infinite for none."""
+    realism = problem.realism
+    if realism.require == "none":
+        return np.full(gains[0].shape, np.inf)
+    bounds = relative_bounds(problem, loop)
+    return np.asarray(
+        np.minimum.reduce(
+            realism_values(realism.require, loop.perceived(*gains), np.asarray(loop.target), realism.jnd, bounds)
+        )
+    )

@@ -18,15 +18,14 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.design.schedule.coarse_to_fine import Outcome, refined
 from avc_casadi.design.schedule.hands_direct import hands_optima
 from avc_casadi.design.schedule.infeasible import Missing, missing_rows
-from avc_casadi.design.schedule.program import Solution, solve_program
-from avc_casadi.design.schedule.realism import realism_slack
-from avc_casadi.design.schedule.refine import Outcome, refined
-from avc_casadi.design.schedule.scope import Slots, worst_slack
+from avc_casadi.design.schedule.initial_guess import lattice_nodes
+from avc_casadi.design.schedule.nlp import Solution, solve_program
+from avc_casadi.design.schedule.scope import Slots, realism_slack, worst_slack
 from avc_casadi.design.schedule.states import States
 from avc_casadi.design.schedule.task import Task
-from avc_casadi.design.schedule.tight import best_without_room
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.backends import DEFAULT_SOLVER
@@ -41,8 +40,8 @@ _TIE = 1e-7
 _WEIGHT = 1e4
 """Weight of each frequency's goal: errors of 1e-6 then still count against the solver's tolerance."""
 _POINTS = {2: (32, 32), 3: (16, 16, 8)}
-_FINER = 4
-"""How much finer the lattice is for a frequency whose other starts have all failed."""
+_JUDGED = 800
+"""Gains of a lattice that are judged exactly at a frequency without interior, those of least error."""
 _SWEEPS = 3
 """How often gains are tried at other frequencies than their own."""
 _SAME = 1e-6
@@ -164,7 +163,7 @@ def scoped_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> S
             task = Task.of(problem, frequency[rest], objective="tied")
             missing = missing_rows(task)
             best = _in_parts(task, missing, (b[rest], k[rest], p[rest]), math.ceil(rest.size / _BLOCK), progress)
-            best = _from_others(task, missing, best_without_room(task, missing, best))
+            best = _from_others(task, missing, _best_without_room(task, missing, best))
             lost, why, tight[rest] = missing.rows, list(missing.reasons), missing.tight
         for gain, value in zip((b, k, p), best, strict=True):
             gain[rest] = value
@@ -216,10 +215,8 @@ def _in_parts(task: Task, missing: Missing, relaxed: GainArrays, parts: int, pro
 def _solved(task: Task, missing: Missing, relaxed: GainArrays) -> GainArrays:
     """Solve all frequencies at once; where that fails, in halves, so that one of them cannot spoil the others."""
     best = _best_outcome(task, missing, relaxed)
-    if np.isfinite(best[0]).any() or missing.rows.all():
+    if np.isfinite(best[0]).any() or missing.rows.all() or len(task.frequency_hz) == 1:
         return best
-    if len(task.frequency_hz) == 1:
-        return _from_starts(task, missing, [_lattice_optima(task, missing, _FINER)])
     return _in_parts(task, missing, relaxed, 2)
 
 
@@ -255,6 +252,41 @@ def _from_others(task: Task, missing: Missing, best: GainArrays) -> GainArrays:
     return best
 
 
+def _best_without_room(task: Task, missing: Missing, best: GainArrays) -> GainArrays:
+    """Where a scope has no interior, which no solver enters, the best gains of a lattice, unless better ones are known.
+
+    The lattice is judged exactly, the gains of least error first, and after it those that are known to meet the scope.
+    """
+    rows = np.flatnonzero(missing.tight)
+    if not rows.size:
+        return best
+    nodes = lattice_nodes(task.states.low, task.states.high)[1]
+    if task.problem.stability.scope == "all":
+        # The same gains meet it at every frequency.
+        somewhere = np.full(nodes.shape[1], task.frequency_hz[0])
+        nodes = nodes[:, worst_slack(task.problem, somewhere, task.states.gains(nodes)).met]
+    for row in rows:
+        part = task.at(task.frequency_hz[row : row + 1])
+        nearest = np.argsort(_magnitude_error(part, task.states.gains(nodes)), kind="stable")[:_JUDGED]
+        gains = task.states.gains(np.concatenate((nodes[:, nearest], missing.states[:, [row]]), axis=1))
+        met = worst_slack(task.problem, np.repeat(part.frequency_hz, len(gains[0])), gains).met
+        b, k, p = (gain[:, None] for gain in gains)
+        met &= realism_slack(task.problem, part.loop, (b, k, p))[:, 0] >= 0
+        if met.any():
+            error = np.where(met, _magnitude_error(part, gains), np.inf)
+            known = _magnitude_error(part, tuple(gain[row : row + 1] for gain in best))[0]
+            if not known <= error.min():
+                for gain, new in zip(best, gains, strict=True):
+                    gain[row] = new[error.argmin()]
+    return best
+
+
+def _magnitude_error(task: Task, gains: tuple[FloatArray, ...]) -> FloatArray:
+    """Magnitude errors of gains (m,) at the only frequency of a task, (m,)."""
+    radius = np.abs(task.loop.target)
+    return np.asarray(np.abs(np.abs(task.loop.perceived(*gains)) / radius - 1))
+
+
 def _from_starts(task: Task, missing: Missing, starts: list[FloatArray]) -> GainArrays:
     """Gains (n,) of the best start of each frequency, in the order of `direct`; not a number where none was solved."""
     slots = Slots.of(task.problem, task.frequency_hz)
@@ -267,7 +299,7 @@ def _from_starts(task: Task, missing: Missing, starts: list[FloatArray]) -> Gain
     data = light.data(slots, light.backoff(missing.rows, missing.tight))
     before = None
     for start in starts:
-        solution = solve_program(data, light.objective, start, extra=light.hands, patient=False)
+        solution = solve_program(data, light.objective, start, extra=light.hands)
         if before is not None and np.abs(solution.states - before).max() < _SAME:
             continue
         before = solution.states if solution.success else None
@@ -303,14 +335,10 @@ def _outcomes(light: Task, task: Task, solution: Solution, slots: Slots, missing
         yield outcome
 
 
-def _lattice_optima(task: Task, missing: Missing, finer: int = 1) -> FloatArray:
-    """The cheapest states (d, n) of a lattice, or of one several times finer, each frequency on its own."""
+def _lattice_optima(task: Task, missing: Missing) -> FloatArray:
+    """The cheapest states (d, n) of a lattice, each frequency on its own."""
     data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), task.backoff(missing.rows, missing.tight))
-    axes = [
-        np.linspace(low, high, finer * points)
-        for low, high, points in zip(task.states.low, task.states.high, _POINTS[len(data.low)], strict=True)
-    ]
-    nodes = np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
+    nodes = lattice_nodes(task.states.low, task.states.high, _POINTS[len(data.low)])[1]
     cost = task.lattice_costs(data)(nodes)
     chosen = [int(cost(stage).argmin()) for stage in range(len(task.frequency_hz))]
     return np.asarray(nodes[:, chosen])

@@ -14,13 +14,16 @@ from dataclasses import replace
 import numpy as np
 
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.design.schedule.hands_near import improved_about
+from avc_casadi.design.schedule.coarse_to_fine import (
+    Outcome,
+    as_guessed,
+    constant_gains,
+    refined,
+    solved_from_guesses,
+    with_finer_tables,
+)
 from avc_casadi.design.schedule.infeasible import missing_rows, steep_reason
-from avc_casadi.design.schedule.plain import from_constants, from_lattice
-from avc_casadi.design.schedule.quality import quality_notes
-from avc_casadi.design.schedule.refine import Outcome, refined
 from avc_casadi.design.schedule.scope import Slots
-from avc_casadi.design.schedule.starts import from_starts
 from avc_casadi.design.schedule.task import Task
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.schedule import GainSchedule, Status
@@ -65,7 +68,7 @@ class ScheduleSolver:
             outcome = _from_before(task, self._memory[1])
         if outcome is None:
             outcome = _from_scratch(task, progress)
-        outcome = improved_about(task, outcome)
+        outcome = with_finer_tables(task, outcome)
         self._memory = (kind, outcome) if _may_be_warm(outcome) else None
         solved = time.perf_counter()
         return replace(_schedule(task, outcome), build_seconds=built - started, solve_seconds=solved - built)
@@ -84,7 +87,7 @@ def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progre
 
 def _may_be_warm(outcome: Outcome) -> bool:
     """Whether an outcome has multipliers to start the next problem from."""
-    return outcome.solution.success and not outcome.missing.rows.any() and not outcome.plain
+    return outcome.solution.success and not outcome.missing.rows.any() and not outcome.guess
 
 
 def _kind(problem: Problem, task: Task) -> tuple[object, ...]:
@@ -103,19 +106,19 @@ def _from_before(task: Task, before: Outcome) -> Outcome | None:
 
 
 def _from_scratch(task: Task, progress: Progress) -> Outcome:
-    """Solve from several starts; add what violates the scope to the cheapest solution, or else to the next.
+    """Solve from several guesses and refine the cheapest solution, or else the next.
 
-    Where none of them can be solved, or costs more than the best path of the lattice, what needs no NLP stands in.
+    The lattice's path stands in for a dearer solution, constant gains for none.
     """
     missing = missing_rows(task)
-    found = from_starts(task, missing, progress)
-    outcome = None
+    found = solved_from_guesses(task, missing, progress)
+    data, outcome = task.data(found.slots, task.backoff(missing.rows, missing.tight)), None
     for solution in found.solutions:
         outcome = outcome or refined(task, solution, found.slots, missing, found.costs, solved=solution.success)
-    if outcome is None or outcome.solution.cost > found.lattice:
-        outcome = from_lattice(task, missing, found) or outcome
+    if outcome is None or outcome.solution.cost > task.cost_of(data, found.path):
+        outcome = as_guessed(task, missing, found, found.path, "the best path of a lattice") or outcome
     if outcome is None and not missing.rows.all():
-        outcome = from_constants(task, missing, found)
+        outcome = constant_gains(task, missing, found)
     if outcome is not None:
         return outcome
     best = found.solutions[0]
@@ -139,5 +142,39 @@ def _schedule(task: Task, outcome: Outcome) -> GainSchedule:
         status,
         solver="ipopt",
         reason=reasons,
-        notes=quality_notes(task, outcome),
+        notes=_quality_notes(task, outcome),
     )
+
+
+def _quality_notes(task: Task, outcome: Outcome) -> tuple[str, ...]:
+    """Say what is known of optimality, slopes and floors."""
+    solution, costs = outcome.solution, outcome.costs
+    if not solution.success:
+        return (f"ipopt stopped with {solution.message}: no schedule",)
+    if outcome.missing.rows.all():
+        return ("no row can meet its scope: no schedule",)
+    notes = [f"cost {solution.cost:.6g}: mean squared {task.objective} error and slope penalty"]
+    starts = "best cells of a lattice" if task.constant else "lattice programme, constant gains, separate optima"
+    if outcome.guess:
+        notes.append(f"{outcome.guess}: ipopt found nothing cheaper that meets the scope at every row")
+    elif costs:
+        notes.append(
+            f"best of {len(costs)} starts that converged ({starts});"
+            f" their costs spread by {max(costs) - min(costs):.3g}; not proved to be the global optimum"
+        )
+    else:
+        notes.append("refined from the previous schedule; not proved to be the global optimum")
+    tight = int(outcome.missing.tight.sum())
+    if tight:
+        notes.append(f"no interior: at {tight} rows nothing is left to spare of the scope by any gains of the box")
+    names = ("b", "k", "b_p")[: len(task.states.floors)]
+    if len(task.frequency_hz) > 1 and not outcome.missing.rows.any():
+        steepest = np.abs(np.diff(solution.states, axis=1) / np.diff(task.log_frequency)).max(axis=1)
+        found = ", ".join(f"{name} {slope:.3g}" for name, slope in zip(names, steepest, strict=True))
+        notes.append(f"steepest slopes d ln(gain + floor)/d ln(omega): {found}")
+    require = task.problem.realism.require
+    if require != "none":
+        notes.append(f'realism.require = "{require}" met at every row with gains')
+    floors = zip(names, task.states.floors, ("N.s/m", "N/m", "N.s/m"), strict=False)
+    notes.append("floors, well below which a gain counts as 0: " + ", ".join(f"{n} {f:.3g} {u}" for n, f, u in floors))
+    return tuple(notes)

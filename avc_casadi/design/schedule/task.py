@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi.design.schedule.hands_table import hands_spline
-from avc_casadi.design.schedule.program import Data
-from avc_casadi.design.schedule.realism import REALISM_BACKOFF, REALISM_ROWS, relative_bounds
-from avc_casadi.design.schedule.scope import Slots
-from avc_casadi.design.schedule.stage import loop_parameters, stage_functions
+from avc_casadi.design.schedule.hands import hands_spline
+from avc_casadi.design.schedule.nlp import Data, stage_functions
+from avc_casadi.design.schedule.scope import REALISM_BACKOFF, REALISM_ROWS, Slots, loop_parameters, relative_bounds
 from avc_casadi.design.schedule.states import States
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.loop import Loop, loop_at
@@ -40,7 +38,6 @@ class Task:
         objective: what counts as error: the problem's, or tied, the magnitude with a small share of the rest.
         weight: of the whole goal; a large one makes the solver's tolerance finer.
         constant: whether the gains may not vary with frequency.
-        near: ends of the states at each stage, (d, n) each, in place of the whole box; or None.
     """
 
     problem: Problem
@@ -52,7 +49,6 @@ class Task:
     objective: str
     weight: float = 1.0
     constant: bool = False
-    near: tuple[FloatArray, FloatArray] | None = None
 
     @classmethod
     def of(
@@ -114,7 +110,7 @@ class Task:
         else:
             least, parameters = backoff[:1], np.empty((0, len(self.frequency_hz)))
         n = len(self.frequency_hz)
-        low, high = self.near or (np.repeat(end[:, None], n, axis=1) for end in (self.states.low, self.states.high))
+        low, high = (np.repeat(end[:, None], n, axis=1) for end in (self.states.low, self.states.high))
         real = np.repeat(backoff[1:], REALISM_ROWS[self.problem.realism.require], axis=0)
         return Data(
             cost=self._cost_parameters(),

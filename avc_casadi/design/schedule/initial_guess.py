@@ -1,4 +1,4 @@
-"""A dynamic programme over a lattice of states: a start that no local minimum can trap, and what it costs."""
+"""Where the NLP starts: the path of a dynamic programme over a lattice, constant gains, the separate optima."""
 
 from __future__ import annotations
 
@@ -9,10 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.design.schedule.hands import TABLE_POINTS, HandsRadii, admissible_states
+from avc_casadi.design.schedule.infeasible import Missing
+from avc_casadi.design.schedule.nlp import Data
+from avc_casadi.design.schedule.scope import Slots
+from avc_casadi.design.schedule.task import Task
+from avc_casadi.paper.exact import exact_gains
 
 _STAGES = 40
 _CONSTANTS = 4
 _POINTS = {2: (64, 64), 3: (22, 22, 10)}
+_SMOOTHING = 0.1
+"""Width in ln(omega) over which the separate optima are averaged: they jump, and the NLP would follow each jump."""
+_MISSED = 1e6
+"""Cost of missing anything at all, where constant gains are ordered."""
+_TRIED = 40
+"""Constant gains that are checked exactly, the cheapest first."""
 
 StageCosts = Callable[[FloatArray], Callable[[int], FloatArray]]
 """states (d, m) -> stage -> cost of each, (m,), with a penalty where it misses a constraint."""
@@ -144,3 +156,61 @@ def _trace(value: FloatArray, values: list[FloatArray], moves: list[FloatArray],
         if dimension == 0:
             states.append([axis[i] for axis, i in zip(axes, at, strict=True)])
     return np.array(states[::-1]).T
+
+
+def initial_guesses(task: Task, missing: Missing) -> list[FloatArray]:
+    """Return states (d, n) to start from: the lattice's path, its best constant gains, the separate optima.
+
+    Args:
+        task: the problem; where its gains may not vary with frequency, all guesses are constant.
+        missing: stages of which nothing is asked.
+    """
+    data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), task.backoff(missing.rows, missing.tight))
+    lattice = lattice_path(
+        task.lattice_costs(data),
+        (task.states.low, task.states.high),
+        task.log_frequency,
+        data.slope_penalty,
+        data.slope_limit,
+        # On the nodes of the table, where it is exact.
+        None if task.hands is None else TABLE_POINTS[len(task.states.low)],
+    )
+    constants = [np.repeat(state[:, None], len(task.frequency_hz), axis=1) for state in lattice.constant.T]
+    return constants if task.constant else [lattice.path, constants[0], _smoothed_optima(task)]
+
+
+def _smoothed_optima(task: Task) -> FloatArray:
+    """States (d, n) of the separate optima, averaged over neighbouring frequencies where anything joins them."""
+    gains = exact_gains(task.problem, task.loop)
+    known = np.isfinite(gains[0])
+    x = task.log_frequency
+    if not known.any():
+        return np.repeat((task.states.low + task.states.high)[:, None] / 2, len(x), axis=1)
+    filled = [np.interp(x, x[known], gain[known]) for gain in gains]
+    states = task.states.states((filled[0], filled[1], filled[2]))
+    settings = task.problem.schedule
+    if len(x) == 1 or (settings.slope_penalty == 0 and settings.slope_limit is None):
+        return states
+    # Gaussian weights, but only over the rows that are near enough to matter.
+    reach = np.searchsorted(x, x + 3 * _SMOOTHING) - np.searchsorted(x, x - 3 * _SMOOTHING)
+    half = int(reach.max()) // 2 + 1
+    total, weight = np.zeros_like(states), np.zeros(len(x))
+    for shift in range(-half, half + 1):
+        own = np.arange(max(0, -shift), min(len(x), len(x) - shift))
+        share = np.exp(-0.5 * ((x[own + shift] - x[own]) / _SMOOTHING) ** 2)
+        total[:, own] += share * states[:, own + shift]
+        weight[own] += share
+    return np.asarray(total / weight)
+
+
+def constant_candidates(task: Task, missing: Missing, data: Data) -> FloatArray:
+    """Return states (d, m) of the cheapest constant gains of a lattice, and those of stages without interior."""
+    if task.hands is not None:
+        nodes = admissible_states(HandsRadii(task.problem, task.states))
+    else:
+        nodes = lattice_nodes(task.states.low, task.states.high)[1]
+    at_stage, cost = task.lattice_costs(data, _MISSED)(nodes), np.zeros(nodes.shape[1])
+    for stage in np.flatnonzero(~missing.rows):
+        cost += data.weight[stage] * at_stage(int(stage))
+    cheapest = nodes[:, np.argsort(cost, kind="stable")[:_TRIED]]
+    return np.concatenate((cheapest, missing.states[:, missing.tight]), axis=1)
